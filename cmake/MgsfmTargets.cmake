@@ -1,0 +1,46 @@
+# One function per kind of target.
+
+# mgsfm_add_module(NAME SOURCES ... DEPENDS modules... LINK packages...)
+# The static library mgsfm_NAME (alias mgsfm::NAME) from src/NAME. It links the
+# modules it may include, and nothing else sees its packages' headers.
+function(mgsfm_add_module name)
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK" ${ARGN})
+  set(target mgsfm_${name})
+  add_library(${target} STATIC ${arg_SOURCES})
+  add_library(mgsfm::${name} ALIAS ${target})
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${name})
+  target_include_directories(${target}
+    PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
+           $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
+    PRIVATE ${PROJECT_SOURCE_DIR}/src)
+  foreach(module IN LISTS arg_DEPENDS)
+    target_link_libraries(${target} PUBLIC mgsfm::${module})
+  endforeach()
+  target_link_libraries(${target} PUBLIC Eigen3::Eigen
+    PRIVATE ${arg_LINK} Threads::Threads $<BUILD_INTERFACE:mgsfm_warnings>)
+  set_property(GLOBAL APPEND PROPERTY MGSFM_MODULES ${target})
+endfunction()
+
+# mgsfm_add_test(NAME SOURCES ... DEPENDS modules... [LINK packages...]
+#                [LABELS ...])
+# One GoogleTest program mgsfm_NAME_test, run by CTest as one test.
+function(mgsfm_add_test name)
+  if(NOT MGSFM_BUILD_TESTS)
+    return()
+  endif()
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK;LABELS" ${ARGN})
+  set(target mgsfm_${name}_test)
+  add_executable(${target} ${arg_SOURCES})
+  target_include_directories(${target} PRIVATE
+    ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/tests)
+  foreach(module IN LISTS arg_DEPENDS)
+    target_link_libraries(${target} PRIVATE mgsfm::${module})
+  endforeach()
+  target_link_libraries(${target} PRIVATE ${arg_LINK} GTest::gmock
+    GTest::gtest_main mgsfm_warnings)
+  add_test(NAME ${name} COMMAND ${target})
+  set_tests_properties(${name} PROPERTIES TIMEOUT 600)
+  if(arg_LABELS)
+    set_tests_properties(${name} PROPERTIES LABELS "${arg_LABELS}")
+  endif()
+endfunction()

@@ -1,0 +1,5 @@
+add_library(mgsfm_warnings INTERFACE)
+target_compile_options(mgsfm_warnings INTERFACE -Wall -Wextra)
+if(MGSFM_WARNINGS_AS_ERRORS)
+  target_compile_options(mgsfm_warnings INTERFACE -Werror)
+endif()

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+namespace mgsfm {
+
+// Rotations are unit quaternions; tangent vectors are angle-axis vectors in
+// radians.
+
+// The matrix [v]_x with [v]_x w = v x w.
+Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v);
+
+// Exponential map: the rotation by |omega| radians about omega.
+Eigen::Quaterniond ExpSO3(const Eigen::Vector3d& omega);
+
+// Logarithm with norm in [0, pi]: ExpSO3(LogSO3(q)) is q as a rotation.
+Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
+
+// Right Jacobian: Exp(omega + d) = Exp(omega) Exp(Jr(omega) d) + O(|d|^2), and
+// its inverse (singular at |omega| = 2 pi).
+Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega);
+Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega);
+
+// Geodesic distance in [0, pi], radians.
+double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
+
+// Angle between two vectors in [0, pi], radians; accurate for small angles.
+double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b);
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr double DegToRad(double deg) { return deg * (kPi / 180.0); }
+constexpr double RadToDeg(double rad) { return rad * (180.0 / kPi); }
+
+}  // namespace mgsfm

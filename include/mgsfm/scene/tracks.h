@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace mgsfm {
+
+// One keypoint of one image.
+struct Observation {
+  int image_idx;
+  int keypoint_idx;
+
+  friend bool operator==(const Observation& a, const Observation& b) {
+    return a.image_idx == b.image_idx && a.keypoint_idx == b.keypoint_idx;
+  }
+  friend bool operator<(const Observation& a, const Observation& b) {
+    return a.image_idx != b.image_idx ? a.image_idx < b.image_idx
+                                      : a.keypoint_idx < b.keypoint_idx;
+  }
+};
+
+// Groups of observations in flat arrays: group g holds
+// observations[offsets[g]] to observations[offsets[g + 1] - 1], sorted.
+struct ObservationGroups {
+  std::vector<Observation> observations;
+  std::vector<size_t> offsets = {0};
+
+  size_t size() const { return offsets.size() - 1; }
+  const Observation* begin(size_t group) const {
+    return observations.data() + offsets[group];
+  }
+  const Observation* end(size_t group) const {
+    return observations.data() + offsets[group + 1];
+  }
+  size_t length(size_t group) const {
+    return offsets[group + 1] - offsets[group];
+  }
+  // Ends the current group: what was appended to `observations` since.
+  void FinishGroup() { offsets.push_back(observations.size()); }
+};
+
+struct Tracks {
+  // All keypoints that matches connect, directly or not. May hold several
+  // keypoints of one image, that is, of several points in space.
+  ObservationGroups components;
+  // Tracks fit for averaging: at most one keypoint of an image in each,
+  // selected such that every image stays constrained.
+  ObservationGroups tracks;
+};
+
+}  // namespace mgsfm

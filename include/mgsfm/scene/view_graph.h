@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace mgsfm {
+
+// COLMAP's `config` of a two-view geometry, with its values.
+enum class TwoViewConfig : int {
+  kUndefined = 0,
+  kDegenerate = 1,
+  kCalibrated = 2,
+  kUncalibrated = 3,
+  kPlanar = 4,
+  kPanoramic = 5,
+  kPlanarOrPanoramic = 6,
+  kWatermark = 7,
+  kMultiple = 8,
+  kCalibratedRig = 9,
+};
+
+// A matched pair of keypoints; 1 and 2 as in the ImagePair that holds it.
+struct Match {
+  uint32_t keypoint_idx1;
+  uint32_t keypoint_idx2;
+};
+
+// cam2_from_cam1 up to the length of the translation. The direction is absent
+// where the pair has too little parallax to tell it.
+struct RelativePose {
+  Eigen::Quaterniond cam2_from_cam1;
+  std::optional<Eigen::Vector3d> translation_direction;  // unit, in camera 2
+};
+
+// A pair of images with verified matches. image_idx1 < image_idx2; F, E, H map
+// from image 1 to image 2: x2^T F x1 = 0, x2 ~ H x1.
+struct ImagePair {
+  int image_idx1 = 0;
+  int image_idx2 = 0;
+  TwoViewConfig config = TwoViewConfig::kUndefined;
+  std::optional<Eigen::Matrix3d> F, E, H;
+  std::optional<RelativePose> relative_pose;
+  std::vector<Match> matches;
+};
+
+// Pairs sorted by (image_idx1, image_idx2), each at most once.
+struct ViewGraph {
+  std::vector<ImagePair> pairs;
+};
+
+}  // namespace mgsfm

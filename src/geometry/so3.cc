@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/geometry/so3.h"
+
+#include <cmath>
+
+namespace mgsfm {
+namespace {
+
+// Below this angle series are more accurate than the closed forms.
+constexpr double kSmallAngle = 1e-4;
+
+}  // namespace
+
+Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
+  return m;
+}
+
+Eigen::Quaterniond ExpSO3(const Eigen::Vector3d& omega) {
+  const double angle = omega.norm();
+  const double half = 0.5 * angle;
+  const double sinc =
+      angle < kSmallAngle ? 0.5 - angle * angle / 48.0 : std::sin(half) / angle;
+  Eigen::Quaterniond q;
+  q.w() = std::cos(half);
+  q.vec() = sinc * omega;
+  return q;
+}
+
+Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q) {
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
+  const double w = sign * q.w();
+  const double n = q.vec().norm();
+  const double factor = n < kSmallAngle
+                            ? 2.0 / w - 2.0 * n * n / (3.0 * w * w * w)
+                            : 2.0 * std::atan2(n, w) / n;
+  return sign * factor * q.vec();
+}
+
+Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega) {
+  const double angle = omega.norm();
+  const double a2 = angle * angle;
+  double a, b;
+  if (angle < kSmallAngle) {
+    a = 0.5 - a2 / 24.0;
+    b = 1.0 / 6.0 - a2 / 120.0;
+  } else {
+    a = (1.0 - std::cos(angle)) / a2;
+    b = (angle - std::sin(angle)) / (a2 * angle);
+  }
+  const Eigen::Matrix3d w = CrossMatrix(omega);
+  return Eigen::Matrix3d::Identity() - a * w + b * w * w;
+}
+
+Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
+  const double angle = omega.norm();
+  const double c =
+      angle < kSmallAngle
+          ? 1.0 / 12.0 + angle * angle / 720.0
+          : 1.0 / (angle * angle) -
+                (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
+  const Eigen::Matrix3d w = CrossMatrix(omega);
+  return Eigen::Matrix3d::Identity() + 0.5 * w + c * w * w;
+}
+
+double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  return LogSO3(a.conjugate() * b).norm();
+}
+
+double AngleBetween(const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
+  return std::atan2(a.cross(b).norm(), a.dot(b));
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/scene.h"
+
+#include <set>
+#include <string>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/parallel.h"
+
+namespace mgsfm {
+namespace {
+
+template <class Array>
+void CheckIndex(int idx, const Array& array) {
+  MGSFM_CHECK_GE(idx, 0);
+  MGSFM_CHECK_LT(static_cast<size_t>(idx), array.size());
+}
+
+void CheckRigs(const Scene& scene) {
+  size_t num_sensors = 0;
+  for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
+    const Rig& rig = scene.rigs[rig_idx];
+    bool has_reference = false;
+    for (const int sensor_idx : rig.sensor_idxs) {
+      CheckIndex(sensor_idx, scene.sensors);
+      MGSFM_CHECK_EQ(static_cast<size_t>(scene.sensors[sensor_idx].rig_idx),
+                     rig_idx);
+      has_reference |= sensor_idx == rig.ref_sensor_idx;
+    }
+    MGSFM_CHECK(has_reference);
+    const auto& pose = scene.sensors[rig.ref_sensor_idx].sensor_from_rig;
+    MGSFM_CHECK(pose.has_value());
+    MGSFM_CHECK_EQ(pose->translation.norm(), 0.0);
+    MGSFM_CHECK_EQ(pose->rotation.vec().norm(), 0.0);
+    num_sensors += rig.sensor_idxs.size();
+  }
+  MGSFM_CHECK_EQ(num_sensors, scene.sensors.size());
+}
+
+void CheckFrames(const Scene& scene) {
+  size_t num_images = 0;
+  for (size_t frame_idx = 0; frame_idx < scene.frames.size(); ++frame_idx) {
+    const Frame& frame = scene.frames[frame_idx];
+    CheckIndex(frame.rig_idx, scene.rigs);
+    std::set<int> sensor_idxs;
+    for (const int image_idx : frame.image_idxs) {
+      CheckIndex(image_idx, scene.images);
+      const Image& image = scene.images[image_idx];
+      MGSFM_CHECK_EQ(static_cast<size_t>(image.frame_idx), frame_idx);
+      CheckIndex(image.sensor_idx, scene.sensors);
+      const Sensor& sensor = scene.sensors[image.sensor_idx];
+      MGSFM_CHECK_EQ(sensor.rig_idx, frame.rig_idx);
+      MGSFM_CHECK_EQ(sensor.camera_idx, image.camera_idx);
+      MGSFM_CHECK_MSG(sensor_idxs.insert(image.sensor_idx).second, image.name);
+    }
+    num_images += frame.image_idxs.size();
+  }
+  MGSFM_CHECK_EQ(num_images, scene.images.size());
+}
+
+}  // namespace
+
+void CheckConsistent(const Scene& scene) {
+  for (const Camera& camera : scene.cameras) {
+    const CameraModelInfo* info =
+        FindCameraModel(static_cast<int32_t>(camera.model));
+    MGSFM_CHECK(info != nullptr);
+    MGSFM_CHECK_EQ(camera.params.size(), static_cast<size_t>(info->num_params));
+  }
+  for (const Sensor& sensor : scene.sensors) {
+    CheckIndex(sensor.rig_idx, scene.rigs);
+    CheckIndex(sensor.camera_idx, scene.cameras);
+  }
+  CheckRigs(scene);
+  CheckFrames(scene);
+}
+
+Bearings ComputeBearings(const Scene& scene, int num_threads) {
+  Bearings bearings;
+  bearings.rays.resize(scene.images.size());
+  ParallelFor(
+      scene.images.size(), num_threads,
+      [&](size_t image_idx) {
+        const Image& image = scene.images[image_idx];
+        const Camera& camera = scene.cameras[image.camera_idx];
+        std::vector<Eigen::Vector3d>& rays = bearings.rays[image_idx];
+        rays.reserve(image.keypoints_px.size());
+        for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
+          rays.push_back(RayFromPixel(camera.model, camera.params.data(),
+                                      keypoint_px.cast<double>())
+                             .value_or(Eigen::Vector3d::Zero()));
+        }
+      },
+      1);
+  return bearings;
+}
+
+}  // namespace mgsfm

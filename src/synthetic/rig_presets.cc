@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "synthetic/rig_presets.h"
+
+#include <cmath>
+
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+// The pose of a camera that is turned in the rig by yaw (about the rig's y axis
+// that points down, so positive is to the right), then pitch and roll.
+Rigid3 MountedCamera(double yaw_deg, double pitch_deg, double roll_deg,
+                     const Eigen::Vector3d& center_in_rig) {
+  const Eigen::Quaterniond rig_from_sensor =
+      ExpSO3(Eigen::Vector3d(0.0, DegToRad(yaw_deg), 0.0)) *
+      ExpSO3(Eigen::Vector3d(DegToRad(pitch_deg), 0.0, 0.0)) *
+      ExpSO3(Eigen::Vector3d(0.0, 0.0, DegToRad(roll_deg)));
+  return Rigid3::FromRotationAndCenter(rig_from_sensor.conjugate(),
+                                       center_in_rig);
+}
+
+SimulatedCamera KittiCamera(const std::string& folder,
+                            const Rigid3& sensor_from_rig) {
+  return {folder,
+          CameraModelId::kPinhole,
+          1226,
+          370,
+          {707.0912, 707.0912, 601.8873, 183.1104},
+          sensor_from_rig};
+}
+
+SimulatedCamera FisheyeCamera(const std::string& folder, double focal_px,
+                              int size_px, const Rigid3& sensor_from_rig) {
+  const double center_px = 0.5 * size_px;
+  return {folder,
+          CameraModelId::kOpenCVFisheye,
+          size_px,
+          size_px,
+          {focal_px, focal_px, center_px, center_px, 0.01, -0.003, 0.0, 0.0},
+          sensor_from_rig};
+}
+
+std::vector<SimulatedCamera> MakeCube() {
+  std::vector<SimulatedCamera> rig;
+  for (int i = 0; i < 6; ++i) {
+    const double yaw_deg = 60.0 * i;
+    const double yaw = DegToRad(yaw_deg);
+    const Eigen::Vector3d center(0.1 * std::sin(yaw), 0.0,
+                                 0.1 * (std::cos(yaw) - 1.0));
+    rig.push_back(FisheyeCamera("cam" + std::to_string(i), 330.0, 1000,
+                                MountedCamera(yaw_deg, 0.0, 0.0, center)));
+  }
+  return rig;
+}
+
+}  // namespace
+
+std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
+  const SimulatedCamera left = KittiCamera("cam0", Rigid3());
+  const SimulatedCamera right = KittiCamera(
+      "cam1", MountedCamera(1.0, 0.3, -0.2, Eigen::Vector3d(0.5372, 0, 0)));
+  switch (preset) {
+    case RigPreset::kMono:
+      return {left};
+    case RigPreset::kStereo:
+      return {left, right};
+    case RigPreset::kKitti360:
+      return {left, right,
+              FisheyeCamera("cam2", 430.0, 1400,
+                            MountedCamera(-90.0, 2.0, 1.0, {-0.4, -0.1, -0.7})),
+              FisheyeCamera("cam3", 430.0, 1400,
+                            MountedCamera(90.0, -1.0, 2.0, {0.9, -0.1, -0.7}))};
+    case RigPreset::kCube6:
+      return MakeCube();
+  }
+  return {};
+}
+
+}  // namespace mgsfm
