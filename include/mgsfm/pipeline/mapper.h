@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/rotation/rotation_averaging.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/tracks/track_establishment.h"
+#include "mgsfm/translation/translation_averaging.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
+
+namespace mgsfm {
+
+// The main job: from verified matches to rig-consistent models.
+//
+//   view graph -> rotation averaging          once, for all parts together
+//   -> tracks -> translation averaging -> bundle adjustment     for each part
+//
+// Internal rotations are shared by all parts; every part that is connected and
+// has at least `min_num_frames` frames becomes a model with a world of its own.
+
+struct MapperOptions {
+  int min_num_frames = 3;
+
+  ViewGraphOptions view_graph;
+  RotationAveragingOptions rotation_averaging;
+  TrackOptions tracks;
+  TranslationAveragingOptions translation_averaging;
+  BundleAdjustmentOptions bundle_adjustment;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
+          "Connected parts with fewer frames do not become models.");
+    visit.Group("ViewGraph", self.view_graph);
+    visit.Group("RotationAveraging", self.rotation_averaging);
+    visit.Group("Tracks", self.tracks);
+    visit.Group("TranslationAveraging", self.translation_averaging);
+    visit.Group("BundleAdjustment", self.bundle_adjustment);
+  }
+};
+
+// Wall-clock seconds of a stage, in the order in which stages ran.
+struct StageTime {
+  std::string stage;
+  double seconds = 0.0;
+};
+
+struct MapperModel {
+  Reconstruction reconstruction;  // positions are those of the whole scene
+  int num_frames_in_part = 0;     // before translation averaging
+  TrackSummary tracks;
+  TranslationSummary translation;
+  BundleSummary bundle;
+  std::vector<StageTime> times;
+};
+
+struct UnregisteredFrame {
+  int frame_idx = 0;
+  std::string reason;
+};
+
+struct MapperResult {
+  std::vector<MapperModel> models;  // by descending number of frames
+  std::vector<UnregisteredFrame> unregistered_frames;  // in no model
+  ViewGraphSummary view_graph;
+  RotationSummary rotation;
+  std::vector<StageTime> times;
+};
+
+// No model in the result means that the input held no reconstructable scene;
+// `unregistered_frames` then says why for each frame.
+[[nodiscard]] MapperResult RunMapper(const Scene& scene,
+                                     const ViewGraph& view_graph,
+                                     const MapperOptions& options,
+                                     const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/pipeline/mapper.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <utility>
+
+#include "mgsfm/base/timer.h"
+
+namespace mgsfm {
+namespace {
+
+// Runs a stage, logs and notes its time.
+template <class Function>
+auto Timed(const char* stage, const Context& context,
+           std::vector<StageTime>* times, const Function& function) {
+  context.Debug(std::string(stage) + " started");
+  const Timer timer;
+  auto result = function();
+  times->push_back({stage, timer.Seconds()});
+  char seconds[32];
+  std::snprintf(seconds, sizeof(seconds), "%.2f s", times->back().seconds);
+  context.Info(std::string(stage) + ": " + seconds);
+  return result;
+}
+
+std::vector<int> CountFrames(const RotationEstimate& rotations) {
+  std::vector<int> num_frames;
+  for (const std::optional<int>& part : rotations.component) {
+    if (!part) continue;
+    if (*part >= static_cast<int>(num_frames.size())) {
+      num_frames.resize(*part + 1, 0);
+    }
+    ++num_frames[*part];
+  }
+  return num_frames;
+}
+
+// The estimate with all that does not belong to one part left out.
+RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
+                            const RotationEstimate& all, int part) {
+  RotationEstimate selected = all;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (all.component[i] == part) continue;
+    selected.rig_from_world[i].reset();
+    selected.component[i].reset();
+  }
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const int frame_idx =
+        scene.images[view_graph.pairs[i].image_idx1].frame_idx;
+    if (all.component[frame_idx] != part) selected.pair_is_inlier[i] = false;
+  }
+  return selected;
+}
+
+MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
+                            const ViewGraph& view_graph,
+                            const RotationEstimate& rotations,
+                            const MapperOptions& options,
+                            const Context& context) {
+  MapperModel model;
+  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
+    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
+                           options.tracks, context);
+  });
+  model.tracks = tracks.summary;
+
+  TranslationResult translation =
+      Timed("translation averaging", context, &model.times, [&] {
+        return AverageTranslations(scene, bearings, view_graph, rotations,
+                                   tracks.estimate.tracks,
+                                   options.translation_averaging, context);
+      });
+  model.translation = std::move(translation.summary);
+
+  BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
+    return RefineReconstruction(
+        scene, tracks.estimate.components,
+        JoinEstimates(scene, rotations, translation.estimate,
+                      tracks.estimate.tracks),
+        options.bundle_adjustment, context);
+  });
+  model.bundle = std::move(bundle.summary);
+  model.reconstruction = std::move(bundle.estimate);
+  return model;
+}
+
+int NumRegisteredFrames(const Reconstruction& reconstruction) {
+  return static_cast<int>(std::count_if(
+      reconstruction.rig_from_world.begin(),
+      reconstruction.rig_from_world.end(),
+      [](const std::optional<Rigid3>& pose) { return pose.has_value(); }));
+}
+
+std::vector<UnregisteredFrame> ExplainUnregistered(
+    const Scene& scene, const RotationEstimate& rotations,
+    const std::vector<int>& num_frames_of_part, const MapperOptions& options,
+    const std::vector<MapperModel>& models) {
+  std::vector<UnregisteredFrame> unregistered;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const bool is_registered =
+        std::any_of(models.begin(), models.end(), [i](const MapperModel& m) {
+          return m.reconstruction.rig_from_world[i].has_value();
+        });
+    if (is_registered) continue;
+    std::string reason;
+    if (!rotations.component[i]) {
+      reason = "no image pair with consistent geometry links it to others";
+    } else if (num_frames_of_part[*rotations.component[i]] <
+               options.min_num_frames) {
+      reason = "its connected part has fewer than " +
+               std::to_string(options.min_num_frames) + " frames";
+    } else {
+      reason = "too few points constrain its position";
+    }
+    unregistered.push_back({static_cast<int>(i), reason});
+  }
+  return unregistered;
+}
+
+}  // namespace
+
+MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
+                       const MapperOptions& options, const Context& context) {
+  MapperResult result;
+  const Bearings bearings = Timed("rays", context, &result.times, [&] {
+    return ComputeBearings(scene, context.num_threads);
+  });
+  ViewGraphResult verified = Timed("view graph", context, &result.times, [&] {
+    return EstimateViewGraph(scene, bearings, view_graph, options.view_graph,
+                             context);
+  });
+  result.view_graph = verified.summary;
+
+  RotationResult rotation =
+      Timed("rotation averaging", context, &result.times, [&] {
+        return AverageRotations(scene, verified.estimate,
+                                options.rotation_averaging, context);
+      });
+  result.rotation = std::move(rotation.summary);
+
+  const std::vector<int> num_frames = CountFrames(rotation.estimate);
+  for (size_t part = 0; part < num_frames.size(); ++part) {
+    if (num_frames[part] < options.min_num_frames) continue;
+    context.Info("part " + std::to_string(part) + ": " +
+                 std::to_string(num_frames[part]) + " frames");
+    MapperModel model =
+        ReconstructPart(scene, bearings, verified.estimate,
+                        SelectPart(scene, verified.estimate, rotation.estimate,
+                                   static_cast<int>(part)),
+                        options, context);
+    model.num_frames_in_part = num_frames[part];
+    if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
+        !model.reconstruction.points.empty()) {
+      result.models.push_back(std::move(model));
+    }
+  }
+  result.unregistered_frames = ExplainUnregistered(
+      scene, rotation.estimate, num_frames, options, result.models);
+  return result;
+}
+
+}  // namespace mgsfm
