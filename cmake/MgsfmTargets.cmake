@@ -1,3 +1,18 @@
+# While modules are being written (removed before the first release).
+macro(mgsfm_tmp_skip)
+  foreach(module IN LISTS arg_DEPENDS)
+    if(NOT TARGET mgsfm::${module})
+      message(STATUS "skipping ${name}: no ${module}")
+      return()
+    endif()
+  endforeach()
+  foreach(source IN LISTS arg_SOURCES)
+    if(NOT EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${source})
+      message(STATUS "skipping ${name}: no ${source}")
+      return()
+    endif()
+  endforeach()
+endmacro()
 # One function per kind of target.
 
 # mgsfm_add_module(NAME SOURCES ... DEPENDS modules... LINK packages...)
@@ -5,6 +20,7 @@
 # modules it may include, and nothing else sees its packages' headers.
 function(mgsfm_add_module name)
   cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK" ${ARGN})
+  mgsfm_tmp_skip()
   set(target mgsfm_${name})
   add_library(${target} STATIC ${arg_SOURCES})
   add_library(mgsfm::${name} ALIAS ${target})
@@ -29,10 +45,13 @@ function(mgsfm_add_test name)
     return()
   endif()
   cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK;LABELS" ${ARGN})
+  mgsfm_tmp_skip()
   set(target mgsfm_${name}_test)
   add_executable(${target} ${arg_SOURCES})
   target_include_directories(${target} PRIVATE
     ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/tests)
+  target_compile_definitions(${target} PRIVATE
+    MGSFM_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
   foreach(module IN LISTS arg_DEPENDS)
     target_link_libraries(${target} PRIVATE mgsfm::${module})
   endforeach()

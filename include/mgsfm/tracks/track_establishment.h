@@ -13,19 +13,35 @@ namespace mgsfm {
 
 struct TrackOptions {
   int min_track_length = 3;
+  int min_tracks_per_image = 50;
+  int max_tracks_per_image = 0;
+  double max_duplicate_distance_px = 3.0;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("min_track_length", self.min_track_length, AtLeast(2), "images",
           "Shorter tracks are only used where an image has too few others.");
+    visit("min_tracks_per_image", self.min_tracks_per_image, AtLeast(0),
+          "tracks",
+          "Images with fewer tracks get their shorter ones, too, the longest "
+          "first.");
+    visit("max_tracks_per_image", self.max_tracks_per_image, AtLeast(0),
+          "tracks",
+          "Tracks are left out if all of their images have so many longer "
+          "ones; 0 keeps all.");
+    visit("max_duplicate_distance_px", self.max_duplicate_distance_px,
+          AtLeast(0.0), "px",
+          "Keypoints of an image within this that are matched to the same "
+          "point are one, detected twice; others make a track ambiguous and "
+          "split it.");
   }
 };
 
 struct TrackSummary {
   size_t num_components = 0;
-  size_t num_components_with_conflicts = 0;
-  size_t num_tracks = 0;
-  size_t num_observations = 0;
+  size_t num_components_with_conflicts = 0;  // two keypoints of one image
+  size_t num_tracks = 0;                     // selected
+  size_t num_observations = 0;               // of the selected tracks
   double mean_track_length = 0.0;
 };
 
@@ -34,6 +50,21 @@ struct TrackResult {
   TrackSummary summary;
 };
 
+// Joins matches to tracks.
+//
+// Components are those of the graph of keypoints and matches. Where one holds
+// two keypoints of an image, some of its matches are wrong: it is split into
+// sets without such conflicts by joining its keypoints anew, match by match in
+// the order of their support, that is, the number of keypoints that are matched
+// to both ends (then the number of matches of the pair), and refusing the
+// matches that would make a conflict. Of keypoints detected twice in one image,
+// the one with the most matches stays.
+//
+// Of these sets, tracks are selected, longest first, as the options say. Groups
+// are ordered by their first observations. Nearly linear in the number of
+// matches; a conflicting component of n keypoints and m matches costs
+// O(m log m + m n) at worst.
+//
 // Uses the matches of the pairs with pair_is_used[pair_idx].
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <sys/resource.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "command.h"
+#include "commands.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/io/model_io.h"
+#include "mgsfm/io/point_colors.h"
+#include "mgsfm/io/rig_config.h"
+#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/pipeline/report.h"
+
+namespace mgsfm {
+
+template <>
+struct EnumTable<ModelFormat> {
+  static constexpr std::pair<std::string_view, ModelFormat> kNames[] = {
+      {"bin", ModelFormat::kBinary}, {"txt", ModelFormat::kText}};
+};
+
+namespace {
+
+struct MapperCommandOptions {
+  std::string database_path;
+  std::string output_path;
+  std::string image_path;
+  ModelFormat output_format = ModelFormat::kBinary;
+  SceneLoadingOptions loading;
+  MapperOptions mapper;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("database_path", self.database_path, Required(), "",
+          "COLMAP database with verified matches. It is only read.");
+    visit("output_path", self.output_path, Required(), "",
+          "Folder for the models 0, 1, ... and report.json. Earlier ones are "
+          "replaced when the new ones are whole.");
+    visit("image_path", self.image_path, AnyValue(), "",
+          "Folder of the images, to colour the points.");
+    visit("output_format", self.output_format, AnyValue(), "",
+          "Of the models: binary or text.");
+    SceneLoadingOptions::Describe(self.loading, visit);
+    MapperOptions::Describe(self.mapper, visit);
+  }
+};
+
+double PeakMemoryMib() {
+  rusage usage{};
+  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+
+void CheckPaths(const MapperCommandOptions& options) {
+  if (!options.image_path.empty() &&
+      !std::filesystem::is_directory(options.image_path)) {
+    throw Error("--image_path '" + options.image_path + "' is no folder");
+  }
+}
+
+void LogInput(const LoadedScene& loaded, const Context& context) {
+  context.Info("read " + std::to_string(loaded.scene.images.size()) +
+               " images in " + std::to_string(loaded.scene.frames.size()) +
+               " frames, " + std::to_string(loaded.view_graph.pairs.size()) +
+               " pairs; rigs: " + loaded.rig_source);
+}
+
+void Color(const Scene& scene, const std::string& image_path,
+           const Context& context, MapperResult* result) {
+  for (MapperModel& model : result->models) {
+    const std::vector<std::string> missing =
+        ColorPoints(scene, image_path, context, &model.reconstruction);
+    if (missing.empty()) continue;
+    context.Warning(std::to_string(missing.size()) +
+                    " images could not be read for colours, the first is " +
+                    missing.front());
+  }
+}
+
+void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
+              const Context& context) {
+  size_t num_images = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    num_images +=
+        model.reconstruction.IsRegistered(scene, static_cast<int>(i)) ? 1 : 0;
+  }
+  context.Info("model " + std::to_string(model_idx) + ": " +
+               std::to_string(num_images) + " of " +
+               std::to_string(scene.images.size()) + " images, " +
+               std::to_string(model.reconstruction.points.size()) + " points");
+}
+
+void WriteText(const std::filesystem::path& path, const std::string& text) {
+  std::ofstream file(path, std::ios::binary);
+  file << text;
+  file.close();
+  if (!file) throw Error("cannot write '" + path.string() + "'");
+}
+
+int RunMapperCommand(const MapperCommandOptions& options,
+                     const Context& context) {
+  CheckPaths(options);
+  StagedOutput output(options.output_path);
+  RunDescription run;
+  run.version = MGSFM_VERSION;
+  run.database_path = options.database_path;
+  run.options_json = OptionsToJsonOf(options);
+
+  const Timer reading;
+  const LoadedScene loaded =
+      LoadScene(options.database_path, options.loading, context);
+  run.rig_source = loaded.rig_source;
+  run.times.push_back({"reading", reading.Seconds()});
+  LogInput(loaded, context);
+
+  MapperResult result =
+      RunMapper(loaded.scene, loaded.view_graph, options.mapper, context);
+  const Timer writing;
+  if (!options.image_path.empty()) {
+    Color(loaded.scene, options.image_path, context, &result);
+  }
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    const std::filesystem::path folder =
+        output.StagingDir() / std::to_string(i);
+    std::filesystem::create_directory(folder);
+    const Reconstruction& model = result.models[i].reconstruction;
+    WriteModel(folder, loaded.scene, model, options.output_format);
+    WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
+    LogModel(loaded.scene, result.models[i], i, context);
+  }
+  run.times.push_back({"writing", writing.Seconds()});
+  run.peak_memory_mib = PeakMemoryMib();
+  WriteText(output.StagingDir() / "report.json",
+            MapperReportToJson(loaded.scene, loaded.view_graph, result, run));
+  output.Commit();
+  if (result.models.empty()) {
+    context.Error(
+        "nothing could be reconstructed; see " +
+        (std::filesystem::path(options.output_path) / "report.json").string());
+    return kExitNotSolvable;
+  }
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command MapperCommand() {
+  return MakeCommand("mapper",
+                     "Reconstructs models from the matches of a database.",
+                     RunMapperCommand);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+
+#include <iostream>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+struct Flag {
+  std::string name;
+  std::optional<std::string> value;
+};
+
+bool IsFlag(const std::string& argument) {
+  return argument.size() > 2 && argument.compare(0, 2, "--") == 0;
+}
+
+std::vector<Flag> SplitFlags(const std::vector<std::string>& arguments) {
+  std::vector<Flag> flags;
+  for (const std::string& argument : arguments) {
+    const bool is_first_value =
+        !flags.empty() && !flags.back().value && !IsFlag(argument);
+    if (argument == "-h") {
+      flags.push_back({"help", {}});
+    } else if (is_first_value) {
+      flags.back().value = argument;
+    } else if (IsFlag(argument)) {
+      const size_t equals = argument.find('=');
+      flags.push_back({argument.substr(2, equals - 2), {}});
+      if (equals != std::string::npos) {
+        flags.back().value = argument.substr(equals + 1);
+      }
+    } else {
+      throw Error("unexpected argument '" + argument +
+                  "'; options are given as --name value");
+    }
+  }
+  return flags;
+}
+
+// Takes the flag out of the list.
+std::optional<Flag> TakeFlag(const std::string& name,
+                             std::vector<Flag>* flags) {
+  for (size_t i = 0; i < flags->size(); ++i) {
+    if ((*flags)[i].name != name) continue;
+    Flag flag = std::move((*flags)[i]);
+    flags->erase(flags->begin() + static_cast<std::ptrdiff_t>(i));
+    return flag;
+  }
+  return std::nullopt;
+}
+
+bool TakeSwitch(const std::string& name, std::vector<Flag>* flags) {
+  const std::optional<Flag> flag = TakeFlag(name, flags);
+  if (flag && flag->value) throw Error("--" + name + " takes no value");
+  return flag.has_value();
+}
+
+bool IsBool(const OptionList& options, const std::string& name) {
+  for (const OptionEntry& entry : options) {
+    if (entry.name == name) {
+      return std::holds_alternative<bool>(entry.default_value);
+    }
+  }
+  return false;
+}
+
+void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
+  std::set<std::string> names;
+  for (const Flag& flag : flags) {
+    if (!names.insert(flag.name).second) {
+      throw Error("--" + flag.name + " is given twice");
+    }
+    if (flag.value) {
+      SetOption(options, flag.name, *flag.value);
+    } else if (IsBool(options, flag.name)) {
+      SetOption(options, flag.name, "true");
+    } else {
+      // An unknown name is the likelier mistake, so it is told first.
+      SetOption(options, flag.name, "");
+      throw Error("--" + flag.name + " needs a value");
+    }
+  }
+}
+
+void PrintHelp(const std::string& name, const std::string& summary,
+               const OptionList& options) {
+  std::cout << "mgsfm " << name << ": " << summary << "\n\n"
+            << OptionsToHelp(options)
+            << "\nFor all commands\n"
+               "  --config_path FILE\n"
+               "      Read options from a file, as --dump_config writes it;\n"
+               "      flags override it.\n"
+               "  --dump_config\n"
+               "      Print all options with their values, and end.\n"
+               "  --help\n"
+               "      Print this, and end.\n";
+}
+
+}  // namespace
+
+bool ParseArguments(const std::string& name, const std::string& summary,
+                    const std::vector<std::string>& arguments,
+                    const OptionList& options) {
+  std::vector<Flag> flags = SplitFlags(arguments);
+  if (TakeSwitch("help", &flags)) {
+    PrintHelp(name, summary, options);
+    return false;
+  }
+  const bool dump_config = TakeSwitch("dump_config", &flags);
+  if (const auto config = TakeFlag("config_path", &flags)) {
+    if (!config->value) throw Error("--config_path needs a value");
+    LoadOptions(std::filesystem::path(*config->value), options);
+  }
+  SetFlags(flags, options);
+  if (dump_config) {
+    std::cout << DumpOptions(options);
+    return false;
+  }
+  CheckOptions(options);
+  return true;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "command.h"
+
+namespace mgsfm {
+
+// One per file cmd_*.cc.
+
+}  // namespace mgsfm

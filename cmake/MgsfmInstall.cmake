@@ -1,0 +1,29 @@
+# find_package(mgsfm) gives the modules mgsfm::NAME and, for all of them,
+# mgsfm::mgsfm.
+include(CMakePackageConfigHelpers)
+
+get_property(modules GLOBAL PROPERTY MGSFM_MODULES)
+add_library(mgsfm_all INTERFACE)
+add_library(mgsfm::mgsfm ALIAS mgsfm_all)
+set_target_properties(mgsfm_all PROPERTIES EXPORT_NAME mgsfm)
+target_link_libraries(mgsfm_all INTERFACE ${modules})
+
+set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/mgsfm)
+install(TARGETS mgsfm_all ${modules} EXPORT mgsfmTargets
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir})
+install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/
+  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")
+
+configure_package_config_file(
+  ${PROJECT_SOURCE_DIR}/cmake/mgsfmConfig.cmake.in
+  ${PROJECT_BINARY_DIR}/mgsfmConfig.cmake
+  INSTALL_DESTINATION ${package_dir})
+write_basic_package_version_file(
+  ${PROJECT_BINARY_DIR}/mgsfmConfigVersion.cmake
+  COMPATIBILITY SameMinorVersion)
+install(FILES
+  ${PROJECT_SOURCE_DIR}/cmake/MgsfmSystemLibraries.cmake
+  ${PROJECT_BINARY_DIR}/mgsfmConfig.cmake
+  ${PROJECT_BINARY_DIR}/mgsfmConfigVersion.cmake
+  DESTINATION ${package_dir})

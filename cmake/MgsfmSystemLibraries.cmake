@@ -1,0 +1,25 @@
+# Libraries whose Debian packages bring no CMake configuration. Also read by
+# users of an installed mgsfm, as its static libraries must link them.
+
+# mgsfm_find_library(TARGET LIBRARY HEADER SUFFIX)
+# TARGET for a library and the folder of its header, maybe below SUFFIX.
+function(mgsfm_find_library target library header suffix)
+  if(TARGET ${target})
+    return()
+  endif()
+  find_library(MGSFM_${library}_LIBRARY ${library} REQUIRED)
+  find_path(MGSFM_${library}_INCLUDE_DIR ${header} PATH_SUFFIXES ${suffix}
+    REQUIRED)
+  mark_as_advanced(MGSFM_${library}_LIBRARY MGSFM_${library}_INCLUDE_DIR)
+  add_library(${target} INTERFACE IMPORTED)
+  target_include_directories(${target} SYSTEM INTERFACE
+    ${MGSFM_${library}_INCLUDE_DIR})
+  target_link_libraries(${target} INTERFACE ${MGSFM_${library}_LIBRARY})
+endfunction()
+
+mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
+# Under the names that OpenCV's own configuration, in the large package
+# libopencv-dev, gives them.
+mgsfm_find_library(opencv_core opencv_core opencv2/core.hpp opencv4)
+mgsfm_find_library(opencv_imgcodecs opencv_imgcodecs opencv2/imgcodecs.hpp
+  opencv4)

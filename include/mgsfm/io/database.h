@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/ids.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// The rows of a COLMAP database (3.8 to 4.2) that reconstruction needs, under
+// the ids of the database, sorted by id. Reading checks each row by itself and
+// that images, pairs, rig sensors and frames name rows that exist; whether rigs
+// and frames agree with each other is checked when a scene is made of them.
+
+struct ImageRow {
+  ImageId id;
+  std::string name;
+  CameraId camera_id;
+  std::vector<Eigen::Vector2f> keypoints_px;
+};
+
+// image_id1 < image_id2; matrices, pose and matches map from image 1 to 2.
+// What the database marks as not set (absent, all zero, or the identity pose
+// without translation) is nullopt, and so is what cannot be used (not finite, a
+// singular H).
+struct TwoViewGeometryRow {
+  ImageId image_id1;
+  ImageId image_id2;
+  TwoViewConfig config = TwoViewConfig::kUndefined;
+  std::optional<Eigen::Matrix3d> F, E, H;
+  std::optional<Rigid3> cam2_from_cam1;
+  std::vector<Match> matches;
+};
+
+// A camera mounted in a rig. Only cameras are kept of a rig's sensors.
+struct RigSensorRow {
+  CameraId camera_id;
+  std::optional<Rigid3> sensor_from_rig;  // identity for the reference
+};
+
+struct RigRow {
+  RigId id;
+  std::optional<CameraId> ref_camera_id;  // absent if it is not a camera
+  std::vector<RigSensorRow> sensors;      // with the reference
+};
+
+struct FrameDataRow {
+  CameraId camera_id;
+  ImageId image_id;
+};
+
+struct FrameRow {
+  FrameId id;
+  RigId rig_id;
+  std::vector<FrameDataRow> data;
+};
+
+// The same pair seen from the other image: what maps from 1 to 2 is inverted or
+// transposed, the columns of the matches are exchanged. Breaks the order of
+// ids.
+void SwapImages(TwoViewGeometryRow* pair);
+
+struct DatabaseContents {
+  std::string path;  // named in messages
+  std::vector<Camera> cameras;
+  std::vector<ImageRow> images;
+  std::vector<TwoViewGeometryRow> pairs;
+  std::vector<RigRow> rigs;      // empty before COLMAP 3.12
+  std::vector<FrameRow> frames;  // empty before COLMAP 3.12
+};
+
+// Reads a database of any schema from COLMAP 3.8 to 4.2, told apart by its
+// tables and columns. The file and everything beside it stay as they are: no
+// lock, no journal and no shared-memory file is made, so a read-only folder
+// will do. If a write-ahead log (or a rollback journal of an interrupted
+// writer) holds changes, the database is read from a copy in the folder for
+// temporary files ($TMPDIR), log included. Throws Error for a file that is no
+// database, misses a table, has no image or holds a damaged row, which is
+// named, and if another program changed the database meanwhile.
+[[nodiscard]] DatabaseContents ReadDatabase(const std::string& path,
+                                            const Context& context);
+
+enum class DatabaseSchema {
+  k38,   // COLMAP 3.8 and 3.9: without rigs and frames, which are not written
+  k312,  // COLMAP 3.12 and 3.13
+};
+
+// Writes a new database that COLMAP of that version, and any later one, opens.
+// Matches are written both as raw and as verified matches; there are no
+// descriptors. Throws Error if the file exists; a failure leaves no file.
+void WriteDatabase(const std::string& path, const DatabaseContents& contents,
+                   DatabaseSchema schema);
+
+// The rows of a scene, under its ids. Two sensors with the intrinsics of one
+// camera get a camera each in the rig tables, as COLMAP's rigs require, while
+// their images keep the shared one.
+[[nodiscard]] DatabaseContents MakeDatabaseContents(
+    const Scene& scene, const ViewGraph& view_graph);
+
+}  // namespace mgsfm

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// COLMAP's rig_config.json: an array of rigs, each {"cameras": [camera, ...]}.
+//
+// Keys of a camera: "image_prefix" (required): the images whose names start
+// with it are the camera's, and what follows the last occurrence of the prefix
+// in the name is the same for the images of one frame; "ref_sensor": true for
+// exactly one camera of a rig; "cam_from_rig_rotation" [w, x, y, z] with
+// "cam_from_rig_translation" [x, y, z]: the pose where it is known;
+// "camera_model_name" with "camera_params": intrinsics.
+struct RigConfigCamera {
+  std::string image_prefix;
+  bool is_reference = false;
+  // Identity for the reference; nullopt if it is to be estimated.
+  std::optional<Rigid3> cam_from_rig;
+  std::optional<CameraModelId> camera_model;
+  std::vector<double> camera_params;  // of camera_model
+};
+
+struct RigConfig {
+  std::vector<RigConfigCamera> cameras;
+};
+
+// Throws Error, naming file, rig and camera, for anything that is not as
+// described above: also for unknown keys, a second reference, half a pose.
+[[nodiscard]] std::vector<RigConfig> ReadRigConfig(const std::string& path);
+
+void WriteRigConfig(const std::string& path,
+                    const std::vector<RigConfig>& rigs);
+
+// Writes the calibrated rigs of a model: poses where they are estimated, and
+// intrinsics. The format tells images apart by a prefix of their names, so a
+// rig whose cameras have images in several folders (seq1/cam0, seq2/cam0)
+// becomes one rig with the same poses per outer folder. Sensors without images
+// and rigs that no prefix can tell from others are left out.
+void WriteRigConfig(const std::string& path, const Scene& scene,
+                    const Reconstruction& reconstruction);
+
+}  // namespace mgsfm

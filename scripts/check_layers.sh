@@ -1,0 +1,67 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Fails if a module includes one that it must not (docs/architecture.md), or if
+# a public header includes a third-party header other than Eigen's.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+# module: the modules it may include, besides itself.
+table='
+base:
+math: base
+geometry: base
+scene: base math geometry
+io: base math geometry scene
+synthetic: base math geometry scene
+eval: base math geometry scene
+view_graph: base math geometry scene
+rotation: base math geometry scene
+tracks: base math geometry scene
+translation: base math geometry scene
+bundle: base math geometry scene
+pipeline: base math geometry scene view_graph rotation tracks translation bundle
+'
+
+find include src apps -name '*.h' -o -name '*.cc' | sort |
+  xargs grep -nE '^ *# *include' |
+  awk -v table="$table" '
+    BEGIN {
+      num_rows = split(table, rows, "\n")
+      for (i = 1; i <= num_rows; ++i) {
+        num_words = split(rows[i], words, "[: ]+")
+        if (num_words == 0) continue
+        known[words[1]] = 1
+        for (j = 1; j <= num_words; ++j) allowed[words[1] " " words[j]] = 1
+      }
+    }
+    # $0 is FILE:LINE:#include "PATH" or <PATH>.
+    {
+      split($0, place, ":")
+      num_folders = split(place[1], folders, "/")
+      module = folders[1] == "include" ? folders[3] : folders[2]
+      path = $0
+      sub(/^[^"<]*["<]/, "", path)
+      sub(/[">].*$/, "", path)
+    }
+    folders[1] != "apps" && !(module in known) {
+      print place[1] ": module " module " is not in the table"
+      num_errors++
+    }
+    folders[1] == "include" && path !~ /^(mgsfm|Eigen)\// && path ~ /[.\/]/ {
+      print place[1] ":" place[2] ": public header includes " path
+      num_errors++
+    }
+    folders[1] != "apps" {
+      sub(/^mgsfm\//, "", path)
+      included = path
+      sub(/\/.*$/, "", included)
+      if (included in known && path ~ /\// &&
+          !((module " " included) in allowed)) {
+        print place[1] ":" place[2] ": " module " must not include " included
+        num_errors++
+      }
+    }
+    END {
+      if (num_errors > 0) exit 1
+      print NR " includes respect the layers"
+    }'

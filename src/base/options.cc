@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/base/options.h"
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <cmath>
+#include <numeric>
+
+#include "mgsfm/base/options_io.h"
+
+namespace mgsfm {
+namespace {
+
+template <class Number>
+std::string FormatNumber(Number value) {
+  char buffer[40];
+  const auto [end, error] =
+      std::to_chars(buffer, buffer + sizeof(buffer), value);
+  MGSFM_CHECK(error == std::errc());
+  return std::string(buffer, end);
+}
+
+[[noreturn]] void ThrowBadValue(const OptionEntry& entry,
+                                const std::string& text,
+                                const std::string& expected) {
+  throw Error("option " + entry.name + ": '" + text + "' is not " + expected);
+}
+
+// The whole text must be one number that its type can hold.
+template <class Number>
+Number ParseNumber(const OptionEntry& entry, const std::string& text,
+                   const char* type_name) {
+  Number value;
+  const char* end = text.data() + text.size();
+  const auto [parsed_end, error] = std::from_chars(text.data(), end, value);
+  if (error == std::errc::result_out_of_range) {
+    ThrowBadValue(entry, text, "in the range of its type");
+  }
+  if (error != std::errc() || parsed_end != end) {
+    ThrowBadValue(entry, text, type_name);
+  }
+  return value;
+}
+
+bool ParseBool(const OptionEntry& entry, const std::string& text) {
+  if (text == "true" || text == "1") return true;
+  if (text == "false" || text == "0") return false;
+  ThrowBadValue(entry, text, "true or false");
+}
+
+std::string Join(const std::vector<std::string>& words) {
+  std::string joined;
+  for (const std::string& word : words) {
+    joined += (joined.empty() ? "" : ", ") + word;
+  }
+  return joined;
+}
+
+void CheckText(const OptionEntry& entry, const std::string& text) {
+  if (!entry.choices.empty()) {
+    if (std::find(entry.choices.begin(), entry.choices.end(), text) ==
+        entry.choices.end()) {
+      ThrowBadValue(entry, text, "one of " + Join(entry.choices));
+    }
+    return;
+  }
+  if (text.empty() && entry.IsRequired()) {
+    throw Error("option " + entry.name +
+                " is required: " + (entry.help.empty() ? "" : entry.help));
+  }
+  if (!entry.range.Contains(static_cast<double>(text.size()))) {
+    ThrowBadValue(entry, text, "of a length in " + entry.range.ToString());
+  }
+  if (text.find_first_of("\n\r") != std::string::npos) {
+    ThrowBadValue(entry, text, "a single line");
+  }
+}
+
+void CheckNumber(const OptionEntry& entry, double value) {
+  if (!std::isfinite(value)) {
+    ThrowBadValue(entry, FormatNumber(value), "a finite number");
+  }
+  if (!entry.range.Contains(value)) {
+    ThrowBadValue(entry, FormatNumber(value),
+                  "in " + entry.range.ToString() +
+                      (entry.unit.empty() ? "" : " " + entry.unit));
+  }
+}
+
+void CheckValue(const OptionEntry& entry, const OptionValue& value) {
+  if (const auto* text = std::get_if<std::string>(&value)) {
+    CheckText(entry, *text);
+  } else if (const auto* integer = std::get_if<int>(&value)) {
+    CheckNumber(entry, *integer);
+  } else if (const auto* real = std::get_if<double>(&value)) {
+    CheckNumber(entry, *real);
+  }
+}
+
+std::string ToLower(std::string text) {
+  for (char& c : text) {
+    c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  }
+  return text;
+}
+
+std::string WithoutSection(const std::string& name) {
+  return name.substr(name.rfind('.') + 1);  // all of it if there is no '.'
+}
+
+// Levenshtein's: insertions, deletions and replacements from one to the other.
+size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), 0);
+  for (size_t i = 0; i < a.size(); ++i) {
+    size_t diagonal = row[0];
+    row[0] = i + 1;
+    for (size_t j = 0; j < b.size(); ++j) {
+      const size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, row[j] + 1, diagonal + 1});
+    }
+  }
+  return row[b.size()];
+}
+
+}  // namespace
+
+std::string Range::ToString() const {
+  if (std::isinf(min) && std::isinf(max)) return "";
+  const std::string lower =
+      std::isinf(min) ? "(-inf" : (min_is_open ? "(" : "[") + FormatNumber(min);
+  const std::string upper =
+      std::isinf(max) ? "inf)" : FormatNumber(max) + (max_is_open ? ")" : "]");
+  return lower + ", " + upper;
+}
+
+std::string OptionEntry::Section() const {
+  const size_t dot = name.rfind('.');
+  return dot == std::string::npos ? "" : name.substr(0, dot);
+}
+
+bool OptionEntry::IsRequired() const {
+  const auto* text = std::get_if<std::string>(&default_value);
+  return text != nullptr && choices.empty() && text->empty() &&
+         !range.Contains(0.0);
+}
+
+std::string FormatOptionValue(const OptionValue& value) {
+  if (const auto* flag = std::get_if<bool>(&value)) {
+    return *flag ? "true" : "false";
+  }
+  if (const auto* integer = std::get_if<int>(&value)) {
+    return FormatNumber(*integer);
+  }
+  if (const auto* real = std::get_if<double>(&value)) {
+    return FormatNumber(*real);
+  }
+  return std::get<std::string>(value);
+}
+
+OptionValue ParseOptionValue(const OptionEntry& entry,
+                             const std::string& text) {
+  OptionValue value = entry.default_value;
+  if (auto* flag = std::get_if<bool>(&value)) {
+    *flag = ParseBool(entry, text);
+  } else if (auto* integer = std::get_if<int>(&value)) {
+    *integer = ParseNumber<int>(entry, text, "an integer");
+  } else if (auto* real = std::get_if<double>(&value)) {
+    *real = ParseNumber<double>(entry, text, "a number");
+  } else {
+    value = text;
+  }
+  CheckValue(entry, value);
+  return value;
+}
+
+void SetOption(const OptionList& options, const std::string& name,
+               const std::string& text) {
+  std::vector<std::string> known_names;
+  for (const OptionEntry& entry : options) {
+    if (entry.name == name) {
+      entry.set(ParseOptionValue(entry, text));
+      return;
+    }
+    known_names.push_back(entry.name);
+  }
+  throw Error("unknown option " + name + SuggestName(name, known_names));
+}
+
+void CheckOptions(const OptionList& options) {
+  for (const OptionEntry& entry : options) CheckValue(entry, entry.get());
+}
+
+std::string SuggestName(const std::string& name,
+                        const std::vector<std::string>& known_names) {
+  const std::string wanted = ToLower(name);
+  // Names are alike if about a third of the letters agree with a typing error.
+  size_t min_distance = std::max<size_t>(2, wanted.size() / 3) + 1;
+  const std::string* nearest = nullptr;
+  for (const std::string& known_name : known_names) {
+    const std::string known = ToLower(known_name);
+    // Leaving out or mistaking the section costs as much as one letter.
+    const size_t distance = std::min(
+        EditDistance(wanted, known),
+        EditDistance(WithoutSection(wanted), WithoutSection(known)) + 1);
+    if (distance < min_distance) {
+      min_distance = distance;
+      nearest = &known_name;
+    }
+  }
+  return nullptr == nearest ? "" : " (did you mean '" + *nearest + "'?)";
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/base/options_io.h"
+
+#include <algorithm>
+#include <fstream>
+#include <iomanip>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+namespace mgsfm {
+namespace {
+
+constexpr size_t kHelpWidth = 80;
+
+std::string Trim(const std::string& text) {
+  const char* const spaces = " \t\r";
+  const size_t begin = text.find_first_not_of(spaces);
+  if (begin == std::string::npos) return "";
+  return text.substr(begin, text.find_last_not_of(spaces) - begin + 1);
+}
+
+// Texts that Trim or Unquote would change have to be quoted.
+std::string QuoteIfNeeded(const std::string& text) {
+  if (text == Trim(text) && (text.empty() || text[0] != '"')) return text;
+  std::ostringstream quoted;
+  quoted << std::quoted(text);
+  return quoted.str();
+}
+
+std::string Unquote(const std::string& text) {
+  if (text.empty() || text[0] != '"') return text;
+  std::string unquoted;
+  for (size_t i = 1; i < text.size(); ++i) {
+    if (text[i] == '"' && i + 1 == text.size()) return unquoted;
+    if (text[i] == '"') break;
+    if (text[i] == '\\' && i + 1 < text.size()) ++i;
+    unquoted += text[i];
+  }
+  throw Error("the quotes of " + text + " do not match");
+}
+
+// One line of a configuration file: sets `section` or an option.
+void LoadLine(const std::string& line, const OptionList& options,
+              std::string* section, std::set<std::string>* names) {
+  if (line.empty() || line[0] == '#' || line[0] == ';') return;
+  if (line[0] == '[') {
+    if (line.back() != ']') throw Error("']' is missing after '" + line + "'");
+    *section = Trim(line.substr(1, line.size() - 2));
+    return;
+  }
+  const size_t equals = line.find('=');
+  if (equals == std::string::npos) {
+    throw Error("expected 'key = value' or '[Section]', not '" + line + "'");
+  }
+  const std::string key = Trim(line.substr(0, equals));
+  const std::string name = section->empty() ? key : *section + "." + key;
+  if (!names->insert(name).second) {
+    throw Error("option " + name + " is set twice; remove one of the lines");
+  }
+  SetOption(options, name, Unquote(Trim(line.substr(equals + 1))));
+}
+
+// What a value may be, in words: "int in [2, inf) images", "one of a|b".
+std::string DescribeType(const OptionEntry& entry) {
+  std::string text;
+  if (!entry.choices.empty()) {
+    for (const std::string& choice : entry.choices) {
+      text += (text.empty() ? "" : "|") + choice;
+    }
+    return text;
+  }
+  if (std::holds_alternative<std::string>(entry.default_value)) return "text";
+  if (std::holds_alternative<bool>(entry.default_value)) return "true|false";
+  text = std::holds_alternative<int>(entry.default_value) ? "int" : "number";
+  const std::string range = entry.range.ToString();
+  return range.empty() ? text : text + " in " + range;
+}
+
+std::string DescribeDefault(const OptionEntry& entry) {
+  if (entry.IsRequired()) return "required";
+  const std::string text = FormatOptionValue(entry.default_value);
+  return text.empty() ? "none" : text;
+}
+
+void AppendWrapped(const std::string& text, size_t indent, std::string* out) {
+  std::istringstream words(text);
+  std::string word;
+  size_t column = 0;
+  while (words >> word) {
+    if (column == 0 || column + 1 + word.size() > kHelpWidth) {
+      *out += (column == 0 ? "" : "\n") + std::string(indent, ' ') + word;
+      column = indent + word.size();
+    } else {
+      *out += " " + word;
+      column += 1 + word.size();
+    }
+  }
+  if (column > 0) *out += "\n";
+}
+
+std::string EscapePipes(const std::string& text) {
+  std::string escaped;
+  for (const char c : text) {
+    if (c == '|') escaped += '\\';
+    escaped += c;
+  }
+  return escaped;
+}
+
+// Calls visit(section, entries) for each section in the order of first use.
+template <class Visit>
+void ForEachSection(const OptionList& options, const Visit& visit) {
+  std::vector<std::string> sections;
+  for (const OptionEntry& entry : options) {
+    const std::string section = entry.Section();
+    // The top level has no heading in files, so it must come first.
+    if (section.empty() && (sections.empty() || !sections[0].empty())) {
+      sections.insert(sections.begin(), section);
+    } else if (std::find(sections.begin(), sections.end(), section) ==
+               sections.end()) {
+      sections.push_back(section);
+    }
+  }
+  for (const std::string& section : sections) {
+    std::vector<const OptionEntry*> entries;
+    for (const OptionEntry& entry : options) {
+      if (entry.Section() == section) entries.push_back(&entry);
+    }
+    visit(section, entries);
+  }
+}
+
+std::string KeyInSection(const OptionEntry& entry) {
+  return entry.name.substr(entry.name.rfind('.') + 1);
+}
+
+}  // namespace
+
+void LoadOptions(std::istream& text, const std::string& source,
+                 const OptionList& options) {
+  std::string line;
+  std::string section;
+  std::set<std::string> names;
+  for (int line_number = 1; std::getline(text, line); ++line_number) {
+    try {
+      LoadLine(Trim(line), options, &section, &names);
+    } catch (const Error& error) {
+      throw Error(source + ":" + std::to_string(line_number) + ": " +
+                  error.what());
+    }
+  }
+  if (text.bad()) throw Error(source + ": cannot be read to its end");
+}
+
+void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
+  std::ifstream file(path);
+  if (!file || std::filesystem::is_directory(path)) {
+    throw Error(path.string() + ": cannot be read as configuration file");
+  }
+  LoadOptions(file, path.string(), options);
+}
+
+std::string DumpOptions(const OptionList& options) {
+  std::string text;
+  ForEachSection(
+      options, [&text](const std::string& section, const auto& entries) {
+        if (!section.empty())
+          text += (text.empty() ? "[" : "\n[") + section + "]\n";
+        for (const OptionEntry* entry : entries) {
+          const std::string value = FormatOptionValue(entry->get());
+          // Left as it is, it must still be asked for.
+          if (value.empty() && entry->IsRequired()) text += "# required: ";
+          text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
+        }
+      });
+  return text;
+}
+
+std::string OptionsToJson(const OptionList& options) {
+  nlohmann::ordered_json root = nlohmann::ordered_json::object();
+  for (const OptionEntry& entry : options) {
+    nlohmann::ordered_json* node = &root;
+    std::istringstream sections(entry.Section());
+    std::string section;
+    while (std::getline(sections, section, '.')) node = &(*node)[section];
+    std::visit([&](const auto& value) { (*node)[KeyInSection(entry)] = value; },
+               entry.get());
+  }
+  // Paths need not be valid UTF-8, JSON must be.
+  return root.dump(2, ' ', false,
+                   nlohmann::ordered_json::error_handler_t::replace);
+}
+
+std::string OptionsToHelp(const OptionList& options) {
+  std::string text;
+  ForEachSection(
+      options, [&text](const std::string& section, const auto& entries) {
+        if (!section.empty()) text += "\n" + section + "\n";
+        for (const OptionEntry* entry : entries) {
+          text += "  --" + entry->name + "\n";
+          AppendWrapped(DescribeType(*entry) +
+                            (entry->unit.empty() ? "" : " " + entry->unit) +
+                            "; default: " + DescribeDefault(*entry),
+                        6, &text);
+          AppendWrapped(entry->help, 6, &text);
+        }
+      });
+  return text;
+}
+
+std::string OptionsToMarkdown(const OptionList& options) {
+  std::string text;
+  ForEachSection(
+      options, [&text](const std::string& section, const auto& entries) {
+        if (!section.empty()) text += "\n### " + section + "\n\n";
+        text += "| option | default | values | unit | meaning |\n";
+        text += "|---|---|---|---|---|\n";
+        for (const OptionEntry* entry : entries) {
+          text += "| `" + entry->name + "` | " + DescribeDefault(*entry) +
+                  " | " + EscapePipes(DescribeType(*entry)) + " | " +
+                  entry->unit + " | " + EscapePipes(entry->help) + " |\n";
+        }
+      });
+  return text;
+}
+
+}  // namespace mgsfm

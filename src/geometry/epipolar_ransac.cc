@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "mgsfm/geometry/epipolar.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumLocalIterations = 5;
+
+// Different positions below `size`, which is at least kNum.
+template <size_t kNum>
+std::array<size_t, kNum> DrawSample(size_t size, Random* random) {
+  std::array<size_t, kNum> sample;
+  for (size_t i = 0; i < kNum;) {
+    sample[i] = random->Index(static_cast<uint32_t>(size));
+    const auto end = sample.begin() + i;
+    if (std::find(sample.begin(), end, sample[i]) == end) ++i;
+  }
+  return sample;
+}
+
+// Trials after which a sample of `sample_size` inliers was drawn with the
+// wanted confidence.
+int RequiredTrials(const RansacOptions& options, double inlier_ratio,
+                   int sample_size) {
+  const double success = std::pow(inlier_ratio, sample_size);
+  int num_trials = options.max_num_trials;
+  if (success > 1.0 - 1e-12) {
+    num_trials = 1;
+  } else if (success > 1e-12) {
+    const double trials =
+        std::log(1.0 - options.confidence) / std::log1p(-success);
+    num_trials =
+        static_cast<int>(std::min<double>(num_trials, std::ceil(trials)));
+  }
+  return std::min(std::max(num_trials, options.min_num_trials),
+                  options.max_num_trials);
+}
+
+// The truncated squared Sampson errors without regard to the side, given up
+// above `max_cost`. |E| = sqrt 2.
+double ScoreEssential(const RayMatches& matches, const Eigen::Matrix3d& E,
+                      double max_error, double max_cost) {
+  const double max_squared_error = max_error * max_error;
+  double cost = 0.0;
+  for (size_t i = 0; i < matches.size() && cost <= max_cost; ++i) {
+    const Eigen::Vector3d normal2 = E * matches.rays1[i];
+    const Eigen::Vector3d normal1 = E.transpose() * matches.rays2[i];
+    const double e = matches.rays2[i].dot(normal2);
+    const double s =
+        normal1.squaredNorm() + normal2.squaredNorm() - 2.0 * e * e;
+    cost += e * e <= max_squared_error * s ? e * e / std::max(s, 1e-14)
+                                           : max_squared_error;
+  }
+  return cost;
+}
+
+template <class Model>
+struct Scored {
+  Model model;
+  PoseScore score{std::numeric_limits<double>::infinity(), 0};
+};
+
+PoseRefinementOptions LocalOptions(const RansacOptions& options) {
+  PoseRefinementOptions local;
+  local.loss_scale_rad = 0.5 * options.max_error_rad;
+  local.max_num_iterations = kNumLocalIterations;
+  local.relative_cost_tolerance = 1e-3;
+  return local;
+}
+
+// Keeps the refined model if its score is better.
+void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
+                     Scored<Rigid3>* best) {
+  RayMatches inliers;
+  inliers.Reserve(best->score.num_inliers);
+  for (size_t i = 0; i < matches.size(); ++i) {
+    if (IsInlier(best->model, matches.rays1[i], matches.rays2[i],
+                 options.max_error_rad)) {
+      inliers.Add(matches.rays1[i], matches.rays2[i]);
+    }
+  }
+  Rigid3 refined = best->model;
+  if (!RefineRelativePose(inliers, LocalOptions(options), &refined)
+           .IsUsable()) {
+    return;
+  }
+  const PoseScore score =
+      ScoreRelativePose(matches, refined, options.max_error_rad);
+  if (score.cost < best->score.cost) *best = {refined, score};
+}
+
+void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
+                     Scored<Eigen::Quaterniond>* best) {
+  Eigen::Quaterniond refined = best->model;
+  if (!RefineRotation(matches, LocalOptions(options), &refined).IsUsable()) {
+    return;
+  }
+  const PoseScore score =
+      ScoreRotation(matches, refined, options.max_error_rad);
+  if (score.cost < best->score.cost) *best = {refined, score};
+}
+
+// The best of the sample's poses if it is better than `best`.
+std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
+                                               const RansacOptions& options,
+                                               double best_cost,
+                                               Random* random) {
+  const auto sample = DrawSample<5>(matches.size(), random);
+  std::array<Eigen::Vector3d, 5> rays1, rays2;
+  for (size_t i = 0; i < 5; ++i) {
+    rays1[i] = matches.rays1[sample[i]];
+    rays2[i] = matches.rays2[sample[i]];
+  }
+  std::array<Eigen::Matrix3d, 10> essentials;
+  const int num_essentials = SolveFivePoint(rays1, rays2, &essentials);
+  std::optional<Scored<Rigid3>> best;
+  for (int i = 0; i < num_essentials; ++i) {
+    // The side can only make the cost larger.
+    if (ScoreEssential(matches, essentials[i], options.max_error_rad,
+                       best_cost) >= best_cost) {
+      continue;
+    }
+    for (const Rigid3& pose : DecomposeEssential(essentials[i])) {
+      const PoseScore score =
+          ScoreRelativePose(matches, pose, options.max_error_rad);
+      if (score.cost < best_cost) {
+        best_cost = score.cost;
+        best = {pose, score};
+      }
+    }
+  }
+  return best;
+}
+
+// The rotation that takes the bisector and the plane of two rays to those of
+// their matches.
+std::optional<Scored<Eigen::Quaterniond>> BestOfRotationSample(
+    const RayMatches& matches, const RansacOptions& options, double best_cost,
+    Random* random) {
+  const auto sample = DrawSample<2>(matches.size(), random);
+  const auto axes = [&](const std::vector<Eigen::Vector3d>& rays) {
+    Eigen::Matrix3d m;
+    m.col(0) = (rays[sample[0]] + rays[sample[1]]).normalized();
+    m.col(1) = (rays[sample[0]] - rays[sample[1]]).normalized();
+    m.col(2) = m.col(0).cross(m.col(1));
+    return m;
+  };
+  const Eigen::Quaterniond rotation(
+      Eigen::Matrix3d(axes(matches.rays2) * axes(matches.rays1).transpose()));
+  // Equal or opposite rays have no axes.
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-6)) return std::nullopt;
+  const Scored<Eigen::Quaterniond> scored{
+      rotation.normalized(),
+      ScoreRotation(matches, rotation, options.max_error_rad)};
+  if (!(scored.score.cost < best_cost)) return std::nullopt;
+  return scored;
+}
+
+template <int kSampleSize, class Model, class BestOfSample>
+std::optional<Model> RunRansac(const RayMatches& matches,
+                               const RansacOptions& options, Random* random,
+                               const BestOfSample& best_of_sample) {
+  if (matches.size() < kSampleSize) return std::nullopt;
+  Scored<Model> best;
+  int num_trials = options.max_num_trials;
+  for (int trial = 0; trial < num_trials; ++trial) {
+    std::optional<Scored<Model>> scored =
+        best_of_sample(matches, options, best.score.cost, random);
+    if (!scored) continue;
+    OptimizeLocally(matches, options, &*scored);
+    best = *scored;
+    const double inlier_ratio =
+        static_cast<double>(best.score.num_inliers) / matches.size();
+    num_trials = RequiredTrials(options, inlier_ratio, kSampleSize);
+  }
+  if (best.score.num_inliers < kSampleSize) return std::nullopt;
+  return best.model;
+}
+
+}  // namespace
+
+std::optional<Rigid3> EstimateRelativePose(const RayMatches& matches,
+                                           const RansacOptions& options,
+                                           Random* random) {
+  return RunRansac<5, Rigid3>(matches, options, random, BestOfPoseSample);
+}
+
+std::optional<Eigen::Quaterniond> EstimateRotation(const RayMatches& matches,
+                                                   const RansacOptions& options,
+                                                   Random* random) {
+  return RunRansac<2, Eigen::Quaterniond>(matches, options, random,
+                                          BestOfRotationSample);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/Cholesky>
+#include <cmath>
+
+#include "geometry/epipolar_terms.h"
+#include "mgsfm/geometry/epipolar.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+using internal::EpipolarPose;
+using internal::EpipolarTerms;
+using Basis = Eigen::Matrix<double, 3, 2>;
+using Matrix5d = Eigen::Matrix<double, 5, 5>;
+using Vector5d = Eigen::Matrix<double, 5, 1>;
+
+constexpr double kInitialDamping = 1e-4;
+constexpr double kMinDamping = 1e-10;
+constexpr double kMaxDamping = 1e8;
+
+// Columns normal to the unit vector t and to each other.
+Basis TangentBasis(const Eigen::Vector3d& t) {
+  Basis basis;
+  basis.col(0) = t.unitOrthogonal();
+  basis.col(1) = t.cross(basis.col(0));
+  return basis;
+}
+
+// Sampson error and its gradient by the perturbation of the pose.
+double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
+                    const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2,
+                    Vector5d* gradient) {
+  const EpipolarTerms m(pose, ray1, ray2);
+  if (!m.IsDefined()) {
+    gradient->setZero();
+    return 0.0;
+  }
+  const double inv_s = 1.0 / m.s;
+  const double inv_sqrt_s = std::sqrt(inv_s);
+  const double r = m.e * inv_sqrt_s;
+  // r = e s^(-1/2), and s itself holds -2 e^2.
+  const double by_e = inv_sqrt_s * (1.0 + 2.0 * r * r);
+  const double by_s = r * inv_s;
+  const Eigen::Vector3d& t = pose.direction;
+  const Eigen::Vector3d e_by_rotation = m.ta * ray2 - m.a.dot(ray2) * t;
+  gradient->head<3>() = by_e * e_by_rotation + (by_s * m.ta) * m.a.cross(t);
+  gradient->tail<2>() = basis.transpose() * (by_e * m.a.cross(ray2) +
+                                             by_s * (m.ta * m.a + m.tf * ray2));
+  return r;
+}
+
+// sum of log(x_i) for x_i >= 1, with few logarithms.
+class LogSum {
+ public:
+  void Add(double x) {
+    product_ *= x;
+    if (product_ > 1e100) Fold();
+  }
+  double Total() {
+    Fold();
+    return sum_;
+  }
+
+ private:
+  void Fold() {
+    sum_ += std::log(product_);
+    product_ = 1.0;
+  }
+  double product_ = 1.0;
+  double sum_ = 0.0;
+};
+
+template <int kDim>
+struct NormalEquations {
+  Eigen::Matrix<double, kDim, kDim> hessian =
+      Eigen::Matrix<double, kDim, kDim>::Zero();
+  Eigen::Matrix<double, kDim, 1> gradient =
+      Eigen::Matrix<double, kDim, 1>::Zero();
+  double cost = 0.0;
+
+  Eigen::Matrix<double, kDim, 1> Step(double damping) const {
+    Eigen::Matrix<double, kDim, kDim> damped = hessian;
+    const double floor = 1e-6 * hessian.diagonal().maxCoeff() + 1e-300;
+    damped.diagonal() +=
+        damping * (hessian.diagonal().array() + floor).matrix();
+    return -damped.ldlt().solve(gradient);
+  }
+};
+
+NormalEquations<5> LinearizePose(const RayMatches& matches,
+                                 const Rigid3& cam2_from_cam1,
+                                 double loss_scale) {
+  const EpipolarPose pose{cam2_from_cam1.rotation.toRotationMatrix(),
+                          cam2_from_cam1.translation};
+  const Basis basis = TangentBasis(pose.direction);
+  const double inv_squared_scale = 1.0 / (loss_scale * loss_scale);
+  NormalEquations<5> equations;
+  LogSum log_sum;
+  Vector5d gradient;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const double r = SampsonTerms(pose, basis, matches.rays1[i],
+                                  matches.rays2[i], &gradient);
+    const double x = 1.0 + r * r * inv_squared_scale;
+    const Vector5d weighted = gradient / x;
+    equations.hessian.noalias() += weighted * gradient.transpose();
+    equations.gradient += r * weighted;
+    log_sum.Add(x);
+  }
+  equations.cost = 0.5 * loss_scale * loss_scale * log_sum.Total();
+  return equations;
+}
+
+NormalEquations<3> LinearizeRotation(const RayMatches& matches,
+                                     const Eigen::Quaterniond& cam2_from_cam1,
+                                     double loss_scale) {
+  const Eigen::Matrix3d rotation = cam2_from_cam1.toRotationMatrix();
+  const double inv_squared_scale = 0.5 / (loss_scale * loss_scale);
+  NormalEquations<3> equations;
+  LogSum log_sum;
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const Eigen::Vector3d a = rotation * matches.rays1[i];
+    const Eigen::Vector3d& f = matches.rays2[i];
+    const double x = 1.0 + (a - f).squaredNorm() * inv_squared_scale;
+    const double half_weight = 0.5 / x;
+    equations.hessian.noalias() -= (half_weight * a) * a.transpose();
+    equations.hessian.diagonal().array() += half_weight;
+    equations.gradient -= half_weight * a.cross(f);
+    log_sum.Add(x);
+  }
+  equations.cost = 0.5 * loss_scale * loss_scale * log_sum.Total();
+  return equations;
+}
+
+// The one Levenberg-Marquardt loop. linearize(x) gives the NormalEquations at
+// x, perturb(x, step) moves x.
+template <class X, class Linearize, class Perturb>
+SolveSummary Minimize(const PoseRefinementOptions& options,
+                      const Linearize& linearize, const Perturb& perturb,
+                      X* x) {
+  SolveSummary summary;
+  auto equations = linearize(*x);
+  summary.initial_cost = summary.final_cost = equations.cost;
+  if (!std::isfinite(equations.cost)) {
+    summary.message = "the cost is not finite at the start";
+    return summary;
+  }
+  summary.termination = Termination::kMaxIterations;
+  double damping = kInitialDamping;
+  while (summary.num_iterations < options.max_num_iterations) {
+    ++summary.num_iterations;
+    const auto step = equations.Step(damping);
+    const X candidate = perturb(*x, step);
+    const auto candidate_equations = linearize(candidate);
+    const double decrease = equations.cost - candidate_equations.cost;
+    const bool is_better = decrease >= 0.0;
+    if (is_better) {
+      *x = candidate;
+      equations = candidate_equations;
+      damping = std::max(0.1 * damping, kMinDamping);
+    } else {
+      damping *= 10.0;
+    }
+    if (step.norm() <= options.step_tolerance_rad || damping > kMaxDamping ||
+        (is_better &&
+         decrease <= options.relative_cost_tolerance * equations.cost)) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  summary.final_cost = equations.cost;
+  return summary;
+}
+
+SolveSummary TooFewMatches() {
+  SolveSummary summary;
+  summary.message = "too few matches";
+  return summary;
+}
+
+}  // namespace
+
+double SampsonAngle(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
+                    const Eigen::Vector3d& ray2,
+                    Eigen::Matrix<double, 1, 5>* jacobian) {
+  const EpipolarPose pose{cam2_from_cam1.rotation.toRotationMatrix(),
+                          cam2_from_cam1.translation.normalized()};
+  Vector5d gradient;
+  const double r =
+      SampsonTerms(pose, TangentBasis(pose.direction), ray1, ray2, &gradient);
+  if (jacobian != nullptr) *jacobian = gradient.transpose();
+  return r;
+}
+
+Rigid3 PerturbRelativePose(const Rigid3& cam2_from_cam1,
+                           const Eigen::Matrix<double, 5, 1>& delta) {
+  const Eigen::Vector3d t = cam2_from_cam1.translation.normalized();
+  const Eigen::Quaterniond rotation =
+      ExpSO3(delta.head<3>()) * cam2_from_cam1.rotation;
+  return {rotation.normalized(),
+          (t + TangentBasis(t) * delta.tail<2>()).normalized()};
+}
+
+SolveSummary RefineRelativePose(const RayMatches& matches,
+                                const PoseRefinementOptions& options,
+                                Rigid3* cam2_from_cam1) {
+  if (matches.size() < 5) return TooFewMatches();
+  cam2_from_cam1->translation.normalize();
+  return Minimize(
+      options,
+      [&](const Rigid3& pose) {
+        return LinearizePose(matches, pose, options.loss_scale_rad);
+      },
+      PerturbRelativePose, cam2_from_cam1);
+}
+
+SolveSummary RefineRotation(const RayMatches& matches,
+                            const PoseRefinementOptions& options,
+                            Eigen::Quaterniond* cam2_from_cam1) {
+  if (matches.size() < 2) return TooFewMatches();
+  return Minimize(
+      options,
+      [&](const Eigen::Quaterniond& rotation) {
+        return LinearizeRotation(matches, rotation, options.loss_scale_rad);
+      },
+      [](const Eigen::Quaterniond& rotation, const Eigen::Vector3d& step) {
+        return (ExpSO3(step) * rotation).normalized();
+      },
+      cam2_from_cam1);
+}
+
+}  // namespace mgsfm

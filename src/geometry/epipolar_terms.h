@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cmath>
+
+namespace mgsfm::internal {
+
+// A relative pose as the loops over matches use it.
+struct EpipolarPose {
+  Eigen::Matrix3d rotation;
+  Eigen::Vector3d direction;  // unit
+};
+
+// The products of one match that all of its errors are made of; names as in
+// mgsfm/geometry/epipolar.h.
+struct EpipolarTerms {
+  Eigen::Vector3d a;  // R f1
+  double ta;          // t . a
+  double tf;          // t . f2
+  double e;           // f2 . (t x a)
+  double s;           // squared norm of the gradient of e by both rays
+
+  EpipolarTerms(const EpipolarPose& pose, const Eigen::Vector3d& ray1,
+                const Eigen::Vector3d& ray2)
+      : a(pose.rotation * ray1),
+        ta(pose.direction.dot(a)),
+        tf(pose.direction.dot(ray2)),
+        e(pose.direction.dot(a.cross(ray2))),
+        s(2.0 - ta * ta - tf * tf - 2.0 * e * e) {}
+
+  // Below this both rays lie on the baseline and the error is undefined.
+  static constexpr double kMinSquaredGradient = 1e-14;
+  bool IsDefined() const { return s > kMinSquaredGradient; }
+
+  // r^2; compares without dividing.
+  bool IsWithin(double max_squared_error) const {
+    return e * e <= max_squared_error * s || !IsDefined();
+  }
+  double SquaredError() const { return IsDefined() ? e * e / s : 0.0; }
+
+  bool IsInFront(const Eigen::Vector3d& ray2, double tolerance) const {
+    const double sin_a = std::sqrt(std::max(0.0, 1.0 - ta * ta));
+    const double sin_f = std::sqrt(std::max(0.0, 1.0 - tf * tf));
+    // At the epipoles noise may move a ray across the baseline.
+    const bool same_side =
+        a.dot(ray2) > ta * tf || std::min(sin_a, sin_f) < tolerance;
+    return same_side && sin_a * tf - ta * sin_f >= -tolerance;
+  }
+};
+
+}  // namespace mgsfm::internal

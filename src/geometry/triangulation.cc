@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/geometry/triangulation.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int kMaxNumHypotheses = 60;
+
+Vector3d Mean(const std::vector<Vector3d>& vectors) {
+  Vector3d sum = Vector3d::Zero();
+  for (const Vector3d& v : vectors) sum += v;
+  return sum / static_cast<double>(vectors.size());
+}
+
+// Normal equations of sum_k w_k |ray_k x (p - center_k)|^2.
+struct NormalEquations {
+  Matrix3d lhs = Matrix3d::Zero();
+  Vector3d rhs = Vector3d::Zero();
+  double sum_weights = 0.0;
+
+  void Add(double weight, const Vector3d& center, const Vector3d& ray) {
+    const Matrix3d projector =
+        weight * (Matrix3d::Identity() - ray * ray.transpose());
+    lhs += projector;
+    rhs += projector * center;
+    sum_weights += weight;
+  }
+
+  std::optional<Vector3d> Solve() const {
+    // With unit trace 2 the determinant is at least about the least eigenvalue,
+    // which is a^2 / 4 for two lines at the small angle a.
+    constexpr double kMinDeterminant = 0.25e-12;
+    const Matrix3d scaled = lhs / sum_weights;
+    if (!(scaled.determinant() > kMinDeterminant)) return std::nullopt;
+    const Vector3d point = scaled.ldlt().solve(rhs / sum_weights);
+    if (!point.allFinite()) return std::nullopt;
+    return point;
+  }
+};
+
+int NumInFront(const std::vector<Vector3d>& centers,
+               const std::vector<Vector3d>& rays, const Vector3d& point) {
+  int num_in_front = 0;
+  for (size_t k = 0; k < rays.size(); ++k) {
+    num_in_front += rays[k].dot(point - centers[k]) > 0.0;
+  }
+  return num_in_front;
+}
+
+// Squared chord between the ray and the unit vector to the point: at most 4,
+// monotonic in the angle on all of [0, pi].
+double SquaredChord(const Vector3d& center, const Vector3d& ray,
+                    const Vector3d& point) {
+  const Vector3d to_point = point - center;
+  const double distance = to_point.norm();
+  if (!(distance > 0.0)) return 4.0;
+  return (to_point / distance - ray).squaredNorm();
+}
+
+class RobustTriangulator {
+ public:
+  RobustTriangulator(const std::vector<Vector3d>& centers,
+                     const std::vector<Vector3d>& rays,
+                     const RobustTriangulationOptions& options)
+      : centers_(centers),
+        rays_(rays),
+        options_(options),
+        max_chord2_(std::pow(
+            2.0 * std::sin(0.5 * std::min(options.max_error_rad, kPi)), 2)) {}
+
+  std::optional<RobustTriangulation> Run() {
+    TryAllHypotheses();
+    if (best_score_ >= max_chord2_ * rays_.size()) return std::nullopt;
+    for (int i = 0; i < 3; ++i) Refine();
+    return Finish();
+  }
+
+ private:
+  void TryAllHypotheses();
+  void TryHypothesis(size_t i, size_t j);
+  double Score(const Vector3d& point) const;
+  // One step of the least squares of angles over the inliers of the best.
+  void Refine();
+  std::optional<RobustTriangulation> Finish() const;
+
+  const std::vector<Vector3d>& centers_;
+  const std::vector<Vector3d>& rays_;
+  const RobustTriangulationOptions options_;
+  const double max_chord2_;
+  Vector3d best_point_ = Vector3d::Zero();
+  double best_score_ = std::numeric_limits<double>::infinity();
+};
+
+void RobustTriangulator::TryAllHypotheses() {
+  const size_t size = rays_.size();
+  if (size * (size - 1) / 2 <= kMaxNumHypotheses) {
+    for (size_t i = 0; i < size; ++i) {
+      for (size_t j = i + 1; j < size; ++j) TryHypothesis(i, j);
+    }
+    return;
+  }
+  Random random(size);
+  for (int trial = 0; trial < kMaxNumHypotheses; ++trial) {
+    const size_t i = random.Index(static_cast<uint32_t>(size));
+    const size_t j = random.Index(static_cast<uint32_t>(size - 1));
+    TryHypothesis(i, j < i ? j : j + 1);
+  }
+}
+
+void RobustTriangulator::TryHypothesis(size_t i, size_t j) {
+  const auto point =
+      TriangulateTwoRays(centers_[i], rays_[i], centers_[j], rays_[j]);
+  if (!point) return;
+  const double score = Score(*point);
+  if (score < best_score_) {
+    best_score_ = score;
+    best_point_ = *point;
+  }
+}
+
+double RobustTriangulator::Score(const Vector3d& point) const {
+  double score = 0.0;
+  for (size_t k = 0; k < rays_.size(); ++k) {
+    score += std::min(SquaredChord(centers_[k], rays_[k], point), max_chord2_);
+  }
+  return score;
+}
+
+void RobustTriangulator::Refine() {
+  NormalEquations equations;
+  for (size_t k = 0; k < rays_.size(); ++k) {
+    if (SquaredChord(centers_[k], rays_[k], best_point_) >= max_chord2_) {
+      continue;
+    }
+    equations.Add(1.0 / (best_point_ - centers_[k]).squaredNorm(), centers_[k],
+                  rays_[k]);
+  }
+  const auto point = equations.Solve();
+  if (!point) return;
+  const double score = Score(*point);
+  if (score < best_score_) {
+    best_score_ = score;
+    best_point_ = *point;
+  }
+}
+
+std::optional<RobustTriangulation> RobustTriangulator::Finish() const {
+  RobustTriangulation result;
+  result.point = best_point_;
+  result.is_inlier.resize(rays_.size());
+  std::vector<Vector3d> inlier_centers;
+  for (size_t k = 0; k < rays_.size(); ++k) {
+    result.is_inlier[k] =
+        SquaredChord(centers_[k], rays_[k], best_point_) < max_chord2_;
+    if (result.is_inlier[k]) inlier_centers.push_back(centers_[k]);
+  }
+  result.num_inliers = static_cast<int>(inlier_centers.size());
+  if (result.num_inliers < 2 ||
+      MaxTriangulationAngle(inlier_centers, best_point_) <
+          options_.min_angle_rad) {
+    return std::nullopt;
+  }
+  return result;
+}
+
+std::vector<Vector3d> Shifted(const std::vector<Vector3d>& centers,
+                              const Vector3d& origin) {
+  std::vector<Vector3d> shifted(centers);
+  for (Vector3d& center : shifted) center -= origin;
+  return shifted;
+}
+
+std::optional<Vector3d> SolveLeastSquares(const std::vector<Vector3d>& centers,
+                                          const std::vector<Vector3d>& rays) {
+  NormalEquations equations;
+  for (size_t k = 0; k < rays.size(); ++k) {
+    equations.Add(1.0, centers[k], rays[k]);
+  }
+  return equations.Solve();
+}
+
+}  // namespace
+
+std::optional<Vector3d> TriangulateMidpoint(
+    const std::vector<Vector3d>& centers, const std::vector<Vector3d>& rays) {
+  MGSFM_CHECK_EQ(centers.size(), rays.size());
+  if (rays.size() < 2) return std::nullopt;
+  const Vector3d origin = Mean(centers);
+  const auto point = SolveLeastSquares(Shifted(centers, origin), rays);
+  if (!point) return std::nullopt;
+  return origin + *point;
+}
+
+std::optional<Vector3d> TriangulateTwoRays(const Vector3d& center1,
+                                           const Vector3d& ray1,
+                                           const Vector3d& center2,
+                                           const Vector3d& ray2) {
+  // Feet of the common perpendicular: center + depth * ray on both lines.
+  const Vector3d baseline = center2 - center1;
+  const Vector3d normal = ray1.cross(ray2);
+  const double sin2 = normal.squaredNorm();
+  if (!(sin2 > 1e-12)) return std::nullopt;
+  const double depth1 = baseline.cross(ray2).dot(normal) / sin2;
+  const double depth2 = baseline.cross(ray1).dot(normal) / sin2;
+  if (!(depth1 > 0.0) || !(depth2 > 0.0)) return std::nullopt;
+  return center1 + 0.5 * (depth1 * ray1 + baseline + depth2 * ray2);
+}
+
+std::optional<Vector3d> TriangulateL1(const std::vector<Vector3d>& centers,
+                                      const std::vector<Vector3d>& rays) {
+  MGSFM_CHECK_EQ(centers.size(), rays.size());
+  if (rays.size() < 2) return std::nullopt;
+  constexpr int kMaxNumIterations = 50;
+  constexpr double kMinSine = 1e-6;  // smooths the norm at zero
+  const Vector3d origin = Mean(centers);
+  const std::vector<Vector3d> local = Shifted(centers, origin);
+  auto point = SolveLeastSquares(local, rays);
+  double smoothing = 1e-2;
+  for (int i = 0; point && i < kMaxNumIterations; ++i) {
+    NormalEquations equations;
+    for (size_t k = 0; k < rays.size(); ++k) {
+      const Vector3d to_point = *point - local[k];
+      const double distance = to_point.norm();
+      if (!(distance > 0.0)) continue;
+      const double sine = rays[k].cross(to_point).norm() / distance;
+      equations.Add(1.0 / (distance * distance * std::max(sine, smoothing)),
+                    local[k], rays[k]);
+    }
+    const auto next = equations.Solve();
+    if (!next) break;
+    const double step = (*next - *point).norm();
+    point = next;
+    if (smoothing <= kMinSine && step <= 1e-8 * point->norm()) break;
+    smoothing = std::max(0.2 * smoothing, kMinSine);
+  }
+  if (!point ||
+      2 * NumInFront(local, rays, *point) <= static_cast<int>(rays.size())) {
+    return std::nullopt;
+  }
+  return origin + *point;
+}
+
+std::optional<RobustTriangulation> TriangulateRobust(
+    const std::vector<Vector3d>& centers, const std::vector<Vector3d>& rays,
+    const RobustTriangulationOptions& options) {
+  MGSFM_CHECK_EQ(centers.size(), rays.size());
+  if (rays.size() < 2) return std::nullopt;
+  const Vector3d origin = Mean(centers);
+  const std::vector<Vector3d> local = Shifted(centers, origin);
+  auto result = RobustTriangulator(local, rays, options).Run();
+  if (result) result->point += origin;
+  return result;
+}
+
+double AngularError(const Vector3d& center, const Vector3d& ray,
+                    const Vector3d& point) {
+  const Vector3d to_point = point - center;
+  if (!(to_point.squaredNorm() > 0.0)) return kPi;
+  return AngleBetween(ray, to_point);
+}
+
+double MaxTriangulationAngle(const std::vector<Vector3d>& centers,
+                             const Vector3d& point) {
+  double max_angle = 0.0;
+  for (size_t i = 0; i < centers.size(); ++i) {
+    for (size_t j = i + 1; j < centers.size(); ++j) {
+      max_angle =
+          std::max(max_angle, AngleBetween(Vector3d(centers[i] - point),
+                                           Vector3d(centers[j] - point)));
+    }
+  }
+  return max_angle;
+}
+
+}  // namespace mgsfm

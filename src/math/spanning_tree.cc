@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/math/spanning_tree.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "mgsfm/math/union_find.h"
+
+namespace mgsfm {
+namespace {
+
+// Edges at each node in flat arrays, in the order of `forest`.
+struct Adjacency {
+  std::vector<int> offsets;
+  std::vector<int> edges;
+
+  int Degree(int node) const { return offsets[node + 1] - offsets[node]; }
+};
+
+Adjacency BuildAdjacency(int num_nodes, const std::vector<GraphEdge>& edges,
+                         const std::vector<int>& forest) {
+  Adjacency adjacency;
+  adjacency.offsets.assign(num_nodes + 1, 0);
+  for (const int e : forest) {
+    ++adjacency.offsets[edges[e].node1 + 1];
+    ++adjacency.offsets[edges[e].node2 + 1];
+  }
+  std::partial_sum(adjacency.offsets.begin(), adjacency.offsets.end(),
+                   adjacency.offsets.begin());
+  adjacency.edges.resize(2 * forest.size());
+  std::vector<int> next(adjacency.offsets.begin(), adjacency.offsets.end() - 1);
+  for (const int e : forest) {
+    adjacency.edges[next[edges[e].node1]++] = e;
+    adjacency.edges[next[edges[e].node2]++] = e;
+  }
+  return adjacency;
+}
+
+std::vector<int> NodesByDegree(int num_nodes, const Adjacency& adjacency) {
+  std::vector<int> nodes(num_nodes);
+  std::iota(nodes.begin(), nodes.end(), 0);
+  std::stable_sort(nodes.begin(), nodes.end(), [&](int a, int b) {
+    return adjacency.Degree(a) > adjacency.Degree(b);
+  });
+  return nodes;
+}
+
+}  // namespace
+
+std::vector<int> MaximumSpanningForest(int num_nodes,
+                                       const std::vector<GraphEdge>& edges) {
+  std::vector<int> order(edges.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return edges[a].weight > edges[b].weight;
+  });
+  UnionFind sets(num_nodes);
+  std::vector<int> forest;
+  for (const int e : order) {
+    if (sets.Union(edges[e].node1, edges[e].node2)) forest.push_back(e);
+  }
+  std::sort(forest.begin(), forest.end());
+  return forest;
+}
+
+std::vector<ForestStep> WalkForest(int num_nodes,
+                                   const std::vector<GraphEdge>& edges,
+                                   const std::vector<int>& forest) {
+  const Adjacency adjacency = BuildAdjacency(num_nodes, edges, forest);
+  std::vector<char> visited(num_nodes, 0);
+  std::vector<ForestStep> steps;
+  steps.reserve(num_nodes);
+  for (const int root : NodesByDegree(num_nodes, adjacency)) {
+    if (visited[root]) continue;
+    visited[root] = 1;
+    size_t next = steps.size();
+    steps.push_back({root, -1, -1});
+    for (; next < steps.size(); ++next) {
+      const int node = steps[next].node;
+      for (int i = adjacency.offsets[node]; i < adjacency.offsets[node + 1];
+           ++i) {
+        const GraphEdge& edge = edges[adjacency.edges[i]];
+        const int other = edge.node1 == node ? edge.node2 : edge.node1;
+        if (visited[other]) continue;
+        visited[other] = 1;
+        steps.push_back({other, node, adjacency.edges[i]});
+      }
+    }
+  }
+  return steps;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/math/sparse_solver.h"
+
+#include <cholmod.h>
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// CHOLMOD's view of the lower triangle of a matrix; nothing is copied.
+cholmod_sparse ViewLower(const Eigen::SparseMatrix<double>& H) {
+  MGSFM_CHECK_EQ(H.rows(), H.cols());
+  MGSFM_CHECK(H.isCompressed());
+  cholmod_sparse view{};
+  view.nrow = H.rows();
+  view.ncol = H.cols();
+  view.nzmax = H.nonZeros();
+  view.p = const_cast<int*>(H.outerIndexPtr());
+  view.i = const_cast<int*>(H.innerIndexPtr());
+  view.x = const_cast<double*>(H.valuePtr());
+  view.stype = -1;
+  view.itype = CHOLMOD_INT;
+  view.xtype = CHOLMOD_REAL;
+  view.dtype = CHOLMOD_DOUBLE;
+  view.sorted = 1;
+  view.packed = 1;
+  return view;
+}
+
+cholmod_dense ViewDense(const Eigen::Ref<const Eigen::MatrixXd>& B) {
+  cholmod_dense view{};
+  view.nrow = B.rows();
+  view.ncol = B.cols();
+  view.d = std::max<Eigen::Index>(B.outerStride(), B.rows());
+  view.nzmax = view.d * view.ncol;
+  view.x = const_cast<double*>(B.data());
+  view.xtype = CHOLMOD_REAL;
+  view.dtype = CHOLMOD_DOUBLE;
+  return view;
+}
+
+}  // namespace
+
+struct SparseCholesky::Impl {
+  Impl() {
+    cholmod_start(&common);
+    common.print = 0;
+    // LL^T, not LDL^T: the latter also factorises indefinite matrices.
+    common.final_ll = 1;
+    common.quick_return_if_not_posdef = 1;
+  }
+  ~Impl() {
+    FreeFactor();
+    cholmod_free_dense(&solution, &common);
+    cholmod_free_dense(&workspace_y, &common);
+    cholmod_free_dense(&workspace_e, &common);
+    cholmod_finish(&common);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  void FreeFactor() {
+    if (factor != nullptr) cholmod_free_factor(&factor, &common);
+  }
+
+  cholmod_common common;
+  cholmod_factor* factor = nullptr;
+  Eigen::Index num_non_zeros = 0;
+  bool is_factorized = false;
+  // Kept between solves, so that these do not allocate.
+  cholmod_dense* solution = nullptr;
+  cholmod_dense* workspace_y = nullptr;
+  cholmod_dense* workspace_e = nullptr;
+};
+
+SparseCholesky::SparseCholesky() : impl_(std::make_unique<Impl>()) {}
+SparseCholesky::~SparseCholesky() = default;
+SparseCholesky::SparseCholesky(SparseCholesky&&) noexcept = default;
+SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
+
+void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H) {
+  MGSFM_CHECK_GT(H.rows(), 0);
+  cholmod_sparse view = ViewLower(H);
+  impl_->FreeFactor();
+  impl_->factor = cholmod_analyze(&view, &impl_->common);
+  MGSFM_CHECK_MSG(impl_->factor != nullptr, "CHOLMOD: symbolic factorisation");
+  impl_->num_non_zeros = H.nonZeros();
+  impl_->is_factorized = false;
+}
+
+bool SparseCholesky::Factorize(const Eigen::SparseMatrix<double>& H) {
+  MGSFM_CHECK(impl_->factor != nullptr);
+  MGSFM_CHECK_EQ(H.nonZeros(), impl_->num_non_zeros);
+  MGSFM_CHECK_EQ(static_cast<size_t>(H.rows()), impl_->factor->n);
+  cholmod_sparse view = ViewLower(H);
+  cholmod_factorize(&view, impl_->factor, &impl_->common);
+  impl_->is_factorized = impl_->common.status == CHOLMOD_OK &&
+                         impl_->factor->minor == impl_->factor->n;
+  // Also catches values that are not finite.
+  if (impl_->is_factorized) {
+    const double condition = ReciprocalCondition();
+    impl_->is_factorized = std::isfinite(condition) && condition > 0.0;
+  }
+  return impl_->is_factorized;
+}
+
+double SparseCholesky::ReciprocalCondition() const {
+  if (!impl_->is_factorized) return 0.0;
+  return cholmod_rcond(impl_->factor, &impl_->common);
+}
+
+void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
+                           Eigen::Ref<Eigen::MatrixXd> X) const {
+  MGSFM_CHECK(impl_->is_factorized);
+  MGSFM_CHECK_EQ(static_cast<size_t>(B.rows()), impl_->factor->n);
+  MGSFM_CHECK_EQ(B.rows(), X.rows());
+  MGSFM_CHECK_EQ(B.cols(), X.cols());
+  if (B.size() == 0) return;
+  cholmod_dense view = ViewDense(B);
+  const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &view, nullptr,
+                                &impl_->solution, nullptr, &impl_->workspace_y,
+                                &impl_->workspace_e, &impl_->common);
+  MGSFM_CHECK_MSG(ok, "CHOLMOD: solve");
+  X = Eigen::Map<const Eigen::MatrixXd>(
+      static_cast<const double*>(impl_->solution->x), B.rows(), B.cols());
+}
+
+SparseLeastSquares::SparseLeastSquares(Eigen::SparseMatrix<double> A)
+    : A_(std::move(A)) {
+  A_.makeCompressed();
+  Eigen::SparseMatrix<double> H = A_.transpose() * A_;
+  H.makeCompressed();
+  solver_.Analyze(H);
+  is_positive_definite_ = solver_.Factorize(H);
+}
+
+}  // namespace mgsfm

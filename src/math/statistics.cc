@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/math/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+
+double Quantile(std::vector<double> values, double q) {
+  MGSFM_CHECK(!values.empty());
+  const double rank = q * static_cast<double>(values.size() - 1);
+  const auto nth = values.begin() + std::lround(rank);
+  std::nth_element(values.begin(), nth, values.end());
+  return *nth;
+}
+
+double Median(std::vector<double> values) {
+  return Quantile(std::move(values), 0.5);
+}
+
+double RobustSigmaOfNorms3(std::vector<double> norms) {
+  // Median of the norm of a standard normal 3-vector (chi with 3 degrees).
+  constexpr double kMedianOfChi3 = 1.5381722544550522;
+  return Median(std::move(norms)) / kMedianOfChi3;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/pipeline/report.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+namespace mgsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+template <class T>
+Json ToJson(const std::optional<T>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+Json ToJson(const SolveSummary& summary) {
+  return {{"termination", TerminationName(summary.termination)},
+          {"num_iterations", summary.num_iterations},
+          {"initial_cost", summary.initial_cost},
+          {"final_cost", summary.final_cost},
+          {"message", summary.message}};
+}
+
+Json ToJson(const std::vector<StageTime>& times) {
+  Json json = Json::object();
+  for (const StageTime& time : times) json[time.stage] = time.seconds;
+  return json;
+}
+
+Json ToJson(const Rigid3& pose) {
+  const Eigen::Quaterniond& q = pose.rotation;
+  const Eigen::Vector3d& t = pose.translation;
+  return {{"rotation_wxyz", {q.w(), q.x(), q.y(), q.z()}},
+          {"translation", {t.x(), t.y(), t.z()}}};
+}
+
+Json InputToJson(const Scene& scene, const ViewGraph& view_graph,
+                 const RunDescription& run) {
+  size_t num_keypoints = 0, num_matches = 0;
+  for (const Image& image : scene.images) {
+    num_keypoints += image.keypoints_px.size();
+  }
+  for (const ImagePair& pair : view_graph.pairs) {
+    num_matches += pair.matches.size();
+  }
+  return {{"database_path", run.database_path},
+          {"rig_source", run.rig_source},
+          {"num_cameras", scene.cameras.size()},
+          {"num_rigs", scene.rigs.size()},
+          {"num_sensors", scene.sensors.size()},
+          {"num_frames", scene.frames.size()},
+          {"num_images", scene.images.size()},
+          {"num_keypoints", num_keypoints},
+          {"num_pairs", view_graph.pairs.size()},
+          {"num_matches", num_matches}};
+}
+
+Json ToJson(const ViewGraphSummary& summary) {
+  return {{"num_pairs", summary.num_pairs},
+          {"num_matches", summary.num_matches},
+          {"num_inliers", summary.num_inliers},
+          {"kept",
+           {{"pose_from_row", summary.num_from_row},
+            {"pose_from_E_F_or_H", summary.num_decomposed},
+            {"pose_estimated_anew", summary.num_reestimated},
+            {"of_these_without_parallax", summary.num_low_parallax}}},
+          {"dropped",
+           {{"too_few_inliers", summary.num_dropped_few_inliers},
+            {"degenerate_or_watermark", summary.num_dropped_config}}}};
+}
+
+Json ToJson(const RotationSummary& summary) {
+  return {{"images", ToJson(summary.images)},
+          {"frames", ToJson(summary.frames)},
+          {"joint", ToJson(summary.joint)},
+          {"num_parts", summary.num_parts},
+          {"median_error_deg", ToJson(summary.median_error_deg)},
+          {"dropped",
+           {{"without_relative_rotation", summary.num_pairs_without_rotation},
+            {"of_unobservable_sensors", summary.num_pairs_unobservable},
+            {"inconsistent", summary.num_pairs_dropped}}}};
+}
+
+Json ToJson(const TrackSummary& summary) {
+  return {
+      {"num_components", summary.num_components},
+      {"num_components_with_conflicts", summary.num_components_with_conflicts},
+      {"num_tracks", summary.num_tracks},
+      {"num_observations", summary.num_observations},
+      {"mean_track_length", summary.mean_track_length}};
+}
+
+Json ToJson(const TranslationSummary& summary) {
+  return {{"initialization", ToJson(summary.initialization)},
+          {"camera_refinement", ToJson(summary.camera_refinement)},
+          {"joint_refinement", ToJson(summary.joint_refinement)},
+          {"num_pairs_used", summary.num_pairs_used},
+          {"num_pairs_without_parallax", summary.num_pairs_without_parallax},
+          {"num_points", summary.num_points}};
+}
+
+// The calibrated rigs of one model, with what is known of each sensor.
+Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
+                const MapperModel& model) {
+  Json rigs = Json::array();
+  for (const Rig& rig : scene.rigs) {
+    Json sensors = Json::array();
+    for (const int sensor_idx : rig.sensor_idxs) {
+      const Sensor& sensor = scene.sensors[sensor_idx];
+      const InternalRotationSummary& internal = rotation.sensors[sensor_idx];
+      const InternalTranslationSummary& translation =
+          model.translation.sensors[sensor_idx];
+      const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
+      sensors.push_back(
+          {{"name", sensor.name},
+           {"camera_id", scene.cameras[sensor.camera_idx].id.value()},
+           {"is_reference", sensor_idx == rig.ref_sensor_idx},
+           {"was_known", sensor.sensor_from_rig.has_value()},
+           {"sensor_from_rig", pose ? ToJson(*pose) : Json(nullptr)},
+           {"rotation",
+            {{"is_observable", internal.is_observable},
+             {"num_samples", internal.num_samples},
+             {"median_deviation_deg", ToJson(internal.median_deviation_deg)},
+             {"message", internal.message}}},
+           {"translation",
+            {{"is_observable", translation.is_observable},
+             {"message", translation.message}}}});
+    }
+    rigs.push_back({{"rig_id", rig.id.value()}, {"sensors", sensors}});
+  }
+  return rigs;
+}
+
+Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
+                 const MapperModel& model) {
+  const Reconstruction& reconstruction = model.reconstruction;
+  const auto num_frames = std::count_if(
+      reconstruction.rig_from_world.begin(),
+      reconstruction.rig_from_world.end(),
+      [](const std::optional<Rigid3>& pose) { return pose.has_value(); });
+  int num_images = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    num_images += reconstruction.IsRegistered(scene, static_cast<int>(i));
+  }
+  size_t num_observations = 0;
+  double sum_errors_px = 0.0;
+  for (const Point3D& point : reconstruction.points) {
+    const auto length = static_cast<double>(point.track.size());
+    num_observations += point.track.size();
+    sum_errors_px += point.error_px * length;
+  }
+  return {{"num_frames", num_frames},
+          {"num_frames_in_part", model.num_frames_in_part},
+          {"num_images", num_images},
+          {"num_points", reconstruction.points.size()},
+          {"num_observations", num_observations},
+          {"mean_reprojection_error_px",
+           num_observations > 0
+               ? Json(sum_errors_px / static_cast<double>(num_observations))
+               : Json(nullptr)},
+          {"rigs", RigsToJson(scene, rotation, model)},
+          {"tracks", ToJson(model.tracks)},
+          {"translation_averaging", ToJson(model.translation)},
+          {"bundle_adjustment", BundleToJson(model.bundle)},
+          {"seconds", ToJson(model.times)}};
+}
+
+}  // namespace
+
+std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
+                               const MapperResult& result,
+                               const RunDescription& run) {
+  Json report = {{"mgsfm_version", run.version},
+                 {"input", InputToJson(scene, view_graph, run)},
+                 {"options", Json::parse(run.options_json)},
+                 {"view_graph", ToJson(result.view_graph)},
+                 {"rotation_averaging", ToJson(result.rotation)}};
+  report["models"] = Json::array();
+  for (const MapperModel& model : result.models) {
+    report["models"].push_back(ModelToJson(scene, result.rotation, model));
+  }
+  report["unregistered_frames"] = Json::array();
+  for (const UnregisteredFrame& frame : result.unregistered_frames) {
+    report["unregistered_frames"].push_back(
+        {{"frame_id", scene.frames[frame.frame_idx].id.value()},
+         {"name", scene.frames[frame.frame_idx].name},
+         {"reason", frame.reason}});
+  }
+  report["seconds"] = ToJson(run.times);
+  report["seconds"].update(ToJson(result.times));
+  report["peak_memory_mib"] = run.peak_memory_mib;
+  return report.dump(2) + "\n";
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+#include <vector>
+
+#include "mgsfm/math/sparse_solver.h"
+#include "rotation/rotation_problem.h"
+
+namespace mgsfm {
+
+// Which unknown a node or sensor is; -1 where it is held. Of every connected
+// part the first node is held.
+struct RotationUnknowns {
+  std::vector<int> column_of_node;
+  int num_node_columns = 0;
+  std::vector<int> column_of_sensor;
+  int num_sensor_columns = 0;
+};
+
+RotationUnknowns NumberUnknowns(const RotationProblem& problem);
+
+struct RotationStep {
+  Eigen::MatrixXd nodes;    // node columns x 3
+  Eigen::MatrixXd sensors;  // 3 x sensor columns
+  double MaxNorm() const;   // over all unknown rotations
+};
+
+// G <- G Exp(d), S <- S Exp(c).
+void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
+               RotationState* state);
+
+// Weighted Gauss-Newton steps: minimises over d and c
+//
+//   sum_e w_e |e + (d_1 + G_1^T c_1) - (d_2 + G_2^T c_2)|^2.
+//
+// The normal matrix is [L (x) I_3, B; B^T, D]: L the Laplacian of the graph of
+// nodes without the held ones, B and D a dense border of 3 columns for each
+// unknown sensor. L is analysed once and factorised in every step; the border
+// is eliminated by its Schur complement D - B^T (L^-1 (x) I_3) B.
+class RotationEquations {
+ public:
+  explicit RotationEquations(const RotationProblem& problem);
+
+  const RotationUnknowns& unknowns() const { return unknowns_; }
+
+  // False if the equations are singular or not finite.
+  [[nodiscard]] bool Solve(const std::vector<double>& weights,
+                           const std::vector<Eigen::Vector3d>& residuals,
+                           const RotationState& state, RotationStep* step);
+
+ private:
+  // Positions of an edge's entries in the values of the Laplacian; -1: none.
+  struct EdgeEntries {
+    int diagonal1 = -1;
+    int diagonal2 = -1;
+    int off_diagonal = -1;
+  };
+
+  void BuildPattern();
+  int FindEntry(int row, int column) const;
+  void Assemble(const std::vector<double>& weights,
+                const std::vector<Eigen::Vector3d>& residuals,
+                const RotationState& state);
+  void AddNodeEntries(size_t e, double weight, const Eigen::Vector3d& residual);
+  void AddSensorEntries(const RotationEdge& edge, double weight,
+                        const Eigen::Vector3d& residual,
+                        const RotationState& state);
+  bool SolveSensors(RotationStep* step) const;
+
+  const RotationProblem& problem_;
+  const RotationUnknowns unknowns_;
+  std::vector<EdgeEntries> entries_;
+  Eigen::SparseMatrix<double> laplacian_;  // lower triangle
+  SparseCholesky solver_;
+  Eigen::MatrixXd node_gradient_;    // node columns x 3
+  Eigen::VectorXd sensor_gradient_;  // 3 sensor columns
+  // Column 3 q + a holds rows a of all nodes of border column q, so that three
+  // columns in a row are one column of B with its rows ordered by coordinate.
+  Eigen::MatrixXd border_;         // node columns x 9 sensor columns
+  Eigen::MatrixXd solved_border_;  // (L^-1 (x) I_3) B, likewise
+  Eigen::MatrixXd sensor_block_;   // D
+};
+
+}  // namespace mgsfm

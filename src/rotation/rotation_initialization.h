@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "rotation/rotation_problem.h"
+
+namespace mgsfm {
+
+// Starting values of the nodes, given the sensors. All edges between the same
+// two nodes are merged to their geodesic median; its weight is the sum over the
+// edges within `max_error_rad` of it. The merged rotations are chained along a
+// maximum spanning forest; the root of each tree gets the identity.
+void InitializeNodes(const RotationProblem& problem, double max_error_rad,
+                     RotationState* state);
+
+}  // namespace mgsfm

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rotation/rotation_problem.h"
+
+#include "mgsfm/base/parallel.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+Vector3d RotationResidual(const RotationEdge& edge,
+                          const RotationState& state) {
+  const Eigen::Quaterniond cam1 =
+      state.sensors[edge.sensor1] * state.nodes[edge.node1];
+  const Eigen::Quaterniond cam2 =
+      state.sensors[edge.sensor2] * state.nodes[edge.node2];
+  return LogSO3(cam2.conjugate() * edge.cam2_from_cam1 * cam1);
+}
+
+RotationJacobians RotationResidualJacobians(const RotationEdge& edge,
+                                            const RotationState& state) {
+  const Vector3d e = RotationResidual(edge, state);
+  const Matrix3d by_cam1 = InverseRightJacobianSO3(e);
+  const Matrix3d by_cam2 = -InverseRightJacobianSO3(-e);
+  const Matrix3d G1 = state.nodes[edge.node1].toRotationMatrix();
+  const Matrix3d G2 = state.nodes[edge.node2].toRotationMatrix();
+  return {by_cam1, by_cam2, by_cam1 * G1.transpose(), by_cam2 * G2.transpose()};
+}
+
+void ComputeResiduals(const RotationProblem& problem,
+                      const RotationState& state, int num_threads,
+                      std::vector<Vector3d>* residuals) {
+  constexpr size_t kBlockSize = 4096;
+  residuals->resize(problem.edges.size());
+  ParallelFor(
+      problem.edges.size(), num_threads,
+      [&](size_t e) {
+        (*residuals)[e] = RotationResidual(problem.edges[e], state);
+      },
+      kBlockSize);
+}
+
+std::vector<double> Norms(const std::vector<Vector3d>& residuals) {
+  std::vector<double> norms;
+  norms.reserve(residuals.size());
+  for (const Vector3d& r : residuals) norms.push_back(r.norm());
+  return norms;
+}
+
+ConnectedParts FindParts(const RotationProblem& problem) {
+  std::vector<GraphEdge> edges;
+  edges.reserve(problem.edges.size());
+  for (const RotationEdge& edge : problem.edges) {
+    edges.push_back({edge.node1, edge.node2, 1.0});
+  }
+  return FindConnectedParts(problem.num_nodes, edges);
+}
+
+}  // namespace mgsfm

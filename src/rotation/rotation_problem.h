@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <vector>
+
+#include "mgsfm/math/graph.h"
+
+namespace mgsfm {
+
+// The averaging problem without ids, frames or images: nodes with rotations G_n
+// and sensors with rotations S_k, of which some are unknown. Frames with
+// internal rotations are one instance; images alone, all of one sensor with
+// S = I, are another.
+
+// A measured rotation R of camera 2 (sensor2 at node2) from camera 1.
+struct RotationEdge {
+  int node1 = 0;
+  int node2 = 0;
+  int sensor1 = 0;
+  int sensor2 = 0;
+  Eigen::Quaterniond cam2_from_cam1;
+  double weight = 1.0;
+};
+
+struct RotationProblem {
+  int num_nodes = 0;
+  std::vector<char> sensor_is_free;  // per sensor: unknown
+  std::vector<RotationEdge> edges;
+};
+
+struct RotationState {
+  std::vector<Eigen::Quaterniond> nodes;    // G
+  std::vector<Eigen::Quaterniond> sensors;  // S
+};
+
+// e = Log(R_2^T R R_1) with R_i = S_i G_i, in the frame of the world.
+//
+// Derivatives: for G <- G Exp(d), R_i moves to R_i Exp(d); for S <- S Exp(c) it
+// moves to S Exp(c) G = R_i Exp(G^T c). With a_i = d_i + G_i^T c_i then
+//
+//   e(a) = Log(Exp(-a_2) Exp(e) Exp(a_1)) = e + Jr^-1(e) a_1 - Jl^-1(e) a_2,
+//
+// Jr and Jl the right and left Jacobians of SO(3), Jl(e) = Jr(-e). The solvers
+// take both for the identity: the gradient of |e|^2 is exact all the same, as
+// Jr^-T(e) e = Jl^-T(e) e = e, so the minimum is that of the exact problem, and
+// the node block of the normal equations is a graph Laplacian of scalars.
+Eigen::Vector3d RotationResidual(const RotationEdge& edge,
+                                 const RotationState& state);
+
+// Derivatives of the residual as above, exact and for all four perturbations.
+struct RotationJacobians {
+  Eigen::Matrix3d node1, node2, sensor1, sensor2;
+};
+RotationJacobians RotationResidualJacobians(const RotationEdge& edge,
+                                            const RotationState& state);
+
+void ComputeResiduals(const RotationProblem& problem,
+                      const RotationState& state, int num_threads,
+                      std::vector<Eigen::Vector3d>* residuals);
+
+std::vector<double> Norms(const std::vector<Eigen::Vector3d>& residuals);
+
+// Connected parts of the nodes.
+ConnectedParts FindParts(const RotationProblem& problem);
+
+}  // namespace mgsfm

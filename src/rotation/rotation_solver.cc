@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rotation/rotation_solver.h"
+
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/l1_admm.h"
+#include "mgsfm/math/sparse_solver.h"
+#include "mgsfm/math/statistics.h"
+#include "rotation/rotation_equations.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::Vector3d;
+
+constexpr double kFirstScaleRad = DegToRad(5.0);
+constexpr double kSmallestScaleRad = DegToRad(0.02);
+constexpr double kScaleDecay = 0.7;
+constexpr double kScaleInSigmas = 4.0;
+constexpr double kL1StepToleranceRad = DegToRad(0.05);
+// Keeps the equations regular where all edges of a node are outliers.
+constexpr double kSmallestWeight = 1e-10;
+
+// d_2 - d_1 for the edges between different nodes.
+struct Differences {
+  Eigen::SparseMatrix<double> matrix;
+  std::vector<size_t> edges;
+};
+
+Differences BuildDifferences(const RotationProblem& problem,
+                             const RotationUnknowns& unknowns) {
+  Differences differences;
+  std::vector<Eigen::Triplet<double>> triplets;
+  for (size_t e = 0; e < problem.edges.size(); ++e) {
+    const RotationEdge& edge = problem.edges[e];
+    if (edge.node1 == edge.node2) continue;
+    const int row = static_cast<int>(differences.edges.size());
+    const int c1 = unknowns.column_of_node[edge.node1];
+    const int c2 = unknowns.column_of_node[edge.node2];
+    if (c1 >= 0) triplets.emplace_back(row, c1, -1.0);
+    if (c2 >= 0) triplets.emplace_back(row, c2, 1.0);
+    differences.edges.push_back(e);
+  }
+  differences.matrix.resize(static_cast<Eigen::Index>(differences.edges.size()),
+                            unknowns.num_node_columns);
+  differences.matrix.setFromTriplets(triplets.begin(), triplets.end());
+  return differences;
+}
+
+double SumOfNorms(const RotationProblem& problem,
+                  const std::vector<Vector3d>& residuals) {
+  double sum = 0.0;
+  for (size_t e = 0; e < residuals.size(); ++e) {
+    sum += problem.edges[e].weight * residuals[e].norm();
+  }
+  return sum;
+}
+
+double RobustCost(const RotationProblem& problem,
+                  const std::vector<double>& norms, const RobustLoss& loss) {
+  double sum = 0.0;
+  for (size_t e = 0; e < norms.size(); ++e) {
+    sum += 0.5 * problem.edges[e].weight * loss.Cost(norms[e] * norms[e]);
+  }
+  return sum;
+}
+
+// One linearised L1 problem after the other, warm started.
+class L1Steps {
+ public:
+  L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns)
+      : L1Steps(problem, BuildDifferences(problem, unknowns)) {}
+
+  bool IsSolvable() const { return op_.IsPositiveDefinite(); }
+
+  SolveSummary Next(const std::vector<Vector3d>& residuals,
+                    RotationStep* step) {
+    AdmmOptions options;
+    options.max_num_iterations = 300;
+    options.relative_tolerance = 1e-3;
+    for (size_t row = 0; row < edges_.size(); ++row) {
+      b_.row(static_cast<Eigen::Index>(row)) = residuals[edges_[row]];
+    }
+    admm_.x.setZero(op_.cols(), 3);
+    admm_.z.resize(0, 0);
+    admm_.rho = 0.0;
+    const SolveSummary summary =
+        MinimizeByAdmm(op_, b_, norms_, options, &admm_);
+    step->nodes = admm_.x;
+    return summary;
+  }
+
+ private:
+  L1Steps(const RotationProblem& problem, Differences differences)
+      : op_(std::move(differences.matrix)),
+        edges_(std::move(differences.edges)),
+        b_(op_.rows(), 3) {
+    norms_.weights.resize(op_.rows());
+    for (size_t row = 0; row < edges_.size(); ++row) {
+      norms_.weights[static_cast<Eigen::Index>(row)] =
+          problem.edges[edges_[row]].weight;
+    }
+  }
+
+  SparseLeastSquares op_;
+  std::vector<size_t> edges_;  // per row
+  MatrixXd b_;
+  RowNorms norms_;
+  AdmmState admm_;
+};
+
+double RootMeanSquare(const MatrixXd& step) {
+  return std::sqrt(step.squaredNorm() /
+                   static_cast<double>(std::max<Eigen::Index>(1, step.rows())));
+}
+
+}  // namespace
+
+RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
+  if (!is_final_) {
+    const double sigma = norms.empty() ? 0.0 : RobustSigmaOfNorms3(norms);
+    const double target = std::max(kSmallestScaleRad, kScaleInSigmas * sigma);
+    const double next = scale_ > 0.0 ? kScaleDecay * scale_
+                                     : std::max(kFirstScaleRad, 2.0 * target);
+    is_final_ = next <= target;
+    scale_ = std::max(next, target);
+  }
+  return {RobustLossType::kGemanMcClure, scale_};
+}
+
+SolveSummary AverageL1(const RotationProblem& problem,
+                       const RotationAveragingOptions& options,
+                       const Context& context, RotationState* state) {
+  SolveSummary summary;
+  const RotationUnknowns unknowns = NumberUnknowns(problem);
+  std::vector<Vector3d> residuals;
+  ComputeResiduals(problem, *state, context.num_threads, &residuals);
+  summary.initial_cost = summary.final_cost = SumOfNorms(problem, residuals);
+  if (unknowns.num_node_columns == 0) {
+    summary.termination = Termination::kConverged;
+    return summary;
+  }
+  L1Steps steps(problem, unknowns);
+  if (!steps.IsSolvable()) {
+    summary.message = "The equations of the L1 step are singular.";
+    return summary;
+  }
+  RotationStep step;
+  summary.termination = Termination::kMaxIterations;
+  while (summary.num_iterations < options.max_num_l1_iterations) {
+    if (!steps.Next(residuals, &step).IsUsable()) {
+      summary.termination = Termination::kFailure;
+      summary.message = "The ADMM of the L1 step failed.";
+      return summary;
+    }
+    ++summary.num_iterations;
+    ApplyStep(unknowns, step, state);
+    ComputeResiduals(problem, *state, context.num_threads, &residuals);
+    summary.final_cost = SumOfNorms(problem, residuals);
+    if (RootMeanSquare(step.nodes) <= kL1StepToleranceRad) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  return summary;
+}
+
+SolveSummary AverageRobust(const RotationProblem& problem,
+                           const RotationAveragingOptions& options,
+                           const Context& context, RotationState* state) {
+  SolveSummary summary;
+  RotationEquations equations(problem);
+  std::vector<Vector3d> residuals;
+  ComputeResiduals(problem, *state, context.num_threads, &residuals);
+  const std::vector<double> initial_norms = Norms(residuals);
+  std::vector<double> norms = initial_norms;
+  std::vector<double> weights(norms.size());
+  RobustScaleSchedule schedule;
+  RobustLoss loss;
+  RotationStep step;
+  summary.termination = Termination::kMaxIterations;
+  while (summary.num_iterations < options.max_num_iterations) {
+    loss = schedule.Next(norms);
+    for (size_t e = 0; e < norms.size(); ++e) {
+      weights[e] = problem.edges[e].weight *
+                   std::max(kSmallestWeight, loss.Weight(norms[e] * norms[e]));
+    }
+    if (!equations.Solve(weights, residuals, *state, &step)) {
+      summary.termination = Termination::kFailure;
+      summary.message = "The normal equations are singular.";
+      return summary;
+    }
+    ++summary.num_iterations;
+    ApplyStep(equations.unknowns(), step, state);
+    ComputeResiduals(problem, *state, context.num_threads, &residuals);
+    norms = Norms(residuals);
+    if (schedule.IsFinal() &&
+        step.MaxNorm() <= DegToRad(options.step_tolerance_deg)) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  summary.initial_cost = RobustCost(problem, initial_norms, loss);
+  summary.final_cost = RobustCost(problem, norms, loss);
+  std::ostringstream message;
+  message << "Final scale " << RadToDeg(schedule.scale_rad()) << " deg.";
+  summary.message = message.str();
+  return summary;
+}
+
+}  // namespace mgsfm

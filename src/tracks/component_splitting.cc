@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "tracks/component_splitting.h"
+
+#include <algorithm>
+#include <numeric>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+namespace mgsfm::internal {
+namespace {
+
+constexpr uint32_t kNone = MatchComponents::kNone;
+
+// The neighbours of each node, sorted, in flat arrays.
+class Adjacency {
+ public:
+  Adjacency(size_t num_nodes, const ComponentMatch* matches, size_t num_matches)
+      : offsets_(num_nodes + 1, 0), neighbours_(2 * num_matches) {
+    for (size_t i = 0; i < num_matches; ++i) {
+      ++offsets_[matches[i].first + 1];
+      ++offsets_[matches[i].second + 1];
+    }
+    std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
+    std::vector<size_t> next(offsets_.begin(), offsets_.end() - 1);
+    for (size_t i = 0; i < num_matches; ++i) {
+      neighbours_[next[matches[i].first]++] = matches[i].second;
+      neighbours_[next[matches[i].second]++] = matches[i].first;
+    }
+    for (size_t node = 0; node < num_nodes; ++node) {
+      std::sort(neighbours_.begin() + offsets_[node],
+                neighbours_.begin() + offsets_[node + 1]);
+    }
+  }
+
+  const uint32_t* begin(uint32_t node) const {
+    return neighbours_.data() + offsets_[node];
+  }
+  const uint32_t* end(uint32_t node) const {
+    return neighbours_.data() + offsets_[node + 1];
+  }
+
+  uint32_t NumCommonNeighbours(uint32_t a, uint32_t b) const {
+    uint32_t num_common = 0;
+    const uint32_t *i = begin(a), *j = begin(b);
+    while (i != end(a) && j != end(b)) {
+      if (*i == *j) {
+        ++num_common;
+        ++i;
+        ++j;
+      } else {
+        *i < *j ? ++i : ++j;
+      }
+    }
+    return num_common;
+  }
+
+ private:
+  std::vector<size_t> offsets_;
+  std::vector<uint32_t> neighbours_;
+};
+
+// Disjoint sets of nodes that never hold two keypoints of an image, except
+// those that are one point detected twice. Members are linked lists.
+class ConflictFreeSets {
+ public:
+  ConflictFreeSets(const Scene& scene, const Observation* observations,
+                   size_t num_nodes, double max_duplicate_distance_px)
+      : scene_(scene),
+        observations_(observations),
+        max_squared_distance_(max_duplicate_distance_px *
+                              max_duplicate_distance_px),
+        set_of_node_(num_nodes),
+        next_(num_nodes, kNone),
+        last_(num_nodes),
+        size_(num_nodes, 1),
+        local_image_(num_nodes, 0) {
+    std::iota(set_of_node_.begin(), set_of_node_.end(), 0);
+    std::iota(last_.begin(), last_.end(), 0);
+    for (size_t i = 1; i < num_nodes; ++i) {
+      local_image_[i] = local_image_[i - 1] + (observations[i].image_idx !=
+                                               observations[i - 1].image_idx);
+    }
+    node_in_image_.assign(num_nodes > 0 ? local_image_.back() + 1 : 0, kNone);
+  }
+
+  // Joins the sets of both nodes unless that makes a conflict.
+  void UnionIfConsistent(uint32_t a, uint32_t b) {
+    uint32_t into = set_of_node_[a], from = set_of_node_[b];
+    if (into == from) return;
+    if (std::make_pair(size_[into], from) < std::make_pair(size_[from], into)) {
+      std::swap(into, from);
+    }
+    if (HaveConflict(into, from)) return;
+    for (uint32_t i = from; i != kNone; i = next_[i]) set_of_node_[i] = into;
+    next_[last_[into]] = from;
+    last_[into] = last_[from];
+    size_[into] += size_[from];
+  }
+
+  uint32_t SetOf(uint32_t node) const { return set_of_node_[node]; }
+
+ private:
+  bool HaveConflict(uint32_t set1, uint32_t set2) {
+    for (uint32_t i = set1; i != kNone; i = next_[i]) {
+      node_in_image_[local_image_[i]] = i;
+    }
+    bool have_conflict = false;
+    for (uint32_t i = set2; i != kNone && !have_conflict; i = next_[i]) {
+      const uint32_t other = node_in_image_[local_image_[i]];
+      have_conflict = other != kNone && AreDifferent(i, other);
+    }
+    for (uint32_t i = set1; i != kNone; i = next_[i]) {
+      node_in_image_[local_image_[i]] = kNone;
+    }
+    return have_conflict;
+  }
+
+  bool AreDifferent(uint32_t a, uint32_t b) const {
+    const auto& keypoints =
+        scene_.images[observations_[a].image_idx].keypoints_px;
+    const double squared_distance = (keypoints[observations_[a].keypoint_idx] -
+                                     keypoints[observations_[b].keypoint_idx])
+                                        .cast<double>()
+                                        .squaredNorm();
+    return squared_distance > max_squared_distance_;
+  }
+
+  const Scene& scene_;
+  const Observation* observations_;
+  const double max_squared_distance_;
+  std::vector<uint32_t> set_of_node_;    // named by one of its nodes, the head
+  std::vector<uint32_t> next_;           // in the list of its set
+  std::vector<uint32_t> last_, size_;    // of the sets, at their heads
+  std::vector<uint32_t> local_image_;    // images numbered within the component
+  std::vector<uint32_t> node_in_image_;  // scratch, kNone between calls
+};
+
+// Positions of the matches from the best supported to the least.
+std::vector<uint32_t> OrderBySupport(const Adjacency& adjacency,
+                                     const ComponentMatch* matches,
+                                     size_t num_matches) {
+  std::vector<uint32_t> support(num_matches), order(num_matches);
+  for (size_t i = 0; i < num_matches; ++i) {
+    support[i] =
+        adjacency.NumCommonNeighbours(matches[i].first, matches[i].second);
+  }
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) {
+    return std::make_tuple(support[b], matches[b].num_pair_matches,
+                           matches[a].first, matches[a].second) <
+           std::make_tuple(support[a], matches[a].num_pair_matches,
+                           matches[b].first, matches[b].second);
+  });
+  return order;
+}
+
+// For each node whether it is the one to stay of its set's keypoints in its
+// image: the one with the most matches within the set, then the first.
+std::vector<char> ChooseDuplicates(const Observation* observations,
+                                   size_t num_nodes, const Adjacency& adjacency,
+                                   const std::vector<uint32_t>& set_of_node) {
+  std::vector<uint32_t> degree(num_nodes, 0);
+  for (uint32_t node = 0; node < num_nodes; ++node) {
+    for (const uint32_t* i = adjacency.begin(node); i != adjacency.end(node);
+         ++i) {
+      degree[node] += set_of_node[*i] == set_of_node[node];
+    }
+  }
+  std::vector<char> stays(num_nodes, true);
+  for (uint32_t i = 0; i < num_nodes; ++i) {
+    for (uint32_t j = i + 1; j < num_nodes && observations[j].image_idx ==
+                                                  observations[i].image_idx;
+         ++j) {
+      if (set_of_node[i] != set_of_node[j]) continue;
+      stays[degree[j] > degree[i] ? i : j] = false;
+    }
+  }
+  return stays;
+}
+
+// Nodes by set; sets by first node, each with at least two nodes.
+ObservationGroups GroupBySet(const Observation* observations,
+                             const std::vector<uint32_t>& set_of_node,
+                             const std::vector<char>& stays) {
+  const size_t num_nodes = set_of_node.size();
+  std::vector<uint32_t> first_node_of_set(num_nodes, kNone);
+  std::vector<std::pair<uint32_t, uint32_t>> order;  // first of set, node
+  for (uint32_t node = 0; node < num_nodes; ++node) {
+    if (!stays[node]) continue;
+    uint32_t& first_node = first_node_of_set[set_of_node[node]];
+    if (first_node == kNone) first_node = node;
+    order.emplace_back(first_node, node);
+  }
+  std::sort(order.begin(), order.end());
+  ObservationGroups groups;
+  for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
+    while (end < order.size() && order[end].first == order[begin].first) ++end;
+    if (end - begin < 2) continue;
+    for (size_t i = begin; i < end; ++i) {
+      groups.observations.push_back(observations[order[i].second]);
+    }
+    groups.FinishGroup();
+  }
+  return groups;
+}
+
+}  // namespace
+
+ObservationGroups SplitComponent(const Scene& scene,
+                                 const Observation* observations,
+                                 size_t num_observations,
+                                 const ComponentMatch* matches,
+                                 size_t num_matches,
+                                 double max_duplicate_distance_px) {
+  const Adjacency adjacency(num_observations, matches, num_matches);
+  ConflictFreeSets sets(scene, observations, num_observations,
+                        max_duplicate_distance_px);
+  for (const uint32_t i : OrderBySupport(adjacency, matches, num_matches)) {
+    sets.UnionIfConsistent(matches[i].first, matches[i].second);
+  }
+  std::vector<uint32_t> set_of_node(num_observations);
+  for (uint32_t node = 0; node < num_observations; ++node) {
+    set_of_node[node] = sets.SetOf(node);
+  }
+  return GroupBySet(
+      observations, set_of_node,
+      ChooseDuplicates(observations, num_observations, adjacency, set_of_node));
+}
+
+}  // namespace mgsfm::internal

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/tracks.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm::internal {
+
+// Numbers all keypoints of a scene, image by image: the nodes of the graph of
+// matches. Their order is that of observations.
+class KeypointNodes {
+ public:
+  explicit KeypointNodes(const Scene& scene);
+
+  size_t size() const { return image_idx_of_node_.size(); }
+  uint32_t NodeOf(int image_idx, uint32_t keypoint_idx) const {
+    return first_node_[image_idx] + keypoint_idx;
+  }
+  Observation ObservationOf(uint32_t node) const {
+    const int image_idx = image_idx_of_node_[node];
+    return {image_idx, static_cast<int>(node - first_node_[image_idx])};
+  }
+
+ private:
+  std::vector<uint32_t> first_node_;  // per image
+  std::vector<int> image_idx_of_node_;
+};
+
+// The connected components with at least two nodes.
+struct MatchComponents {
+  static constexpr uint32_t kNone = UINT32_MAX;
+
+  ObservationGroups groups;
+  std::vector<uint32_t> component_of_node;  // kNone for unmatched keypoints
+  std::vector<uint32_t> position_of_node;   // in the group of its component
+  std::vector<char> has_conflict;           // per component
+};
+
+MatchComponents FindComponents(const KeypointNodes& nodes,
+                               const ViewGraph& view_graph,
+                               const std::vector<char>& pair_is_used);
+
+// A match within a component, by positions in its group, first < second.
+struct ComponentMatch {
+  uint32_t first;
+  uint32_t second;
+  uint32_t num_pair_matches;  // of the pair of images that it belongs to
+};
+
+// The matches of the components that have a conflict, in flat arrays: those of
+// component c are matches[offsets[c]] to matches[offsets[c + 1] - 1].
+struct ConflictingMatches {
+  std::vector<ComponentMatch> matches;
+  std::vector<size_t> offsets;
+};
+
+ConflictingMatches GatherConflictingMatches(
+    const KeypointNodes& nodes, const ViewGraph& view_graph,
+    const std::vector<char>& pair_is_used, const MatchComponents& components);
+
+}  // namespace mgsfm::internal

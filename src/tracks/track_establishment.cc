@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/tracks/track_establishment.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/parallel.h"
+#include "tracks/component_splitting.h"
+#include "tracks/match_graph.h"
+#include "tracks/track_selection.h"
+
+namespace mgsfm {
+namespace {
+
+using internal::ConflictingMatches;
+using internal::MatchComponents;
+
+// Sets without conflicts of all components, ordered by first observations.
+ObservationGroups MakeConflictFree(const Scene& scene,
+                                   const MatchComponents& components,
+                                   const ConflictingMatches& conflicting,
+                                   const TrackOptions& options,
+                                   const Context& context) {
+  const ObservationGroups& groups = components.groups;
+  std::vector<size_t> with_conflict;
+  for (size_t i = 0; i < groups.size(); ++i) {
+    if (components.has_conflict[i]) with_conflict.push_back(i);
+  }
+  std::vector<ObservationGroups> parts(with_conflict.size());
+  ParallelFor(with_conflict.size(), context.num_threads, [&](size_t i) {
+    const size_t group = with_conflict[i];
+    const size_t first_match = conflicting.offsets[group];
+    parts[i] = internal::SplitComponent(
+        scene, groups.begin(group), groups.length(group),
+        conflicting.matches.data() + first_match,
+        conflicting.offsets[group + 1] - first_match,
+        options.max_duplicate_distance_px);
+  });
+
+  std::vector<std::pair<const Observation*, const Observation*>> ranges;
+  for (size_t i = 0; i < groups.size(); ++i) {
+    if (components.has_conflict[i]) continue;
+    ranges.emplace_back(groups.begin(i), groups.end(i));
+  }
+  for (const ObservationGroups& part : parts) {
+    for (size_t i = 0; i < part.size(); ++i) {
+      ranges.emplace_back(part.begin(i), part.end(i));
+    }
+  }
+  std::sort(ranges.begin(), ranges.end(),
+            [](const auto& a, const auto& b) { return *a.first < *b.first; });
+  ObservationGroups result;
+  for (const auto& [begin, end] : ranges) {
+    result.observations.insert(result.observations.end(), begin, end);
+    result.FinishGroup();
+  }
+  return result;
+}
+
+}  // namespace
+
+TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
+                            const std::vector<char>& pair_is_used,
+                            const TrackOptions& options,
+                            const Context& context) {
+  MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
+  const internal::KeypointNodes nodes(scene);
+  MatchComponents components =
+      internal::FindComponents(nodes, view_graph, pair_is_used);
+  const ConflictingMatches conflicting = internal::GatherConflictingMatches(
+      nodes, view_graph, pair_is_used, components);
+  const ObservationGroups candidates =
+      MakeConflictFree(scene, components, conflicting, options, context);
+
+  TrackResult result;
+  result.estimate.tracks =
+      internal::SelectTracks(candidates, scene.images.size(), options);
+  result.estimate.components = std::move(components.groups);
+  TrackSummary& summary = result.summary;
+  summary.num_components = result.estimate.components.size();
+  summary.num_components_with_conflicts = static_cast<size_t>(
+      std::count(components.has_conflict.begin(), components.has_conflict.end(),
+                 char{true}));
+  summary.num_tracks = result.estimate.tracks.size();
+  summary.num_observations = result.estimate.tracks.observations.size();
+  if (summary.num_tracks > 0) {
+    summary.mean_track_length =
+        static_cast<double>(summary.num_observations) / summary.num_tracks;
+  }
+  return result;
+}
+
+}  // namespace mgsfm

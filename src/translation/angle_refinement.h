@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/base/summary.h"
+#include "translation/position_initialization.h"
+#include "translation/track_points.h"
+
+namespace mgsfm {
+
+struct AngleRefinementOptions {
+  int max_num_iterations = 50;
+  double loss_scale_rad = 0.0;
+  double function_tolerance = 1e-6;
+  int num_threads = 1;
+};
+
+// What both refinements need of the stages before.
+struct RefinementInput {
+  const PositionProblem& problem;
+  const std::vector<PairMotion>& motions;
+  const PairScales& scales;
+  const InitialPositions& initial;
+};
+
+// Refines centres and internal translations by eq. (11) of MGSfM,
+//
+//   min sum_p rho(w_p |b_p - C_p / |C_p||),
+//
+// with a Cauchy rho whose scale is annealed to loss_scale_rad, the directions
+// b_p and baselines C_p of pairs, and terms w log(|C_p| / s_p) that keep the
+// measured lengths, which directions do not determine on straight motion.
+// Gauge: the first frame is constant; the length follows from the s_p.
+// Levenberg-Marquardt; ends when the relative decrease of the cost is below
+// function_tolerance.
+SolveSummary RefineCameras(const RefinementInput& input,
+                           const AngleRefinementOptions& options,
+                           Positions* positions);
+
+// Refines them together with points p_k by eq. (16) of MGSfM,
+//
+//   min sum_ik rho(|g_ik - (p_k - c_i) / |p_k - c_i||) + pairs,
+//
+// over the used observations of the given tracks, with rays g in world axes.
+// The pair terms are those above with a tenth of their weight and without
+// lengths; they hold what no point holds. The common scale is not determined
+// unless given internal translations do; steps leave it alone.
+// Points are eliminated (Schur complement).
+SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
+                                    const TrackRays& rays,
+                                    const std::vector<size_t>& track_idxs,
+                                    const AngleRefinementOptions& options,
+                                    Positions* positions, TrackPoints* points);
+
+}  // namespace mgsfm

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "translation/scale_averaging.h"
+
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "mgsfm/base/parallel.h"
+#include "mgsfm/math/graph.h"
+#include "mgsfm/math/robust_loss.h"
+#include "mgsfm/math/spanning_tree.h"
+#include "mgsfm/math/sparse_solver.h"
+#include "mgsfm/math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kMinNumCommon = 5;
+constexpr int kMaxNumLinks = 6;  // of one pair in one image, best first
+constexpr double kMinRatioSigma = 0.03;
+constexpr double kMinScaleSigma = 0.05;
+constexpr double kMaxScaleSigma = 1.0;
+
+struct ScaleLink {
+  int motion1;
+  int motion2;
+  double log_ratio;  // log(scale2 / scale1)
+  double sigma;
+};
+
+// One end of a motion: its depths in one image.
+struct MotionEnd {
+  int motion_idx;
+  int side;
+};
+
+bool MakeLink(const std::vector<DepthSample>& depths1,
+              const std::vector<DepthSample>& depths2,
+              std::vector<double>* scratch, ScaleLink* link) {
+  scratch->clear();
+  for (size_t a = 0, b = 0; a < depths1.size() && b < depths2.size();) {
+    if (depths1[a].keypoint_idx < depths2[b].keypoint_idx) {
+      ++a;
+    } else if (depths2[b].keypoint_idx < depths1[a].keypoint_idx) {
+      ++b;
+    } else {
+      scratch->push_back(depths1[a++].log_depth - depths2[b++].log_depth);
+    }
+  }
+  if (scratch->size() < kMinNumCommon) return false;
+  link->log_ratio = Median(*scratch);
+  for (double& value : *scratch) value = std::abs(value - link->log_ratio);
+  const double spread = 1.4826 * Median(*scratch);
+  // The median of n normal values has 1.25 times the error of their mean.
+  link->sigma =
+      std::hypot(1.25 * spread / std::sqrt(scratch->size()), kMinRatioSigma);
+  return true;
+}
+
+// Links between the pairs of one image: for each, the most certain ones.
+std::vector<ScaleLink> LinkPairsOfImage(const std::vector<PairMotion>& motions,
+                                        const std::vector<MotionEnd>& ends) {
+  std::vector<ScaleLink> all;
+  std::vector<std::vector<int>> links_of_end(ends.size());
+  std::vector<double> scratch;
+  for (size_t a = 0; a < ends.size(); ++a) {
+    for (size_t b = a + 1; b < ends.size(); ++b) {
+      ScaleLink link{ends[a].motion_idx, ends[b].motion_idx, 0.0, 0.0};
+      if (!MakeLink(motions[ends[a].motion_idx].depths[ends[a].side],
+                    motions[ends[b].motion_idx].depths[ends[b].side], &scratch,
+                    &link)) {
+        continue;
+      }
+      links_of_end[a].push_back(static_cast<int>(all.size()));
+      links_of_end[b].push_back(static_cast<int>(all.size()));
+      all.push_back(link);
+    }
+  }
+  std::vector<char> is_kept(all.size(), false);
+  for (std::vector<int>& links : links_of_end) {
+    std::sort(links.begin(), links.end(), [&](int x, int y) {
+      return all[x].sigma != all[y].sigma ? all[x].sigma < all[y].sigma : x < y;
+    });
+    if (links.size() > kMaxNumLinks) links.resize(kMaxNumLinks);
+    for (const int link : links) is_kept[link] = true;
+  }
+  std::vector<ScaleLink> kept;
+  for (size_t i = 0; i < all.size(); ++i) {
+    if (is_kept[i]) kept.push_back(all[i]);
+  }
+  return kept;
+}
+
+std::vector<ScaleLink> LinkPairs(const std::vector<PairMotion>& motions,
+                                 int num_images, int num_threads) {
+  std::vector<std::vector<MotionEnd>> ends(num_images);
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (motions[i].kind != PairKind::kDirection) continue;
+    ends[motions[i].image_idx1].push_back({static_cast<int>(i), 0});
+    ends[motions[i].image_idx2].push_back({static_cast<int>(i), 1});
+  }
+  std::vector<std::vector<ScaleLink>> of_image(num_images);
+  ParallelFor(num_images, num_threads, [&](size_t image_idx) {
+    of_image[image_idx] = LinkPairsOfImage(motions, ends[image_idx]);
+  });
+  std::vector<ScaleLink> links;
+  for (const auto& some : of_image) {
+    links.insert(links.end(), some.begin(), some.end());
+  }
+  return links;
+}
+
+class ScaleAverager {
+ public:
+  ScaleAverager(int num_motions, const std::vector<ScaleLink>& links)
+      : links_(links), log_scale_(Eigen::VectorXd::Zero(num_motions)) {
+    edges_.reserve(links.size());
+    for (const ScaleLink& link : links_) {
+      edges_.push_back({link.motion1, link.motion2, 1.0 / link.sigma});
+    }
+  }
+
+  void Run() {
+    if (links_.empty()) return;
+    InitialiseFromForest();
+    constexpr int kMaxNumRounds = 20;
+    for (int round = 0; round < kMaxNumRounds; ++round) {
+      const double loss_scale = std::max(3.0, 30.0 * std::pow(0.5, round));
+      const double step = Update({RobustLossType::kCauchy, loss_scale});
+      if (loss_scale == 3.0 && step < 1e-6) break;
+    }
+  }
+
+  const std::vector<GraphEdge>& edges() const { return edges_; }
+  const Eigen::VectorXd& log_scale() const { return log_scale_; }
+
+  std::vector<double> Sigmas() const {
+    std::vector<std::vector<double>> errors(log_scale_.size());
+    for (const ScaleLink& link : links_) {
+      const double error = std::abs(Residual(link));
+      errors[link.motion1].push_back(error);
+      errors[link.motion2].push_back(error);
+    }
+    std::vector<double> sigmas(log_scale_.size(), kMinScaleSigma);
+    for (size_t i = 0; i < sigmas.size(); ++i) {
+      if (errors[i].empty()) continue;
+      sigmas[i] =
+          std::min(std::hypot(1.4826 * Median(errors[i]), kMinScaleSigma),
+                   kMaxScaleSigma);
+    }
+    return sigmas;
+  }
+
+ private:
+  double Residual(const ScaleLink& link) const {
+    return log_scale_[link.motion2] - log_scale_[link.motion1] - link.log_ratio;
+  }
+
+  void InitialiseFromForest() {
+    const int size = static_cast<int>(log_scale_.size());
+    const auto forest = MaximumSpanningForest(size, edges_);
+    for (const ForestStep& step : WalkForest(size, edges_, forest)) {
+      if (step.edge < 0) continue;
+      const ScaleLink& link = links_[step.edge];
+      const double sign = link.motion2 == step.node ? 1.0 : -1.0;
+      log_scale_[step.node] = log_scale_[step.parent] + sign * link.log_ratio;
+    }
+  }
+
+  // One weighted least-squares step; returns the largest change. The gauge of
+  // each group, one common offset, is fixed by a negligible ridge on the step.
+  double Update(const RobustLoss& loss) {
+    const Eigen::Index size = log_scale_.size();
+    std::vector<Eigen::Triplet<double>> triplets;
+    Eigen::VectorXd rhs = Eigen::VectorXd::Zero(size);
+    for (const ScaleLink& link : links_) {
+      const double residual = Residual(link) / link.sigma;
+      const double weight =
+          loss.Weight(residual * residual) / (link.sigma * link.sigma);
+      const int low = std::min(link.motion1, link.motion2);
+      const int high = std::max(link.motion1, link.motion2);
+      triplets.emplace_back(low, low, weight);
+      triplets.emplace_back(high, high, weight);
+      triplets.emplace_back(high, low, -weight);
+      rhs[link.motion1] += weight * Residual(link);
+      rhs[link.motion2] -= weight * Residual(link);
+    }
+    for (Eigen::Index i = 0; i < size; ++i) triplets.emplace_back(i, i, 1e-6);
+    Eigen::SparseMatrix<double> H(size, size);
+    H.setFromTriplets(triplets.begin(), triplets.end());
+    if (!is_analyzed_) solver_.Analyze(H);
+    is_analyzed_ = true;
+    if (!solver_.Factorize(H)) return 0.0;
+    Eigen::VectorXd step(size);
+    solver_.Solve(rhs, step);
+    log_scale_ += step;
+    return step.cwiseAbs().maxCoeff();
+  }
+
+  const std::vector<ScaleLink>& links_;
+  std::vector<GraphEdge> edges_;
+  Eigen::VectorXd log_scale_;
+  SparseCholesky solver_;
+  bool is_analyzed_ = false;
+};
+
+double MedianLogDepth(const PairMotion& motion) {
+  std::vector<double> log_depths;
+  for (const DepthSample& d : motion.depths[0]) {
+    log_depths.push_back(d.log_depth);
+  }
+  return Median(std::move(log_depths));
+}
+
+// Numbers the groups by descending size, then by first motion.
+void NumberGroups(const std::vector<PairMotion>& motions,
+                  const ConnectedParts& parts, PairScales* scales) {
+  std::vector<int> sizes(parts.num_parts, 0);
+  for (size_t i = 0; i < motions.size(); ++i) {
+    sizes[parts.part[i]] += motions[i].kind == PairKind::kDirection;
+  }
+  std::vector<int> order(parts.num_parts);
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return sizes[a] > sizes[b]; });
+  std::vector<int> group_of_part(parts.num_parts);
+  for (int group = 0; group < parts.num_parts; ++group) {
+    group_of_part[order[group]] = group;
+    if (sizes[order[group]] > 0) {
+      scales->group_sizes.push_back(sizes[order[group]]);
+    }
+  }
+  scales->group.assign(motions.size(), -1);
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (motions[i].kind != PairKind::kDirection) continue;
+    scales->group[i] = group_of_part[parts.part[i]];
+  }
+}
+
+// From logarithms with a free offset per group to scales in common units.
+void SetScales(const std::vector<PairMotion>& motions,
+               const Eigen::VectorXd& log_scale, PairScales* scales) {
+  const size_t num_groups = scales->group_sizes.size();
+  std::vector<std::vector<double>> log_depths(num_groups);
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (scales->group[i] < 0) continue;
+    log_depths[scales->group[i]].push_back(log_scale[i] +
+                                           MedianLogDepth(motions[i]));
+  }
+  std::vector<double> offsets(num_groups);
+  for (size_t g = 0; g < num_groups; ++g) offsets[g] = Median(log_depths[g]);
+  std::vector<double> in_depths;  // log scales of group 0, in typical depths
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (scales->group[i] == 0) in_depths.push_back(log_scale[i] - offsets[0]);
+  }
+  const double unit = Median(in_depths);
+  scales->typical_depth = std::exp(-unit);
+  scales->scale.assign(motions.size(), 0.0);
+  for (size_t i = 0; i < motions.size(); ++i) {
+    const int group = scales->group[i];
+    if (group < 0) continue;
+    scales->scale[i] = std::exp(log_scale[i] - offsets[group] - unit);
+  }
+}
+
+}  // namespace
+
+PairScales AverageScales(const std::vector<PairMotion>& motions, int num_images,
+                         const Context& context) {
+  const std::vector<ScaleLink> links =
+      LinkPairs(motions, num_images, context.num_threads);
+  const int num_motions = static_cast<int>(motions.size());
+  ScaleAverager averager(num_motions, links);
+  averager.Run();
+  PairScales scales;
+  NumberGroups(motions, FindConnectedParts(num_motions, averager.edges()),
+               &scales);
+  scales.sigma_log = averager.Sigmas();
+  if (scales.group_sizes.empty()) {
+    scales.scale.assign(motions.size(), 0.0);
+    return scales;
+  }
+  SetScales(motions, averager.log_scale(), &scales);
+  return scales;
+}
+
+}  // namespace mgsfm

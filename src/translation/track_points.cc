@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "translation/track_points.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "mgsfm/base/parallel.h"
+#include "mgsfm/geometry/triangulation.h"
+#include "mgsfm/math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kMinNumResectionPoints = 6;
+
+// The usable rays of one track.
+struct OneTrack {
+  std::vector<Vector3d> centers;
+  std::vector<Vector3d> rays;
+  std::vector<size_t> observation_idxs;
+};
+
+OneTrack CollectTrack(const PositionProblem& problem, const TrackRays& rays,
+                      const Positions& positions, size_t track_idx) {
+  OneTrack track;
+  for (size_t k = rays.tracks.offsets[track_idx];
+       k < rays.tracks.offsets[track_idx + 1]; ++k) {
+    const int image_idx = rays.tracks.observations[k].image_idx;
+    if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
+        !positions.IsPlaced(problem, image_idx)) {
+      continue;
+    }
+    track.centers.push_back(positions.CamCenter(problem, image_idx));
+    track.rays.push_back(rays.rays_in_world[k]);
+    track.observation_idxs.push_back(k);
+  }
+  return track;
+}
+
+class TrackTriangulator {
+ public:
+  TrackTriangulator(const OneTrack& track, const TrackPointOptions& options)
+      : track_(track), options_(options) {}
+
+  std::optional<Vector3d> Run(const std::optional<Vector3d>& given) {
+    if (given && Accept(*given, track_.rays.size())) return given;
+    if (track_.rays.size() < 2) return std::nullopt;
+    const auto l1 = TriangulateL1(track_.centers, track_.rays);
+    if (l1 && Accept(*l1, track_.rays.size())) return l1;
+    const auto robust =
+        TriangulateRobust(track_.centers, track_.rays,
+                          {options_.max_error_rad, options_.min_angle_rad});
+    if (robust && Accept(robust->point, 2)) return robust->point;
+    return std::nullopt;
+  }
+
+  const std::vector<char>& is_inlier() const { return is_inlier_; }
+
+ private:
+  // At least so many observations agree with the point, at a fair angle.
+  bool Accept(const Vector3d& point, size_t min_num_inliers) {
+    is_inlier_.assign(track_.rays.size(), false);
+    std::vector<Vector3d> centers;
+    for (size_t k = 0; k < track_.rays.size(); ++k) {
+      if (!(AngularError(track_.centers[k], track_.rays[k], point) <
+            options_.max_error_rad)) {
+        continue;
+      }
+      is_inlier_[k] = true;
+      centers.push_back(track_.centers[k]);
+    }
+    return centers.size() >= std::max<size_t>(min_num_inliers, 2) &&
+           MaxTriangulationAngle(centers, point) >= options_.min_angle_rad;
+  }
+
+  const OneTrack& track_;
+  const TrackPointOptions options_;
+  std::vector<char> is_inlier_;
+};
+
+// A point in the direction -ray of which the centre of a frame must lie.
+struct LineOfSight {
+  Vector3d point;
+  Vector3d ray;
+};
+
+std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
+    const PositionProblem& problem, const TrackRays& rays,
+    const TrackPoints& points, const Positions& positions) {
+  std::vector<std::vector<LineOfSight>> lines(problem.num_frames);
+  for (size_t t = 0; t < points.point_in_world.size(); ++t) {
+    if (!points.point_in_world[t]) continue;
+    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
+         ++k) {
+      const int image_idx = rays.tracks.observations[k].image_idx;
+      const int frame_idx = problem.frame_idx[image_idx];
+      if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
+          positions.frame_is_placed[frame_idx]) {
+        continue;
+      }
+      // The same line, moved from the camera to the frame's centre.
+      const Vector3d offset =
+          *problem.world_from_cam[image_idx] *
+          positions.sensor_translation[problem.sensor_idx[image_idx]];
+      lines[frame_idx].push_back(
+          {*points.point_in_world[t] + offset, rays.rays_in_world[k]});
+    }
+  }
+  return lines;
+}
+
+}  // namespace
+
+TrackRays ComputeTrackRays(const PositionProblem& problem,
+                           const Bearings& bearings,
+                           const ObservationGroups& tracks, int num_threads) {
+  TrackRays rays{tracks, {}};
+  rays.rays_in_world.resize(tracks.observations.size());
+  ParallelFor(
+      rays.rays_in_world.size(), num_threads,
+      [&](size_t k) {
+        const Observation& o = tracks.observations[k];
+        rays.rays_in_world[k] =
+            problem.IsUsed(o.image_idx)
+                ? Vector3d(*problem.world_from_cam[o.image_idx] *
+                           bearings.rays[o.image_idx][o.keypoint_idx])
+                : Vector3d::Zero();
+      },
+      4096);
+  return rays;
+}
+
+void TriangulateTracks(const PositionProblem& problem, const TrackRays& rays,
+                       const Positions& positions,
+                       const TrackPointOptions& options, int num_threads,
+                       TrackPoints* points) {
+  points->point_in_world.resize(rays.tracks.size());
+  points->observation_is_used.assign(rays.tracks.observations.size(), false);
+  ParallelFor(
+      rays.tracks.size(), num_threads,
+      [&](size_t t) {
+        const OneTrack track = CollectTrack(problem, rays, positions, t);
+        TrackTriangulator triangulator(track, options);
+        auto& point = points->point_in_world[t];
+        point = triangulator.Run(point);
+        if (!point) return;
+        for (size_t k = 0; k < track.rays.size(); ++k) {
+          points->observation_is_used[track.observation_idxs[k]] =
+              triangulator.is_inlier()[k];
+        }
+      },
+      256);
+}
+
+int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
+                        const TrackPoints& points, double max_error_rad,
+                        int num_threads, Positions* positions) {
+  const auto lines = CollectLinesOfSight(problem, rays, points, *positions);
+  std::vector<char> is_new(problem.num_frames, false);
+  ParallelFor(problem.num_frames, num_threads, [&](size_t f) {
+    if (lines[f].size() < kMinNumResectionPoints) return;
+    std::vector<Vector3d> starts, directions;
+    for (const LineOfSight& line : lines[f]) {
+      starts.push_back(line.point);
+      directions.push_back(-line.ray);
+    }
+    const auto center =
+        TriangulateRobust(starts, directions, {max_error_rad, max_error_rad});
+    if (!center || center->num_inliers < kMinNumResectionPoints) return;
+    positions->frame_center[f] = center->point;
+    is_new[f] = true;
+  });
+  int num_placed = 0;
+  for (int f = 0; f < problem.num_frames; ++f) {
+    if (!is_new[f]) continue;
+    positions->frame_is_placed[f] = true;
+    ++num_placed;
+  }
+  return num_placed;
+}
+
+double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
+                    const TrackPoints& points, const Positions& positions) {
+  std::vector<double> errors;
+  for (size_t t = 0; t < rays.tracks.size(); ++t) {
+    if (!points.point_in_world[t]) continue;
+    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
+         ++k) {
+      if (!points.observation_is_used[k]) continue;
+      const int image_idx = rays.tracks.observations[k].image_idx;
+      errors.push_back(AngularError(positions.CamCenter(problem, image_idx),
+                                    rays.rays_in_world[k],
+                                    *points.point_in_world[t]));
+    }
+  }
+  if (errors.empty()) return 0.0;
+  // The median of the norm of a standard normal 2-vector is sqrt(2 log 2).
+  return Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));
+}
+
+std::vector<size_t> SelectTracks(const TrackRays& rays,
+                                 const TrackPoints& points, int num_images,
+                                 int min_per_image) {
+  std::vector<size_t> order;
+  std::vector<int> length(rays.tracks.size(), 0);
+  for (size_t t = 0; t < rays.tracks.size(); ++t) {
+    if (!points.point_in_world[t]) continue;
+    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
+         ++k) {
+      length[t] += points.observation_is_used[k];
+    }
+    order.push_back(t);
+  }
+  if (min_per_image <= 0) return order;
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return length[a] > length[b]; });
+  std::vector<int> count(num_images, 0);
+  std::vector<size_t> selected;
+  for (const size_t t : order) {
+    bool is_needed = false;
+    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
+         ++k) {
+      is_needed |= points.observation_is_used[k] &&
+                   count[rays.tracks.observations[k].image_idx] < min_per_image;
+    }
+    if (!is_needed) continue;
+    selected.push_back(t);
+    for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
+         ++k) {
+      if (points.observation_is_used[k]) {
+        ++count[rays.tracks.observations[k].image_idx];
+      }
+    }
+  }
+  std::sort(selected.begin(), selected.end());
+  return selected;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,310 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/translation/translation_averaging.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/geometry/so3.h"
+#include "translation/angle_refinement.h"
+#include "translation/position_initialization.h"
+#include "translation/position_problem.h"
+#include "translation/relative_translation.h"
+#include "translation/scale_averaging.h"
+#include "translation/track_points.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+// Cameras are some degrees wrong before points are used.
+constexpr double kCoarseErrorRad = DegToRad(4.0);
+constexpr double kCoarseLossRad = DegToRad(1.0);
+constexpr double kMinLossRad = DegToRad(0.01);
+constexpr int kNumCoarseIterations = 10;
+
+class TranslationAverager {
+ public:
+  TranslationAverager(const Scene& scene, const Bearings& bearings,
+                      const ViewGraph& view_graph,
+                      const RotationEstimate& rotations,
+                      const ObservationGroups& tracks,
+                      const TranslationAveragingOptions& options,
+                      const Context& context)
+      : scene_(scene),
+        bearings_(bearings),
+        view_graph_(view_graph),
+        rotations_(rotations),
+        options_(options),
+        context_(context),
+        max_angle_rad_(DegToRad(options.max_angle_error_deg)),
+        problem_(MakePositionProblem(scene, rotations)),
+        rays_(ComputeTrackRays(problem_, bearings, tracks,
+                               context.num_threads)) {}
+
+  TranslationResult Run() {
+    EstimatePairs();
+    Initialize();
+    RefineWithPairs();
+    RefineWithPoints();
+    NormalizeScale();
+    WriteEstimate();
+    DescribeSensors();
+    return std::move(result_);
+  }
+
+ private:
+  void EstimatePairs();
+  void Initialize();
+  void RefineWithPairs();
+  void RefineWithPoints();
+  void Triangulate(double max_error_rad);
+  SolveSummary RefineJointly(double loss_scale_rad, double function_tolerance,
+                             int max_num_iterations);
+  void PlaceRemainingFrames();
+  void NormalizeScale();
+  void WriteEstimate();
+  void DescribeSensors();
+  RefinementInput Input() const {
+    return {problem_, motions_, scales_, initial_};
+  }
+  void LogTime(const char* step) {
+    char line[128];
+    std::snprintf(line, sizeof(line), "Translation averaging: %s %.3f s", step,
+                  timer_.Seconds() - last_seconds_);
+    last_seconds_ = timer_.Seconds();
+    context_.Debug(line);
+  }
+
+  const Scene& scene_;
+  const Bearings& bearings_;
+  const ViewGraph& view_graph_;
+  const RotationEstimate& rotations_;
+  const TranslationAveragingOptions& options_;
+  const Context& context_;
+  const double max_angle_rad_;
+  const PositionProblem problem_;
+  const TrackRays rays_;
+  Timer timer_;
+  double last_seconds_ = 0.0;
+
+  std::vector<PairMotion> motions_;
+  PairScales scales_;
+  InitialPositions initial_;
+  Positions positions_;
+  TrackPoints points_;
+  TranslationResult result_;
+};
+
+void TranslationAverager::EstimatePairs() {
+  motions_ = EstimatePairMotions(scene_, bearings_, view_graph_,
+                                 rotations_.pair_is_inlier, problem_,
+                                 options_.min_parallax_deg, context_);
+  LogTime("directions of pairs");
+  scales_ =
+      AverageScales(motions_, static_cast<int>(scene_.images.size()), context_);
+  LogTime("scales of pairs");
+  TranslationSummary& summary = result_.summary;
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    switch (motions_[i].kind) {
+      case PairKind::kDirection:
+        ++summary.num_pairs_used;
+        break;
+      case PairKind::kNoParallax:
+        ++summary.num_pairs_without_parallax;
+        break;
+      case PairKind::kUnused:
+        summary.num_pairs_inconsistent += rotations_.pair_is_inlier[i] != 0;
+    }
+  }
+  summary.num_scale_groups = static_cast<int>(scales_.group_sizes.size());
+}
+
+void TranslationAverager::Initialize() {
+  initial_ = InitializePositions(problem_, motions_, scales_,
+                                 options_.min_parallax_deg);
+  positions_ = initial_.positions;
+  result_.summary.initialization = initial_.solve;
+  result_.summary.is_metric = initial_.is_metric;
+  LogTime("L1 positions");
+}
+
+void TranslationAverager::RefineWithPairs() {
+  AngleRefinementOptions options;
+  options.max_num_iterations = options_.max_num_iterations;
+  options.loss_scale_rad = max_angle_rad_;
+  options.num_threads = context_.num_threads;
+  Positions refined = positions_;
+  result_.summary.camera_refinement = RefineCameras(Input(), options, &refined);
+  if (result_.summary.camera_refinement.IsUsable()) positions_ = refined;
+  LogTime("refinement of cameras");
+}
+
+void TranslationAverager::Triangulate(double max_error_rad) {
+  TriangulateTracks(problem_, rays_, positions_,
+                    {max_error_rad, DegToRad(options_.min_parallax_deg)},
+                    context_.num_threads, &points_);
+}
+
+SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
+                                                double function_tolerance,
+                                                int max_num_iterations) {
+  AngleRefinementOptions options;
+  options.max_num_iterations = max_num_iterations;
+  options.loss_scale_rad = loss_scale_rad;
+  options.function_tolerance = function_tolerance;
+  options.num_threads = context_.num_threads;
+  const std::vector<size_t> selected =
+      SelectTracks(rays_, points_, static_cast<int>(scene_.images.size()),
+                   options_.min_num_points_per_image);
+  Positions refined = positions_;
+  TrackPoints refined_points = points_;
+  const SolveSummary summary = RefineCamerasAndPoints(
+      Input(), rays_, selected, options, &refined, &refined_points);
+  if (summary.IsUsable()) {
+    positions_ = std::move(refined);
+    points_ = std::move(refined_points);
+  }
+  return summary;
+}
+
+void TranslationAverager::RefineWithPoints() {
+  Triangulate(kCoarseErrorRad);
+  LogTime("first triangulation");
+  RefineJointly(kCoarseLossRad, 1e-3, kNumCoarseIterations);
+  LogTime("first joint refinement");
+  Triangulate(2.0 * max_angle_rad_);
+  PlaceRemainingFrames();
+  LogTime("second triangulation");
+  // 2.4 standard deviations: 95 % efficient for normal noise.
+  const double sigma = AngularSigma(problem_, rays_, points_, positions_);
+  const double loss_scale = std::clamp(
+      2.4 * sigma, std::min(kMinLossRad, max_angle_rad_), max_angle_rad_);
+  result_.summary.joint_refinement =
+      RefineJointly(loss_scale, 1e-6, options_.max_num_iterations);
+  LogTime("second joint refinement");
+  Triangulate(2.0 * max_angle_rad_);
+  PlaceRemainingFrames();
+  LogTime("last triangulation");
+}
+
+void TranslationAverager::PlaceRemainingFrames() {
+  const int num_placed =
+      PlaceFramesByPoints(problem_, rays_, points_, 2.0 * max_angle_rad_,
+                          context_.num_threads, &positions_);
+  result_.summary.num_frames_placed_by_points += num_placed;
+  if (num_placed > 0) Triangulate(2.0 * max_angle_rad_);
+}
+
+// Angles do not tell the common scale; it is set back to that of the pairs.
+void TranslationAverager::NormalizeScale() {
+  if (initial_.is_metric) return;
+  for (const Vector3d& t : problem_.fixed_translation) {
+    if (t.squaredNorm() > 0.0) return;
+  }
+  double sum_expected = 0.0, sum_estimated = 0.0;
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    const PairMotion& motion = motions_[i];
+    if (motion.kind != PairKind::kDirection ||
+        !positions_.IsPlaced(problem_, motion.image_idx1) ||
+        !positions_.IsPlaced(problem_, motion.image_idx2)) {
+      continue;
+    }
+    sum_expected += scales_.scale[i] * initial_.group_factor[scales_.group[i]];
+    sum_estimated += (positions_.CamCenter(problem_, motion.image_idx2) -
+                      positions_.CamCenter(problem_, motion.image_idx1))
+                         .norm();
+  }
+  if (!(sum_estimated > 0.0)) return;
+  const double factor = sum_expected / sum_estimated;
+  for (Vector3d& center : positions_.frame_center) center *= factor;
+  for (Vector3d& t : positions_.sensor_translation) t *= factor;
+  for (auto& point : points_.point_in_world) {
+    if (point) *point *= factor;
+  }
+}
+
+void TranslationAverager::WriteEstimate() {
+  PositionEstimate& estimate = result_.estimate;
+  TranslationSummary& summary = result_.summary;
+  estimate.frame_center_in_world.resize(scene_.frames.size());
+  for (size_t f = 0; f < scene_.frames.size(); ++f) {
+    if (positions_.frame_is_placed[f]) {
+      estimate.frame_center_in_world[f] = positions_.frame_center[f];
+    }
+  }
+  std::vector<char> has_rotation(scene_.frames.size(), false);
+  for (size_t i = 0; i < scene_.images.size(); ++i) {
+    if (problem_.IsUsed(static_cast<int>(i))) {
+      has_rotation[problem_.frame_idx[i]] = true;
+    }
+  }
+  for (size_t f = 0; f < has_rotation.size(); ++f) {
+    summary.num_frames_not_placed +=
+        has_rotation[f] && !positions_.frame_is_placed[f];
+  }
+  estimate.sensor_from_rig_translation.resize(scene_.sensors.size());
+  for (size_t s = 0; s < scene_.sensors.size(); ++s) {
+    if (problem_.sensor_kind[s] != SensorKind::kAbsent) {
+      estimate.sensor_from_rig_translation[s] =
+          positions_.sensor_translation[s];
+    }
+  }
+  for (const auto& point : points_.point_in_world) {
+    summary.num_points += point.has_value();
+  }
+  estimate.point_in_world = std::move(points_.point_in_world);
+}
+
+void TranslationAverager::DescribeSensors() {
+  auto& sensors = result_.summary.sensors;
+  sensors.resize(scene_.sensors.size());
+  for (size_t s = 0; s < sensors.size(); ++s) {
+    if (problem_.sensor_kind[s] == SensorKind::kAbsent) {
+      sensors[s] = {false, 3, "No image of the sensor has a known rotation."};
+    } else if (problem_.fixed_translation[s].squaredNorm() > 0.0 &&
+               !initial_.is_metric) {
+      sensors[s].message =
+          "The given translation does not show in the matches, so the unit of "
+          "length is arbitrary.";
+    }
+  }
+  for (size_t k = 0; k < initial_.free_sensors.size(); ++k) {
+    // The part of the undetermined subspace that moves this sensor.
+    const Eigen::MatrixXd part = initial_.unobservable.middleCols(3 * k, 3);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
+        part.transpose() * part);
+    constexpr double kMinShare = 0.01;
+    const auto num_weak =
+        static_cast<int>((eigen.eigenvalues().array() > kMinShare).count());
+    if (num_weak == 0) continue;
+    auto& sensor = sensors[initial_.free_sensors[k]];
+    sensor.is_observable = false;
+    sensor.num_unobservable_directions = num_weak;
+    sensor.message =
+        std::to_string(num_weak) +
+        " of 3 directions of the internal translation are not determined: the "
+        "frames turn too little for the matches of this sensor with others; "
+        "they are set to zero.";
+  }
+}
+
+}  // namespace
+
+TranslationResult AverageTranslations(
+    const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
+    const RotationEstimate& rotations, const ObservationGroups& tracks,
+    const TranslationAveragingOptions& options, const Context& context) {
+  MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
+  MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
+  MGSFM_CHECK_EQ(bearings.rays.size(), scene.images.size());
+  return TranslationAverager(scene, bearings, view_graph, rotations, tracks,
+                             options, context)
+      .Run();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "view_graph/pair_estimation.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/epipolar.h"
+
+namespace mgsfm::internal {
+namespace {
+
+// Matches within this times the maximal error refine the start, which may be a
+// little off.
+constexpr double kRelaxation = 2.0;
+// A homography this close to a rotation is decomposed as one.
+constexpr double kHomographyRotationTolerance = 1e-4;
+constexpr int kMaxNumRefinementIterations = 15;
+constexpr int kMaxNumRotationTrials = 200;
+// Of the loss, over the maximal error.
+constexpr double kInitialLossScale = 0.25;
+constexpr double kMinLossScale = 1e-3;
+constexpr double kCoarseCostTolerance = 1e-3;
+constexpr double kFineCostTolerance = 1e-6;
+
+std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera) {
+  const std::vector<double>& p = camera.params;
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  if (camera.model == CameraModelId::kSimplePinhole) {
+    K(0, 0) = K(1, 1) = p[0];
+    K.topRightCorner<2, 1>() << p[1], p[2];
+  } else if (camera.model == CameraModelId::kPinhole) {
+    K(0, 0) = p[0];
+    K(1, 1) = p[1];
+    K.topRightCorner<2, 1>() << p[2], p[3];
+  } else {
+    return std::nullopt;
+  }
+  return K;
+}
+
+bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
+  return matrix && matrix->allFinite() && matrix->norm() > 0.0;
+}
+
+Rigid3 ToRigid3(const RelativePose& pose) {
+  return {pose.cam2_from_cam1, *pose.translation_direction};
+}
+
+RelativePose ToRelativePose(const Rigid3& cam2_from_cam1) {
+  const double norm = cam2_from_cam1.translation.norm();
+  if (norm == 0.0) return {cam2_from_cam1.rotation, std::nullopt};
+  return {cam2_from_cam1.rotation, cam2_from_cam1.translation / norm};
+}
+
+class PairEstimator {
+ public:
+  PairEstimator(const Scene& scene, const Bearings& bearings,
+                const ImagePair& pair, const ViewGraphOptions& options)
+      : pair_(pair),
+        options_(options),
+        camera1_(scene.cameras[scene.images[pair.image_idx1].camera_idx]),
+        camera2_(scene.cameras[scene.images[pair.image_idx2].camera_idx]),
+        radians_per_pixel_(
+            0.5 / PixelsPerRadian(camera1_.model, camera1_.params.data()) +
+            0.5 / PixelsPerRadian(camera2_.model, camera2_.params.data())),
+        max_error_(options.max_error_px * radians_per_pixel_) {
+    GatherMatches(bearings);
+  }
+
+  PairEstimate Estimate(Random* random) {
+    TryRow();
+    if (!HasEnoughInliers(RequiredRowInlierRatio())) Reestimate(random);
+    if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
+    Refine();
+    return Result();
+  }
+
+ private:
+  void GatherMatches(const Bearings& bearings) {
+    matches_.Reserve(pair_.matches.size());
+    positions_.reserve(pair_.matches.size());
+    for (size_t i = 0; i < pair_.matches.size(); ++i) {
+      const int keypoint1 = static_cast<int>(pair_.matches[i].keypoint_idx1);
+      const int keypoint2 = static_cast<int>(pair_.matches[i].keypoint_idx2);
+      if (!bearings.HasRay(pair_.image_idx1, keypoint1) ||
+          !bearings.HasRay(pair_.image_idx2, keypoint2)) {
+        continue;
+      }
+      matches_.Add(bearings.rays[pair_.image_idx1][keypoint1],
+                   bearings.rays[pair_.image_idx2][keypoint2]);
+      positions_.push_back(i);
+    }
+  }
+
+  PoseScore Score(const RelativePose& pose) const {
+    return pose.translation_direction
+               ? ScoreRelativePose(matches_, ToRigid3(pose), max_error_)
+               : ScoreRotation(matches_, pose.cam2_from_cam1, max_error_);
+  }
+
+  bool IsInlierOf(const RelativePose& pose, size_t i, double max_error) const {
+    const Eigen::Vector3d& ray1 = matches_.rays1[i];
+    const Eigen::Vector3d& ray2 = matches_.rays2[i];
+    return pose.translation_direction
+               ? IsInlier(ToRigid3(pose), ray1, ray2, max_error)
+               : IsRotationInlier(pose.cam2_from_cam1, ray1, ray2, max_error);
+  }
+
+  void Try(const RelativePose& pose, PairOutcome source) {
+    const PoseScore score = Score(pose);
+    if (score.cost < score_.cost) {
+      pose_ = pose;
+      score_ = score;
+      source_ = source;
+    }
+  }
+
+  void TryEssential(const Eigen::Matrix3d& essential) {
+    for (const Rigid3& pose : DecomposeEssential(essential)) {
+      Try(ToRelativePose(pose), PairOutcome::kDecomposed);
+    }
+  }
+
+  // All poses that the row of the pair gives.
+  void TryRow() {
+    if (pair_.relative_pose) Try(*pair_.relative_pose, PairOutcome::kFromRow);
+    if (IsSet(pair_.E)) TryEssential(*pair_.E);
+    const auto K1 = CalibrationMatrix(camera1_);
+    const auto K2 = CalibrationMatrix(camera2_);
+    if (!K1 || !K2) return;
+    if (IsSet(pair_.F)) TryEssential(K2->transpose() * *pair_.F * *K1);
+    if (IsSet(pair_.H)) {
+      for (const PlanarMotion& motion : DecomposeHomography(
+               K2->inverse() * *pair_.H * *K1, kHomographyRotationTolerance)) {
+        Try(ToRelativePose(motion.cam2_from_cam1), PairOutcome::kDecomposed);
+      }
+    }
+  }
+
+  // A rotation that leaves more matches than those of a pair without parallax
+  // may hide a translation.
+  double RequiredRowInlierRatio() const {
+    return pose_.translation_direction ? options_.min_row_inlier_ratio
+                                       : 1.0 - options_.min_parallax_ratio;
+  }
+
+  bool HasEnoughInliers(double ratio) const {
+    return score_.num_inliers >= options_.min_num_inliers &&
+           score_.num_inliers >= ratio * matches_.size();
+  }
+
+  // A rotation needs only two matches a sample, hence few trials; where it
+  // explains the pair, five-point samples would be degenerate.
+  void Reestimate(Random* random) {
+    RansacOptions ransac;
+    ransac.max_error_rad = max_error_;
+    ransac.max_num_trials =
+        std::min(options_.max_num_trials, kMaxNumRotationTrials);
+    if (const auto rotation = EstimateRotation(matches_, ransac, random)) {
+      Try({*rotation, std::nullopt}, PairOutcome::kReestimated);
+    }
+    if (HasEnoughInliers(RequiredRowInlierRatio())) return;
+    ransac.max_num_trials = options_.max_num_trials;
+    if (const auto pose = EstimateRelativePose(matches_, ransac, random)) {
+      Try(ToRelativePose(*pose), PairOutcome::kReestimated);
+    }
+  }
+
+  void Refine() {
+    RayMatches inliers;
+    inliers.Reserve(matches_.size());
+    for (size_t i = 0; i < matches_.size(); ++i) {
+      if (IsInlierOf(pose_, i, kRelaxation * max_error_)) {
+        inliers.Add(matches_.rays1[i], matches_.rays2[i]);
+      }
+    }
+    PoseRefinementOptions refinement;
+    refinement.max_num_iterations = kMaxNumRefinementIterations;
+    refinement.loss_scale_rad = kInitialLossScale * max_error_;
+    if (pose_.translation_direction) {
+      Rigid3 refined = ToRigid3(pose_);
+      refinement.relative_cost_tolerance = kCoarseCostTolerance;
+      RefineRelativePose(inliers, refinement, &refined);
+      refinement.loss_scale_rad = LossScale(inliers, refined);
+      refinement.relative_cost_tolerance = kFineCostTolerance;
+      RefineRelativePose(inliers, refinement, &refined);
+      pose_ = ToRelativePose(refined);
+    }
+    Eigen::Quaterniond rotation = pose_.cam2_from_cam1;
+    RefineRotation(inliers, refinement, &rotation);
+    if (HasLowParallax(rotation)) pose_ = {rotation, std::nullopt};
+  }
+
+  // In proportion to the errors that the matches of this pair really have,
+  // which are often far below the threshold.
+  double LossScale(const RayMatches& inliers, const Rigid3& pose) const {
+    std::vector<double> errors(inliers.size());
+    for (size_t i = 0; i < inliers.size(); ++i) {
+      errors[i] =
+          std::abs(SampsonAngle(pose, inliers.rays1[i], inliers.rays2[i]));
+    }
+    const auto median = errors.begin() + errors.size() / 2;
+    std::nth_element(errors.begin(), median, errors.end());
+    return std::max(options_.loss_scale * *median, kMinLossScale * max_error_);
+  }
+
+  bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
+    if (!pose_.translation_direction) return true;
+    const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
+    int num_inliers = 0, num_with_parallax = 0;
+    for (size_t i = 0; i < matches_.size(); ++i) {
+      if (!IsInlierOf(pose_, i, max_error_)) continue;
+      const Eigen::Vector3d a = rotation * matches_.rays1[i];
+      ++num_inliers;
+      num_with_parallax +=
+          (a - matches_.rays2[i]).squaredNorm() > min_parallax * min_parallax;
+    }
+    return num_with_parallax < options_.min_parallax_ratio * num_inliers;
+  }
+
+  PairEstimate Dropped() const { return {PairOutcome::kDroppedFewInliers, {}}; }
+
+  PairEstimate Result() {
+    score_ = Score(pose_);
+    if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
+    PairEstimate result{source_, {}};
+    result.pair.image_idx1 = pair_.image_idx1;
+    result.pair.image_idx2 = pair_.image_idx2;
+    result.pair.config = pair_.config;
+    result.pair.relative_pose = pose_;
+    result.pair.matches.reserve(score_.num_inliers);
+    for (size_t i = 0; i < matches_.size(); ++i) {
+      if (IsInlierOf(pose_, i, max_error_)) {
+        result.pair.matches.push_back(pair_.matches[positions_[i]]);
+      }
+    }
+    return result;
+  }
+
+  const ImagePair& pair_;
+  const ViewGraphOptions& options_;
+  const Camera& camera1_;
+  const Camera& camera2_;
+  const double radians_per_pixel_;
+  const double max_error_;  // radians
+  RayMatches matches_;
+  std::vector<size_t> positions_;  // in pair_.matches
+  RelativePose pose_{Eigen::Quaterniond::Identity(), std::nullopt};
+  PoseScore score_{std::numeric_limits<double>::infinity(), 0};
+  PairOutcome source_ = PairOutcome::kReestimated;
+};
+
+}  // namespace
+
+PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
+                          const ImagePair& pair,
+                          const ViewGraphOptions& options, Random random) {
+  if (pair.config == TwoViewConfig::kDegenerate ||
+      pair.config == TwoViewConfig::kWatermark) {
+    return {PairOutcome::kDroppedConfig, {}};
+  }
+  return PairEstimator(scene, bearings, pair, options).Estimate(&random);
+}
+
+}  // namespace mgsfm::internal

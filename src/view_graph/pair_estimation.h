@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/random.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
+
+namespace mgsfm::internal {
+
+enum class PairOutcome {
+  kFromRow,
+  kDecomposed,
+  kReestimated,
+  kDroppedFewInliers,
+  kDroppedConfig,
+};
+
+struct PairEstimate {
+  PairOutcome outcome = PairOutcome::kDroppedConfig;
+  ImagePair pair;  // only set if it is kept
+
+  bool IsKept() const {
+    return outcome == PairOutcome::kFromRow ||
+           outcome == PairOutcome::kDecomposed ||
+           outcome == PairOutcome::kReestimated;
+  }
+};
+
+// One pair of EstimateViewGraph.
+PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
+                          const ImagePair& pair,
+                          const ViewGraphOptions& options, Random random);
+
+}  // namespace mgsfm::internal

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Runs the built program, as users do.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "support/subprocess.h"
+
+namespace mgsfm {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::StartsWith;
+
+CommandOutput RunMgsfm(const std::string& arguments) {
+  return RunShell(MGSFM_EXECUTABLE " " + arguments);
+}
+
+// The commands that the usage lists: the first words of its indented lines.
+std::vector<std::string> CommandNames() {
+  std::vector<std::string> names;
+  std::istringstream usage(RunMgsfm("--help").out);
+  for (std::string line; std::getline(usage, line);) {
+    if (line.compare(0, 2, "  ") != 0) continue;
+    names.emplace_back();
+    std::istringstream(line) >> names.back();
+  }
+  return names;
+}
+
+void ExpectOneLineError(const std::string& arguments,
+                        const std::string& message) {
+  const CommandOutput output = RunMgsfm(arguments);
+  EXPECT_EQ(output.exit_code, 1) << arguments;
+  EXPECT_THAT(output.out, IsEmpty());
+  EXPECT_THAT(output.err, AllOf(StartsWith("mgsfm: "), HasSubstr(message)));
+  EXPECT_EQ(std::count(output.err.begin(), output.err.end(), '\n'), 1);
+}
+
+TEST(Executable, HelpAndVersion) {
+  for (const char* arguments : {"help", "--help", "-h"}) {
+    const CommandOutput output = RunMgsfm(arguments);
+    EXPECT_EQ(output.exit_code, 0);
+    EXPECT_THAT(output.out, HasSubstr("Usage: mgsfm COMMAND"));
+    EXPECT_THAT(output.err, IsEmpty());
+  }
+  EXPECT_THAT(RunMgsfm("--version").out, StartsWith("mgsfm "));
+  EXPECT_EQ(RunMgsfm("--version").exit_code, 0);
+}
+
+TEST(Executable, EveryCommandHasHelpAndDumpsItsDefaults) {
+  const std::vector<std::string> names = CommandNames();
+  ASSERT_FALSE(names.empty());
+  for (const std::string& name : names) {
+    const CommandOutput help = RunMgsfm(name + " --help");
+    EXPECT_EQ(help.exit_code, 0) << name;
+    EXPECT_THAT(help.out,
+                AllOf(StartsWith("mgsfm " + name + ": "),
+                      HasSubstr("--num_threads"), HasSubstr("default: ")));
+    EXPECT_EQ(RunMgsfm("help " + name).out, help.out);
+
+    const CommandOutput dump = RunMgsfm(name + " --dump_config");
+    EXPECT_EQ(dump.exit_code, 0) << name;
+    const TempDir dir;
+    const std::string path = (dir.path() / "config.ini").string();
+    WriteTextFile(path, dump.out);
+    EXPECT_EQ(RunMgsfm(name + " --dump_config --config_path " + path).out,
+              dump.out)
+        << "defaults of " << name << " are not in their own ranges";
+  }
+}
+
+TEST(Executable, BadUsageIsOneLineAndExitCode1) {
+  ExpectOneLineError("", "no command given");
+  ExpectOneLineError("maper", "unknown command 'maper'");
+  for (const std::string& name : CommandNames()) {
+    ExpectOneLineError(name + " --num_thread 3", "did you mean 'num_threads'?");
+    ExpectOneLineError(name + " --num_threads 3x", "'3x' is not an integer");
+    ExpectOneLineError(name + " --config_path /no/such/file", "/no/such/file");
+    ExpectOneLineError(name + " stray", "'stray'");
+  }
+}
+
+TEST(Executable, DocumentsTheOptionsOfAllCommands) {
+  const CommandOutput output = RunMgsfm("print_options_markdown");
+  EXPECT_EQ(output.exit_code, 0);
+  for (const std::string& name : CommandNames()) {
+    EXPECT_THAT(output.out, HasSubstr("\n## " + name + "\n"));
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/math/graph.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "mgsfm/base/random.h"
+#include "mgsfm/math/spanning_tree.h"
+#include "mgsfm/math/union_find.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::ElementsAre;
+
+TEST(UnionFind, JoinsSets) {
+  UnionFind sets(5);
+  EXPECT_TRUE(sets.Union(0, 3));
+  EXPECT_TRUE(sets.Union(3, 4));
+  EXPECT_FALSE(sets.Union(0, 4));
+  EXPECT_EQ(sets.Find(0), sets.Find(4));
+  EXPECT_NE(sets.Find(0), sets.Find(1));
+  EXPECT_EQ(sets.SetSize(4), 3u);
+  EXPECT_EQ(sets.SetSize(2), 1u);
+}
+
+TEST(UnionFind, LongChainNeedsNoRecursion) {
+  constexpr size_t kSize = 1000000;
+  UnionFind sets(kSize);
+  for (size_t i = 1; i < kSize; ++i) sets.Union(i - 1, i);
+  EXPECT_EQ(sets.SetSize(0), kSize);
+}
+
+TEST(ConnectedParts, AreNumberedByFirstNode) {
+  const ConnectedParts parts = FindConnectedParts(6, {{5, 1}, {2, 4}, {4, 2}});
+  EXPECT_THAT(parts.part, ElementsAre(0, 1, 2, 3, 2, 1));
+  EXPECT_EQ(parts.num_parts, 4);
+}
+
+TEST(ConnectedParts, EmptyGraph) {
+  EXPECT_EQ(FindConnectedParts(0, {}).num_parts, 0);
+  EXPECT_TRUE(MaximumSpanningForest(0, {}).empty());
+  EXPECT_TRUE(WalkForest(0, {}, {}).empty());
+}
+
+double WeightOf(const std::vector<GraphEdge>& edges,
+                const std::vector<int>& chosen) {
+  double weight = 0.0;
+  for (const int e : chosen) weight += edges[e].weight;
+  return weight;
+}
+
+// The best weight of all subsets of edges that are spanning trees.
+double BruteForceTreeWeight(int num_nodes,
+                            const std::vector<GraphEdge>& edges) {
+  double best = -1.0;
+  for (unsigned subset = 0; subset < (1u << edges.size()); ++subset) {
+    std::vector<GraphEdge> chosen;
+    double weight = 0.0;
+    for (size_t e = 0; e < edges.size(); ++e) {
+      if ((subset >> e & 1u) == 0) continue;
+      chosen.push_back(edges[e]);
+      weight += edges[e].weight;
+    }
+    if (static_cast<int>(chosen.size()) == num_nodes - 1 &&
+        FindConnectedParts(num_nodes, chosen).num_parts == 1) {
+      best = std::max(best, weight);
+    }
+  }
+  return best;
+}
+
+TEST(MaximumSpanningForest, IsOptimal) {
+  Random random(3);
+  for (int trial = 0; trial < 20; ++trial) {
+    std::vector<GraphEdge> edges;
+    for (int node = 1; node < 5; ++node) {
+      edges.push_back({static_cast<int>(random.Index(node)), node,
+                       random.Uniform(0.0, 10.0)});
+    }
+    for (int i = 0; i < 6; ++i) {
+      edges.push_back({static_cast<int>(random.Index(5)),
+                       static_cast<int>(random.Index(5)),
+                       random.Uniform(0.0, 10.0)});
+    }
+    const std::vector<int> forest = MaximumSpanningForest(5, edges);
+    EXPECT_EQ(forest.size(), 4u);
+    EXPECT_NEAR(WeightOf(edges, forest), BruteForceTreeWeight(5, edges), 1e-12);
+  }
+}
+
+TEST(MaximumSpanningForest, PrefersFirstOfEqualEdges) {
+  EXPECT_THAT(MaximumSpanningForest(3, {{0, 1}, {1, 2}, {2, 0}, {1, 0}}),
+              ElementsAre(0, 1));
+}
+
+TEST(WalkForest, VisitsParentsFirst) {
+  const std::vector<GraphEdge> edges = {{4, 3}, {0, 1}, {1, 2}, {3, 1}};
+  const std::vector<ForestStep> steps =
+      WalkForest(6, edges, MaximumSpanningForest(6, edges));
+  ASSERT_EQ(steps.size(), 6u);
+  EXPECT_EQ(steps[0].node, 1);  // most neighbours
+  std::vector<char> visited(6, 0);
+  int num_roots = 0;
+  for (const ForestStep& step : steps) {
+    EXPECT_FALSE(visited[step.node]);
+    visited[step.node] = 1;
+    if (step.parent < 0) {
+      ++num_roots;
+      continue;
+    }
+    EXPECT_TRUE(visited[step.parent]);
+    const GraphEdge& edge = edges[step.edge];
+    EXPECT_EQ(edge.node1 + edge.node2, step.node + step.parent);
+  }
+  EXPECT_EQ(num_roots, 2);
+}
+
+}  // namespace
+}  // namespace mgsfm

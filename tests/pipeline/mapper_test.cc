@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/pipeline/mapper.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+
+#include "mgsfm/base/random.h"
+#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/synthetic/simulation.h"
+#include "support/model_comparison.h"
+
+namespace mgsfm {
+namespace {
+
+Context Threads(int num_threads) {
+  Context context;
+  context.num_threads = num_threads;
+  return context;
+}
+
+SimulationOptions NoisyDrive(RigPreset rig, PathPreset path) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.path = path;
+  options.num_frames = 15;
+  options.max_num_features_per_image = 300;
+  options.pixel_noise_px = 0.5;
+  options.mismatch_ratio = 0.05;
+  options.relative_rotation_noise_deg = 0.3;
+  return options;
+}
+
+MapperResult Map(const Simulation& simulation, int num_threads = 2) {
+  return RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
+                   Threads(num_threads));
+}
+
+class MapperTest
+    : public testing::TestWithParam<std::pair<RigPreset, PathPreset>> {};
+
+TEST_P(MapperTest, RecoversANoisyDrive) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(GetParam().first, GetParam().second));
+  const MapperResult result = Map(simulation);
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_TRUE(result.unregistered_frames.empty());
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.models[0].reconstruction,
+                    simulation.ground_truth);
+  EXPECT_EQ(difference.num_images,
+            static_cast<int>(simulation.scene.images.size()));
+  EXPECT_LT(difference.max_rotation_deg, 0.2);
+  EXPECT_LT(difference.max_position, 0.1);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    RigsAndPaths, MapperTest,
+    testing::Values(std::pair(RigPreset::kMono, PathPreset::kLoop),
+                    std::pair(RigPreset::kStereo, PathPreset::kCurve),
+                    std::pair(RigPreset::kStereo, PathPreset::kStraight),
+                    std::pair(RigPreset::kKitti360, PathPreset::kCurve),
+                    std::pair(RigPreset::kCube6, PathPreset::kCurve)));
+
+TEST(MapperTest, StandingRigKeepsAllFramesInOnePlace) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kStanding));
+  const MapperResult result = Map(simulation);
+  ASSERT_EQ(result.models.size(), 1u);
+  const Reconstruction& model = result.models[0].reconstruction;
+  const Rigid3& right_from_rig = *model.sensor_from_rig[1];
+  const Rigid3& true_right_from_rig =
+      *simulation.ground_truth.sensor_from_rig[1];
+  EXPECT_LT(RadToDeg(AngleBetween(right_from_rig.rotation,
+                                  true_right_from_rig.rotation)),
+            0.05);
+  EXPECT_LT(RadToDeg(AngleBetween(right_from_rig.translation,
+                                  true_right_from_rig.translation)),
+            2.0);
+  const double baseline = right_from_rig.translation.norm();
+  for (const auto& pose : model.rig_from_world) {
+    ASSERT_TRUE(pose.has_value());
+    EXPECT_LT((pose->Center() - model.rig_from_world[0]->Center()).norm(),
+              0.05 * baseline);
+  }
+}
+
+TEST(MapperTest, KnownExtrinsicsGiveMetricScale) {
+  SimulationOptions options =
+      NoisyDrive(RigPreset::kStereo, PathPreset::kCurve);
+  options.extrinsics_are_known = true;
+  const Simulation simulation = Simulate(options);
+  const MapperResult result = Map(simulation);
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_NEAR(CompareModels(simulation.scene, result.models[0].reconstruction,
+                            simulation.ground_truth)
+                  .scale,
+              1.0, 0.005);
+}
+
+// Two drives that share no image pair.
+TEST(MapperTest, EachConnectedPartBecomesAModel) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
+  ViewGraph parted;
+  for (const ImagePair& pair : simulation.view_graph.pairs) {
+    const auto is_late = [&](int image_idx) {
+      return simulation.scene.images[image_idx].frame_idx >= 9;
+    };
+    if (is_late(pair.image_idx1) == is_late(pair.image_idx2)) {
+      parted.pairs.push_back(pair);
+    }
+  }
+  const MapperResult result =
+      RunMapper(simulation.scene, parted, MapperOptions(), Threads(2));
+  ASSERT_EQ(result.models.size(), 2u);
+  for (size_t i = 0; i < 2; ++i) {
+    const ModelDifference difference =
+        CompareModels(simulation.scene, result.models[i].reconstruction,
+                      simulation.ground_truth);
+    EXPECT_EQ(difference.num_images, i == 0 ? 18 : 12);
+    EXPECT_LT(difference.max_position, 0.1);
+  }
+}
+
+TEST(MapperTest, NothingToReconstructIsSaidFrameByFrame) {
+  Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
+  simulation.view_graph.pairs.clear();
+  const MapperResult result = Map(simulation);
+  EXPECT_TRUE(result.models.empty());
+  ASSERT_EQ(result.unregistered_frames.size(), simulation.scene.frames.size());
+  for (const UnregisteredFrame& frame : result.unregistered_frames) {
+    EXPECT_FALSE(frame.reason.empty());
+  }
+}
+
+double MaxPoseDifference(const Reconstruction& a, const Reconstruction& b) {
+  double difference = 0.0;
+  const auto compare = [&](const std::vector<std::optional<Rigid3>>& poses_a,
+                           const std::vector<std::optional<Rigid3>>& poses_b) {
+    for (size_t i = 0; i < poses_a.size(); ++i) {
+      ASSERT_EQ(poses_a[i].has_value(), poses_b[i].has_value());
+      if (!poses_a[i]) continue;
+      difference =
+          std::max({difference,
+                    (poses_a[i]->translation - poses_b[i]->translation).norm(),
+                    AngleBetween(poses_a[i]->rotation, poses_b[i]->rotation)});
+    }
+  };
+  compare(a.rig_from_world, b.rig_from_world);
+  compare(a.sensor_from_rig, b.sensor_from_rig);
+  return difference;
+}
+
+TEST(MapperTest, ThreadsDoNotChangeTheResult) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kKitti360, PathPreset::kCurve));
+  const MapperResult one = Map(simulation, 1);
+  const MapperResult two = Map(simulation, 2);
+  ASSERT_EQ(one.models.size(), 1u);
+  ASSERT_EQ(two.models.size(), 1u);
+  EXPECT_LT(MaxPoseDifference(one.models[0].reconstruction,
+                              two.models[0].reconstruction),
+            1e-9);
+}
+
+// Gives cameras and images other ids, which also changes which image of a pair
+// comes first.
+DatabaseContents WithPermutedIds(const DatabaseContents& contents) {
+  Random random(7);
+  std::vector<uint32_t> new_ids(contents.images.size());
+  std::iota(new_ids.begin(), new_ids.end(), 1000u);
+  for (size_t i = new_ids.size() - 1; i > 0; --i) {
+    std::swap(new_ids[i], new_ids[random.Index(static_cast<uint32_t>(i + 1))]);
+  }
+  std::map<ImageId, ImageId> image_ids;
+  for (size_t i = 0; i < new_ids.size(); ++i) {
+    image_ids.emplace(contents.images[i].id, ImageId(new_ids[i]));
+  }
+  const auto new_camera_id = [](CameraId id) {
+    return CameraId(500 - id.value());
+  };
+  DatabaseContents permuted = contents;
+  permuted.rigs.clear();
+  permuted.frames.clear();
+  for (Camera& camera : permuted.cameras) camera.id = new_camera_id(camera.id);
+  for (ImageRow& image : permuted.images) {
+    image.id = image_ids.at(image.id);
+    image.camera_id = new_camera_id(image.camera_id);
+  }
+  for (TwoViewGeometryRow& pair : permuted.pairs) {
+    pair.image_id1 = image_ids.at(pair.image_id1);
+    pair.image_id2 = image_ids.at(pair.image_id2);
+    if (pair.image_id1 < pair.image_id2) continue;
+    std::swap(pair.image_id1, pair.image_id2);
+    if (pair.E) pair.E = pair.E->transpose().eval();
+    if (pair.cam2_from_cam1) {
+      pair.cam2_from_cam1 = pair.cam2_from_cam1->Inverse();
+    }
+    for (Match& match : pair.matches) {
+      std::swap(match.keypoint_idx1, match.keypoint_idx2);
+    }
+  }
+  std::reverse(permuted.pairs.begin(), permuted.pairs.end());
+  std::reverse(permuted.images.begin(), permuted.images.end());
+  std::reverse(permuted.cameras.begin(), permuted.cameras.end());
+  return permuted;
+}
+
+TEST(MapperTest, IdsDoNotChangeTheResult) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
+  DatabaseContents contents =
+      MakeDatabaseContents(simulation.scene, simulation.view_graph);
+  contents.rigs.clear();
+  contents.frames.clear();
+  std::vector<Reconstruction> models;
+  for (const DatabaseContents& input : {contents, WithPermutedIds(contents)}) {
+    const LoadedScene loaded =
+        LoadScene(input, SceneLoadingOptions(), Threads(1));
+    MapperResult result =
+        RunMapper(loaded.scene, loaded.view_graph, MapperOptions(), Threads(1));
+    ASSERT_EQ(result.models.size(), 1u);
+    models.push_back(std::move(result.models[0].reconstruction));
+  }
+  EXPECT_LT(MaxPoseDifference(models[0], models[1]), 1e-9);
+}
+
+}  // namespace
+}  // namespace mgsfm

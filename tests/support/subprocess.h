@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <sys/wait.h>
+
+#include <cstdlib>
+#include <string>
+
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+
+struct CommandOutput {
+  int exit_code = -1;  // 128 + signal if it was killed by one
+  std::string out;
+  std::string err;
+};
+
+// Runs a line of the shell to its end.
+inline CommandOutput RunShell(const std::string& command) {
+  const TempDir dir;
+  const std::string out_path = (dir.path() / "out").string();
+  const std::string err_path = (dir.path() / "err").string();
+  const int status = std::system(
+      ("{ " + command + "\n} >" + out_path + " 2>" + err_path).c_str());
+  CommandOutput output;
+  output.exit_code =
+      WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  output.out = ReadTextFile(out_path);
+  output.err = ReadTextFile(err_path);
+  return output;
+}
+
+}  // namespace mgsfm
