@@ -6,5 +6,8 @@
 namespace mgsfm {
 
 // One per file cmd_*.cc.
+Command MapperCommand();
+Command ModelEvaluatorCommand();
+Command SimulateCommand();
 
 }  // namespace mgsfm

@@ -9,7 +9,9 @@
 namespace mgsfm {
 namespace {
 
-std::vector<Command> AllCommands() { return {}; }
+std::vector<Command> AllCommands() {
+  return {MapperCommand(), ModelEvaluatorCommand(), SimulateCommand()};
+}
 
 // For docs/options.md.
 void PrintOptionsMarkdown() {

@@ -40,6 +40,7 @@ class Terminal {
     }
     if (progress.done >= progress.total) {
       ClearProgress();
+      stage_.clear();  // it may run once more, for another part of the scene
       return;
     }
     // Often enough for the eye, seldom enough to cost nothing.

@@ -12,11 +12,17 @@
 namespace mgsfm {
 namespace {
 
-template <class Number>
-std::string FormatNumber(Number value) {
+std::string FormatNumber(int value) { return std::to_string(value); }
+
+// The fewest digits that are read back as the same number.
+std::string FormatNumber(double value) {
+  const double magnitude = std::abs(value);
+  const bool is_handy =
+      magnitude == 0.0 || (magnitude >= 1e-4 && magnitude < 1e9);
   char buffer[40];
-  const auto [end, error] =
-      std::to_chars(buffer, buffer + sizeof(buffer), value);
+  const auto [end, error] = std::to_chars(
+      buffer, buffer + sizeof(buffer), value,
+      is_handy ? std::chars_format::fixed : std::chars_format::general);
   MGSFM_CHECK(error == std::errc());
   return std::string(buffer, end);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <cmath>
 
 #include "geometry/epipolar_terms.h"
@@ -227,6 +228,21 @@ SolveSummary RefineRotation(const RayMatches& matches,
         return (ExpSO3(step) * rotation).normalized();
       },
       cam2_from_cam1);
+}
+
+Eigen::Vector3d FitDirection(const RayMatches& matches,
+                             const Eigen::Quaterniond& cam2_from_cam1) {
+  const Eigen::Matrix3d rotation = cam2_from_cam1.toRotationMatrix();
+  Eigen::Matrix3d normals = Eigen::Matrix3d::Zero();
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const Eigen::Vector3d normal =
+        (rotation * matches.rays1[i]).cross(matches.rays2[i]);
+    normals.noalias() += normal * normal.transpose();
+  }
+  // Eigenvalues rise.
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normals)
+      .eigenvectors()
+      .col(0);
 }
 
 }  // namespace mgsfm

@@ -58,8 +58,7 @@ Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
   const double c =
       angle < kSmallAngle
           ? 1.0 / 12.0 + angle * angle / 720.0
-          : 1.0 / (angle * angle) -
-                (1.0 + std::cos(angle)) / (2.0 * angle * std::sin(angle));
+          : 1.0 / (angle * angle) - 1.0 / (2.0 * angle * std::tan(0.5 * angle));
   const Eigen::Matrix3d w = CrossMatrix(omega);
   return Eigen::Matrix3d::Identity() + 0.5 * w + c * w * w;
 }

@@ -79,6 +79,16 @@ std::optional<size_t> FindSensorName(const std::string& image_name,
   return std::nullopt;
 }
 
+std::string NameWithoutSensor(const std::string& image_name,
+                              const std::string& sensor_name) {
+  std::string name = WithoutExtension(image_name);
+  const auto begin = FindSensorName(name, sensor_name);
+  if (!begin || sensor_name.empty()) return name;
+  const size_t end = *begin + sensor_name.size();
+  const bool is_folder = end < name.size() && name[end] == '/';
+  return name.erase(*begin, sensor_name.size() + (is_folder ? 1 : 0));
+}
+
 bool HaveEqualIntrinsics(const Camera& a, const Camera& b) {
   return a.model == b.model && a.width_px == b.width_px &&
          a.height_px == b.height_px && a.params == b.params &&
@@ -103,7 +113,10 @@ void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
       assignment->frame_of_image[image] =
           static_cast<int>(assignment->frames.size());
       assignment->frames.push_back(
-          {rig, WithoutExtension(input.contents.images[image].name), {}});
+          {rig,
+           NameWithoutSensor(input.contents.images[image].name,
+                             assignment->sensors[sensor].name),
+           {}});
     }
   }
 }

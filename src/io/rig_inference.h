@@ -85,4 +85,9 @@ std::string WithoutExtension(const std::string& name);
 std::optional<size_t> FindSensorName(const std::string& image_name,
                                      const std::string& sensor_name);
 
+// What is left of the name of an image for its frame: all but the sensor's name
+// and the extension.
+std::string NameWithoutSensor(const std::string& image_name,
+                              const std::string& sensor_name);
+
 }  // namespace mgsfm

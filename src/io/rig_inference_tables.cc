@@ -199,16 +199,10 @@ void TableAssigner::NameSensors() {
 
 void TableAssigner::NameFrames() {
   for (size_t i = input_.contents.images.size(); i-- > 0;) {
-    std::string name = WithoutExtension(input_.contents.images[i].name);
-    const std::string& sensor =
-        assignment_.sensors[assignment_.sensor_of_image[i]].name;
-    const auto begin = FindSensorName(name, sensor);
-    if (begin && !sensor.empty()) {
-      const size_t end = *begin + sensor.size();
-      name.erase(*begin, sensor.size() + (name[end] == '/' ? 1 : 0));
-    }
+    const int sensor = assignment_.sensor_of_image[i];
     // The first image decides, as it comes last here.
-    assignment_.frames[assignment_.frame_of_image[i]].name = name;
+    assignment_.frames[assignment_.frame_of_image[i]].name = NameWithoutSensor(
+        input_.contents.images[i].name, assignment_.sensors[sensor].name);
   }
 }
 

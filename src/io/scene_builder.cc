@@ -23,9 +23,7 @@ class SceneBuilder {
   Scene Build() {
     CheckFrames();
     CountImages();
-    for (size_t rig = 0; rig < assignment_.rig_ids.size(); ++rig) {
-      ChooseReference(static_cast<int>(rig));
-    }
+    ChooseReferences();
     JoinCameras();
     for (size_t i = 0; i < input_.contents.images.size(); ++i) {
       AddImage(static_cast<int>(i));
@@ -44,7 +42,8 @@ class SceneBuilder {
 
   void CheckFrames() const;
   void CountImages();
-  void ChooseReference(int rig);
+  void ChooseReferences();
+  void ChooseReference(const std::vector<int>& sensors);
   void JoinCameras();
   void AddImage(int image);
   int AddCamera(int sensor);
@@ -97,9 +96,20 @@ void SceneBuilder::CountImages() {
   for (const int sensor : assignment_.sensor_of_image) ++num_images_[sensor];
 }
 
-// Makes sure that the reference has images: the one given, else by known pose,
-// number of images and name. Moves known poses to the new reference.
-void SceneBuilder::ChooseReference(int rig) {
+void SceneBuilder::ChooseReferences() {
+  std::vector<std::vector<int>> sensors_of_rig(assignment_.rig_ids.size());
+  for (size_t i = 0; i < assignment_.sensors.size(); ++i) {
+    sensors_of_rig[assignment_.sensors[i].rig].push_back(static_cast<int>(i));
+  }
+  for (const std::vector<int>& sensors : sensors_of_rig) {
+    ChooseReference(sensors);
+  }
+}
+
+// Makes sure that the reference of the rig of these sensors has images: the one
+// given, else by known pose, number of images and name. Known poses become
+// relative to it.
+void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
   RigAssignment::Sensor* best = nullptr;
   const auto quality = [this](const RigAssignment::Sensor& sensor) {
     const size_t number = &sensor - assignment_.sensors.data();
@@ -107,28 +117,27 @@ void SceneBuilder::ChooseReference(int rig) {
                            sensor.sensor_from_rig.has_value(),
                            num_images_[number]);
   };
-  for (size_t i = 0; i < assignment_.sensors.size(); ++i) {
+  for (const int i : sensors) {
     RigAssignment::Sensor& sensor = assignment_.sensors[i];
-    if (sensor.rig != rig || num_images_[i] == 0) continue;
+    if (num_images_[i] == 0) continue;
     if (best == nullptr || quality(sensor) > quality(*best) ||
         (quality(sensor) == quality(*best) && sensor.name < best->name)) {
       best = &sensor;
     }
   }
-  if (best == nullptr) return;  // a rig without images
+  if (best == nullptr || best->is_reference) return;
   const std::optional<Rigid3> new_from_old = best->sensor_from_rig;
-  for (RigAssignment::Sensor& sensor : assignment_.sensors) {
-    if (sensor.rig != rig || &sensor == best) continue;
+  for (const int i : sensors) {
+    RigAssignment::Sensor& sensor = assignment_.sensors[i];
     if (sensor.is_reference) {
       context_.Warning("the reference sensor of a rig has no images; '" +
                        best->name + "' takes its place");
     }
     sensor.is_reference = false;
-    if (!best->is_reference && sensor.sensor_from_rig) {
+    // Without new_from_old, no sensor with images has a known pose.
+    if (sensor.sensor_from_rig && new_from_old) {
       sensor.sensor_from_rig =
-          new_from_old ? std::optional<Rigid3>(*sensor.sensor_from_rig *
-                                               new_from_old->Inverse())
-                       : std::nullopt;
+          *sensor.sensor_from_rig * new_from_old->Inverse();
     }
   }
   best->is_reference = true;

@@ -20,6 +20,7 @@ struct NodeRotation {
   int high;
   Quaterniond high_from_low;
   double weight;
+  double support;
 
   std::pair<int, int> Nodes() const { return {low, high}; }
 };
@@ -34,11 +35,11 @@ std::vector<NodeRotation> CollectNodeRotations(const RotationProblem& problem,
         state.sensors[edge.sensor2].conjugate() * edge.cam2_from_cam1 *
         state.sensors[edge.sensor1];
     if (edge.node1 < edge.node2) {
-      rotations.push_back(
-          {edge.node1, edge.node2, node2_from_node1, edge.weight});
+      rotations.push_back({edge.node1, edge.node2, node2_from_node1,
+                           edge.weight, edge.support});
     } else {
-      rotations.push_back(
-          {edge.node2, edge.node1, node2_from_node1.conjugate(), edge.weight});
+      rotations.push_back({edge.node2, edge.node1, node2_from_node1.conjugate(),
+                           edge.weight, edge.support});
     }
   }
   std::stable_sort(rotations.begin(), rotations.end(),
@@ -60,10 +61,10 @@ NodeRotation Merge(const NodeRotation* begin, const NodeRotation* end,
   NodeRotation merged = *begin;
   merged.high_from_low =
       FindGeodesicMedian(samples, weights, max_error_rad).rotation;
-  merged.weight = 0.0;
+  merged.support = 0.0;
   for (size_t i = 0; i < samples.size(); ++i) {
     if (AngleBetween(samples[i], merged.high_from_low) <= max_error_rad) {
-      merged.weight += weights[i];
+      merged.support += begin[i].support;
     }
   }
   return merged;
@@ -92,7 +93,7 @@ void InitializeNodes(const RotationProblem& problem, double max_error_rad,
   std::vector<GraphEdge> edges;
   edges.reserve(merged.size());
   for (const NodeRotation& r : merged) {
-    edges.push_back({r.low, r.high, r.weight});
+    edges.push_back({r.low, r.high, r.support});
   }
   const std::vector<int> forest =
       MaximumSpanningForest(problem.num_nodes, edges);

@@ -21,7 +21,8 @@ struct RotationEdge {
   int sensor1 = 0;
   int sensor2 = 0;
   Eigen::Quaterniond cam2_from_cam1;
-  double weight = 1.0;
+  double weight = 1.0;   // in the sum of losses
+  double support = 1.0;  // number of matches, for the spanning forest
 };
 
 struct RotationProblem {

@@ -11,6 +11,7 @@
 #include "mgsfm/math/sparse_solver.h"
 #include "mgsfm/math/statistics.h"
 #include "rotation/rotation_equations.h"
+#include "rotation/rotation_initialization.h"
 
 namespace mgsfm {
 namespace {
@@ -209,6 +210,19 @@ SolveSummary AverageRobust(const RotationProblem& problem,
   summary.final_cost = RobustCost(problem, norms, loss);
   std::ostringstream message;
   message << "Final scale " << RadToDeg(schedule.scale_rad()) << " deg.";
+  summary.message = message.str();
+  return summary;
+}
+
+SolveSummary AverageNodes(const RotationProblem& problem,
+                          const RotationAveragingOptions& options,
+                          const Context& context, RotationState* state) {
+  InitializeNodes(problem, DegToRad(options.max_error_deg), state);
+  const SolveSummary l1 = AverageL1(problem, options, context, state);
+  SolveSummary summary = AverageRobust(problem, options, context, state);
+  std::ostringstream message;
+  message << summary.message << " L1 step: " << TerminationName(l1.termination)
+          << " after " << l1.num_iterations << " iterations. " << l1.message;
   summary.message = message.str();
   return summary;
 }

@@ -42,4 +42,11 @@ SolveSummary AverageRobust(const RotationProblem& problem,
                            const RotationAveragingOptions& options,
                            const Context& context, RotationState* state);
 
+// The start by a spanning forest (rotation_initialization.h), AverageL1() and
+// AverageRobust(), whose summary is returned. Should the L1 step fail, the last
+// goes on from what it left.
+SolveSummary AverageNodes(const RotationProblem& problem,
+                          const RotationAveragingOptions& options,
+                          const Context& context, RotationState* state);
+
 }  // namespace mgsfm

@@ -20,17 +20,19 @@ Vector3d Baseline(const LinearBaseline& baseline,
 }
 
 // Chain rule: jacobians[b] = derivative * coefficients[b].
-template <int kNumRows>
-void WriteJacobians(const LinearBaseline& baseline,
-                    const Eigen::Matrix<double, kNumRows, 3>& derivative,
+void WriteJacobians(const LinearBaseline& baseline, const Matrix3d& derivative,
                     double** jacobians) {
   if (jacobians == nullptr) return;
   for (int b = 0; b < baseline.num_blocks; ++b) {
     if (jacobians[b] == nullptr) continue;
-    Eigen::Map<Eigen::Matrix<double, kNumRows, 3, Eigen::RowMajor>> jacobian(
-        jacobians[b]);
-    jacobian.noalias() = derivative * baseline.coefficients[b];
+    RowMajor3d::Map(jacobians[b]).noalias() =
+        derivative * baseline.coefficients[b];
   }
+}
+
+// Writes one Jacobian, if it is asked for.
+void WriteJacobian(const Matrix3d& jacobian, double* values) {
+  if (values != nullptr) RowMajor3d::Map(values) = jacobian;
 }
 
 // d(v / |v|) / dv. False where it is not defined.
@@ -65,7 +67,7 @@ bool BaselineDirectionCost::Evaluate(double const* const* parameters,
   residual = weight_ * (direction_ - unit);
   const Matrix3d derivative =
       -weight_ / length * (Matrix3d::Identity() - unit * unit.transpose());
-  WriteJacobians<3>(baseline_, derivative, jacobians);
+  WriteJacobians(baseline_, derivative, jacobians);
   return true;
 }
 
@@ -89,8 +91,8 @@ bool BaselineLengthCost::Evaluate(double const* const* parameters,
   if (jacobians == nullptr) return true;
   for (int b = 0; b < baseline_.num_blocks; ++b) {
     if (jacobians[b] == nullptr) continue;
-    Eigen::Map<Eigen::RowVector3d> jacobian(jacobians[b]);
-    jacobian.noalias() = derivative * baseline_.coefficients[b];
+    Eigen::RowVector3d::Map(jacobians[b]) =
+        derivative * baseline_.coefficients[b];
   }
   return true;
 }
@@ -107,24 +109,25 @@ bool ZeroBaselineCost::Evaluate(double const* const* parameters,
   Eigen::Map<Vector3d> residual(residuals);
   residual = weight_ * Baseline(baseline_, parameters);
   const Matrix3d derivative = weight_ * Matrix3d::Identity();
-  WriteJacobians<3>(baseline_, derivative, jacobians);
+  WriteJacobians(baseline_, derivative, jacobians);
   return true;
 }
 
-LinearRowCost::LinearRowCost(const Eigen::VectorXd& row, double weight)
-    : row_(row), weight_(weight) {
+LinearRowCost::LinearRowCost(const Eigen::VectorXd& row, double value,
+                             double weight)
+    : row_(row), value_(value), weight_(weight) {
   set_num_residuals(1);
   mutable_parameter_block_sizes()->assign(row.size() / 3, 3);
 }
 
 bool LinearRowCost::Evaluate(double const* const* parameters, double* residuals,
                              double** jacobians) const {
-  residuals[0] = 0.0;
+  residuals[0] = -weight_ * value_;
   for (Eigen::Index b = 0; 3 * b < row_.size(); ++b) {
     const Vector3d part = weight_ * row_.segment<3>(3 * b);
     residuals[0] += part.dot(Eigen::Map<const Vector3d>(parameters[b]));
     if (jacobians != nullptr && jacobians[b] != nullptr) {
-      Eigen::Map<Vector3d>(jacobians[b]) = part;
+      Vector3d::Map(jacobians[b]) = part;
     }
   }
   return true;
@@ -144,12 +147,9 @@ bool PointDirectionCost::Evaluate(double const* const* parameters,
   Eigen::Map<Vector3d> residual(residuals);
   residual = ray_ - unit;
   if (jacobians == nullptr) return true;
-  if (jacobians[0]) Eigen::Map<RowMajor3d>(jacobians[0]) = derivative;
-  if (jacobians[1]) {
-    Eigen::Map<RowMajor3d>(jacobians[1]).noalias() =
-        -derivative * *world_from_cam_;
-  }
-  if (jacobians[2]) Eigen::Map<RowMajor3d>(jacobians[2]) = -derivative;
+  WriteJacobian(derivative, jacobians[0]);
+  WriteJacobian(-derivative * *world_from_cam_, jacobians[1]);
+  WriteJacobian(-derivative, jacobians[2]);
   return true;
 }
 
@@ -164,8 +164,8 @@ bool PointDirectionFixedSensorCost::Evaluate(double const* const* parameters,
   Eigen::Map<Vector3d> residual(residuals);
   residual = ray_ - unit;
   if (jacobians == nullptr) return true;
-  if (jacobians[0]) Eigen::Map<RowMajor3d>(jacobians[0]) = derivative;
-  if (jacobians[1]) Eigen::Map<RowMajor3d>(jacobians[1]) = -derivative;
+  WriteJacobian(derivative, jacobians[0]);
+  WriteJacobian(-derivative, jacobians[1]);
   return true;
 }
 

@@ -66,16 +66,17 @@ class ZeroBaselineCost : public ceres::CostFunction {
   const double weight_;
 };
 
-// weight * sum_b row_b . x_b: holds one combination of blocks at zero.
+// weight * (sum_b row_b . x_b - value): holds one combination of blocks.
 class LinearRowCost : public ceres::CostFunction {
  public:
   // `row` has three coefficients for each block.
-  LinearRowCost(const Eigen::VectorXd& row, double weight);
+  LinearRowCost(const Eigen::VectorXd& row, double value, double weight);
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
 
  private:
   const Eigen::VectorXd row_;
+  const double value_;
   const double weight_;
 };
 

@@ -42,6 +42,7 @@ class AngleProblem {
   void AddPoints(const TrackRays& rays, const std::vector<size_t>& track_idxs,
                  TrackPoints* points);
   void AddGauge();
+  void AddScaleGauge();
   void SetLossScale(double scale_rad) {
     loss_.Reset(new ceres::CauchyLoss(scale_rad), ceres::TAKE_OWNERSHIP);
   }
@@ -203,9 +204,30 @@ void AngleProblem::AddGauge() {
   const double weight = 1.0 / input_.initial.group_factor[0];
   for (Eigen::Index k = 0; k < input_.initial.unobservable.rows(); ++k) {
     problem_.AddResidualBlock(
-        new LinearRowCost(input_.initial.unobservable.row(k), weight), nullptr,
-        blocks);
+        new LinearRowCost(input_.initial.unobservable.row(k), 0.0, weight),
+        nullptr, blocks);
   }
+}
+
+// Keeps the length of the longest unknown along itself. A change of scale can
+// meet this exactly, so it does not affect the shape.
+void AngleProblem::AddScaleGauge() {
+  for (const Vector3d& t : input_.problem.fixed_translation) {
+    if (t.squaredNorm() > 0.0) return;
+  }
+  Vector3d* longest = nullptr;
+  const auto compare = [&](Vector3d* x) {
+    if (problem_.HasParameterBlock(x->data()) &&
+        (longest == nullptr || x->squaredNorm() > longest->squaredNorm())) {
+      longest = x;
+    }
+  };
+  for (Vector3d& center : positions_->frame_center) compare(&center);
+  for (Vector3d& t : positions_->sensor_translation) compare(&t);
+  if (longest == nullptr || !(longest->squaredNorm() > 0.0)) return;
+  problem_.AddResidualBlock(
+      new LinearRowCost(*longest / longest->squaredNorm(), 1.0, 1.0), nullptr,
+      longest->data());
 }
 
 SolveSummary AngleProblem::Solve(ceres::LinearSolverType solver_type,
@@ -289,6 +311,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
   problem.AddPoints(rays, track_idxs, points);
   problem.AddDirections(kPairWeightWithPoints);
   problem.AddGauge();
+  problem.AddScaleGauge();
   return problem.Solve(ceres::SPARSE_SCHUR, options.max_num_iterations);
 }
 

@@ -44,9 +44,9 @@ SolveSummary RefineCameras(const RefinementInput& input,
 //
 // over the used observations of the given tracks, with rays g in world axes.
 // The pair terms are those above with a tenth of their weight and without
-// lengths; they hold what no point holds. The common scale is not determined
-// unless given internal translations do; steps leave it alone.
-// Points are eliminated (Schur complement).
+// lengths; they hold what no point holds. The scale, where no given internal
+// translation determines it, is held by the farthest frame. Points are
+// eliminated (Schur complement).
 SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const TrackRays& rays,
                                     const std::vector<size_t>& track_idxs,

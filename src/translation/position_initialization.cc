@@ -18,10 +18,12 @@ using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-// Errors that remain after averaging, in addition to those of each pair. Rows
-// are given in units of the first.
+// Error of directions that remains whatever their own estimates say. The unit
+// of residuals.
 constexpr double kDirectionSigma = DegToRad(0.5);
-constexpr double kScaleSigma = 0.1;
+// Lengths known this well weigh as much as directions: were they weaker, wrong
+// directions could make good baselines collapse rather than be outliers.
+constexpr double kGoodScaleSigma = 0.15;
 constexpr double kGroupSigma = 0.7;  // of log(median depth) between groups
 constexpr double kLowerBound = 0.1;  // of the estimated length of a baseline
 // Of undetermined directions, in units of the median baseline.
@@ -278,10 +280,9 @@ void PositionInitializer::AddDirection(size_t motion_idx,
   const double scale = scales_.scale[motion_idx];
   const double normal_weight =
       kDirectionSigma / (scale * std::hypot(motion.sigma_rad, kDirectionSigma));
-  const double scale_weight = std::min(
-      kDirectionSigma /
-          (scale * std::hypot(scales_.sigma_log[motion_idx], kScaleSigma)),
-      normal_weight);
+  const double scale_weight =
+      normal_weight *
+      std::min(kGoodScaleSigma / scales_.sigma_log[motion_idx], 1.0);
   const Vector3d& b = motion.direction;
   const Vector3d normal = b.unitOrthogonal();
   Matrix3d rows;
@@ -315,12 +316,14 @@ void PositionInitializer::AddNoParallax(const PairMotion& motion,
 }
 
 void PositionInitializer::AddGroupPriors(BlockSystem* system) const {
+  constexpr double kWeight = kDirectionSigma / kGroupSigma;
   for (size_t g = 1; g < group_column_.size(); ++g) {
     // As strong as the rows of the group would pull if they only had noise.
-    const double weight =
-        kDirectionSigma / kGroupSigma * scales_.group_sizes[g];
-    system->triplets.emplace_back(system->num_rows(), group_column_[g], weight);
-    system->FinishBlock(Vector3d(weight, 0.0, 0.0), BlockPenalty());
+    BlockPenalty penalty;
+    penalty.weight = scales_.group_sizes[g];
+    system->triplets.emplace_back(system->num_rows(), group_column_[g],
+                                  kWeight);
+    system->FinishBlock(Vector3d(kWeight, 0.0, 0.0), penalty);
   }
 }
 

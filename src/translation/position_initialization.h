@@ -20,7 +20,8 @@ namespace mgsfm {
 // + sum_q  |C_q| / sigma_0                          (pairs without parallax)
 // + sum_g  n_g |a_g - 1| / sigma_g                  (groups but the first)
 //
-//   phi(v) = |v| / sigma_s,p, and 1 / sigma_p per unit below s = scale_p / 10,
+//   phi(v) = |v| min(0.15 / sigma_s,p, 1) / sigma_p for b . C >= scale_p / 10,
+//   continued with slope 1 / sigma_p below,
 //
 // over the frame centres, the internal translations of free sensors, and the
 // factors a_g. It is eq. (8) of MGSfM, min |s b - C| with s bounded from below,

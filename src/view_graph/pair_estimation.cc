@@ -5,9 +5,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/epipolar.h"
+#include "mgsfm/math/statistics.h"
 
 namespace mgsfm::internal {
 namespace {
@@ -24,6 +27,10 @@ constexpr double kInitialLossScale = 0.25;
 constexpr double kMinLossScale = 1e-3;
 constexpr double kCoarseCostTolerance = 1e-3;
 constexpr double kFineCostTolerance = 1e-6;
+// Of the median error of a rotation to that of a pose. Without any parallax it
+// is 1.7: the medians of the length of two normal errors and of one. Beyond
+// this a rotation fitted alone is biased by the parallax.
+constexpr double kMaxMedianRatio = 2.5;
 
 std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera) {
   const std::vector<double>& p = camera.params;
@@ -53,6 +60,25 @@ RelativePose ToRelativePose(const Rigid3& cam2_from_cam1) {
   const double norm = cam2_from_cam1.translation.norm();
   if (norm == 0.0) return {cam2_from_cam1.rotation, std::nullopt};
   return {cam2_from_cam1.rotation, cam2_from_cam1.translation / norm};
+}
+
+double MedianError(const RayMatches& matches, const Rigid3& pose) {
+  std::vector<double> errors(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    errors[i] =
+        std::abs(SampsonAngle(pose, matches.rays1[i], matches.rays2[i]));
+  }
+  return Median(std::move(errors));
+}
+
+double MedianRotationError(const RayMatches& matches,
+                           const Eigen::Quaterniond& rotation) {
+  std::vector<double> errors(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    errors[i] = (rotation * matches.rays1[i] - matches.rays2[i]).norm() *
+                std::sqrt(0.5);
+  }
+  return Median(std::move(errors));
 }
 
 class PairEstimator {
@@ -169,6 +195,8 @@ class PairEstimator {
     }
   }
 
+  // Refines a pose and, for itself, a rotation, and decides which of them the
+  // matches support.
   void Refine() {
     RayMatches inliers;
     inliers.Reserve(matches_.size());
@@ -177,38 +205,42 @@ class PairEstimator {
         inliers.Add(matches_.rays1[i], matches_.rays2[i]);
       }
     }
+    Rigid3 pose = StartWithDirection(inliers);
     PoseRefinementOptions refinement;
     refinement.max_num_iterations = kMaxNumRefinementIterations;
     refinement.loss_scale_rad = kInitialLossScale * max_error_;
-    if (pose_.translation_direction) {
-      Rigid3 refined = ToRigid3(pose_);
-      refinement.relative_cost_tolerance = kCoarseCostTolerance;
-      RefineRelativePose(inliers, refinement, &refined);
-      refinement.loss_scale_rad = LossScale(inliers, refined);
-      refinement.relative_cost_tolerance = kFineCostTolerance;
-      RefineRelativePose(inliers, refinement, &refined);
-      pose_ = ToRelativePose(refined);
-    }
-    Eigen::Quaterniond rotation = pose_.cam2_from_cam1;
+    refinement.relative_cost_tolerance = kCoarseCostTolerance;
+    RefineRelativePose(inliers, refinement, &pose);
+    // The errors that matches really have are often far below the threshold.
+    refinement.loss_scale_rad =
+        std::max(options_.loss_scale * MedianError(inliers, pose),
+                 kMinLossScale * max_error_);
+    refinement.relative_cost_tolerance = kFineCostTolerance;
+    RefineRelativePose(inliers, refinement, &pose);
+    Eigen::Quaterniond rotation = pose.rotation;
     RefineRotation(inliers, refinement, &rotation);
-    if (HasLowParallax(rotation)) pose_ = {rotation, std::nullopt};
-  }
 
-  // In proportion to the errors that the matches of this pair really have,
-  // which are often far below the threshold.
-  double LossScale(const RayMatches& inliers, const Rigid3& pose) const {
-    std::vector<double> errors(inliers.size());
-    for (size_t i = 0; i < inliers.size(); ++i) {
-      errors[i] =
-          std::abs(SampsonAngle(pose, inliers.rays1[i], inliers.rays2[i]));
+    pose_ = ToRelativePose(pose);
+    has_direction_ = !HasLowParallax(rotation);
+    if (!has_direction_ && MedianRotationError(inliers, rotation) <=
+                               kMaxMedianRatio * MedianError(inliers, pose)) {
+      pose_ = {rotation, std::nullopt};
     }
-    const auto median = errors.begin() + errors.size() / 2;
-    std::nth_element(errors.begin(), median, errors.end());
-    return std::max(options_.loss_scale * *median, kMinLossScale * max_error_);
   }
 
+  Rigid3 StartWithDirection(const RayMatches& inliers) const {
+    if (pose_.translation_direction) return ToRigid3(pose_);
+    const Eigen::Quaterniond& rotation = pose_.cam2_from_cam1;
+    const Rigid3 pose{rotation, FitDirection(inliers, rotation)};
+    const Rigid3 opposite{rotation, -pose.translation};
+    return ScoreRelativePose(inliers, pose, max_error_).cost <=
+                   ScoreRelativePose(inliers, opposite, max_error_).cost
+               ? pose
+               : opposite;
+  }
+
+  // Whether the rotation explains nearly all inliers of the pose.
   bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
-    if (!pose_.translation_direction) return true;
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
     int num_inliers = 0, num_with_parallax = 0;
     for (size_t i = 0; i < matches_.size(); ++i) {
@@ -218,7 +250,7 @@ class PairEstimator {
       num_with_parallax +=
           (a - matches_.rays2[i]).squaredNorm() > min_parallax * min_parallax;
     }
-    return num_with_parallax < options_.min_parallax_ratio * num_inliers;
+    return num_with_parallax <= options_.min_parallax_ratio * num_inliers;
   }
 
   PairEstimate Dropped() const { return {PairOutcome::kDroppedFewInliers, {}}; }
@@ -231,6 +263,9 @@ class PairEstimator {
     result.pair.image_idx2 = pair_.image_idx2;
     result.pair.config = pair_.config;
     result.pair.relative_pose = pose_;
+    if (!has_direction_) {
+      result.pair.relative_pose->translation_direction.reset();
+    }
     result.pair.matches.reserve(score_.num_inliers);
     for (size_t i = 0; i < matches_.size(); ++i) {
       if (IsInlierOf(pose_, i, max_error_)) {
@@ -249,6 +284,7 @@ class PairEstimator {
   RayMatches matches_;
   std::vector<size_t> positions_;  // in pair_.matches
   RelativePose pose_{Eigen::Quaterniond::Identity(), std::nullopt};
+  bool has_direction_ = true;  // to be told, not only to test matches
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};
   PairOutcome source_ = PairOutcome::kReestimated;
 };

@@ -48,6 +48,7 @@ TEST(Range, ToStringIsAnInterval) {
   EXPECT_EQ(AtLeast(2).ToString(), "[2, inf)");
   EXPECT_EQ(GreaterThan(0).ToString(), "(0, inf)");
   EXPECT_EQ(Between(-0.5, 180).ToString(), "[-0.5, 180]");
+  EXPECT_EQ(Between(1e-12, 100000).ToString(), "[1e-12, 100000]");
 }
 
 TEST_F(OptionsTest, ListHasAllFieldsInOrder) {
@@ -127,7 +128,8 @@ TEST(FormatOptionValue, IsReadBackAsTheSameNumber) {
   SampleOptions options;
   const OptionList list = ListOptions(&options);
   for (const double value :
-       {0.1, 1.0 / 3.0, 1e-300, 123456789.123456789, 5e-324, 1.0}) {
+       {0.1, 1.0 / 3.0, 1e-300, 123456789.123456789, 5e-324, 1.0, 1e-4,
+        999999999.99999988, 1.7976931348623157e308}) {
     SetOption(list, "Solver.Loss.scale_px", FormatOptionValue(value));
     EXPECT_EQ(options.solver.loss.scale_px, value);
   }

@@ -386,6 +386,14 @@ TEST(EpipolarTest, RotationIsFoundAmongOutliers) {
   }
 }
 
+TEST(EpipolarTest, DirectionIsFoundGivenTheRotation) {
+  Random random(32);
+  const Rigid3 pose = RandomPose(&random);
+  const Eigen::Vector3d direction =
+      FitDirection(MakeMatches(pose, {}, &random), pose.rotation);
+  EXPECT_NEAR(std::abs(direction.dot(pose.translation)), 1.0, 1e-12);
+}
+
 // Whatever the direction of the translation, noisy matches of a pure rotation
 // have the right rotation.
 TEST(EpipolarTest, RansacOfPureRotationHasTheRotation) {

@@ -110,7 +110,7 @@ void ExpectConsistent(const TrackResult& result) {
       if (o == tracks.begin(i)) continue;
       EXPECT_LT((o - 1)->image_idx, o->image_idx);
     }
-    if (i > 0) EXPECT_LT(*tracks.begin(i - 1), *tracks.begin(i));
+    EXPECT_TRUE(i == 0 || *tracks.begin(i - 1) < *tracks.begin(i));
   }
   EXPECT_EQ(result.summary.num_components, components.size());
   EXPECT_EQ(result.summary.num_tracks, tracks.size());

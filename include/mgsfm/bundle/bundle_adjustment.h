@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
@@ -10,18 +14,140 @@
 
 namespace mgsfm {
 
+// Multi-camera bundle adjustment (section 3.5 of MGSfM, eq. 16), over frame
+// poses, internal poses, points and, if asked, intrinsics:
+//
+//   min sum_o rho(|Project(K, S R (p - c) + t) - x_o|)
+//       + sum_f ((f - f_given) / (sigma f_given))^2                        (1)
+//
+// R, c: rotation and centre of the frame; S, t: sensor_from_rig, the constant
+// identity for the reference sensor; rho: Huber, in pixels. The second sum is
+// over refined focal lengths whose given value is trusted: a straight drive
+// does not determine them, and must not spoil them.
+//
+// Gauge. The frame with the most observations is held. Scale is held by one
+// coordinate of the largest translation of another frame or of an internal
+// pose, unless two sensors of one frame are held at different places: then
+// scale is observable, and known extrinsics keep the model metric. Nothing is
+// held if frames or points are.
+//
+// Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
+// first; the rest is a sparse Cholesky factorisation of the frames, with the
+// internal poses and intrinsics as border. Ends when the relative change of
+// the cost is at most function_tolerance. The same to the last bit for every
+// number of threads. Cost of an iteration: linear in the observations, for each
+// point the square of the number of frames that see it, and the factorisation.
+
+enum class RefineMode {
+  kAuto,  // what is not known beforehand
+  kYes,
+  kNo,
+};
+
+template <>
+struct EnumTable<RefineMode> {
+  static constexpr std::pair<std::string_view, RefineMode> kNames[] = {
+      {"auto", RefineMode::kAuto},
+      {"yes", RefineMode::kYes},
+      {"no", RefineMode::kNo}};
+};
+
 struct BundleAdjustmentOptions {
   int max_num_iterations = 100;
+  double function_tolerance = 1e-6;
+  double loss_scale_px = 1.0;
+  bool refine_rig_from_world = true;
+  RefineMode refine_sensor_from_rig = RefineMode::kAuto;
+  bool refine_points = true;
+  RefineMode refine_focal_length = RefineMode::kAuto;
+  bool refine_principal_point = false;
+  RefineMode refine_extra_params = RefineMode::kAuto;
+  double focal_length_prior_sigma = 1e-3;
+
+  int num_rounds = 3;
+  double error_sigma_factor = 4.0;
+  double min_max_error_px = 1.5;
+  double max_max_error_px = 4.0;
+  double min_triangulation_angle_deg = 1.0;
+  double min_two_view_angle_deg = 2.0;
+  int min_num_observations = 2;
+  int min_num_observations_per_frame = 6;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
           "iterations", "Most iterations of one solve.");
+    visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
+          "A solve ends when the cost changes by less than this part.");
+    visit("loss_scale", self.loss_scale_px, GreaterThan(0.0), "px",
+          "Reprojection errors above count linearly, not squared.");
+    visit("refine_rig_from_world", self.refine_rig_from_world, AnyValue(), "",
+          "Refine the poses of frames.");
+    visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
+          "Refine the poses of cameras in the rig; auto: those that were not "
+          "given.");
+    visit("refine_points", self.refine_points, AnyValue(), "",
+          "Refine 3D points.");
+    visit("refine_focal_length", self.refine_focal_length, AnyValue(), "",
+          "Refine focal lengths; auto: those without a prior.");
+    visit("refine_principal_point", self.refine_principal_point, AnyValue(), "",
+          "Refine principal points.");
+    visit("refine_extra_params", self.refine_extra_params, AnyValue(), "",
+          "Refine distortion parameters; auto: of cameras without a prior "
+          "focal length.");
+    visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
+          GreaterThan(0.0), "",
+          "Relative standard deviation of prior focal lengths, where these are "
+          "refined.");
+    visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
+          "Rounds of triangulating all points anew and solving.");
+    visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
+          "Observations with more than so many robust standard deviations of "
+          "reprojection error are outliers.");
+    visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
+          "Reprojection errors up to this are never outliers.");
+    visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
+          "Larger reprojection errors are outliers in the last round; in each "
+          "round before, twice as much is allowed.");
+    visit("min_triangulation_angle_deg", self.min_triangulation_angle_deg,
+          Between(0.0, 90.0), "deg",
+          "Points whose rays all span less are dropped.");
+    visit("min_two_view_angle_deg", self.min_two_view_angle_deg,
+          Between(0.0, 90.0), "deg",
+          "The same for points with two observations.");
+    visit("min_num_observations", self.min_num_observations, AtLeast(2),
+          "observations", "Points with fewer are dropped.");
+    visit("min_num_observations_per_frame",
+          self.min_num_observations_per_frame, AtLeast(0), "observations",
+          "Frames with fewer are reported as weak.");
   }
+};
+
+// What happened between two solves.
+struct BundleRound {
+  double sigma_px = 0.0;      // robust standard deviation per coordinate
+  double max_error_px = 0.0;  // threshold that follows
+  size_t num_points_before = 0;
+  size_t num_points_after = 0;
+  size_t num_observations_before = 0;
+  size_t num_observations_after = 0;
+};
+
+struct DroppedFrame {
+  int frame_idx = 0;
+  std::string reason;
 };
 
 struct BundleSummary {
   std::vector<SolveSummary> solves;
+  // Points are triangulated anew in all but the last, which only filters.
+  std::vector<BundleRound> rounds;
+  std::vector<DroppedFrame> dropped_frames;  // had a pose at the start
+  std::vector<int> weak_frame_idxs;          // kept, but hardly constrained
+  // Kept their initial pose, as nothing was left to refine it.
+  std::vector<int> sensor_idxs_without_observations;
+  // Left out of the solves, as their camera could not see the point.
+  size_t num_invisible_observations = 0;
 };
 
 struct BundleResult {
@@ -29,14 +155,24 @@ struct BundleResult {
   BundleSummary summary;
 };
 
-// One solve: reprojection error over poses, points and intrinsics.
+// One solve of (1), all blocks together. Keypoints in images without pose and
+// points with fewer than two usable observations have no part in it. If the
+// solve fails the estimate is the initial one.
 [[nodiscard]] BundleResult AdjustBundle(const Scene& scene,
                                         const Reconstruction& initial,
                                         const BundleAdjustmentOptions& options,
                                         const Context& context);
 
-// The whole stage: solves with filters, completion and re-triangulation of the
-// groups in `components` between them.
+// The whole stage:
+//   1. solve with rotations and intrinsics held, then everything;
+//   2. num_rounds times: triangulate all groups of `components` anew with the
+//      present poses, which drops outliers, completes, merges and splits
+//      points, and solve;
+//   3. drop outliers, points with too little parallax, and frames that no
+//      observation is left of.
+// Error thresholds are error_sigma_factor robust standard deviations, within
+// bounds that tighten from round to round. Points that are in no group only
+// lose outliers. If a solve fails, the estimate is that before it.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const ObservationGroups& components,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,

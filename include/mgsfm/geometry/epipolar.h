@@ -138,6 +138,11 @@ SolveSummary RefineRotation(const RayMatches& matches,
                             const PoseRefinementOptions& options,
                             Eigen::Quaterniond* cam2_from_cam1);
 
+// The unit direction t, up to its sign, that minimises the sum of
+// (t . (R f1 x f2))^2.
+Eigen::Vector3d FitDirection(const RayMatches& matches,
+                             const Eigen::Quaterniond& cam2_from_cam1);
+
 // --- Minimal solver and robust estimation ---
 
 // All essential matrices (|E| = sqrt 2) through five matches: the action matrix

@@ -16,7 +16,7 @@ struct ViewGraphOptions {
   double min_row_inlier_ratio = 0.5;
   double min_parallax_px = 2.0;
   double min_parallax_ratio = 0.05;
-  int max_num_trials = 5000;
+  int max_num_trials = 2000;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -72,9 +72,11 @@ struct ViewGraphResult {
 //     cameras. If too few matches agree: LO-RANSAC of a rotation and of a pose.
 //  2. Refinement of the 5 degrees of freedom, Cauchy loss on Sampson angles of
 //     rays (mgsfm/geometry/epipolar.h).
-//  3. Parallax: a rotation is fitted alone. If it explains too many of the
-//     inliers, the direction of translation is meaningless: the pair keeps that
-//     rotation and no direction. So do pairs of a standing rig.
+//     The scale of the loss follows the median error of the pair.
+//  3. Parallax: a rotation is fitted alone. If it explains nearly all inliers,
+//     the direction of translation is meaningless and is left out. The pair
+//     keeps that rotation if its errors are those of noise, and else the one of
+//     the pose, which the parallax does not bias.
 // Pixel thresholds become angles by the mean of both cameras' pixels per
 // radian. Pairs are independent and run in parallel; linear in the number of
 // matches.

@@ -3,8 +3,8 @@
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <algorithm>
 #include <array>
-#include <cmath>
 #include <optional>
 
 #include "geometry/camera_models/radial_profiles.h"
@@ -39,7 +39,7 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
   const auto is_inside = [&](const Eigen::Vector2d& m) {
     return m.norm() < max_radius && Distortion::IsInjectiveTo(k, m.norm());
   };
-  const double unit = std::fmax(1.0, target.norm());
+  const double unit = std::max(1.0, target.norm());
   Eigen::Vector2d m = target;
   for (int i = 0; i < kMaxHalvings && !is_inside(m); ++i) m *= 0.5;
   if (!is_inside(m)) return std::nullopt;

@@ -50,14 +50,14 @@ struct EquidistantProjection {
   static constexpr double kMaxRadius = kPi;
 
   static std::optional<Eigen::Vector2d> Project(const Eigen::Vector3d& point) {
-    const double r = std::hypot(point.x(), point.y());
+    const double r = point.head<2>().norm();
     if (r == 0.0 && !(point.z() > 0.0)) return std::nullopt;
     return Eigen::Vector2d(AnglePerRadius(r, point.z()) * point.head<2>());
   }
   // d m / d point.
   static Eigen::Matrix<double, 2, 3> Jacobian(const Eigen::Vector3d& point,
                                               const Eigen::Vector2d&) {
-    const double r = std::hypot(point.x(), point.y());
+    const double r = point.head<2>().norm();
     const double z = point.z();
     const double squared_norm = r * r + z * z;
     const double angle_per_r = AnglePerRadius(r, z);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -42,15 +43,15 @@ bool IsPositiveOn(const std::array<double, N>& c, double end) {
   const auto lower_bound = [&c](double a, double b) {
     double positive = 0.0, negative = 0.0;
     for (std::size_t i = N; i-- > 0;) {
-      positive = positive * a + std::fmax(c[i], 0.0);
-      negative = negative * b + std::fmin(c[i], 0.0);
+      positive = positive * a + (c[i] > 0.0 ? c[i] : 0.0);
+      negative = negative * b + (c[i] < 0.0 ? c[i] : 0.0);
     }
     return positive + negative;
   };
   double begin = 0.0;
   double width = end;
   while (begin < end) {
-    const double stop = std::fmin(begin + width, end);
+    const double stop = std::min(begin + width, end);
     if (lower_bound(begin, stop) > 0.0) {
       begin = stop;
       width *= 2.0;
@@ -68,7 +69,7 @@ template <class Profile>
 std::optional<double> InvertProfile(const double* k, double target,
                                     double max_radius) {
   constexpr int kMaxIterations = 100;
-  const double unit = std::fmax(1.0, target);
+  const double unit = std::max(1.0, target);
   double low = 0.0;
   double high = max_radius;
   double r = target < max_radius ? target : 0.5 * max_radius;

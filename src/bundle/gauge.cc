@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "bundle/problem_builder.h"
+
+namespace mgsfm {
+namespace {
+
+std::vector<int> CountFrameObservations(const BundleProblem& problem) {
+  std::vector<int> counts(problem.frame_masks.size(), 0);
+  for (const BundleProblem::PixelObservation& o : problem.observations) {
+    ++counts[problem.images[o.image].frame];
+  }
+  return counts;
+}
+
+// Whether some frame has images of two sensors that are held at different
+// places in the rig.
+bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
+  std::vector<std::optional<Eigen::Vector3d>> held(state.frames.size());
+  for (const BundleProblem::Image& image : problem.images) {
+    const PoseMask& mask = problem.sensor_masks[image.sensor];
+    if ((mask.tail<3>().array() != 0.0).any()) continue;
+    const Eigen::Vector3d center = state.sensors[image.sensor].Center();
+    std::optional<Eigen::Vector3d>& other = held[image.frame];
+    if (!other) {
+      other = center;
+    } else if (*other != center) {
+      return true;
+    }
+  }
+  return false;
+}
+
+int LargestCoordinate(const Eigen::Vector3d& v) {
+  int axis = 0;
+  v.cwiseAbs().maxCoeff(&axis);
+  return axis;
+}
+
+// A frame at a typical, not the largest, distance from `origin`: few frames
+// that are wrongly placed far away do not matter.
+int TypicalFrame(const BundleState& state, const Eigen::Vector3d& origin) {
+  std::vector<std::pair<double, int>> distances;
+  for (size_t i = 0; i < state.frames.size(); ++i) {
+    distances.emplace_back((state.frames[i].center - origin).norm(),
+                           static_cast<int>(i));
+  }
+  const auto nth = distances.begin() + (distances.size() * 3) / 4;
+  std::nth_element(distances.begin(), nth, distances.end());
+  return nth->second;
+}
+
+void HoldScale(const BundleState& state, int held_frame,
+               BundleProblem* problem) {
+  const Eigen::Vector3d& origin = state.frames[held_frame].center;
+  const int frame = TypicalFrame(state, origin);
+  const Eigen::Vector3d to_frame = state.frames[frame].center - origin;
+  double* held = nullptr;
+  double largest = 0.0;
+  const auto consider = [&](const Eigen::Vector3d& v, PoseMask* mask) {
+    const int axis = LargestCoordinate(v);
+    if (std::abs(v[axis]) <= largest || (*mask)[3 + axis] == 0.0) return;
+    largest = std::abs(v[axis]);
+    held = &(*mask)[3 + axis];
+  };
+  consider(to_frame, &problem->frame_masks[frame]);
+  for (size_t i = 0; i < state.sensors.size(); ++i) {
+    consider(state.sensors[i].translation, &problem->sensor_masks[i]);
+  }
+  if (held != nullptr) *held = 0.0;
+}
+
+}  // namespace
+
+void FixGauge(const BundleState& state, BundleProblem* problem) {
+  const std::vector<int> counts = CountFrameObservations(*problem);
+  if (counts.empty()) return;
+  const int held_frame = static_cast<int>(
+      std::max_element(counts.begin(), counts.end()) - counts.begin());
+  problem->frame_masks[held_frame].setZero();
+  if (!ScaleIsObservable(state, *problem)) {
+    HoldScale(state, held_frame, problem);
+  }
+}
+
+}  // namespace mgsfm

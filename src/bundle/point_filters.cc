@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "bundle/point_filters.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "bundle/image_views.h"
+#include "mgsfm/base/parallel.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+double Error(const Scene& scene, const std::vector<ImageView>& views,
+             const Observation& o, const Eigen::Vector3d& point) {
+  return views[o.image_idx].ReprojectionError(
+      point, scene.images[o.image_idx]
+                 .keypoints_px[o.keypoint_idx]
+                 .cast<double>());
+}
+
+bool HasParallax(const std::vector<ImageView>& views, const Point3D& point,
+                 const PointFilterOptions& options) {
+  const double min_angle_rad =
+      point.track.size() == 2
+          ? std::max(options.min_angle_rad, options.min_two_view_angle_rad)
+          : options.min_angle_rad;
+  if (min_angle_rad <= 0.0) return true;
+  std::vector<Eigen::Vector3d> centers;
+  centers.reserve(point.track.size());
+  for (const Observation& o : point.track) {
+    centers.push_back(views[o.image_idx].center);
+  }
+  return TriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
+         min_angle_rad;
+}
+
+}  // namespace
+
+size_t NumObservations(const Reconstruction& reconstruction) {
+  size_t num_observations = 0;
+  for (const Point3D& point : reconstruction.points) {
+    num_observations += point.track.size();
+  }
+  return num_observations;
+}
+
+std::vector<double> ReprojectionErrors(const Scene& scene,
+                                       const Reconstruction& reconstruction,
+                                       int num_threads) {
+  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
+  std::vector<size_t> begin = {0};
+  for (const Point3D& point : reconstruction.points) {
+    const auto num_registered = std::count_if(
+        point.track.begin(), point.track.end(), [&](const Observation& o) {
+          return views[o.image_idx].is_registered;
+        });
+    begin.push_back(begin.back() + num_registered);
+  }
+  std::vector<double> errors(begin.back());
+  ParallelFor(reconstruction.points.size(), num_threads, [&](size_t i) {
+    const Point3D& point = reconstruction.points[i];
+    size_t k = begin[i];
+    for (const Observation& o : point.track) {
+      if (!views[o.image_idx].is_registered) continue;
+      errors[k++] = Error(scene, views, o, point.point_in_world);
+    }
+  }, 256);
+  return errors;
+}
+
+double RobustSigmaPx(std::vector<double> errors_px) {
+  if (errors_px.empty()) return 0.0;
+  // The median of the length of a standard normal 2-vector is sqrt(2 ln 2).
+  return Median(std::move(errors_px)) / std::sqrt(2.0 * std::log(2.0));
+}
+
+void FilterPoints(const Scene& scene, const PointFilterOptions& options,
+                  int num_threads, Reconstruction* reconstruction) {
+  const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
+  std::vector<Point3D>& points = reconstruction->points;
+  ParallelFor(points.size(), num_threads, [&](size_t i) {
+    Point3D& point = points[i];
+    const auto is_outlier = [&](const Observation& o) {
+      return !views[o.image_idx].is_registered ||
+             !(Error(scene, views, o, point.point_in_world) <=
+               options.max_error_px);
+    };
+    point.track.erase(
+        std::remove_if(point.track.begin(), point.track.end(), is_outlier),
+        point.track.end());
+    if (static_cast<int>(point.track.size()) < options.min_num_observations ||
+        !HasParallax(views, point, options)) {
+      point.track.clear();
+    }
+  }, 256);
+  points.erase(
+      std::remove_if(points.begin(), points.end(),
+                     [](const Point3D& point) { return point.track.empty(); }),
+      points.end());
+}
+
+double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
+                          const Eigen::Vector3d& point, double enough_rad) {
+  double max_angle = 0.0;
+  for (size_t i = 0; i < centers.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      max_angle =
+          std::max(max_angle, AngleBetween(Eigen::Vector3d(centers[i] - point),
+                                           Eigen::Vector3d(centers[j] - point)));
+      if (max_angle >= enough_rad) return max_angle;
+    }
+  }
+  return max_angle;
+}
+
+void ComputePointErrors(const Scene& scene, int num_threads,
+                        Reconstruction* reconstruction) {
+  const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
+  ParallelFor(reconstruction->points.size(), num_threads, [&](size_t i) {
+    Point3D& point = reconstruction->points[i];
+    double sum = 0.0;
+    int num_observations = 0;
+    for (const Observation& o : point.track) {
+      if (!views[o.image_idx].is_registered) continue;
+      sum += Error(scene, views, o, point.point_in_world);
+      ++num_observations;
+    }
+    point.error_px =
+        num_observations > 0 ? sum / num_observations : -1.0;
+  }, 256);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// What points and observations to keep. Observations in images without pose
+// are always removed; none of these changes a pose or a point.
+
+size_t NumObservations(const Reconstruction& reconstruction);
+
+// Distances in pixels of all observations of registered images, point by
+// point; infinite where the camera cannot see the point.
+std::vector<double> ReprojectionErrors(const Scene& scene,
+                                       const Reconstruction& reconstruction,
+                                       int num_threads);
+
+// Standard deviation of each coordinate if the errors were those of normal
+// noise, from their median. 0 without errors.
+double RobustSigmaPx(std::vector<double> errors_px);
+
+struct PointFilterOptions {
+  double max_error_px = 4.0;
+  int min_num_observations = 2;
+  double min_angle_rad = 0.0;  // largest angle between any two rays
+  double min_two_view_angle_rad = 0.0;
+};
+
+// Removes observations with larger errors, then points with too few
+// observations or too little parallax.
+void FilterPoints(const Scene& scene, const PointFilterOptions& options,
+                  int num_threads, Reconstruction* reconstruction);
+
+// The largest angle between any two of the rays to the point, as far as it
+// matters for a comparison with `enough_rad`.
+double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
+                          const Eigen::Vector3d& point, double enough_rad);
+
+// Sets Point3D::error_px.
+void ComputePointErrors(const Scene& scene, int num_threads,
+                        Reconstruction* reconstruction);
+
+}  // namespace mgsfm

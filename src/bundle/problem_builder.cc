@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "bundle/problem_builder.h"
+
+#include <algorithm>
+
+#include "bundle/image_views.h"
+#include "bundle/observation_terms.h"
+
+namespace mgsfm {
+namespace {
+
+bool Refines(RefineMode mode, bool is_known) {
+  return mode == RefineMode::kYes || (mode == RefineMode::kAuto && !is_known);
+}
+
+// Positions that are used, by position in the scene, and their numbers.
+class Numbering {
+ public:
+  explicit Numbering(size_t size) : number_(size, -1) {}
+
+  int Number(int idx, std::vector<int>* idxs) {
+    if (number_[idx] < 0) {
+      number_[idx] = static_cast<int>(idxs->size());
+      idxs->push_back(idx);
+    }
+    return number_[idx];
+  }
+
+ private:
+  std::vector<int> number_;
+};
+
+class ProblemBuilder {
+ public:
+  ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
+                 const BundleAdjustmentOptions& options, RefinedParts parts)
+      : scene_(scene),
+        reconstruction_(reconstruction),
+        options_(options),
+        parts_(parts) {}
+
+  BuiltProblem Build() {
+    built_.problem.points_are_free = options_.refine_points;
+    built_.problem.loss_scale_px = options_.loss_scale_px;
+    AddPoints();
+    for (const int frame_idx : built_.frame_idxs) AddFrame(frame_idx);
+    for (const int sensor_idx : built_.sensor_idxs) AddSensor(sensor_idx);
+    for (const int camera_idx : built_.camera_idxs) AddCamera(camera_idx);
+    if (options_.refine_rig_from_world && options_.refine_points) {
+      FixGauge(built_.state, &built_.problem);
+    }
+    return std::move(built_);
+  }
+
+ private:
+  void AddPoints();
+  void AddFrame(int frame_idx);
+  void AddSensor(int sensor_idx);
+  void AddCamera(int camera_idx);
+  std::vector<int> FreeParams(const Camera& camera) const;
+
+  PoseMask Mask(bool is_refined) const {
+    PoseMask mask = PoseMask::Zero();
+    if (!is_refined) return mask;
+    mask.tail<3>().setOnes();
+    if (parts_ == RefinedParts::kAll) mask.head<3>().setOnes();
+    return mask;
+  }
+
+  const Scene& scene_;
+  const Reconstruction& reconstruction_;
+  const BundleAdjustmentOptions& options_;
+  const RefinedParts parts_;
+  BuiltProblem built_;
+};
+
+void ProblemBuilder::AddPoints() {
+  const std::vector<ImageView> views = MakeImageViews(scene_, reconstruction_);
+  BundleProblem& problem = built_.problem;
+  Numbering frames(scene_.frames.size()), sensors(scene_.sensors.size());
+  Numbering cameras(scene_.cameras.size()), images(scene_.images.size());
+  std::vector<int> image_idxs;
+  std::vector<const Observation*> visible;
+  for (size_t i = 0; i < reconstruction_.points.size(); ++i) {
+    const Point3D& point = reconstruction_.points[i];
+    visible.clear();
+    for (const Observation& o : point.track) {
+      const ImageView& view = views[o.image_idx];
+      if (!view.is_registered) continue;
+      if (view.Project(point.point_in_world)) {
+        visible.push_back(&o);
+      } else {
+        ++built_.num_invisible_observations;
+      }
+    }
+    if (visible.size() < 2) continue;
+    for (const Observation* o : visible) {
+      const Image& image = scene_.images[o->image_idx];
+      const int number = images.Number(o->image_idx, &image_idxs);
+      if (number == static_cast<int>(problem.images.size())) {
+        problem.images.push_back(
+            {frames.Number(image.frame_idx, &built_.frame_idxs),
+             sensors.Number(image.sensor_idx, &built_.sensor_idxs),
+             cameras.Number(image.camera_idx, &built_.camera_idxs)});
+      }
+      problem.observations.push_back(
+          {number, image.keypoints_px[o->keypoint_idx].cast<double>()});
+    }
+    problem.point_begin.push_back(problem.observations.size());
+    built_.state.points.push_back(point.point_in_world);
+    built_.point_idxs.push_back(static_cast<int>(i));
+  }
+}
+
+void ProblemBuilder::AddFrame(int frame_idx) {
+  const Rigid3& pose = *reconstruction_.rig_from_world[frame_idx];
+  built_.state.frames.push_back({pose.rotation, pose.Center()});
+  built_.problem.frame_masks.push_back(Mask(options_.refine_rig_from_world));
+}
+
+void ProblemBuilder::AddSensor(int sensor_idx) {
+  built_.state.sensors.push_back(*reconstruction_.sensor_from_rig[sensor_idx]);
+  const bool is_known = scene_.sensors[sensor_idx].sensor_from_rig.has_value();
+  built_.problem.sensor_masks.push_back(
+      Mask(!scene_.IsReference(sensor_idx) &&
+           Refines(options_.refine_sensor_from_rig, is_known)));
+}
+
+void ProblemBuilder::AddCamera(int camera_idx) {
+  const Camera& camera = reconstruction_.cameras[camera_idx];
+  const Camera& given = scene_.cameras[camera_idx];
+  CameraParams params{};
+  std::copy(camera.params.begin(), camera.params.end(), params.begin());
+  const int number = static_cast<int>(built_.problem.cameras.size());
+  built_.state.cameras.push_back(params);
+  built_.problem.cameras.push_back({camera.model, FreeParams(given)});
+  if (!given.has_prior_focal_length) return;
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const std::vector<int>& free = built_.problem.cameras.back().free_params;
+  for (const int param : info.focal_length_idxs) {
+    if (!std::binary_search(free.begin(), free.end(), param)) continue;
+    const double value = given.params[param];
+    built_.problem.priors.push_back(
+        {number, param, value, options_.focal_length_prior_sigma * value});
+  }
+}
+
+std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
+  std::vector<int> free;
+  if (parts_ != RefinedParts::kAll) return free;
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const auto add = [&free](bool is_refined, const std::vector<int>& params) {
+    if (is_refined) free.insert(free.end(), params.begin(), params.end());
+  };
+  const bool is_known = camera.has_prior_focal_length;
+  add(Refines(options_.refine_focal_length, is_known), info.focal_length_idxs);
+  add(options_.refine_principal_point, info.principal_point_idxs);
+  add(Refines(options_.refine_extra_params, is_known), info.extra_params_idxs);
+  std::sort(free.begin(), free.end());
+  return free;
+}
+
+}  // namespace
+
+BuiltProblem BuildProblem(const Scene& scene,
+                          const Reconstruction& reconstruction,
+                          const BundleAdjustmentOptions& options,
+                          RefinedParts parts) {
+  return ProblemBuilder(scene, reconstruction, options, parts).Build();
+}
+
+void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction) {
+  const BundleProblem& problem = built.problem;
+  const BundleState& state = built.state;
+  const auto is_free = [](const PoseMask& mask) {
+    return (mask.array() != 0.0).any();
+  };
+  for (size_t i = 0; i < built.frame_idxs.size(); ++i) {
+    if (!is_free(problem.frame_masks[i])) continue;
+    const FramePose& pose = state.frames[i];
+    reconstruction->rig_from_world[built.frame_idxs[i]] =
+        Rigid3::FromRotationAndCenter(pose.rig_from_world, pose.center);
+  }
+  for (size_t i = 0; i < built.sensor_idxs.size(); ++i) {
+    if (!is_free(problem.sensor_masks[i])) continue;
+    reconstruction->sensor_from_rig[built.sensor_idxs[i]] = state.sensors[i];
+  }
+  for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
+    std::vector<double>& params =
+        reconstruction->cameras[built.camera_idxs[i]].params;
+    std::copy_n(state.cameras[i].begin(), params.size(), params.begin());
+  }
+  for (size_t i = 0; i < built.point_idxs.size(); ++i) {
+    reconstruction->points[built.point_idxs[i]].point_in_world =
+        state.points[i];
+  }
+}
+
+}  // namespace mgsfm

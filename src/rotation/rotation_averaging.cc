@@ -1,0 +1,344 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/rotation/rotation_averaging.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/statistics.h"
+#include "rotation/internal_rotations.h"
+#include "rotation/rotation_problem.h"
+#include "rotation/rotation_solver.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+
+// A problem and, per edge, the pair of the view graph it comes from.
+struct PairProblem {
+  RotationProblem problem;
+  std::vector<size_t> pair_idxs;
+};
+
+RotationEdge MakeEdge(const ImagePair& pair,
+                      const RotationAveragingOptions& options) {
+  RotationEdge edge;
+  edge.cam2_from_cam1 = pair.relative_pose->cam2_from_cam1.normalized();
+  edge.support = std::max<double>(1.0, pair.matches.size());
+  const double cap = options.inlier_cap;
+  edge.weight = std::sqrt(std::min(edge.support, cap) / cap);
+  return edge;
+}
+
+class RotationAverager {
+ public:
+  RotationAverager(const Scene& scene, const ViewGraph& view_graph,
+                   const RotationAveragingOptions& options,
+                   const Context& context)
+      : scene_(scene),
+        view_graph_(view_graph),
+        options_(options),
+        context_(context),
+        max_error_(DegToRad(options.max_error_deg)) {}
+
+  RotationResult Run() {
+    SetInternalRotations(EstimateInternalRotations(
+        scene_, HasUnknownSensor() ? AverageImages() : NoImages(), options_));
+    if (AverageFrames() && !pairs_.problem.edges.empty()) {
+      RefineJointly();
+      KeepConsistentPairs();
+      RefineJointly();
+    }
+    JudgePairs();
+    NumberComponents();
+    WriteInternalRotations();
+    CountPairs();
+    return std::move(result_);
+  }
+
+ private:
+  bool HasUnknownSensor() const;
+  ImageRotations NoImages();
+  ImageRotations AverageImages();
+  PairProblem BuildImageProblem() const;
+  ImageRotations CollectImageRotations(const PairProblem& pairs,
+                                       const RotationState& state) const;
+  void SetInternalRotations(InternalRotations internal);
+  bool IsUsable(const ImagePair& pair) const;
+  PairProblem BuildFrameProblem() const;
+  bool AverageFrames();
+  void RefineJointly();
+  void KeepConsistentPairs();
+  void JudgePairs();
+  void NumberComponents();
+  void WriteInternalRotations();
+  void CountPairs();
+  std::vector<GraphEdge> InlierFrameEdges() const;
+
+  int FrameOf(int image_idx) const {
+    return scene_.images[image_idx].frame_idx;
+  }
+  int SensorOf(int image_idx) const {
+    return scene_.images[image_idx].sensor_idx;
+  }
+
+  const Scene& scene_;
+  const ViewGraph& view_graph_;
+  const RotationAveragingOptions& options_;
+  const Context& context_;
+  const double max_error_;
+  PairProblem pairs_;    // of frames
+  RotationState state_;  // of frames and sensors
+  bool has_frames_ = false;
+  RotationResult result_;
+};
+
+bool RotationAverager::HasUnknownSensor() const {
+  return std::any_of(
+      scene_.sensors.begin(), scene_.sensors.end(),
+      [](const Sensor& sensor) { return !sensor.sensor_from_rig.has_value(); });
+}
+
+ImageRotations RotationAverager::NoImages() {
+  SolveSummary& summary = result_.summary.images;
+  summary.termination = Termination::kConverged;
+  summary.message = "Not needed: all internal rotations are known.";
+  ImageRotations images;
+  images.cam_from_world.resize(scene_.images.size());
+  images.part.resize(scene_.images.size());
+  images.support.resize(scene_.images.size());
+  return images;
+}
+
+// Every image is a node, and all are of one sensor with the identity.
+PairProblem RotationAverager::BuildImageProblem() const {
+  PairProblem pairs;
+  pairs.problem.num_nodes = static_cast<int>(scene_.images.size());
+  pairs.problem.sensor_is_free = {0};
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph_.pairs[i];
+    if (!pair.relative_pose) continue;
+    RotationEdge edge = MakeEdge(pair, options_);
+    edge.node1 = pair.image_idx1;
+    edge.node2 = pair.image_idx2;
+    pairs.problem.edges.push_back(edge);
+    pairs.pair_idxs.push_back(i);
+  }
+  return pairs;
+}
+
+ImageRotations RotationAverager::AverageImages() {
+  const PairProblem pairs = BuildImageProblem();
+  RotationState state;
+  state.sensors = {Quaterniond::Identity()};
+  result_.summary.images =
+      AverageNodes(pairs.problem, options_, context_, &state);
+  return CollectImageRotations(pairs, state);
+}
+
+// Of images that consistent pairs connect with others.
+ImageRotations RotationAverager::CollectImageRotations(
+    const PairProblem& pairs, const RotationState& state) const {
+  const size_t num_images = scene_.images.size();
+  ImageRotations images;
+  images.cam_from_world.resize(num_images);
+  images.support.resize(num_images, 0.0);
+  std::vector<GraphEdge> edges;
+  for (const RotationEdge& edge : pairs.problem.edges) {
+    if (RotationResidual(edge, state).norm() > max_error_) continue;
+    edges.push_back({edge.node1, edge.node2, 1.0});
+    images.support[edge.node1] += edge.support;
+    images.support[edge.node2] += edge.support;
+  }
+  images.part = FindConnectedParts(static_cast<int>(num_images), edges).part;
+  for (size_t i = 0; i < num_images; ++i) {
+    if (images.support[i] > 0.0) images.cam_from_world[i] = state.nodes[i];
+  }
+  return images;
+}
+
+void RotationAverager::SetInternalRotations(InternalRotations internal) {
+  state_.sensors.assign(scene_.sensors.size(), Quaterniond::Identity());
+  for (size_t k = 0; k < scene_.sensors.size(); ++k) {
+    if (internal.sensor_from_rig[k]) {
+      state_.sensors[k] = *internal.sensor_from_rig[k];
+      continue;
+    }
+    context_.Warning(
+        "Sensor " + scene_.sensors[k].name +
+        " has no internal rotation: " + internal.summaries[k].message + ".");
+  }
+  result_.estimate.sensor_from_rig = std::move(internal.sensor_from_rig);
+  result_.summary.sensors = std::move(internal.summaries);
+}
+
+// With a relative rotation, between images of sensors with internal rotation.
+bool RotationAverager::IsUsable(const ImagePair& pair) const {
+  const auto& sensor_from_rig = result_.estimate.sensor_from_rig;
+  return pair.relative_pose && sensor_from_rig[SensorOf(pair.image_idx1)] &&
+         sensor_from_rig[SensorOf(pair.image_idx2)];
+}
+
+PairProblem RotationAverager::BuildFrameProblem() const {
+  PairProblem pairs;
+  pairs.problem.num_nodes = static_cast<int>(scene_.frames.size());
+  pairs.problem.sensor_is_free.assign(scene_.sensors.size(), 0);
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph_.pairs[i];
+    if (!IsUsable(pair)) continue;
+    RotationEdge edge = MakeEdge(pair, options_);
+    edge.node1 = FrameOf(pair.image_idx1);
+    edge.node2 = FrameOf(pair.image_idx2);
+    edge.sensor1 = SensorOf(pair.image_idx1);
+    edge.sensor2 = SensorOf(pair.image_idx2);
+    pairs.problem.edges.push_back(edge);
+    pairs.pair_idxs.push_back(i);
+  }
+  return pairs;
+}
+
+// Step 3. Pairs inside a frame say nothing of frames; they are left out here,
+// for their errors would blur the scale of the others.
+bool RotationAverager::AverageFrames() {
+  pairs_ = BuildFrameProblem();
+  RotationProblem between_frames = pairs_.problem;
+  auto& edges = between_frames.edges;
+  edges.erase(std::remove_if(edges.begin(), edges.end(),
+                             [](const RotationEdge& edge) {
+                               return edge.node1 == edge.node2;
+                             }),
+              edges.end());
+  result_.summary.frames =
+      AverageNodes(between_frames, options_, context_, &state_);
+  has_frames_ = result_.summary.frames.IsUsable();
+  return has_frames_;
+}
+
+// Step 4. After a failure the state is what it was.
+void RotationAverager::RefineJointly() {
+  for (size_t k = 0; k < scene_.sensors.size(); ++k) {
+    pairs_.problem.sensor_is_free[k] =
+        !scene_.sensors[k].sensor_from_rig &&
+        result_.estimate.sensor_from_rig[k].has_value();
+  }
+  result_.summary.joint =
+      AverageRobust(pairs_.problem, options_, context_, &state_);
+}
+
+void RotationAverager::KeepConsistentPairs() {
+  PairProblem kept;
+  kept.problem = pairs_.problem;
+  kept.problem.edges.clear();
+  for (size_t e = 0; e < pairs_.pair_idxs.size(); ++e) {
+    const RotationEdge& edge = pairs_.problem.edges[e];
+    if (RotationResidual(edge, state_).norm() > max_error_) continue;
+    kept.problem.edges.push_back(edge);
+    kept.pair_idxs.push_back(pairs_.pair_idxs[e]);
+  }
+  pairs_ = std::move(kept);
+}
+
+// All usable pairs, also those that were dropped on the way; but two parts that
+// were solved apart have no common world in which a pair could be judged.
+void RotationAverager::JudgePairs() {
+  std::vector<char>& is_inlier = result_.estimate.pair_is_inlier;
+  is_inlier.assign(view_graph_.pairs.size(), 0);
+  if (!has_frames_) return;
+  const ConnectedParts parts = FindParts(pairs_.problem);
+  const PairProblem all = BuildFrameProblem();
+  std::vector<double> errors;
+  for (size_t e = 0; e < all.pair_idxs.size(); ++e) {
+    const RotationEdge& edge = all.problem.edges[e];
+    if (parts.part[edge.node1] != parts.part[edge.node2]) continue;
+    const double error = RotationResidual(edge, state_).norm();
+    if (error > max_error_) continue;
+    is_inlier[all.pair_idxs[e]] = 1;
+    errors.push_back(error);
+  }
+  if (!errors.empty()) {
+    result_.summary.median_error_deg = RadToDeg(Median(std::move(errors)));
+  }
+}
+
+std::vector<GraphEdge> RotationAverager::InlierFrameEdges() const {
+  std::vector<GraphEdge> edges;
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    if (!result_.estimate.pair_is_inlier[i]) continue;
+    const ImagePair& pair = view_graph_.pairs[i];
+    const int frame1 = FrameOf(pair.image_idx1);
+    const int frame2 = FrameOf(pair.image_idx2);
+    if (frame1 != frame2) edges.push_back({frame1, frame2, 1.0});
+  }
+  return edges;
+}
+
+// Frames that no consistent pair connects with another have no rotation.
+void RotationAverager::NumberComponents() {
+  RotationEstimate& estimate = result_.estimate;
+  const int num_frames = static_cast<int>(scene_.frames.size());
+  const ConnectedParts parts =
+      FindConnectedParts(num_frames, InlierFrameEdges());
+  std::vector<int> size(parts.num_parts, 0);
+  for (const int part : parts.part) ++size[part];
+  std::vector<int> by_size(parts.num_parts);
+  std::iota(by_size.begin(), by_size.end(), 0);
+  std::stable_sort(by_size.begin(), by_size.end(),
+                   [&](int a, int b) { return size[a] > size[b]; });
+  std::vector<int> number(parts.num_parts);
+  for (int i = 0; i < parts.num_parts; ++i) number[by_size[i]] = i;
+
+  estimate.rig_from_world.resize(num_frames);
+  estimate.component.resize(num_frames);
+  for (int frame = 0; frame < num_frames; ++frame) {
+    const int part = parts.part[frame];
+    if (size[part] < 2) continue;
+    estimate.rig_from_world[frame] = state_.nodes[frame];
+    estimate.component[frame] = number[part];
+  }
+  result_.summary.num_parts = static_cast<int>(
+      std::count_if(size.begin(), size.end(), [](int s) { return s >= 2; }));
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    const int frame = FrameOf(view_graph_.pairs[i].image_idx1);
+    if (!estimate.rig_from_world[frame]) estimate.pair_is_inlier[i] = 0;
+  }
+}
+
+void RotationAverager::WriteInternalRotations() {
+  for (size_t k = 0; k < scene_.sensors.size(); ++k) {
+    auto& sensor_from_rig = result_.estimate.sensor_from_rig[k];
+    if (sensor_from_rig) sensor_from_rig = state_.sensors[k];
+  }
+}
+
+void RotationAverager::CountPairs() {
+  RotationSummary& summary = result_.summary;
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph_.pairs[i];
+    if (!pair.relative_pose) {
+      ++summary.num_pairs_without_rotation;
+    } else if (!IsUsable(pair)) {
+      ++summary.num_pairs_unobservable;
+    } else if (!result_.estimate.pair_is_inlier[i]) {
+      ++summary.num_pairs_dropped;
+    }
+  }
+}
+
+}  // namespace
+
+RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
+                                const RotationAveragingOptions& options,
+                                const Context& context) {
+  for (const ImagePair& pair : view_graph.pairs) {
+    const int num_images = static_cast<int>(scene.images.size());
+    MGSFM_CHECK(pair.image_idx1 >= 0 && pair.image_idx1 < num_images);
+    MGSFM_CHECK(pair.image_idx2 >= 0 && pair.image_idx2 < num_images);
+    MGSFM_CHECK_NE(pair.image_idx1, pair.image_idx2);
+  }
+  return RotationAverager(scene, view_graph, options, context).Run();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,438 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/database.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "io/sqlite_database.h"
+#include "io/test_database.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+const std::vector<std::string> kNames = {"cam0/0.png", "cam0/1.png",
+                                         "cam1/0.png", "cam1/1.png"};
+
+// With a rig of two cameras, one of unknown and one of known pose.
+DatabaseContents ContentsWithRig() {
+  DatabaseContents contents = MakeContents(kNames);
+  RigRow rig{RigId(4), CameraId(1), {}};
+  rig.sensors.push_back({CameraId(1), Rigid3()});
+  rig.sensors.push_back({CameraId(2), Rigid3{ExpSO3({0.1, 0.2, 0.3}),
+                                             Eigen::Vector3d(1.0, 2.0, 3.0)}});
+  contents.rigs.push_back(rig);
+  contents.frames.push_back(
+      {FrameId(3),
+       RigId(4),
+       {{CameraId(1), ImageId(1)}, {CameraId(2), ImageId(3)}}});
+  contents.frames.push_back(
+      {FrameId(5),
+       RigId(4),
+       {{CameraId(1), ImageId(2)}, {CameraId(2), ImageId(4)}}});
+  return contents;
+}
+
+void ExpectSameImages(const DatabaseContents& a, const DatabaseContents& b) {
+  ASSERT_EQ(a.cameras.size(), b.cameras.size());
+  for (size_t i = 0; i < a.cameras.size(); ++i) {
+    EXPECT_EQ(a.cameras[i].id, b.cameras[i].id);
+    EXPECT_EQ(a.cameras[i].model, b.cameras[i].model);
+    EXPECT_EQ(a.cameras[i].width_px, b.cameras[i].width_px);
+    EXPECT_EQ(a.cameras[i].height_px, b.cameras[i].height_px);
+    EXPECT_EQ(a.cameras[i].params, b.cameras[i].params);
+    EXPECT_EQ(a.cameras[i].has_prior_focal_length,
+              b.cameras[i].has_prior_focal_length);
+  }
+  ASSERT_EQ(a.images.size(), b.images.size());
+  for (size_t i = 0; i < a.images.size(); ++i) {
+    EXPECT_EQ(a.images[i].id, b.images[i].id);
+    EXPECT_EQ(a.images[i].name, b.images[i].name);
+    EXPECT_EQ(a.images[i].camera_id, b.images[i].camera_id);
+    EXPECT_EQ(a.images[i].keypoints_px, b.images[i].keypoints_px);
+  }
+}
+
+void ExpectSamePose(const Rigid3& a, const Rigid3& b) {
+  EXPECT_LT(AngleBetween(a.rotation, b.rotation), 1e-12);
+  EXPECT_LT((a.translation - b.translation).norm(), 1e-12);
+}
+
+void ExpectSamePairs(const DatabaseContents& a, const DatabaseContents& b) {
+  ASSERT_EQ(a.pairs.size(), b.pairs.size());
+  for (size_t i = 0; i < a.pairs.size(); ++i) {
+    EXPECT_EQ(a.pairs[i].image_id1, b.pairs[i].image_id1);
+    EXPECT_EQ(a.pairs[i].image_id2, b.pairs[i].image_id2);
+    EXPECT_EQ(a.pairs[i].config, b.pairs[i].config);
+    EXPECT_EQ(a.pairs[i].F, b.pairs[i].F);
+    EXPECT_EQ(a.pairs[i].E, b.pairs[i].E);
+    EXPECT_EQ(a.pairs[i].H, b.pairs[i].H);
+    ExpectSamePose(a.pairs[i].cam2_from_cam1.value(),
+                   b.pairs[i].cam2_from_cam1.value());
+    ASSERT_EQ(a.pairs[i].matches.size(), b.pairs[i].matches.size());
+    for (size_t j = 0; j < a.pairs[i].matches.size(); ++j) {
+      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx1,
+                b.pairs[i].matches[j].keypoint_idx1);
+      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx2,
+                b.pairs[i].matches[j].keypoint_idx2);
+    }
+  }
+}
+
+// All files below a folder with their contents.
+std::map<std::string, std::string> FilesIn(const fs::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) {
+      files[entry.path().string()] = ReadTextFile(entry.path());
+    }
+  }
+  return files;
+}
+
+class DatabaseTest : public testing::Test {
+ protected:
+  std::string Path(const std::string& name = "database.db") const {
+    return (dir_.path() / name).string();
+  }
+  void Write(DatabaseSchema schema = DatabaseSchema::k38) const {
+    WriteDatabase(Path(), ContentsWithRig(), schema);
+  }
+  // Changes the database as another program might.
+  void Execute(const std::string& sql) const {
+    SqliteDatabase::OpenReadWrite(Path(), Path()).Execute(sql);
+  }
+  DatabaseContents Read() const { return ReadDatabase(Path(), Context()); }
+  std::string ReadError() const {
+    return ErrorOf([this] { (void)Read(); });
+  }
+
+  TempDir dir_;
+};
+
+TEST_F(DatabaseTest, ReadsWhatWasWritten) {
+  for (const DatabaseSchema schema :
+       {DatabaseSchema::k38, DatabaseSchema::k312}) {
+    const DatabaseContents written = ContentsWithRig();
+    const std::string path = Path(std::to_string(static_cast<int>(schema)));
+    WriteDatabase(path, written, schema);
+    const DatabaseContents read = ReadDatabase(path, Context());
+    ExpectSameImages(read, written);
+    ExpectSamePairs(read, written);
+    EXPECT_EQ(read.rigs.empty(), schema == DatabaseSchema::k38);
+    EXPECT_EQ(read.path, path);
+  }
+}
+
+TEST_F(DatabaseTest, ReadsRigsAndFrames) {
+  Write(DatabaseSchema::k312);
+  DatabaseContents read = Read();
+  ASSERT_EQ(read.rigs.size(), 1u);
+  EXPECT_EQ(read.rigs[0].id, RigId(4));
+  EXPECT_EQ(read.rigs[0].ref_camera_id, CameraId(1));
+  ASSERT_EQ(read.rigs[0].sensors.size(), 2u);
+  EXPECT_EQ(read.rigs[0].sensors[1].camera_id, CameraId(2));
+  ExpectSamePose(read.rigs[0].sensors[1].sensor_from_rig.value(),
+                 *ContentsWithRig().rigs[0].sensors[1].sensor_from_rig);
+  ASSERT_EQ(read.frames.size(), 2u);
+  EXPECT_EQ(read.frames[1].id, FrameId(5));
+  ASSERT_EQ(read.frames[1].data.size(), 2u);
+  EXPECT_EQ(read.frames[1].data[1].image_id, ImageId(4));
+  EXPECT_EQ(read.frames[1].data[1].camera_id, CameraId(2));
+
+  Execute("UPDATE rig_sensors SET sensor_from_rig = NULL");
+  Execute("INSERT INTO rig_sensors VALUES (4, 9, 1, NULL)");  // an IMU
+  read = Read();
+  ASSERT_EQ(read.rigs[0].sensors.size(), 2u);
+  EXPECT_FALSE(read.rigs[0].sensors[1].sensor_from_rig.has_value());
+}
+
+TEST_F(DatabaseTest, ReadsTheNewestColumns) {
+  Write(DatabaseSchema::k312);
+  const DatabaseContents before = Read();
+  Execute(
+      "DROP TABLE pose_priors; CREATE TABLE pose_priors (pose_prior_id INTEGER "
+      "PRIMARY KEY NOT NULL, corr_data_id INTEGER NOT NULL);"
+      "ALTER TABLE descriptors ADD COLUMN type INTEGER NOT NULL DEFAULT 0;"
+      "ALTER TABLE two_view_geometries ADD COLUMN camera1 BLOB;"
+      "ALTER TABLE two_view_geometries ADD COLUMN camera2 BLOB;"
+      "PRAGMA user_version = 4020000");
+  const DatabaseContents after = Read();
+  ExpectSameImages(after, before);
+  ExpectSamePairs(after, before);
+}
+
+TEST_F(DatabaseTest, ReadsTheAncientTableOfMatches) {
+  Write();
+  const DatabaseContents before = Read();
+  Execute(
+      "ALTER TABLE two_view_geometries RENAME TO inlier_matches;"
+      "ALTER TABLE inlier_matches DROP COLUMN qvec;"
+      "ALTER TABLE inlier_matches DROP COLUMN tvec;"
+      "ALTER TABLE inlier_matches DROP COLUMN F");
+  const DatabaseContents after = Read();
+  ASSERT_EQ(after.pairs.size(), before.pairs.size());
+  EXPECT_EQ(after.pairs[0].matches.size(), before.pairs[0].matches.size());
+  EXPECT_EQ(after.pairs[0].E, before.pairs[0].E);
+  EXPECT_FALSE(after.pairs[0].F.has_value());
+  EXPECT_FALSE(after.pairs[0].cam2_from_cam1.has_value());
+}
+
+TEST_F(DatabaseTest, ReadsPositionsOfAllKeypointLayouts) {
+  for (const int cols : {2, 4, 6}) {
+    const std::string path = Path(std::to_string(cols));
+    WriteDatabase(path, MakeContents(kNames), DatabaseSchema::k38);
+    std::vector<float> values(20 * cols);
+    for (size_t i = 0; i < values.size(); ++i) values[i] = 0.5f * i;
+    SqliteDatabase database = SqliteDatabase::OpenReadWrite(path, path);
+    SqliteStatement row = database.Prepare(
+        "UPDATE keypoints SET cols = ?1, data = ?2 WHERE image_id = 3");
+    row.BindInt(1, cols);
+    row.BindBlob(2, values.data(), values.size() * sizeof(float));
+    row.Run();
+    const DatabaseContents read = ReadDatabase(path, Context());
+    for (int i = 0; i < 20; ++i) {
+      EXPECT_EQ(read.images[2].keypoints_px[i].x(), 0.5f * (i * cols));
+      EXPECT_EQ(read.images[2].keypoints_px[i].y(), 0.5f * (i * cols + 1));
+    }
+  }
+}
+
+TEST_F(DatabaseTest, AbsentGeometryIsNotSet) {
+  // As versions mark it: NULL, empty, zero, the identity, a zero quaternion.
+  for (const std::string assignments :
+       {"F = NULL, E = NULL, H = NULL, qvec = NULL, tvec = NULL",
+        "F = x'', E = x'', H = x'', qvec = x'', tvec = x''",
+        "F = zeroblob(72), E = zeroblob(72), H = zeroblob(72), "
+        "qvec = zeroblob(32), tvec = zeroblob(24)",
+        "F = zeroblob(72), E = zeroblob(72), H = zeroblob(72), tvec = "
+        "zeroblob(24), qvec = x'000000000000f03f' || zeroblob(24)"}) {
+    fs::remove(Path());
+    Write();
+    Execute("UPDATE two_view_geometries SET " + assignments);
+    if (assignments.find("||") != std::string::npos) {
+      // Concatenation makes a text of the blobs.
+      Execute("UPDATE two_view_geometries SET qvec = CAST(qvec AS BLOB)");
+    }
+    for (const TwoViewGeometryRow& pair : Read().pairs) {
+      EXPECT_FALSE(pair.F || pair.E || pair.H || pair.cam2_from_cam1);
+      EXPECT_EQ(pair.matches.size(), 12u);
+    }
+  }
+}
+
+TEST_F(DatabaseTest, ImagesMayHaveNoFeaturesAndPairsNoMatches) {
+  Write();
+  Execute(
+      "UPDATE keypoints SET rows = 0, data = NULL WHERE image_id = 1;"
+      "DELETE FROM keypoints WHERE image_id = 2;"
+      "UPDATE two_view_geometries SET rows = 0, data = NULL, config = 0");
+  const DatabaseContents read = Read();
+  EXPECT_TRUE(read.images[0].keypoints_px.empty());
+  EXPECT_TRUE(read.images[1].keypoints_px.empty());
+  EXPECT_EQ(read.images[2].keypoints_px.size(), 20u);
+  for (const TwoViewGeometryRow& pair : read.pairs) {
+    EXPECT_TRUE(pair.matches.empty());
+  }
+}
+
+struct Damage {
+  std::string sql;
+  std::vector<std::string> expected;  // in the message
+};
+
+void PrintTo(const Damage& damage, std::ostream* os) { *os << damage.sql; }
+
+class DamagedDatabaseTest : public DatabaseTest,
+                            public testing::WithParamInterface<Damage> {};
+
+TEST_P(DamagedDatabaseTest, IsNamed) {
+  Write(DatabaseSchema::k312);
+  Execute(GetParam().sql);
+  const std::string error = ReadError();
+  EXPECT_THAT(error, HasSubstr(Path()));
+  for (const std::string& expected : GetParam().expected) {
+    EXPECT_THAT(error, HasSubstr(expected));
+  }
+  EXPECT_EQ(error.find('\n'), std::string::npos);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, DamagedDatabaseTest,
+    testing::Values(
+        Damage{"DELETE FROM images", {"no images"}},
+        Damage{"DROP TABLE keypoints", {"no table 'keypoints'"}},
+        Damage{"DROP TABLE two_view_geometries", {"two_view_geometries"}},
+        Damage{"DROP TABLE frame_data", {"frame_data"}},
+        Damage{"ALTER TABLE keypoints DROP COLUMN cols", {"cols"}},
+        Damage{"UPDATE cameras SET model = 99 WHERE camera_id = 2",
+               {"camera 2", "99"}},
+        Damage{"UPDATE cameras SET params = zeroblob(24)",
+               {"camera 1", "24 bytes", "SIMPLE_RADIAL"}},
+        Damage{"UPDATE cameras SET params = "
+               "CAST(zeroblob(24) || x'000000000000f07f' AS BLOB)",
+               {"camera 1", "not finite"}},
+        Damage{"UPDATE cameras SET width = 0", {"camera 1", "0 x 480"}},
+        Damage{"UPDATE images SET camera_id = 77 WHERE image_id = 2",
+               {"cam0/1.png", "77"}},
+        Damage{"UPDATE images SET name = '' WHERE image_id = 2",
+               {"image 2", "no name"}},
+        Damage{"UPDATE keypoints SET data = zeroblob(7) WHERE image_id = 3",
+               {"cam1/0.png", "7 bytes", "20 x 2"}},
+        Damage{"UPDATE keypoints SET cols = 3 WHERE image_id = 3",
+               {"cam1/0.png", "20 x 3"}},
+        Damage{"UPDATE keypoints SET rows = -1 WHERE image_id = 3",
+               {"cam1/0.png"}},
+        Damage{"UPDATE keypoints SET rows = 1, "
+               "data = x'0000803f0000c07f' WHERE image_id = 3",
+               {"cam1/0.png", "not finite"}},
+        Damage{"UPDATE two_view_geometries SET data = zeroblob(9)",
+               {"1 'cam0/0.png'", "2 'cam0/1.png'", "9 bytes"}},
+        Damage{"UPDATE two_view_geometries SET cols = 4", {"12 x 4"}},
+        Damage{"UPDATE two_view_geometries SET rows = 1, "
+               "data = x'0000000014000000' WHERE pair_id = 2147483647*3 + 4",
+               {"3 'cam1/0.png'", "4 'cam1/1.png'", "does not exist"}},
+        Damage{"UPDATE two_view_geometries SET E = zeroblob(64)",
+               {"E of", "64 bytes"}},
+        Damage{"UPDATE two_view_geometries SET qvec = NULL",
+               {"relative pose", "cam0/0.png"}},
+        Damage{"UPDATE two_view_geometries SET config = 10",
+               {"configuration 10", "cam0/0.png"}},
+        Damage{"UPDATE two_view_geometries SET pair_id = 2147483647*3 + 9 "
+               "WHERE pair_id = 2147483647*3 + 4",
+               {"3 'cam1/0.png' and 9", "does not exist"}},
+        Damage{"UPDATE two_view_geometries SET pair_id = 2147483647*4 + 3 "
+               "WHERE pair_id = 2147483647*3 + 4",
+               {"invalid pair id"}},
+        Damage{"UPDATE rig_sensors SET sensor_from_rig = zeroblob(8)",
+               {"camera 2 of rig 4", "8 bytes"}},
+        Damage{"UPDATE rig_sensors SET rig_id = 8", {"camera 2 of rig 8"}},
+        Damage{"UPDATE frame_data SET data_id = 44 WHERE data_id = 4",
+               {"frame 5", "44"}},
+        Damage{"UPDATE frame_data SET frame_id = 6 WHERE frame_id = 5",
+               {"frame 6"}}));
+
+TEST_F(DatabaseTest, FilesThatAreNoDatabase) {
+  EXPECT_THAT(ReadError(), HasSubstr("no such file"));
+  WriteTextFile(Path(), "");
+  EXPECT_THAT(ReadError(), HasSubstr("not an SQLite database"));
+  WriteTextFile(Path(), "These are more than sixteen bytes of text.");
+  EXPECT_THAT(ReadError(), HasSubstr("not an SQLite database"));
+  fs::remove(Path());
+  Write();
+  fs::resize_file(Path(), fs::file_size(Path()) / 2);
+  EXPECT_THAT(ReadError(), HasSubstr(Path()));
+  fs::remove(Path());
+  fs::create_directory(Path());
+  EXPECT_THAT(ReadError(), HasSubstr("not a file"));
+}
+
+TEST_F(DatabaseTest, ReadingChangesNothing) {
+  fs::create_directory(dir_.path() / "data");
+  const std::string path = Path("data/a b?c%20#.db");
+  WriteDatabase(path, ContentsWithRig(), DatabaseSchema::k312);
+  // COLMAP leaves its databases in this mode.
+  SqliteDatabase::OpenReadWrite(path, path).Execute("PRAGMA journal_mode=WAL");
+  fs::permissions(path, fs::perms::owner_read);
+  fs::permissions(dir_.path() / "data",
+                  fs::perms::owner_read | fs::perms::owner_exec);
+  const auto before = FilesIn(dir_.path());
+  const auto time = fs::last_write_time(dir_.path() / "data");
+  ASSERT_EQ(before.size(), 1u);
+  EXPECT_EQ(ReadDatabase(path, Context()).images.size(), 4u);
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+  EXPECT_EQ(fs::last_write_time(dir_.path() / "data"), time);
+  fs::permissions(dir_.path() / "data", fs::perms::owner_all);
+}
+
+TEST_F(DatabaseTest, ReadsTheWriteAheadLogWithoutTouchingIt) {
+  Write();
+  SqliteDatabase writer = SqliteDatabase::OpenReadWrite(Path(), Path());
+  writer.Execute("PRAGMA journal_mode = WAL");
+  writer.Execute("UPDATE images SET name = 'cam0/new.png' WHERE image_id = 2");
+  // Both beside a program that has it open, and as left by a crash.
+  fs::create_directory(dir_.path() / "left");
+  for (const std::string suffix : {"", "-wal"}) {
+    fs::copy_file(Path() + suffix, Path("left/database.db" + suffix));
+  }
+  fs::permissions(Path("left/database.db"), fs::perms::owner_read);
+  for (const std::string& path : {Path(), Path("left/database.db")}) {
+    const auto before = FilesIn(dir_.path());
+    EXPECT_EQ(ReadDatabase(path, Context()).images[1].name, "cam0/new.png");
+    EXPECT_EQ(FilesIn(dir_.path()), before);
+  }
+}
+
+TEST_F(DatabaseTest, UndoesAnInterruptedTransactionInACopy) {
+  Write();
+  SqliteDatabase writer = SqliteDatabase::OpenReadWrite(Path(), Path());
+  writer.Execute(
+      "PRAGMA cache_size = 1; BEGIN; UPDATE images SET name = name || 'x';"
+      "UPDATE keypoints SET data = zeroblob(100000);"
+      "UPDATE two_view_geometries SET data = zeroblob(100000)");
+  fs::create_directory(dir_.path() / "left");
+  for (const std::string suffix : {"", "-journal"}) {
+    fs::copy_file(Path() + suffix, Path("left/database.db" + suffix));
+  }
+  ASSERT_NE(ReadTextFile(Path("left/database.db")).find("1.pngx"),
+            std::string::npos);
+  const auto before = FilesIn(dir_.path());
+  const DatabaseContents read =
+      ReadDatabase(Path("left/database.db"), Context());
+  ExpectSameImages(read, MakeContents(kNames));
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+}
+
+TEST_F(DatabaseTest, FollowsLinksToTheLog) {
+  Write();
+  SqliteDatabase writer = SqliteDatabase::OpenReadWrite(Path(), Path());
+  writer.Execute("PRAGMA journal_mode = WAL");
+  writer.Execute("UPDATE images SET name = 'cam0/new.png' WHERE image_id = 2");
+  fs::create_symlink(Path(), Path("link.db"));
+  EXPECT_EQ(ReadDatabase(Path("link.db"), Context()).images[1].name,
+            "cam0/new.png");
+}
+
+TEST_F(DatabaseTest, WritesNewFilesOnly) {
+  Write();
+  const auto before = FilesIn(dir_.path());
+  EXPECT_THAT(ErrorOf([this] { Write(); }), HasSubstr("exists already"));
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+
+  DatabaseContents twice = MakeContents(kNames);
+  twice.images[1].name = twice.images[0].name;
+  EXPECT_THROW(WriteDatabase(Path("new.db"), twice, DatabaseSchema::k38),
+               Error);
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+}
+
+TEST(SwapImagesTest, KeepsWhatThePairSays) {
+  Random random(1);
+  const DatabaseContents contents = MakeContents(kNames);
+  const TwoViewGeometryRow pair = contents.pairs[0];
+  TwoViewGeometryRow swapped = pair;
+  SwapImages(&swapped);
+  EXPECT_EQ(swapped.image_id1, pair.image_id2);
+  for (int i = 0; i < 10; ++i) {
+    const Eigen::Vector3d x1 = RandomMatrix(&random).col(0);
+    const Eigen::Vector3d x2 = RandomMatrix(&random).col(0);
+    EXPECT_NEAR(x2.dot(*pair.F * x1), x1.dot(*swapped.F * x2), 1e-12);
+    EXPECT_NEAR(x2.dot(*pair.E * x1), x1.dot(*swapped.E * x2), 1e-12);
+    EXPECT_LT((*swapped.H * (*pair.H * x1) - x1).norm(), 1e-12);
+    EXPECT_LT(
+        (*swapped.cam2_from_cam1 * (*pair.cam2_from_cam1 * x1) - x1).norm(),
+        1e-12);
+  }
+  for (size_t i = 0; i < pair.matches.size(); ++i) {
+    EXPECT_EQ(swapped.matches[i].keypoint_idx1, pair.matches[i].keypoint_idx2);
+    EXPECT_EQ(swapped.matches[i].keypoint_idx2, pair.matches[i].keypoint_idx1);
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/rig_config.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "io/test_database.h"
+#include "mgsfm/io/scene_loading.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::HasSubstr;
+
+class RigConfigTest : public testing::Test {
+ protected:
+  std::string Path() const { return (dir_.path() / "rig.json").string(); }
+  std::vector<RigConfig> Parse(const std::string& text) const {
+    WriteTextFile(Path(), text);
+    return ReadRigConfig(Path());
+  }
+  LoadedScene Load(const std::vector<std::string>& names) const {
+    SceneLoadingOptions options;
+    options.rig_config_path = Path();
+    return LoadScene(MakeContents(names), options, Context());
+  }
+
+  TempDir dir_;
+};
+
+TEST_F(RigConfigTest, ReadsAllKeys) {
+  const std::vector<RigConfig> rigs = Parse(R"([
+    {"cameras": [
+      {"image_prefix": "a/", "ref_sensor": true},
+      {"image_prefix": "b/", "ref_sensor": false,
+       "cam_from_rig_rotation": [0, 2, 0, 0],
+       "cam_from_rig_translation": [1, 2.5, -3],
+       "camera_model_name": "PINHOLE", "camera_params": [1, 2, 3, 4]},
+      {"image_prefix": "c/"}]},
+    {"cameras": [{"image_prefix": "d_", "ref_sensor": true}]}])");
+  ASSERT_EQ(rigs.size(), 2u);
+  ASSERT_EQ(rigs[0].cameras.size(), 3u);
+  EXPECT_TRUE(rigs[0].cameras[0].is_reference);
+  EXPECT_TRUE(rigs[0].cameras[0].cam_from_rig.has_value());
+  const RigConfigCamera& b = rigs[0].cameras[1];
+  EXPECT_EQ(b.image_prefix, "b/");
+  EXPECT_FALSE(b.is_reference);
+  EXPECT_EQ(b.cam_from_rig->rotation.coeffs(), Eigen::Vector4d(1, 0, 0, 0));
+  EXPECT_EQ(b.cam_from_rig->translation, Eigen::Vector3d(1, 2.5, -3));
+  EXPECT_EQ(b.camera_model, CameraModelId::kPinhole);
+  EXPECT_EQ(b.camera_params, (std::vector<double>{1, 2, 3, 4}));
+  EXPECT_FALSE(rigs[0].cameras[2].cam_from_rig.has_value());
+  EXPECT_EQ(rigs[1].cameras[0].image_prefix, "d_");
+}
+
+TEST_F(RigConfigTest, NamesWhatIsWrong) {
+  const auto rig = [](const std::string& camera) {
+    return R"([{"cameras": [{"image_prefix": "a/", "ref_sensor": true}, {)" +
+           camera + "}]}]";
+  };
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"[", "not valid JSON"},
+      {"{}", "not an array"},
+      {"[]", "not an array"},
+      {"[3]", "rig 1 is not an object"},
+      {R"([{"cameras": []}])", "rig 1 needs 'cameras'"},
+      {R"([{"cameras": [{"image_prefix": "a"}], "name": 1}])", "'name'"},
+      {R"([{"cameras": [{"image_prefix": "a"}]}])", "has 0 cameras with"},
+      {rig(R"("image_prefix": "b/", "ref_sensor": true)"), "has 2 cameras"},
+      {rig(R"("prefix": "b/")"), "camera 2 of rig 1 has the unknown key"},
+      {rig(R"("ref_sensor": false)"), "needs 'image_prefix'"},
+      {rig(R"("image_prefix": "b", "ref_sensor": 1)"), "true or false"},
+      {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [1, 0, 0, 0])"),
+       "only one of"},
+      {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [1, 0, 0],
+              "cam_from_rig_translation": [0, 0, 0])"),
+       "array of 4 numbers"},
+      {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [0, 0, 0, 0],
+              "cam_from_rig_translation": [0, 0, 0])"),
+       "length zero"},
+      {rig(R"("image_prefix": "b", "camera_model_name": "PINHOLE",
+              "camera_params": [1, 2, 3])"),
+       "array of 4 numbers"},
+      {rig(R"("image_prefix": "b", "camera_model_name": "NONE",
+              "camera_params": [1, 2, 3])"),
+       "unknown camera model 'NONE'"},
+      {R"([{"cameras": [{"image_prefix": "a", "ref_sensor": true,
+            "cam_from_rig_rotation": [1, 0, 0, 0],
+            "cam_from_rig_translation": [0, 0, 0]}]}])",
+       "must not have a pose"}};
+  for (const auto& [text, expected] : cases) {
+    const std::string error = ErrorOf([&, &text = text] { (void)Parse(text); });
+    EXPECT_THAT(error, HasSubstr(expected)) << text;
+    EXPECT_THAT(error, HasSubstr(Path())) << text;
+  }
+  EXPECT_THAT(ErrorOf([] { (void)ReadRigConfig("/no/such.json"); }),
+              HasSubstr("cannot be read"));
+}
+
+TEST_F(RigConfigTest, WhatIsWrittenIsReadBack) {
+  RigConfig rig;
+  rig.cameras.resize(3);
+  rig.cameras[0].image_prefix = "a/";
+  rig.cameras[0].is_reference = true;
+  rig.cameras[1].image_prefix = "b \"quoted\"/";
+  rig.cameras[1].cam_from_rig =
+      Rigid3{ExpSO3({0.1, 0.2, 0.3}), Eigen::Vector3d(1.0 / 3.0, 2.0, 3e-17)};
+  rig.cameras[1].camera_model = CameraModelId::kSimplePinhole;
+  rig.cameras[1].camera_params = {0.1, 0.2, 0.3};
+  rig.cameras[2].image_prefix = "c/";
+  WriteRigConfig(Path(), {rig, rig});
+  const std::vector<RigConfig> read = ReadRigConfig(Path());
+  ASSERT_EQ(read.size(), 2u);
+  for (size_t i = 0; i < 3; ++i) {
+    const RigConfigCamera& a = read[1].cameras[i];
+    const RigConfigCamera& b = rig.cameras[i];
+    EXPECT_EQ(a.image_prefix, b.image_prefix);
+    EXPECT_EQ(a.is_reference, b.is_reference);
+    EXPECT_EQ(a.camera_model, b.camera_model);
+    EXPECT_EQ(a.camera_params, b.camera_params);
+  }
+  EXPECT_LT(AngleBetween(read[0].cameras[1].cam_from_rig->rotation,
+                         rig.cameras[1].cam_from_rig->rotation),
+            1e-15);
+  EXPECT_EQ(read[0].cameras[1].cam_from_rig->translation,
+            rig.cameras[1].cam_from_rig->translation);
+  EXPECT_FALSE(read[0].cameras[2].cam_from_rig.has_value());
+  EXPECT_THROW(WriteRigConfig("/no/such/folder/rig.json", {rig}), Error);
+}
+
+// A model in which sensor i has the pose of turning and moving by i.
+Reconstruction MakeModel(const Scene& scene) {
+  Reconstruction model;
+  model.cameras = scene.cameras;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    const double x = static_cast<double>(i);
+    model.sensor_from_rig.push_back(scene.IsReference(static_cast<int>(i))
+                                        ? Rigid3()
+                                        : Rigid3{ExpSO3({0.1 * x, 0.0, 0.2}),
+                                                 Eigen::Vector3d(x, 1.0, 0.0)});
+  }
+  model.rig_from_world.resize(scene.frames.size());
+  return model;
+}
+
+void ExpectSameRigs(const Scene& a, const Scene& b) {
+  ASSERT_EQ(a.images.size(), b.images.size());
+  ASSERT_EQ(a.sensors.size(), b.sensors.size());
+  ASSERT_EQ(a.frames.size(), b.frames.size());
+  ASSERT_EQ(a.rigs.size(), b.rigs.size());
+  for (size_t i = 0; i < a.images.size(); ++i) {
+    EXPECT_EQ(a.images[i].sensor_idx, b.images[i].sensor_idx);
+    EXPECT_EQ(a.images[i].frame_idx, b.images[i].frame_idx);
+  }
+  for (size_t i = 0; i < a.rigs.size(); ++i) {
+    EXPECT_EQ(a.rigs[i].ref_sensor_idx, b.rigs[i].ref_sensor_idx);
+    EXPECT_EQ(a.rigs[i].sensor_idxs, b.rigs[i].sensor_idxs);
+  }
+}
+
+TEST_F(RigConfigTest, CalibratedRigsAreReadBack) {
+  const std::vector<std::string> names = {
+      "one/cam0/0.png", "one/cam1/0.png", "one/cam2/0.png", "one/cam2/1.png",
+      "one/cam1/1.png", "two/left/0.png", "two/right/0.png"};
+  const LoadedScene from_names =
+      LoadScene(MakeContents(names), {"", "(?<rig>[^/]+)/(?<camera>[^/]+)/.*"},
+                Context());
+  Reconstruction model = MakeModel(from_names.scene);
+  model.cameras[0].params[0] = 123.0;
+  model.sensor_from_rig[2].reset();
+  WriteRigConfig(Path(), from_names.scene, model);
+  const LoadedScene from_config = Load(names);
+  ExpectSameRigs(from_config.scene, from_names.scene);
+  const auto camera0 = from_config.scene.sensors[0].camera_idx;
+  EXPECT_EQ(from_config.scene.cameras[camera0].params[0], 123.0);
+  for (size_t i = 0; i < model.sensor_from_rig.size(); ++i) {
+    const auto& pose = from_config.scene.sensors[i].sensor_from_rig;
+    ASSERT_EQ(pose.has_value(), model.sensor_from_rig[i].has_value());
+    if (!pose) continue;
+    EXPECT_LT(AngleBetween(pose->rotation, model.sensor_from_rig[i]->rotation),
+              1e-12);
+    EXPECT_LT(
+        (pose->translation - model.sensor_from_rig[i]->translation).norm(),
+        1e-12);
+  }
+}
+
+TEST_F(RigConfigTest, OneRigInTwoFoldersIsWrittenTwice) {
+  // The reference, cam0, has no image in the second folder.
+  const std::vector<std::string> names = {"seqA/cam0/0.png", "seqA/cam1/0.png",
+                                          "seqA/cam2/0.png", "seqB/cam1/0.png",
+                                          "seqB/cam2/0.png", "seqA/cam0/1.png",
+                                          "seqA/cam0/2.png"};
+  const Scene scene = LoadScene(MakeContents(names), {}, Context()).scene;
+  ASSERT_EQ(scene.rigs.size(), 1u);
+  const Reconstruction model = MakeModel(scene);
+  WriteRigConfig(Path(), scene, model);
+  const std::vector<RigConfig> rigs = ReadRigConfig(Path());
+  ASSERT_EQ(rigs.size(), 2u);
+  EXPECT_EQ(rigs[0].cameras[1].image_prefix, "seqA/cam1/");
+  ASSERT_EQ(rigs[1].cameras.size(), 2u);
+  EXPECT_TRUE(rigs[1].cameras[0].is_reference);
+  const Rigid3 expected =
+      *model.sensor_from_rig[2] * model.sensor_from_rig[1]->Inverse();
+  EXPECT_LT(
+      (rigs[1].cameras[1].cam_from_rig->translation - expected.translation)
+          .norm(),
+      1e-12);
+  EXPECT_EQ(Load(names).scene.rigs.size(), 2u);
+}
+
+TEST_F(RigConfigTest, RigsWithoutTellingPrefixAreLeftOut) {
+  DatabaseContents contents = MakeContents({"0.png", "1.png", "cam0/0.png"});
+  const Scene scene = LoadScene(contents, {"", "none"}, Context()).scene;
+  WriteRigConfig(Path(), scene, MakeModel(scene));
+  const std::vector<RigConfig> rigs = ReadRigConfig(Path());
+  ASSERT_EQ(rigs.size(), 1u);
+  EXPECT_EQ(rigs[0].cameras[0].image_prefix, "cam0/");
+}
+
+TEST_F(RigConfigTest, PrefixesThatDoNotFitTheImages) {
+  const auto config = [this](const std::string& a, const std::string& b) {
+    RigConfig rig;
+    rig.cameras.resize(2);
+    rig.cameras[0].image_prefix = a;
+    rig.cameras[0].is_reference = true;
+    rig.cameras[1].image_prefix = b;
+    WriteRigConfig(Path(), {rig});
+  };
+  const std::vector<std::string> names = {"cam1/0.png", "cam10/0.png"};
+  config("cam1/", "cam2/");
+  EXPECT_THAT(ErrorOf([&] { (void)Load(names); }),
+              testing::AllOf(HasSubstr("no image"), HasSubstr("'cam2/'")));
+  config("cam1", "cam10/");
+  EXPECT_THAT(ErrorOf([&] { (void)Load(names); }),
+              testing::AllOf(HasSubstr("'cam10/0.png'"), HasSubstr("both")));
+  config("cam1/", "cam10/");
+  EXPECT_EQ(Load(names).scene.frames.size(), 1u);
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/statistics.h"
+#include "translation/position_problem.h"
+#include "translation/relative_translation.h"
+#include "translation/scale_averaging.h"
+#include "translation/translation_test_utils.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+std::vector<PairMotion> Estimate(const TranslationInput& input,
+                                 int num_threads = 1) {
+  Context context;
+  context.num_threads = num_threads;
+  const PositionProblem problem =
+      MakePositionProblem(input.simulation.scene, input.rotations);
+  return EstimatePairMotions(
+      input.simulation.scene, input.bearings, input.simulation.view_graph,
+      input.rotations.pair_is_inlier, problem, 0.3, context);
+}
+
+Vector3d TrueBaseline(const TranslationInput& input, const PairMotion& motion) {
+  const Scene& scene = input.simulation.scene;
+  const Reconstruction& truth = input.simulation.ground_truth;
+  return truth.CamFromWorld(scene, motion.image_idx2)->Center() -
+         truth.CamFromWorld(scene, motion.image_idx1)->Center();
+}
+
+SimulationOptions Curve() {
+  SimulationOptions options;
+  options.num_frames = 10;
+  return options;
+}
+
+TEST(RelativeTranslationTest, ExactRaysGiveTheDirection) {
+  const TranslationInput input = MakeTranslationInput(Curve());
+  int num_directions = 0;
+  for (const PairMotion& motion : Estimate(input)) {
+    EXPECT_NE(motion.kind, PairKind::kUnused);
+    if (motion.kind != PairKind::kDirection) continue;
+    ++num_directions;
+    EXPECT_LT(AngleBetween(motion.direction, TrueBaseline(input, motion)),
+              1e-7);
+  }
+  EXPECT_GT(num_directions, 100);
+}
+
+TEST(RelativeTranslationTest, NoiseAndMismatchesGiveHonestSigmas) {
+  SimulationOptions options = Curve();
+  options.pixel_noise_px = 0.7;
+  options.mismatch_ratio = 0.15;
+  const TranslationInput input = MakeTranslationInput(options);
+  std::vector<double> errors, ratios;
+  for (const PairMotion& motion : Estimate(input)) {
+    if (motion.kind != PairKind::kDirection) continue;
+    errors.push_back(
+        AngleBetween(motion.direction, TrueBaseline(input, motion)));
+    ratios.push_back(errors.back() / motion.sigma_rad);
+  }
+  ASSERT_GT(errors.size(), 100u);
+  EXPECT_LT(Median(errors), DegToRad(1.0));
+  EXPECT_LT(Quantile(ratios, 0.9), 3.0);
+}
+
+TEST(RelativeTranslationTest, StandingFramesHaveNoParallax) {
+  SimulationOptions options = Curve();
+  options.path = PathPreset::kStanding;
+  options.pixel_noise_px = 0.5;
+  const TranslationInput input = MakeTranslationInput(options);
+  int num_checked = 0;
+  for (const PairMotion& motion : Estimate(input)) {
+    const bool is_same_place = TrueBaseline(input, motion).norm() < 1e-9;
+    EXPECT_EQ(motion.kind,
+              is_same_place ? PairKind::kNoParallax : PairKind::kDirection);
+    ++num_checked;
+  }
+  EXPECT_GT(num_checked, 20);
+}
+
+TEST(RelativeTranslationTest, WrongPairsAreNotUsed) {
+  SimulationOptions options = Curve();
+  options.wrong_pair_ratio = 1.0;
+  const TranslationInput input = MakeTranslationInput(options);
+  const std::vector<PairMotion> motions = Estimate(input);
+  const auto num_directions = std::count_if(
+      motions.begin(), motions.end(),
+      [](const PairMotion& m) { return m.kind == PairKind::kDirection; });
+  EXPECT_LT(num_directions, 0.1 * motions.size());
+}
+
+TEST(RelativeTranslationTest, ThreadsDoNotMatter) {
+  SimulationOptions options = Curve();
+  options.pixel_noise_px = 0.5;
+  const TranslationInput input = MakeTranslationInput(options);
+  const auto one = Estimate(input, 1);
+  const auto three = Estimate(input, 3);
+  for (size_t i = 0; i < one.size(); ++i) {
+    EXPECT_EQ(one[i].direction, three[i].direction);
+  }
+}
+
+TEST(ScaleAveragingTest, ExactDepthsGiveTheLengths) {
+  for (const PathPreset path : {PathPreset::kCurve, PathPreset::kStraight}) {
+    SimulationOptions options = Curve();
+    options.path = path;
+    options.rig = RigPreset::kMono;
+    const TranslationInput input = MakeTranslationInput(options);
+    const auto motions = Estimate(input);
+    const PairScales scales = AverageScales(
+        motions, static_cast<int>(input.simulation.scene.images.size()),
+        Context());
+    ASSERT_EQ(scales.group_sizes.size(), 1u);
+    double unit = 0.0;
+    for (size_t i = 0; i < motions.size(); ++i) {
+      if (scales.group[i] < 0) continue;
+      const double ratio =
+          TrueBaseline(input, motions[i]).norm() / scales.scale[i];
+      if (unit == 0.0) unit = ratio;
+      EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
+    }
+    EXPECT_GT(scales.typical_depth * unit, 2.0);
+    EXPECT_LT(scales.typical_depth * unit, 30.0);
+  }
+}
+
+TEST(ScaleAveragingTest, NoiseAndMismatchesAreBearable) {
+  SimulationOptions options = Curve();
+  options.pixel_noise_px = 0.7;
+  options.mismatch_ratio = 0.1;
+  options.wrong_pair_ratio = 0.1;
+  const TranslationInput input = MakeTranslationInput(options);
+  const auto motions = Estimate(input);
+  const PairScales scales = AverageScales(
+      motions, static_cast<int>(input.simulation.scene.images.size()),
+      Context());
+  std::vector<double> logs;
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (scales.group[i] != 0) continue;
+    logs.push_back(
+        std::log(TrueBaseline(input, motions[i]).norm() / scales.scale[i]));
+  }
+  ASSERT_GT(logs.size(), 80u);
+  const double unit = Median(logs);
+  for (double& value : logs) value = std::abs(value - unit);
+  EXPECT_LT(Median(logs), 0.05);
+}
+
+TEST(ScaleAveragingTest, NoPairsAtAll) {
+  const PairScales scales = AverageScales({}, 0, Context());
+  EXPECT_TRUE(scales.group_sizes.empty());
+  EXPECT_EQ(scales.typical_depth, 0.0);
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "translation/position_initialization.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+TEST(PositionInitializationTest, ProxOfScaleResidualIsTheMinimum) {
+  Random random(4);
+  for (int trial = 0; trial < 300; ++trial) {
+    const double rho = std::pow(10.0, random.Uniform(-1.0, 1.0));
+    const double bound = -random.Uniform(0.0, 2.0);
+    const double steep = random.Uniform(1.0, 5.0);
+    const double v = random.Uniform(-8.0, 4.0);
+    const auto cost = [&](double z) {
+      return std::abs(z) + (steep - 1.0) * std::max(bound - z, 0.0) +
+             0.5 * rho * (z - v) * (z - v);
+    };
+    double best = std::numeric_limits<double>::infinity();
+    for (double z = -10.0; z <= 5.0; z += 1e-3) best = std::min(best, cost(z));
+    EXPECT_LE(cost(ProxOfScaleResidual(v, rho, bound, steep)), best + 1e-12);
+  }
+}
+
+// Single cameras without rotation at the given centres.
+PositionProblem PlainProblem(size_t num_frames) {
+  PositionProblem problem;
+  problem.num_frames = static_cast<int>(num_frames);
+  problem.sensor_kind = {SensorKind::kFixed};
+  problem.fixed_translation = {Vector3d::Zero()};
+  for (size_t i = 0; i < num_frames; ++i) {
+    problem.world_from_cam.emplace_back(Eigen::Matrix3d::Identity());
+    problem.frame_idx.push_back(static_cast<int>(i));
+    problem.sensor_idx.push_back(0);
+  }
+  return problem;
+}
+
+struct PlainPairs {
+  std::vector<PairMotion> motions;
+  PairScales scales;
+
+  void Add(int i, int j, const Vector3d& baseline, int group) {
+    PairMotion motion;
+    motion.image_idx1 = i;
+    motion.image_idx2 = j;
+    motion.kind = PairKind::kDirection;
+    motion.direction = baseline.normalized();
+    motion.sigma_rad = 0.01;
+    motions.push_back(motion);
+    scales.scale.push_back(baseline.norm());
+    scales.sigma_log.push_back(0.05);
+    scales.group.push_back(group);
+    if (group >= static_cast<int>(scales.group_sizes.size())) {
+      scales.group_sizes.resize(group + 1, 0);
+    }
+    ++scales.group_sizes[group];
+    scales.typical_depth = 10.0;
+  }
+};
+
+std::vector<Vector3d> RandomCenters(int size, uint64_t seed) {
+  Random random(seed);
+  std::vector<Vector3d> centers(size, Vector3d::Zero());
+  for (int i = 1; i < size; ++i) {
+    centers[i] = centers[i - 1] +
+                 Vector3d(1.0, 0.3 * random.Normal(), 0.3 * random.Normal());
+  }
+  return centers;
+}
+
+TEST(PositionInitializationTest, ExactPairsGiveTheCentersDespiteWrongOnes) {
+  const std::vector<Vector3d> centers = RandomCenters(12, 0);
+  PlainPairs pairs;
+  for (int i = 0; i < 12; ++i) {
+    for (int j = i + 1; j < std::min(i + 4, 12); ++j) {
+      Vector3d baseline = centers[j] - centers[i];
+      if ((i + j) % 7 == 0) baseline = Vector3d(0.2, -1.0, 1.5);
+      pairs.Add(i, j, baseline, 0);
+    }
+  }
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(12), pairs.motions, pairs.scales, 0.3);
+  EXPECT_EQ(initial.solve.termination, Termination::kConverged);
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
+  }
+}
+
+TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
+  // The pairs over an odd distance have lengths in another unit.
+  const std::vector<Vector3d> centers = RandomCenters(10, 1);
+  PlainPairs pairs;
+  for (int i = 0; i < 10; ++i) {
+    for (int j = i + 1; j < std::min(i + 5, 10); ++j) {
+      const int group = (j - i) % 2;
+      const double unit = group == 0 ? 1.0 : 2.5;
+      pairs.Add(i, j, (centers[j] - centers[i]) * unit, group);
+    }
+  }
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(10), pairs.motions, pairs.scales, 0.3);
+  ASSERT_EQ(initial.group_factor.size(), 2u);
+  EXPECT_NEAR(initial.group_factor[1], 1.0 / 2.5, 0.01);
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.05);
+  }
+}
+
+TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
+  PlainPairs pairs;
+  pairs.Add(0, 1, Vector3d(1.0, 0.0, 0.0), 0);
+  PairMotion still;
+  still.image_idx1 = 1;
+  still.image_idx2 = 2;
+  still.kind = PairKind::kNoParallax;
+  pairs.motions.push_back(still);
+  pairs.scales.scale.push_back(0.0);
+  pairs.scales.sigma_log.push_back(0.0);
+  pairs.scales.group.push_back(-1);
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(4), pairs.motions, pairs.scales, 0.3);
+  const Positions& positions = initial.positions;
+  EXPECT_LT((positions.frame_center[2] - positions.frame_center[1]).norm(),
+            1e-3);
+  EXPECT_NEAR(positions.frame_center[1].x(), 1.0, 1e-3);
+  EXPECT_TRUE(positions.frame_is_placed[2]);
+  EXPECT_FALSE(positions.frame_is_placed[3]);
+}
+
+// The cost of the objective in the header, by an independent route: compared
+// with that of many positions near the solution.
+TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
+  constexpr double kSigma = 0.5 * 3.14159265358979 / 180.0;
+  Random random(3);
+  const std::vector<Vector3d> centers = RandomCenters(3, 2);
+  PlainPairs pairs;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = i + 1; j < 3; ++j) {
+      const Vector3d noise(random.Normal(), random.Normal(), random.Normal());
+      pairs.Add(i, j, centers[j] - centers[i] + 0.2 * noise, 0);
+    }
+  }
+  const auto cost = [&](const std::vector<Vector3d>& c) {
+    double sum = 0.0;
+    for (size_t p = 0; p < pairs.motions.size(); ++p) {
+      const PairMotion& motion = pairs.motions[p];
+      const Vector3d C = c[motion.image_idx2] - c[motion.image_idx1];
+      const double along = C.dot(motion.direction);
+      const double scale = pairs.scales.scale[p];
+      sum += (C - along * motion.direction).norm() /
+             (scale * std::hypot(0.01, kSigma));
+      sum += std::abs(along - scale) / (scale * std::hypot(0.01, kSigma));
+    }
+    return sum;
+  };
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(3), pairs.motions, pairs.scales, 0.3);
+  const std::vector<Vector3d>& solution = initial.positions.frame_center;
+  const double solved = cost(solution);
+  for (int trial = 0; trial < 20000; ++trial) {
+    std::vector<Vector3d> other = solution;
+    const double radius = std::pow(10.0, random.Uniform(-4.0, 0.0));
+    for (size_t i = 1; i < other.size(); ++i) {
+      other[i] +=
+          radius * Vector3d(random.Normal(), random.Normal(), random.Normal());
+    }
+    ASSERT_GE(cost(other), solved * (1.0 - 1e-3));
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm
