@@ -11,6 +11,7 @@
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/staged_output.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/pipeline/report.h"
 
@@ -137,9 +138,10 @@ int RunMapperCommand(const MapperCommandOptions& options,
             MapperReportToJson(loaded.scene, loaded.view_graph, result, run));
   output.Commit();
   if (result.models.empty()) {
-    context.Error(
-        "nothing could be reconstructed; see " +
-        (std::filesystem::path(options.output_path) / "report.json").string());
+    context.log(LogLevel::kError,
+                "nothing could be reconstructed; see " +
+                    (std::filesystem::path(options.output_path) / "report.json")
+                        .string());
     return kExitNotSolvable;
   }
   return kExitSuccess;

@@ -7,7 +7,6 @@ namespace mgsfm {
 
 // One per file cmd_*.cc.
 Command MapperCommand();
-Command ModelEvaluatorCommand();
 Command SimulateCommand();
 
 }  // namespace mgsfm

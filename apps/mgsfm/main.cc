@@ -10,7 +10,7 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {MapperCommand(), ModelEvaluatorCommand(), SimulateCommand()};
+  return {MapperCommand(), SimulateCommand()};
 }
 
 // For docs/options.md.

@@ -53,8 +53,8 @@ PoseVector BlockStep(const BundleStructure& structure, const BundleStep& step,
 
 // The state after a step, but for its points.
 BundleState MoveBlocks(const BundleProblem& problem,
-                       const BundleStructure& structure,
-                       const BundleStep& step, const BundleState& state) {
+                       const BundleStructure& structure, const BundleStep& step,
+                       const BundleState& state) {
   BundleState moved = state;
   for (size_t i = 0; i < state.frames.size(); ++i) {
     if (structure.frame_block[i] < 0) continue;
@@ -204,9 +204,8 @@ double LevenbergMarquardt::TryStep() {
   trial_ = MoveBlocks(problem_, structure_, step_, state_);
   const std::vector<ImagePose> poses = ComputeImagePoses(problem_, trial_);
   return PriorCost(problem_, trial_) +
-         ParallelSum(problem_.num_points(), num_threads_, [&](size_t point) {
-           return TryPoint(poses, point);
-         });
+         ParallelSum(problem_.num_points(), num_threads_,
+                     [&](size_t point) { return TryPoint(poses, point); });
 }
 
 double LevenbergMarquardt::TryPoint(const std::vector<ImagePose>& poses,
@@ -214,8 +213,7 @@ double LevenbergMarquardt::TryPoint(const std::vector<ImagePose>& poses,
   for (const double fraction : {1.0, 0.5, 0.25, 0.0}) {
     trial_.points[point] =
         state_.points[point] + fraction * step_.points[point];
-    const double cost =
-        PointCost(problem_, poses, point, trial_.points[point]);
+    const double cost = PointCost(problem_, poses, point, trial_.points[point]);
     if (std::isfinite(cost)) return cost;
   }
   return kInfinity;
@@ -227,7 +225,8 @@ void LevenbergMarquardt::Accept(double new_cost, double ratio) {
   std::swap(state_, trial_);
   cost_ = new_cost;
   const double t = 2.0 * ratio - 1.0;
-  lambda_ = std::max(kMinLambda, lambda_ * std::max(1.0 / 3.0, 1.0 - t * t * t));
+  lambda_ =
+      std::max(kMinLambda, lambda_ * std::max(1.0 / 3.0, 1.0 - t * t * t));
   lambda_growth_ = 2.0;
   if (is_converged || cost_ == 0.0) {
     Finish(Termination::kConverged, "The cost hardly changes.");

@@ -33,8 +33,8 @@ struct BundleStructure {
   explicit BundleStructure(const BundleProblem& problem);
 
   std::vector<ParameterBlock> blocks;
-  int num_unknowns = 0;           // sum of their sizes
-  std::vector<int> frame_block;   // -1: none
+  int num_unknowns = 0;          // sum of their sizes
+  std::vector<int> frame_block;  // -1: none
   std::vector<int> sensor_block;
   std::vector<int> camera_block;
 

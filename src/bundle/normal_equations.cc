@@ -68,8 +68,8 @@ void NormalEquations::MakePattern() {
   size_t num_values = 0;
   for (size_t b = 0; b < columns_.size(); ++b) {
     columns_[b].first_value = num_values;
-    num_values += static_cast<size_t>(columns_[b].height) *
-                  structure_.blocks[b].size;
+    num_values +=
+        static_cast<size_t>(columns_[b].height) * structure_.blocks[b].size;
   }
   reduced_.resizeNonZeros(static_cast<Eigen::Index>(num_values));
   int* outer = reduced_.outerIndexPtr();
@@ -182,9 +182,10 @@ bool NormalEquations::LinearizePoint(const std::vector<ImagePose>& poses,
         Eigen::Map<Eigen::Matrix<double, 6, 3>>(coupling) +=
             columns.middleCols<6>(offsets[k]).transpose() * weighted;
       } else {
-        Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3>>(coupling, size, 3) +=
-            columns.middleCols(offsets[k], size).transpose().lazyProduct(
-                weighted);
+        Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3>>(
+            coupling, size, 3) += columns.middleCols(offsets[k], size)
+                                      .transpose()
+                                      .lazyProduct(weighted);
       }
     }
   }
@@ -230,8 +231,7 @@ void NormalEquations::AddPriors(const BundleState& state) {
   for (const BundleProblem::ParameterPrior& prior : problem_.priors) {
     const int block = structure_.camera_block[prior.camera];
     if (block < 0) continue;
-    const std::vector<int>& params =
-        problem_.cameras[prior.camera].free_params;
+    const std::vector<int>& params = problem_.cameras[prior.camera].free_params;
     const auto it = std::find(params.begin(), params.end(), prior.param);
     if (it == params.end()) continue;
     const int i =
@@ -322,9 +322,10 @@ void NormalEquations::AddImages(int block,
 
 void NormalEquations::SubtractPoints(int block,
                                      const std::vector<int>& row_of_block) {
-  using Coupling = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3>, 0>;
-  using SmallCoupling = Eigen::Matrix<double, Eigen::Dynamic, 3, 0,
-                                      kMaxNumCameraParams, 3>;
+  using Coupling =
+      Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3>, 0>;
+  using SmallCoupling =
+      Eigen::Matrix<double, Eigen::Dynamic, 3, 0, kMaxNumCameraParams, 3>;
   const BundleStructure& s = structure_;
   const int width = s.blocks[block].size;
   auto panel = Panel(block);
@@ -354,10 +355,9 @@ void NormalEquations::DampColumn(double lambda, int block) {
   for (int i = 0; i < b.size; ++i) {
     const double diagonal = hessian_diagonal_[b.first + i];
     // A held coordinate has a zero row and column.
-    panel(i, i) += diagonal > 0.0
-                       ? prior_hessian_[b.first + i] +
-                             lambda * ClampDiagonal(diagonal)
-                       : 1.0;
+    panel(i, i) += diagonal > 0.0 ? prior_hessian_[b.first + i] +
+                                        lambda * ClampDiagonal(diagonal)
+                                  : 1.0;
   }
 }
 
@@ -386,8 +386,8 @@ double NormalEquations::PredictedDecrease(double lambda,
   double blocks = 0.0;
   for (int i = 0; i < structure_.num_unknowns; ++i) {
     const double d = step.blocks[i];
-    blocks += d * (lambda * ClampDiagonal(hessian_diagonal_[i]) * d -
-                   gradient_[i]);
+    blocks +=
+        d * (lambda * ClampDiagonal(hessian_diagonal_[i]) * d - gradient_[i]);
   }
   const double points =
       ParallelSum(problem_.num_points(), num_threads_, [&](size_t p) {

@@ -81,15 +81,15 @@ class NormalEquations {
   const BundleStructure& structure_;
   const int num_threads_;
 
-  std::vector<Eigen::Vector3d> points_;            // of the linearised state
-  std::vector<Eigen::Matrix3d> point_hessians_;    // V without damping
-  std::vector<Eigen::Vector3d> point_gradients_;   // g_p
-  std::vector<Eigen::Matrix3d> point_inverses_;    // V^-1
-  std::vector<double> couplings_;                  // W^T by incidence
-  std::vector<Eigen::MatrixXd> image_hessians_;    // lower triangles
+  std::vector<Eigen::Vector3d> points_;           // of the linearised state
+  std::vector<Eigen::Matrix3d> point_hessians_;   // V without damping
+  std::vector<Eigen::Vector3d> point_gradients_;  // g_p
+  std::vector<Eigen::Matrix3d> point_inverses_;   // V^-1
+  std::vector<double> couplings_;                 // W^T by incidence
+  std::vector<Eigen::MatrixXd> image_hessians_;   // lower triangles
   std::vector<Eigen::VectorXd> image_gradients_;
-  Eigen::VectorXd prior_hessian_;   // diagonal
-  Eigen::VectorXd gradient_;        // g_z
+  Eigen::VectorXd prior_hessian_;     // diagonal
+  Eigen::VectorXd gradient_;          // g_z
   Eigen::VectorXd hessian_diagonal_;  // of H, 0 for held coordinates
 
   std::vector<Column> columns_;

@@ -54,9 +54,9 @@ bool EvaluateTerms(const ImagePose& pose, const Eigen::Vector3d& point,
                    const Eigen::Vector2d& pixel, bool with_params,
                    ObservationTerms* terms) {
   const Eigen::Vector3d y = pose.cam_from_world * (point - pose.center);
-  const std::optional<Eigen::Vector2d> projected =
-      ProjectToPixel(pose.model, pose.params, y + pose.translation,
-                     &terms->projection, with_params ? &terms->params : nullptr);
+  const std::optional<Eigen::Vector2d> projected = ProjectToPixel(
+      pose.model, pose.params, y + pose.translation, &terms->projection,
+      with_params ? &terms->params : nullptr);
   if (!projected) return false;
   terms->residual = *projected - pixel;
   terms->rotation = ByRotation(y, terms->projection);

@@ -14,10 +14,10 @@ namespace mgsfm {
 //   x = y + t,  y = S R (p - c)
 // is the point p in the camera.
 struct ImagePose {
-  Eigen::Matrix3d sensor_from_rig;                 // S
-  Eigen::Matrix3d cam_from_world;                  // S R
-  Eigen::Vector3d center;                          // c
-  Eigen::Vector3d translation;                     // t
+  Eigen::Matrix3d sensor_from_rig;  // S
+  Eigen::Matrix3d cam_from_world;   // S R
+  Eigen::Vector3d center;           // c
+  Eigen::Vector3d translation;      // t
   CameraModelId model = CameraModelId::kPinhole;
   const double* params = nullptr;  // of the state that it was made from
 };
@@ -50,9 +50,8 @@ bool EvaluateTerms(const ImagePose& pose, const Eigen::Vector3d& point,
 // The derivatives of an observation side by side, as far as it has blocks
 // (offset -1 if not): frame, sensor, free parameters of the camera.
 constexpr int kMaxNumColumns = 12 + kMaxNumCameraParams;
-using ObservationColumns =
-    Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2,
-                  kMaxNumColumns>;
+using ObservationColumns = Eigen::Matrix<double, 2, Eigen::Dynamic,
+                                         Eigen::RowMajor, 2, kMaxNumColumns>;
 
 struct ColumnLayout {
   int frame = -1;

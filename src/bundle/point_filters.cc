@@ -15,9 +15,8 @@ namespace {
 double Error(const Scene& scene, const std::vector<ImageView>& views,
              const Observation& o, const Eigen::Vector3d& point) {
   return views[o.image_idx].ReprojectionError(
-      point, scene.images[o.image_idx]
-                 .keypoints_px[o.keypoint_idx]
-                 .cast<double>());
+      point,
+      scene.images[o.image_idx].keypoints_px[o.keypoint_idx].cast<double>());
 }
 
 bool HasParallax(const std::vector<ImageView>& views, const Point3D& point,
@@ -53,20 +52,22 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
   std::vector<size_t> begin = {0};
   for (const Point3D& point : reconstruction.points) {
     const auto num_registered = std::count_if(
-        point.track.begin(), point.track.end(), [&](const Observation& o) {
-          return views[o.image_idx].is_registered;
-        });
+        point.track.begin(), point.track.end(),
+        [&](const Observation& o) { return views[o.image_idx].is_registered; });
     begin.push_back(begin.back() + num_registered);
   }
   std::vector<double> errors(begin.back());
-  ParallelFor(reconstruction.points.size(), num_threads, [&](size_t i) {
-    const Point3D& point = reconstruction.points[i];
-    size_t k = begin[i];
-    for (const Observation& o : point.track) {
-      if (!views[o.image_idx].is_registered) continue;
-      errors[k++] = Error(scene, views, o, point.point_in_world);
-    }
-  }, 256);
+  ParallelFor(
+      reconstruction.points.size(), num_threads,
+      [&](size_t i) {
+        const Point3D& point = reconstruction.points[i];
+        size_t k = begin[i];
+        for (const Observation& o : point.track) {
+          if (!views[o.image_idx].is_registered) continue;
+          errors[k++] = Error(scene, views, o, point.point_in_world);
+        }
+      },
+      256);
   return errors;
 }
 
@@ -80,21 +81,25 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
   std::vector<Point3D>& points = reconstruction->points;
-  ParallelFor(points.size(), num_threads, [&](size_t i) {
-    Point3D& point = points[i];
-    const auto is_outlier = [&](const Observation& o) {
-      return !views[o.image_idx].is_registered ||
-             !(Error(scene, views, o, point.point_in_world) <=
-               options.max_error_px);
-    };
-    point.track.erase(
-        std::remove_if(point.track.begin(), point.track.end(), is_outlier),
-        point.track.end());
-    if (static_cast<int>(point.track.size()) < options.min_num_observations ||
-        !HasParallax(views, point, options)) {
-      point.track.clear();
-    }
-  }, 256);
+  ParallelFor(
+      points.size(), num_threads,
+      [&](size_t i) {
+        Point3D& point = points[i];
+        const auto is_outlier = [&](const Observation& o) {
+          return !views[o.image_idx].is_registered ||
+                 !(Error(scene, views, o, point.point_in_world) <=
+                   options.max_error_px);
+        };
+        point.track.erase(
+            std::remove_if(point.track.begin(), point.track.end(), is_outlier),
+            point.track.end());
+        if (static_cast<int>(point.track.size()) <
+                options.min_num_observations ||
+            !HasParallax(views, point, options)) {
+          point.track.clear();
+        }
+      },
+      256);
   points.erase(
       std::remove_if(points.begin(), points.end(),
                      [](const Point3D& point) { return point.track.empty(); }),
@@ -106,9 +111,9 @@ double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
   double max_angle = 0.0;
   for (size_t i = 0; i < centers.size(); ++i) {
     for (size_t j = 0; j < i; ++j) {
-      max_angle =
-          std::max(max_angle, AngleBetween(Eigen::Vector3d(centers[i] - point),
-                                           Eigen::Vector3d(centers[j] - point)));
+      max_angle = std::max(max_angle,
+                           AngleBetween(Eigen::Vector3d(centers[i] - point),
+                                        Eigen::Vector3d(centers[j] - point)));
       if (max_angle >= enough_rad) return max_angle;
     }
   }
@@ -118,18 +123,22 @@ double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
 void ComputePointErrors(const Scene& scene, int num_threads,
                         Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
-  ParallelFor(reconstruction->points.size(), num_threads, [&](size_t i) {
-    Point3D& point = reconstruction->points[i];
-    double sum = 0.0;
-    int num_observations = 0;
-    for (const Observation& o : point.track) {
-      if (!views[o.image_idx].is_registered) continue;
-      sum += Error(scene, views, o, point.point_in_world);
-      ++num_observations;
-    }
-    point.error_px =
-        num_observations > 0 ? sum / num_observations : -1.0;
-  }, 256);
+  ParallelFor(
+      reconstruction->points.size(), num_threads,
+      [&](size_t i) {
+        Point3D& point = reconstruction->points[i];
+        double sum = 0.0;
+        int num_observations = 0;
+        for (const Observation& o : point.track) {
+          if (!views[o.image_idx].is_registered) continue;
+          const double error = Error(scene, views, o, point.point_in_world);
+          if (!std::isfinite(error)) continue;
+          sum += error;
+          ++num_observations;
+        }
+        point.error_px = num_observations > 0 ? sum / num_observations : -1.0;
+      },
+      256);
 }
 
 }  // namespace mgsfm

@@ -41,7 +41,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
 double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
                           const Eigen::Vector3d& point, double enough_rad);
 
-// Sets Point3D::error_px.
+// Sets Point3D::error_px, over the observations that can be computed.
 void ComputePointErrors(const Scene& scene, int num_threads,
                         Reconstruction* reconstruction);
 

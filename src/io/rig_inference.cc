@@ -104,7 +104,7 @@ void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
   for (const auto& [camera, images_of_one] : images_of_camera) {
     const int rig = static_cast<int>(assignment->rig_ids.size());
     const int sensor = static_cast<int>(assignment->sensors.size());
-    assignment->rig_ids.push_back(std::nullopt);
+    assignment->rig_ids.emplace_back();
     assignment->sensors.emplace_back();
     assignment->sensors.back().rig = rig;
     assignment->sensors.back().name = CommonFolder(input, images_of_one);

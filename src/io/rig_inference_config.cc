@@ -30,6 +30,15 @@ void AddRigs(const std::vector<RigConfig>& rigs, RigAssignment* assignment) {
   }
 }
 
+[[noreturn]] void ThrowTwoPrefixes(const std::string& path,
+                                   const std::string& image_name,
+                                   const std::string& prefix1,
+                                   const std::string& prefix2) {
+  throw Error("rig configuration '" + path + "': image '" + image_name +
+              "' starts with both prefixes '" + prefix1 + "' and '" + prefix2 +
+              "'; end prefixes that are folders with '/'");
+}
+
 // The sensor whose prefix the image has; nullopt if none.
 std::optional<int> FindSensor(const std::string& image_name,
                               const std::vector<std::string>& prefixes,
@@ -38,10 +47,7 @@ std::optional<int> FindSensor(const std::string& image_name,
   for (size_t i = 0; i < prefixes.size(); ++i) {
     if (!StartsWith(image_name, prefixes[i])) continue;
     if (found) {
-      throw Error("rig configuration '" + path + "': image '" + image_name +
-                  "' starts with both prefixes '" + prefixes[*found] +
-                  "' and '" + prefixes[i] +
-                  "'; end prefixes that are folders with '/'");
+      ThrowTwoPrefixes(path, image_name, prefixes[*found], prefixes[i]);
     }
     found = static_cast<int>(i);
   }

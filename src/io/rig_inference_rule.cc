@@ -107,13 +107,24 @@ std::string WithoutCamera(const std::string& name, const std::smatch& match,
   return rest;
 }
 
+ImageKeys MakeKeys(const std::string& name, const std::smatch& match,
+                   const NameRule& rule) {
+  const bool has_frame_group =
+      std::count(rule.groups.begin(), rule.groups.end(), GroupKind::kFrame) > 0;
+  const std::string rig = JoinGroups(match, rule, GroupKind::kRig);
+  ImageKeys keys;
+  keys.sensor_name = JoinGroups(match, rule, GroupKind::kCamera);
+  keys.frame_name = has_frame_group ? JoinGroups(match, rule, GroupKind::kFrame)
+                                    : WithoutCamera(name, match, rule);
+  keys.sensor = rig + "\n" + keys.sensor_name;
+  keys.frame = rig + "\n" + keys.frame_name;
+  return keys;
+}
+
 }  // namespace
 
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule) {
   const NameRule parsed = ParseRule(rule);
-  const bool has_frame_group =
-      std::count(parsed.groups.begin(), parsed.groups.end(),
-                 GroupKind::kFrame) > 0;
   std::vector<ImageKeys> keys;
   for (const ImageRow& image : input.contents.images) {
     std::smatch match;
@@ -121,17 +132,7 @@ RigAssignment AssignByRule(const RigInput& input, const std::string& rule) {
       ThrowRuleError(rule, "does not match the image name '" + image.name +
                                "'; it must match all names as a whole");
     }
-    ImageKeys key;
-    const std::string rig = JoinGroups(match, parsed, GroupKind::kRig);
-    const std::string camera = JoinGroups(match, parsed, GroupKind::kCamera);
-    const std::string frame = has_frame_group
-                                  ? JoinGroups(match, parsed, GroupKind::kFrame)
-                                  : WithoutCamera(image.name, match, parsed);
-    key.sensor = rig + "\n" + camera;
-    key.frame = rig + "\n" + frame;
-    key.sensor_name = camera;
-    key.frame_name = frame;
-    keys.push_back(std::move(key));
+    keys.push_back(MakeKeys(image.name, match, parsed));
   }
   RigAssignment assignment = AssignByKeys(input, keys);
   assignment.source = "image names by the rule '" + rule + "'";

@@ -73,7 +73,7 @@ class TableAssigner {
 void TableAssigner::AddRig(const RigRow& row) {
   const int rig = static_cast<int>(assignment_.rig_ids.size());
   rig_of_id_.emplace(row.id, rig);
-  assignment_.rig_ids.push_back(row.id);
+  assignment_.rig_ids.emplace_back(row.id);
   for (const RigSensorRow& sensor_row : row.sensors) {
     const auto number = static_cast<int>(assignment_.sensors.size());
     sensor_of_ids_.emplace(std::make_pair(row.id, sensor_row.camera_id),
@@ -166,6 +166,7 @@ std::optional<std::vector<std::string>> TableAssigner::FoldersAtLevel(
     folder = path[level];
   }
   std::vector<std::string> names;
+  names.reserve(folders.size());
   for (const auto& folder : folders) names.push_back(folder.value_or(""));
   return names;
 }

@@ -44,6 +44,8 @@ class SceneBuilder {
   void CountImages();
   void ChooseReferences();
   void ChooseReference(const std::vector<int>& sensors);
+  void ReplaceReference(const std::vector<int>& sensors,
+                        RigAssignment::Sensor* best);
   void JoinCameras();
   void AddImage(int image);
   int AddCamera(int sensor);
@@ -107,8 +109,7 @@ void SceneBuilder::ChooseReferences() {
 }
 
 // Makes sure that the reference of the rig of these sensors has images: the one
-// given, else by known pose, number of images and name. Known poses become
-// relative to it.
+// given, else by known pose, number of images and name.
 void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
   RigAssignment::Sensor* best = nullptr;
   const auto quality = [this](const RigAssignment::Sensor& sensor) {
@@ -125,7 +126,14 @@ void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
       best = &sensor;
     }
   }
-  if (best == nullptr || best->is_reference) return;
+  if (best == nullptr) return;
+  if (!best->is_reference) ReplaceReference(sensors, best);
+  best->sensor_from_rig = Rigid3();
+}
+
+// Makes `best` the reference and known poses relative to it.
+void SceneBuilder::ReplaceReference(const std::vector<int>& sensors,
+                                    RigAssignment::Sensor* best) {
   const std::optional<Rigid3> new_from_old = best->sensor_from_rig;
   for (const int i : sensors) {
     RigAssignment::Sensor& sensor = assignment_.sensors[i];
@@ -141,7 +149,6 @@ void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
     }
   }
   best->is_reference = true;
-  best->sensor_from_rig = Rigid3();
 }
 
 // A sensor has one camera: that of its first image, if those of its other

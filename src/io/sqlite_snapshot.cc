@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/sqlite_snapshot.h"
 
-#include <stdlib.h>
 #include <sys/stat.h>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string_view>
@@ -75,7 +75,7 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   states_ = States();
   std::vector<std::string> side_files;
   for (const char* suffix : kSideFileSuffixes) {
-    if (StateOf(path_ + suffix).size > 0) side_files.push_back(suffix);
+    if (StateOf(path_ + suffix).size > 0) side_files.emplace_back(suffix);
   }
   if (side_files.empty()) {
     database_ = SqliteDatabase::OpenImmutable(path_, path);

@@ -100,6 +100,41 @@ Json ToJson(const TranslationSummary& summary) {
           {"num_points", summary.num_points}};
 }
 
+Json ToJson(const Scene& scene, const BundleSummary& summary) {
+  Json json = {
+      {"solves", Json::array()},
+      {"rounds", Json::array()},
+      {"dropped_frames", Json::array()},
+      {"weak_frames", Json::array()},
+      {"sensors_without_observations", Json::array()},
+      {"num_invisible_observations", summary.num_invisible_observations}};
+  for (const SolveSummary& solve : summary.solves) {
+    json["solves"].push_back(ToJson(solve));
+  }
+  for (const BundleRound& round : summary.rounds) {
+    json["rounds"].push_back(
+        {{"sigma_px", round.sigma_px},
+         {"max_error_px", round.max_error_px},
+         {"num_points_before", round.num_points_before},
+         {"num_points_after", round.num_points_after},
+         {"num_observations_before", round.num_observations_before},
+         {"num_observations_after", round.num_observations_after}});
+  }
+  for (const DroppedFrame& frame : summary.dropped_frames) {
+    json["dropped_frames"].push_back(
+        {{"frame_id", scene.frames[frame.frame_idx].id.value()},
+         {"reason", frame.reason}});
+  }
+  for (const int frame_idx : summary.weak_frame_idxs) {
+    json["weak_frames"].push_back(scene.frames[frame_idx].id.value());
+  }
+  for (const int sensor_idx : summary.sensor_idxs_without_observations) {
+    json["sensors_without_observations"].push_back(
+        scene.sensors[sensor_idx].name);
+  }
+  return json;
+}
+
 // The calibrated rigs of one model, with what is known of each sensor.
 Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
                 const MapperModel& model) {
@@ -162,7 +197,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
           {"rigs", RigsToJson(scene, rotation, model)},
           {"tracks", ToJson(model.tracks)},
           {"translation_averaging", ToJson(model.translation)},
-          {"bundle_adjustment", BundleToJson(model.bundle)},
+          {"bundle_adjustment", ToJson(scene, model.bundle)},
           {"seconds", ToJson(model.times)}};
 }
 

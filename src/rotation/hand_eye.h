@@ -28,7 +28,7 @@ struct HandEyeResult {
 };
 
 // Hand-eye calibration of rotations: argmin_X sum_i rho(|alpha_i - X beta_i|^2)
-// over X in SO(3), rho Geman-McClure with its scale lowered from 5 deg to four
+// over X in SO(3), rho Geman-McClure with its scale lowered from 5 deg to six
 // robust standard deviations, each step in closed form (Wahba's problem by
 // SVD). Stops when X changes by at most 1e-9 rad at the final scale
 // (converged), or after 100 iterations. `num_independent` of the motions count

@@ -45,9 +45,17 @@ class RotationAverager {
         max_error_(DegToRad(options.max_error_deg)) {}
 
   RotationResult Run() {
-    SetInternalRotations(EstimateInternalRotations(
-        scene_, HasUnknownSensor() ? AverageImages() : NoImages(), options_));
+    constexpr int kNumSteps = 4;
+    const auto report = [this](int num_done) {
+      context_.ReportProgress("rotation averaging", num_done, kNumSteps);
+    };
+    const ImageRotations images =
+        HasUnknownSensor() ? AverageImages() : NoImages();
+    report(1);
+    SetInternalRotations(EstimateInternalRotations(scene_, images, options_));
+    report(2);
     if (AverageFrames() && !pairs_.problem.edges.empty()) {
+      report(3);
       RefineJointly();
       KeepConsistentPairs();
       RefineJointly();
@@ -56,6 +64,7 @@ class RotationAverager {
     NumberComponents();
     WriteInternalRotations();
     CountPairs();
+    report(kNumSteps);
     return std::move(result_);
   }
 

@@ -6,7 +6,6 @@
 
 namespace mgsfm {
 
-using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 Vector3d RotationResidual(const RotationEdge& edge,
@@ -16,16 +15,6 @@ Vector3d RotationResidual(const RotationEdge& edge,
   const Eigen::Quaterniond cam2 =
       state.sensors[edge.sensor2] * state.nodes[edge.node2];
   return LogSO3(cam2.conjugate() * edge.cam2_from_cam1 * cam1);
-}
-
-RotationJacobians RotationResidualJacobians(const RotationEdge& edge,
-                                            const RotationState& state) {
-  const Vector3d e = RotationResidual(edge, state);
-  const Matrix3d by_cam1 = InverseRightJacobianSO3(e);
-  const Matrix3d by_cam2 = -InverseRightJacobianSO3(-e);
-  const Matrix3d G1 = state.nodes[edge.node1].toRotationMatrix();
-  const Matrix3d G2 = state.nodes[edge.node2].toRotationMatrix();
-  return {by_cam1, by_cam2, by_cam1 * G1.transpose(), by_cam2 * G2.transpose()};
 }
 
 void ComputeResiduals(const RotationProblem& problem,

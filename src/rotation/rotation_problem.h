@@ -50,13 +50,6 @@ struct RotationState {
 Eigen::Vector3d RotationResidual(const RotationEdge& edge,
                                  const RotationState& state);
 
-// Derivatives of the residual as above, exact and for all four perturbations.
-struct RotationJacobians {
-  Eigen::Matrix3d node1, node2, sensor1, sensor2;
-};
-RotationJacobians RotationResidualJacobians(const RotationEdge& edge,
-                                            const RotationState& state);
-
 void ComputeResiduals(const RotationProblem& problem,
                       const RotationState& state, int num_threads,
                       std::vector<Eigen::Vector3d>* residuals);

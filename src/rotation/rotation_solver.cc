@@ -20,9 +20,9 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
 constexpr double kFirstScaleRad = DegToRad(5.0);
-constexpr double kSmallestScaleRad = DegToRad(0.02);
+constexpr double kSmallestScaleRad = DegToRad(0.05);
 constexpr double kScaleDecay = 0.7;
-constexpr double kScaleInSigmas = 4.0;
+constexpr double kScaleInSigmas = 6.0;
 constexpr double kL1StepToleranceRad = DegToRad(0.05);
 // Keeps the equations regular where all edges of a node are outliers.
 constexpr double kSmallestWeight = 1e-10;

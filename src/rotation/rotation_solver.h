@@ -13,7 +13,7 @@ namespace mgsfm {
 
 // The scale of a Geman-McClure loss, lowered step by step (graduated
 // non-convexity): it begins at 5 deg or above and falls by 0.7 in each step
-// down to max(4 sigma, 0.02 deg), sigma the robust standard deviation of the
+// down to max(6 sigma, 0.05 deg), sigma the robust standard deviation of the
 // residuals at that step; from then on it is held.
 class RobustScaleSchedule {
  public:

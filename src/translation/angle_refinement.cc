@@ -23,7 +23,7 @@ constexpr double kDirectionSigma = DegToRad(0.5);
 constexpr double kScaleSigma = 0.1;
 constexpr double kMinRelativeLength = 1e-4;
 constexpr double kPairWeightWithPoints = 0.1;
-constexpr double kMinSelectedPoints = 10;
+constexpr size_t kMinNumPoints = 10;
 
 class AngleProblem {
  public:
@@ -238,7 +238,9 @@ SolveSummary AngleProblem::Solve(ceres::LinearSolverType solver_type,
   options.function_tolerance = options_.function_tolerance;
   options.gradient_tolerance = 1e-16;
   options.parameter_tolerance = 1e-10;
-  options.num_threads = options_.num_threads;
+  // Ceres adds up a Schur complement in the order in which threads arrive, so
+  // with more than one the result would differ from run to run.
+  options.num_threads = 1;
   options.logging_type = ceres::SILENT;
   if (!point_blocks_.empty()) {
     auto* ordering = new ceres::ParameterBlockOrdering;
@@ -304,7 +306,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const std::vector<size_t>& track_idxs,
                                     const AngleRefinementOptions& options,
                                     Positions* positions, TrackPoints* points) {
-  if (!HasDirections(input) || track_idxs.size() < kMinSelectedPoints) {
+  if (!HasDirections(input) || track_idxs.size() < kMinNumPoints) {
     return NothingToDo("Too few points.");
   }
   AngleProblem problem(input, options, positions);

@@ -13,7 +13,6 @@ struct AngleRefinementOptions {
   int max_num_iterations = 50;
   double loss_scale_rad = 0.0;
   double function_tolerance = 1e-6;
-  int num_threads = 1;
 };
 
 // What both refinements need of the stages before.

@@ -228,6 +228,12 @@ class PairMotionStage {
         random_seed_(random_seed) {}
 
   void Run(const ImagePair& pair, size_t pair_idx, PairMotion* motion) const {
+    if (pair.relative_pose && !pair.relative_pose->translation_direction) {
+      // Its own rotation explains it, which is more exact than the averaged
+      // one.
+      motion->kind = PairKind::kNoParallax;
+      return;
+    }
     const int i = pair.image_idx1, j = pair.image_idx2;
     std::vector<Match> used;
     const RayMatches matches = CollectRays(pair, &used);

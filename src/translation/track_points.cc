@@ -65,7 +65,8 @@ class TrackTriangulator {
     std::vector<Vector3d> centers;
     for (size_t k = 0; k < track_.rays.size(); ++k) {
       if (!(AngularError(track_.centers[k], track_.rays[k], point) <
-            options_.max_error_rad)) {
+            options_.max_error_rad) ||
+          (point - track_.centers[k]).norm() < options_.min_depth) {
         continue;
       }
       is_inlier_[k] = true;

@@ -31,6 +31,9 @@ struct TrackPoints {
 struct TrackPointOptions {
   double max_error_rad = 0.0;  // of an observation
   double min_angle_rad = 0.0;  // between two rays of a point
+  // Distance to the cameras that see it. Lines of sight from about one place
+  // seem to meet close to it, whatever their true point is.
+  double min_depth = 0.0;
 };
 
 // Keeps those of the given points whose observations all agree with them, and

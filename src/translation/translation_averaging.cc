@@ -26,6 +26,9 @@ constexpr double kCoarseErrorRad = DegToRad(4.0);
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kMinLossRad = DegToRad(0.01);
 constexpr int kNumCoarseIterations = 10;
+constexpr double kFunctionTolerance = 1e-5;
+// Of points, compared with the median depth of points.
+constexpr double kMinRelativeDepth = 0.02;
 
 class TranslationAverager {
  public:
@@ -137,7 +140,6 @@ void TranslationAverager::RefineWithPairs() {
   AngleRefinementOptions options;
   options.max_num_iterations = options_.max_num_iterations;
   options.loss_scale_rad = max_angle_rad_;
-  options.num_threads = context_.num_threads;
   Positions refined = positions_;
   result_.summary.camera_refinement = RefineCameras(Input(), options, &refined);
   if (result_.summary.camera_refinement.IsUsable()) positions_ = refined;
@@ -145,9 +147,15 @@ void TranslationAverager::RefineWithPairs() {
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
-  TriangulateTracks(problem_, rays_, positions_,
-                    {max_error_rad, DegToRad(options_.min_parallax_deg)},
-                    context_.num_threads, &points_);
+  TrackPointOptions options;
+  options.max_error_rad = max_error_rad;
+  options.min_angle_rad = DegToRad(options_.min_parallax_deg);
+  if (!initial_.group_factor.empty()) {
+    options.min_depth =
+        kMinRelativeDepth * scales_.typical_depth * initial_.group_factor[0];
+  }
+  TriangulateTracks(problem_, rays_, positions_, options, context_.num_threads,
+                    &points_);
 }
 
 SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
@@ -157,7 +165,6 @@ SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
   options.max_num_iterations = max_num_iterations;
   options.loss_scale_rad = loss_scale_rad;
   options.function_tolerance = function_tolerance;
-  options.num_threads = context_.num_threads;
   const std::vector<size_t> selected =
       SelectTracks(rays_, points_, static_cast<int>(scene_.images.size()),
                    options_.min_num_points_per_image);
@@ -184,8 +191,8 @@ void TranslationAverager::RefineWithPoints() {
   const double sigma = AngularSigma(problem_, rays_, points_, positions_);
   const double loss_scale = std::clamp(
       2.4 * sigma, std::min(kMinLossRad, max_angle_rad_), max_angle_rad_);
-  result_.summary.joint_refinement =
-      RefineJointly(loss_scale, 1e-6, options_.max_num_iterations);
+  result_.summary.joint_refinement = RefineJointly(
+      loss_scale, kFunctionTolerance, options_.max_num_iterations);
   LogTime("second joint refinement");
   Triangulate(2.0 * max_angle_rad_);
   PlaceRemainingFrames();

@@ -282,8 +282,6 @@ TEST(RotationAveraging, TwoPartsShareInternalRotations) {
   EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 1e-6);
 }
 
-// A single wrong pair between two parts would join them; a second one that
-// contradicts it is then dropped, or both are.
 TEST(RotationAveraging, FramesWithoutReferenceImage) {
   SimulationOptions options = SmallSimulation();
   options.rig = RigPreset::kCube6;

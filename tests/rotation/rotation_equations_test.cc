@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/QR>
+#include <cmath>
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
@@ -56,6 +57,21 @@ Example MakeExample(int num_nodes, double noise, Random* random) {
     }
   }
   return example;
+}
+
+// The derivatives stated at RotationResidual().
+struct RotationJacobians {
+  Matrix3d node1, node2, sensor1, sensor2;
+};
+
+RotationJacobians RotationResidualJacobians(const RotationEdge& edge,
+                                            const RotationState& state) {
+  const Vector3d e = RotationResidual(edge, state);
+  const Matrix3d by_cam1 = InverseRightJacobianSO3(e);
+  const Matrix3d by_cam2 = -InverseRightJacobianSO3(-e);
+  const Matrix3d G1 = state.nodes[edge.node1].toRotationMatrix();
+  const Matrix3d G2 = state.nodes[edge.node2].toRotationMatrix();
+  return {by_cam1, by_cam2, by_cam1 * G1.transpose(), by_cam2 * G2.transpose()};
 }
 
 // Central differences of the residual when *rotation moves to rotation Exp(d).

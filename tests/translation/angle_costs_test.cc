@@ -75,7 +75,8 @@ TEST(AngleCostsTest, JacobiansMatchDifferences) {
       CheckJacobians(BaselineLengthCost(baseline, 1.3, 0.7, 0.1), seed);
       CheckJacobians(ZeroBaselineCost(baseline, 0.7), seed);
       CheckJacobians(
-          LinearRowCost(Eigen::VectorXd::LinSpaced(3 * num_blocks, -1, 2), 0.4, 0.7),
+          LinearRowCost(Eigen::VectorXd::LinSpaced(3 * num_blocks, -1, 2), 0.4,
+                        0.7),
           seed);
     }
     const Matrix3d world_from_cam =

@@ -96,6 +96,23 @@ TEST(TranslationAveragingTest, StandingSingleCameraIsOnePlace) {
   EXPECT_EQ(result.summary.num_points, 0u);
 }
 
+TEST(TranslationAveragingTest, StandingRigsWithLittleOverlapStayTogether) {
+  for (const RigPreset rig : {RigPreset::kKitti360, RigPreset::kCube6}) {
+    SimulationOptions options = SmallScene(rig, PathPreset::kStanding);
+    options.pixel_noise_px = 0.5;
+    const TranslationInput input = MakeTranslationInput(options);
+    const TranslationResult result = input.Run();
+    EXPECT_TRUE(AllFinite(result.estimate));
+    EXPECT_EQ(result.summary.num_frames_not_placed, 0);
+    const auto& centers = result.estimate.frame_center_in_world;
+    const double baseline =
+        result.estimate.sensor_from_rig_translation[1]->norm();
+    for (const auto& center : centers) {
+      EXPECT_LT(center->norm(), 0.1 * baseline);
+    }
+  }
+}
+
 TEST(TranslationAveragingTest, NoiseMismatchesAndWrongPairsAreBearable) {
   for (const PathPreset path :
        {PathPreset::kLoop, PathPreset::kCurve, PathPreset::kStraight}) {
@@ -196,7 +213,6 @@ TEST(TranslationAveragingTest, WindingRoadWithoutOverlapIsRecovered) {
   const CenterError error = MeasureCenters(input, result.estimate, true);
   EXPECT_LT(error.max_relative, 1e-6);
   for (size_t s = 1; s < result.summary.sensors.size(); ++s) {
-    printf("sensor %zu %d %s\n",s,result.summary.sensors[s].num_unobservable_directions,result.summary.sensors[s].message.c_str());
     const Vector3d difference =
         error.scale * *result.estimate.sensor_from_rig_translation[s] -
         input.simulation.ground_truth.sensor_from_rig[s]->translation;

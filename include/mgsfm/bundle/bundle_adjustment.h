@@ -117,8 +117,8 @@ struct BundleAdjustmentOptions {
           "The same for points with two observations.");
     visit("min_num_observations", self.min_num_observations, AtLeast(2),
           "observations", "Points with fewer are dropped.");
-    visit("min_num_observations_per_frame",
-          self.min_num_observations_per_frame, AtLeast(0), "observations",
+    visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
+          AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
   }
 };

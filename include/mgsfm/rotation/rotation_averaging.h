@@ -40,7 +40,7 @@ namespace mgsfm {
 //    again.
 //
 // Weights: w_ij = sqrt(min(n, inlier_cap) / inlier_cap) with n matches.
-// rho: Geman-McClure, its scale lowered from 5 deg to four robust standard
+// rho: Geman-McClure, its scale lowered from 5 deg to six robust standard
 // deviations of e. Gauge: one rotation of the world for each connected part,
 // held by its first frame; S of reference and known sensors is held.
 // Stopping rules of all re-weighted loops: max_i |step_i| <= step_tolerance_deg

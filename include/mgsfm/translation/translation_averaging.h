@@ -42,7 +42,7 @@ struct TranslationAveragingOptions {
   double min_parallax_deg = 0.3;
   double max_angle_error_deg = 0.5;
   int max_num_iterations = 50;
-  int min_num_points_per_image = 400;
+  int min_num_points_per_image = 200;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {

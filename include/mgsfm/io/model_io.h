@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/ids.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+enum class ModelFormat { kBinary, kText };
+
+// Writes a COLMAP sparse model into an existing folder: cameras, images,
+// points3D, rigs and frames, as .bin or .txt. COLMAP before 3.12 ignores the
+// last two files. Only registered images are written, with all their keypoints,
+// so that the model fits the database. Ids are those of the scene, points are
+// numbered from 1.
+//
+// COLMAP tells the sensors of a rig apart by camera id. Where several sensors
+// share one camera, all but the first get a copy of it under an unused id, and
+// their images refer to the copy.
+//
+// Throws Error, naming the file, if one cannot be written completely.
+void WriteModel(const std::filesystem::path& folder, const Scene& scene,
+                const Reconstruction& reconstruction, ModelFormat format);
+
+// What ReadModelPoses reads of a model.
+struct ModelImage {
+  std::string name;
+  CameraId camera_id;
+  Rigid3 cam_from_world;
+};
+
+struct ModelSensor {
+  CameraId camera_id;
+  bool is_reference = false;
+  std::optional<Rigid3> sensor_from_rig;  // identity for the reference
+};
+
+struct ModelRig {
+  RigId id;
+  std::vector<ModelSensor> sensors;  // cameras only
+};
+
+struct PoseModel {
+  std::vector<ModelImage> images;  // sorted by name
+  std::vector<ModelRig> rigs;      // empty if the model has none (COLMAP 3.8)
+};
+
+// Reads images and rigs of a COLMAP model, text or binary (which is preferred
+// if both are there). Throws Error, naming the file, for a missing, truncated
+// or otherwise unreadable one.
+PoseModel ReadModelPoses(const std::filesystem::path& folder);
+
+}  // namespace mgsfm

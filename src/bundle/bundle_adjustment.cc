@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/bundle/bundle_adjustment.h"
+
+#include "bundle/bundle_solver.h"
+#include "bundle/point_filters.h"
+#include "bundle/problem_builder.h"
+#include "bundle/solve.h"
+
+namespace mgsfm {
+
+bool SolveOnce(const Scene& scene, const BundleAdjustmentOptions& options,
+               RefinedParts parts, const Context& context,
+               BundleResult* result) {
+  BuiltProblem built = BuildProblem(scene, result->estimate, options, parts);
+  BundleSolverOptions solver_options;
+  solver_options.max_num_iterations = options.max_num_iterations;
+  solver_options.function_tolerance = options.function_tolerance;
+  SolveSummary summary = SolveBundle(built.problem, solver_options,
+                                     context.num_threads, &built.state);
+  const bool is_usable = summary.IsUsable();
+  if (is_usable) WriteBack(built, &result->estimate);
+  result->summary.num_invisible_observations = built.num_invisible_observations;
+  result->summary.solves.push_back(std::move(summary));
+  return is_usable;
+}
+
+void FinishSummary(const Scene& scene, const Reconstruction& initial,
+                   const BundleAdjustmentOptions& options,
+                   BundleResult* result) {
+  std::vector<int> num_of_frame(scene.frames.size(), 0);
+  std::vector<char> sensor_is_seen(scene.sensors.size(), false);
+  for (const Point3D& point : result->estimate.points) {
+    for (const Observation& o : point.track) {
+      if (!initial.IsRegistered(scene, o.image_idx)) continue;
+      ++num_of_frame[scene.images[o.image_idx].frame_idx];
+      sensor_is_seen[scene.images[o.image_idx].sensor_idx] = true;
+    }
+  }
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (!result->estimate.rig_from_world[i]) continue;
+    if (num_of_frame[i] < options.min_num_observations_per_frame) {
+      result->summary.weak_frame_idxs.push_back(static_cast<int>(i));
+    }
+  }
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    if (!sensor_is_seen[i]) {
+      result->summary.sensor_idxs_without_observations.push_back(
+          static_cast<int>(i));
+    }
+  }
+}
+
+BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
+                          const BundleAdjustmentOptions& options,
+                          const Context& context) {
+  BundleResult result;
+  result.estimate = initial;
+  SolveOnce(scene, options, RefinedParts::kAll, context, &result);
+  ComputePointErrors(scene, context.num_threads, &result.estimate);
+  FinishSummary(scene, initial, options, &result);
+  return result;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <string>
+
+#include "bundle/point_filters.h"
+#include "bundle/retriangulation.h"
+#include "bundle/solve.h"
+#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+class ReconstructionRefiner {
+ public:
+  ReconstructionRefiner(const Scene& scene, const ObservationGroups& components,
+                        const Reconstruction& initial,
+                        const BundleAdjustmentOptions& options,
+                        const Context& context)
+      : scene_(scene),
+        components_(components),
+        initial_(initial),
+        options_(options),
+        context_(context) {
+    result_.estimate = initial;
+  }
+
+  BundleResult Run() {
+    const bool is_usable = Refine();
+    if (is_usable) {
+      FilterOnly();
+      DropFramesWithoutObservations();
+    }
+    ComputePointErrors(scene_, context_.num_threads, &result_.estimate);
+    FinishSummary(scene_, initial_, options_, &result_);
+    return std::move(result_);
+  }
+
+ private:
+  bool Refine() {
+    DropObservationsWithoutPose();
+    if (!Solve(RefinedParts::kTranslations)) return false;
+    if (!Solve(RefinedParts::kAll)) return false;
+    for (int round = 0; round < options_.num_rounds; ++round) {
+      TriangulateAnew(options_.num_rounds - 1 - round);
+      if (!Solve(RefinedParts::kAll)) return false;
+    }
+    return true;
+  }
+
+  bool Solve(RefinedParts parts);
+  void DropObservationsWithoutPose();
+  void TriangulateAnew(int num_rounds_left);
+  void FilterOnly();
+  void DropFramesWithoutObservations();
+  BundleRound StartRound(int num_rounds_left) const;
+  void FinishRound(BundleRound round);
+  PointFilterOptions FilterOptions(const BundleRound& round) const;
+
+  const Scene& scene_;
+  const ObservationGroups& components_;
+  const Reconstruction& initial_;
+  const BundleAdjustmentOptions& options_;
+  const Context& context_;
+  BundleResult result_;
+};
+
+bool ReconstructionRefiner::Solve(RefinedParts parts) {
+  context_.ReportProgress("bundle adjustment", result_.summary.solves.size(),
+                          static_cast<size_t>(options_.num_rounds) + 2);
+  const bool is_usable = SolveOnce(scene_, options_, parts, context_, &result_);
+  const SolveSummary& summary = result_.summary.solves.back();
+  char line[160];
+  std::snprintf(line, sizeof(line),
+                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
+                result_.summary.solves.size(), summary.num_iterations,
+                summary.initial_cost, summary.final_cost,
+                std::string(TerminationName(summary.termination)).c_str());
+  context_.Debug(line);
+  return is_usable;
+}
+
+void ReconstructionRefiner::DropObservationsWithoutPose() {
+  PointFilterOptions keep_all;
+  keep_all.max_error_px = std::numeric_limits<double>::max();
+  FilterPoints(scene_, keep_all, context_.num_threads, &result_.estimate);
+}
+
+BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
+  BundleRound round;
+  round.num_points_before = result_.estimate.points.size();
+  round.num_observations_before = NumObservations(result_.estimate);
+  round.sigma_px = RobustSigmaPx(
+      ReprojectionErrors(scene_, result_.estimate, context_.num_threads));
+  const double largest = std::ldexp(options_.max_max_error_px, num_rounds_left);
+  round.max_error_px =
+      std::min(largest, std::max(options_.min_max_error_px,
+                                 options_.error_sigma_factor * round.sigma_px));
+  return round;
+}
+
+void ReconstructionRefiner::FinishRound(BundleRound round) {
+  round.num_points_after = result_.estimate.points.size();
+  round.num_observations_after = NumObservations(result_.estimate);
+  char line[160];
+  std::snprintf(line, sizeof(line),
+                "points %zu to %zu, observations %zu to %zu, up to %.2f px",
+                round.num_points_before, round.num_points_after,
+                round.num_observations_before, round.num_observations_after,
+                round.max_error_px);
+  context_.Debug(line);
+  result_.summary.rounds.push_back(round);
+}
+
+PointFilterOptions ReconstructionRefiner::FilterOptions(
+    const BundleRound& round) const {
+  PointFilterOptions filter;
+  filter.max_error_px = round.max_error_px;
+  filter.min_num_observations = options_.min_num_observations;
+  filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
+  filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
+  return filter;
+}
+
+void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
+  const BundleRound round = StartRound(num_rounds_left);
+  Retriangulate(scene_, components_, FilterOptions(round), context_.num_threads,
+                &result_.estimate);
+  FinishRound(round);
+}
+
+void ReconstructionRefiner::FilterOnly() {
+  const BundleRound round = StartRound(0);
+  FilterPoints(scene_, FilterOptions(round), context_.num_threads,
+               &result_.estimate);
+  FinishRound(round);
+}
+
+void ReconstructionRefiner::DropFramesWithoutObservations() {
+  std::vector<char> is_seen(scene_.frames.size(), false);
+  for (const Point3D& point : result_.estimate.points) {
+    for (const Observation& o : point.track) {
+      is_seen[scene_.images[o.image_idx].frame_idx] = true;
+    }
+  }
+  for (size_t i = 0; i < is_seen.size(); ++i) {
+    if (is_seen[i] || !result_.estimate.rig_from_world[i]) continue;
+    result_.estimate.rig_from_world[i].reset();
+    result_.summary.dropped_frames.push_back(
+        {static_cast<int>(i), "no point agrees with its images"});
+  }
+}
+
+}  // namespace
+
+BundleResult RefineReconstruction(const Scene& scene,
+                                  const ObservationGroups& components,
+                                  const Reconstruction& initial,
+                                  const BundleAdjustmentOptions& options,
+                                  const Context& context) {
+  return ReconstructionRefiner(scene, components, initial, options, context)
+      .Run();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <cstdarg>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "mgsfm/eval/evaluation.h"
+
+namespace mgsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+__attribute__((format(printf, 1, 2))) std::string Format(const char* format,
+                                                         ...) {
+  char line[256];
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(line, sizeof(line), format, arguments);
+  va_end(arguments);
+  return line;
+}
+
+double LengthErrorPercent(const SensorErrors& errors) {
+  return 100.0 * (errors.length_m / errors.true_length_m - 1.0);
+}
+
+std::string SensorsToText(const std::vector<SensorErrors>& sensors) {
+  std::string text = Format("%-16s %12s %13s %10s %10s %9s\n", "sensor in rig",
+                            "rotation", "direction", "length", "true", "error");
+  for (const SensorErrors& errors : sensors) {
+    const std::string direction =
+        errors.direction_deg ? Format("%.4f deg", *errors.direction_deg) : "-";
+    const std::string percent =
+        errors.direction_deg ? Format("%+.2f %%", LengthErrorPercent(errors))
+                             : "-";
+    text += Format("%-16s %8.4f deg %13s %8.4f m %8.4f m %9s\n",
+                   errors.name.c_str(), errors.rotation_deg, direction.c_str(),
+                   errors.length_m, errors.true_length_m, percent.c_str());
+  }
+  return text;
+}
+
+std::string AucToText(const char* name, const char* unit,
+                      const std::vector<AreaUnderCurve>& areas) {
+  std::string text = Format("%-16s", name);
+  for (const AreaUnderCurve& auc : areas) {
+    text += Format(" %.3f @ %g %s", auc.area, auc.threshold, unit);
+  }
+  return text + "\n";
+}
+
+Json ToJson(const std::optional<ErrorStatistics>& statistics) {
+  if (!statistics) return nullptr;
+  return {{"median", statistics->median},
+          {"mean", statistics->mean},
+          {"max", statistics->max}};
+}
+
+Json ToJson(const std::vector<AreaUnderCurve>& areas) {
+  Json json = Json::array();
+  for (const AreaUnderCurve& auc : areas) {
+    json.push_back({{"threshold", auc.threshold}, {"area", auc.area}});
+  }
+  return json;
+}
+
+}  // namespace
+
+std::string EvaluationToText(const Evaluation& evaluation) {
+  std::string text = Format("%-16s %d of %d\n", "registered",
+                            evaluation.num_registered, evaluation.num_images);
+  if (!evaluation.world_from_model) {
+    return text + "no alignment: nothing to compare\n";
+  }
+  if (evaluation.position_m) {
+    const ErrorStatistics& rotation = *evaluation.rotation_deg;
+    const ErrorStatistics& position = *evaluation.position_m;
+    text += Format("%-16s %12s %12s %12s\n", "error of images", "median",
+                   "mean", "max");
+    text += Format("%-16s %8.4f deg %8.4f deg %8.4f deg\n", "rotation",
+                   rotation.median, rotation.mean, rotation.max);
+    text += Format("%-16s %8.4f m   %8.4f m   %8.4f m\n", "position",
+                   position.median, position.mean, position.max);
+    text += AucToText("rotation AUC", "deg", evaluation.rotation_auc);
+    text += AucToText("position AUC", "m", evaluation.position_auc);
+  }
+  if (!evaluation.sensors.empty()) text += SensorsToText(evaluation.sensors);
+  text += Format("%-16s %.4f m between the farthest frames\n", "extent",
+                 *evaluation.extent_m);
+  text += Format("%-16s %.9g m per unit of the model\n", "scale",
+                 evaluation.world_from_model->scale);
+  return text;
+}
+
+std::string EvaluationToJson(const Evaluation& evaluation) {
+  Json json = {{"num_images", evaluation.num_images},
+               {"num_registered", evaluation.num_registered},
+               {"rotation_deg", ToJson(evaluation.rotation_deg)},
+               {"position_m", ToJson(evaluation.position_m)},
+               {"rotation_auc", ToJson(evaluation.rotation_auc)},
+               {"position_auc", ToJson(evaluation.position_auc)},
+               {"sensors", Json::array()}};
+  for (const SensorErrors& errors : evaluation.sensors) {
+    json["sensors"].push_back(
+        {{"name", errors.name},
+         {"rotation_deg", errors.rotation_deg},
+         {"direction_deg",
+          errors.direction_deg ? Json(*errors.direction_deg) : Json(nullptr)},
+         {"length_m", errors.length_m},
+         {"true_length_m", errors.true_length_m}});
+  }
+  if (evaluation.world_from_model) {
+    json["extent_m"] = *evaluation.extent_m;
+    json["scale"] = evaluation.world_from_model->scale;
+  }
+  return json.dump(2) + "\n";
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/bundle/bundle_adjustment.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numeric>
+
+#include "bundle/bundle_fixtures.h"
+#include "bundle/point_filters.h"
+#include "support/model_comparison.h"
+
+namespace mgsfm {
+namespace {
+
+Context Threads(int num_threads) {
+  Context context;
+  context.num_threads = num_threads;
+  return context;
+}
+
+SimulationOptions NoisyScene(RigPreset rig, PathPreset path) {
+  SimulationOptions options = SmallScene(rig, path);
+  options.pixel_noise_px = 0.5;
+  return options;
+}
+
+double SensorDistance(const Reconstruction& a, const Reconstruction& b,
+                      int sensor_idx) {
+  return (a.sensor_from_rig[sensor_idx]->translation -
+          b.sensor_from_rig[sensor_idx]->translation)
+      .norm();
+}
+
+void ExpectSame(const Reconstruction& a, const Reconstruction& b) {
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (size_t i = 0; i < a.points.size(); ++i) {
+    ASSERT_EQ(a.points[i].point_in_world, b.points[i].point_in_world);
+    ASSERT_EQ(a.points[i].track, b.points[i].track);
+    ASSERT_EQ(a.points[i].error_px, b.points[i].error_px);
+  }
+  for (size_t i = 0; i < a.rig_from_world.size(); ++i) {
+    ASSERT_EQ(a.rig_from_world[i].has_value(), b.rig_from_world[i].has_value());
+    if (!a.rig_from_world[i]) continue;
+    ASSERT_EQ(a.rig_from_world[i]->translation,
+              b.rig_from_world[i]->translation);
+    ASSERT_EQ(a.rig_from_world[i]->rotation.coeffs(),
+              b.rig_from_world[i]->rotation.coeffs());
+  }
+}
+
+class BundleAdjustmentTest
+    : public testing::TestWithParam<std::tuple<RigPreset, PathPreset>> {
+ protected:
+  static RigPreset rig() { return std::get<0>(GetParam()); }
+  static PathPreset path() { return std::get<1>(GetParam()); }
+};
+
+// Keypoints are single precision, hence 3e-5 px of noise.
+TEST_P(BundleAdjustmentTest, PerturbedTruthIsRecovered) {
+  const Simulation simulation = Simulate(SmallScene(rig(), path()));
+  const Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 11);
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-12;
+  const BundleResult result =
+      AdjustBundle(simulation.scene, initial, options, Threads(2));
+  ASSERT_EQ(result.summary.solves.size(), 1u);
+  EXPECT_EQ(result.summary.solves[0].termination, Termination::kConverged);
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.estimate, simulation.ground_truth);
+  EXPECT_LT(difference.max_position, 1e-4);
+  EXPECT_LT(difference.max_rotation_deg, 1e-4);
+  for (const Point3D& point : result.estimate.points) {
+    EXPECT_GE(point.error_px, 0.0);
+    EXPECT_LT(point.error_px, 1e-3);
+  }
+}
+
+TEST_P(BundleAdjustmentTest, KnownExtrinsicsKeepMetricScale) {
+  SimulationOptions simulated = SmallScene(rig(), path());
+  simulated.extrinsics_are_known = true;
+  const Simulation simulation = Simulate(simulated);
+  Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.005, 12);
+  const Reconstruction& truth = simulation.ground_truth;
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-14;
+  options.max_num_iterations = 200;
+  const BundleResult result =
+      AdjustBundle(simulation.scene, initial, options, Threads(2));
+  for (size_t i = 0; i < simulation.scene.sensors.size(); ++i) {
+    EXPECT_EQ(SensorDistance(result.estimate, truth, static_cast<int>(i)), 0.0);
+  }
+  if (simulation.scene.sensors.size() < 2) return;
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.estimate, truth);
+  EXPECT_NEAR(difference.scale, 1.0, 1e-3);
+}
+
+TEST_P(BundleAdjustmentTest, WholeStageRecoversTheTruthFromRoughPoses) {
+  SimulationOptions simulated = NoisyScene(rig(), path());
+  const Simulation simulation = Simulate(simulated);
+  const Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.05, 13);
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, GroupTracks(simulation.ground_truth), initial,
+      BundleAdjustmentOptions(), Threads(2));
+  for (const SolveSummary& solve : result.summary.solves) {
+    EXPECT_TRUE(solve.IsUsable()) << solve.message;
+    EXPECT_LE(solve.final_cost, solve.initial_cost);
+  }
+  EXPECT_EQ(result.summary.rounds.size(), 4u);
+  EXPECT_NEAR(result.summary.rounds.back().sigma_px, 0.4, 0.15);
+  EXPECT_GT(NumObservations(result.estimate),
+            NumObservations(simulation.ground_truth) * 7 / 10);
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.estimate, simulation.ground_truth);
+  EXPECT_EQ(difference.num_images,
+            static_cast<int>(simulation.scene.images.size()));
+  EXPECT_LT(difference.max_position, 0.1);
+  EXPECT_LT(difference.max_rotation_deg, 0.6);
+}
+
+TEST_P(BundleAdjustmentTest, ThreadsDoNotChangeABit) {
+  const Simulation simulation = Simulate(NoisyScene(rig(), path()));
+  const Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 14);
+  const ObservationGroups groups = GroupTracks(simulation.ground_truth, 2);
+  const auto refine = [&](int num_threads) {
+    return RefineReconstruction(simulation.scene, groups, initial,
+                                BundleAdjustmentOptions(), Threads(num_threads))
+        .estimate;
+  };
+  const Reconstruction one = refine(1);
+  ExpectSame(one, refine(2));
+  ExpectSame(one, refine(3));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Rigs, BundleAdjustmentTest,
+    testing::Combine(testing::Values(RigPreset::kMono, RigPreset::kStereo,
+                                     RigPreset::kKitti360, RigPreset::kCube6),
+                     testing::Values(PathPreset::kCurve)));
+
+TEST(RefineReconstructionTest, OutliersAreRemoved) {
+  SimulationOptions simulated =
+      NoisyScene(RigPreset::kStereo, PathPreset::kCurve);
+  Simulation simulation = Simulate(simulated);
+  Random random(15);
+  std::vector<Observation> wrong;
+  for (const Point3D& point : simulation.ground_truth.points) {
+    if (point.track.size() < 4) continue;
+    for (const Observation& o : point.track) {
+      if (random.Uniform() > 0.05) continue;
+      wrong.push_back(o);
+      simulation.scene.images[o.image_idx].keypoints_px[o.keypoint_idx] +=
+          Eigen::Vector2f(0.0f, 40.0f);
+    }
+  }
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, GroupTracks(simulation.ground_truth),
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 16),
+      BundleAdjustmentOptions(), Threads(2));
+  int num_wrong = 0;
+  for (const Point3D& point : result.estimate.points) {
+    EXPECT_LE(point.error_px, 4.0);
+    for (const Observation& o : point.track) {
+      num_wrong += std::find(wrong.begin(), wrong.end(), o) != wrong.end();
+    }
+  }
+  EXPECT_LE(num_wrong, static_cast<int>(wrong.size()) / 50);
+  EXPECT_LT(
+      CompareModels(simulation.scene, result.estimate, simulation.ground_truth)
+          .max_position,
+      0.1);
+}
+
+TEST(RefineReconstructionTest, FramesAndSensorsWithoutObservations) {
+  Simulation simulation =
+      Simulate(SmallScene(RigPreset::kKitti360, PathPreset::kCurve));
+  // No keypoint of frame 4 or of the reference sensor is left.
+  const int lost_sensor = simulation.scene.rigs[0].ref_sensor_idx;
+  for (Point3D& point : simulation.ground_truth.points) {
+    auto& track = point.track;
+    track.erase(std::remove_if(track.begin(), track.end(),
+                               [&](const Observation& o) {
+                                 const Image& image =
+                                     simulation.scene.images[o.image_idx];
+                                 return image.frame_idx == 4 ||
+                                        image.sensor_idx == lost_sensor;
+                               }),
+                track.end());
+  }
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, GroupTracks(simulation.ground_truth),
+      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2));
+  ASSERT_EQ(result.summary.dropped_frames.size(), 1u);
+  EXPECT_EQ(result.summary.dropped_frames[0].frame_idx, 4);
+  EXPECT_FALSE(result.estimate.rig_from_world[4].has_value());
+  EXPECT_EQ(result.summary.sensor_idxs_without_observations,
+            std::vector<int>{lost_sensor});
+  EXPECT_EQ(
+      SensorDistance(result.estimate, simulation.ground_truth, lost_sensor),
+      0.0);
+}
+
+TEST(RefineReconstructionTest, NothingToRefine) {
+  Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  Reconstruction initial = simulation.ground_truth;
+  initial.points.clear();
+  const BundleResult result =
+      RefineReconstruction(simulation.scene, ObservationGroups(), initial,
+                           BundleAdjustmentOptions(), Threads(1));
+  EXPECT_EQ(result.summary.dropped_frames.size(),
+            simulation.scene.frames.size());
+  EXPECT_TRUE(result.estimate.points.empty());
+}
+
+TEST(RefineReconstructionTest, PointsWithoutGroupsAreKept) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, ObservationGroups(), simulation.ground_truth,
+      BundleAdjustmentOptions(), Threads(1));
+  EXPECT_GT(result.estimate.points.size(),
+            simulation.ground_truth.points.size() / 2);
+}
+
+TEST(AdjustBundleTest, FailureReturnsTheInitialModel) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  Reconstruction initial = simulation.ground_truth;
+  initial.rig_from_world[2]->translation.x() = 1e300;
+  const BundleResult result = AdjustBundle(
+      simulation.scene, initial, BundleAdjustmentOptions(), Threads(1));
+  for (size_t i = 0; i < initial.rig_from_world.size(); ++i) {
+    if (i == 2) continue;
+    EXPECT_LT((result.estimate.rig_from_world[i]->translation -
+               initial.rig_from_world[i]->translation)
+                  .norm(),
+              1e-3);
+  }
+}
+
+TEST(AdjustBundleTest, OptimumIsBelowTheCostOfTheTruth) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kMono, PathPreset::kLoop));
+  const BundleResult result =
+      AdjustBundle(simulation.scene, simulation.ground_truth,
+                   BundleAdjustmentOptions(), Threads(2));
+  const SolveSummary& summary = result.summary.solves.at(0);
+  EXPECT_LT(summary.final_cost, summary.initial_cost);
+  EXPECT_GT(summary.final_cost, 0.2 * summary.initial_cost);
+}
+
+TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
+  Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kLoop));
+  Reconstruction initial = simulation.ground_truth;
+  const double truth = initial.cameras[0].params[0];
+  for (auto* cameras : {&simulation.scene.cameras, &initial.cameras}) {
+    for (Camera& camera : *cameras) {
+      camera.params[0] *= 1.02;
+      camera.params[1] *= 1.02;
+      camera.has_prior_focal_length = false;
+    }
+  }
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-12;
+  const auto focal = [&] {
+    return AdjustBundle(simulation.scene, initial, options, Threads(2))
+        .estimate.cameras[0]
+        .params[0];
+  };
+  EXPECT_NEAR(focal(), truth, 1e-3 * truth);
+  options.refine_focal_length = RefineMode::kNo;
+  EXPECT_EQ(focal(), 1.02 * truth);
+  // A trusted one is not refined, or as little as its prior allows.
+  for (Camera& camera : simulation.scene.cameras) {
+    camera.has_prior_focal_length = true;
+  }
+  options.refine_focal_length = RefineMode::kAuto;
+  EXPECT_EQ(focal(), 1.02 * truth);
+  options.refine_focal_length = RefineMode::kYes;
+  options.focal_length_prior_sigma = 1e-8;
+  EXPECT_NEAR(focal(), 1.02 * truth, 1e-4);
+}
+
+TEST(AdjustBundleTest, OrderOfPointsDoesNotMatter) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));
+  Reconstruction reversed = simulation.ground_truth;
+  std::reverse(reversed.points.begin(), reversed.points.end());
+  for (Point3D& point : reversed.points) {
+    std::reverse(point.track.begin(), point.track.end());
+  }
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-13;
+  const BundleResult a = AdjustBundle(simulation.scene, simulation.ground_truth,
+                                      options, Threads(1));
+  const BundleResult b =
+      AdjustBundle(simulation.scene, reversed, options, Threads(1));
+  const ModelDifference difference =
+      CompareModels(simulation.scene, a.estimate, b.estimate);
+  EXPECT_LT(difference.max_position, 1e-6);
+  EXPECT_LT(difference.max_rotation_deg, 1e-6);
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "bundle/observation_terms.h"
+#include "bundle/problem_builder.h"
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/synthetic/simulation.h"
+
+namespace mgsfm {
+
+inline SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.path = path;
+  options.num_frames = 10;
+  options.num_points_per_frame = 80;
+  options.max_num_features_per_image = 150;
+  return options;
+}
+
+inline Eigen::Vector3d RandomVector(double size, Random* random) {
+  return size *
+         Eigen::Vector3d(random->Normal(), random->Normal(), random->Normal());
+}
+
+// The problem of the ground truth with exact pixels: those of a scene are
+// single precision.
+inline BuiltProblem ExactProblem(const Simulation& simulation,
+                                 const BundleAdjustmentOptions& options) {
+  BuiltProblem built = BuildProblem(simulation.scene, simulation.ground_truth,
+                                    options, RefinedParts::kAll);
+  BundleProblem& problem = built.problem;
+  const std::vector<ImagePose> poses = ComputeImagePoses(problem, built.state);
+  for (size_t p = 0; p < problem.num_points(); ++p) {
+    for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
+         ++o) {
+      auto& observation = problem.observations[o];
+      observation.pixel =
+          EvaluateResidual(poses[observation.image], built.state.points[p],
+                           Eigen::Vector2d::Zero())
+              .value();
+    }
+  }
+  return built;
+}
+
+// The tracks of the points as groups, `num_joined` points in each.
+inline ObservationGroups GroupTracks(const Reconstruction& reconstruction,
+                                     size_t num_joined = 1) {
+  ObservationGroups groups;
+  for (size_t i = 0; i < reconstruction.points.size(); ++i) {
+    const auto& track = reconstruction.points[i].track;
+    groups.observations.insert(groups.observations.end(), track.begin(),
+                               track.end());
+    if ((i + 1) % num_joined != 0) continue;
+    std::sort(groups.observations.begin() + groups.offsets.back(),
+              groups.observations.end());
+    groups.FinishGroup();
+  }
+  groups.observations.resize(groups.offsets.back());
+  return groups;
+}
+
+// Moves all that is free by normal noise of relative size `size`.
+inline void Perturb(const BundleProblem& problem, double size, Random* random,
+                    BundleState* state) {
+  const auto masked = [&](const PoseMask& mask, double rotation,
+                          double translation) {
+    PoseVector v;
+    v << RandomVector(rotation, random), RandomVector(translation, random);
+    return PoseVector(v.cwiseProduct(mask));
+  };
+  for (size_t i = 0; i < state->frames.size(); ++i) {
+    const PoseVector d = masked(problem.frame_masks[i], 0.1 * size, size);
+    FramePose& pose = state->frames[i];
+    pose.rig_from_world = ExpSO3(d.head<3>()) * pose.rig_from_world;
+    pose.center += d.tail<3>();
+  }
+  for (size_t i = 0; i < state->sensors.size(); ++i) {
+    const PoseVector d = masked(problem.sensor_masks[i], 0.1 * size, size);
+    state->sensors[i].rotation =
+        ExpSO3(d.head<3>()) * state->sensors[i].rotation;
+    state->sensors[i].translation += d.tail<3>();
+  }
+  for (size_t i = 0; i < state->cameras.size(); ++i) {
+    for (const int param : problem.cameras[i].free_params) {
+      state->cameras[i][param] *= 1.0 + 0.1 * size * random->Normal();
+    }
+  }
+  for (Eigen::Vector3d& point : state->points) {
+    point += RandomVector(size, random);
+  }
+}
+
+// The same for a reconstruction, without intrinsics.
+inline Reconstruction Perturbed(const Scene& scene,
+                                const Reconstruction& reconstruction,
+                                double size, uint64_t seed) {
+  Random random(seed);
+  Reconstruction result = reconstruction;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    if (scene.sensors[i].sensor_from_rig || !result.sensor_from_rig[i]) {
+      continue;
+    }
+    Rigid3& pose = *result.sensor_from_rig[i];
+    pose.rotation = ExpSO3(RandomVector(0.1 * size, &random)) * pose.rotation;
+    pose.translation += RandomVector(size, &random);
+  }
+  for (auto& pose : result.rig_from_world) {
+    if (!pose) continue;
+    pose = Rigid3::FromRotationAndCenter(
+        ExpSO3(RandomVector(0.1 * size, &random)) * pose->rotation,
+        pose->Center() + RandomVector(size, &random));
+  }
+  for (Point3D& point : result.points) {
+    point.point_in_world += RandomVector(size, &random);
+  }
+  return result;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "bundle/retriangulation.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+
+#include "bundle/bundle_fixtures.h"
+#include "bundle/image_views.h"
+
+namespace mgsfm {
+namespace {
+
+PointFilterOptions Within(double max_error_px) {
+  PointFilterOptions options;
+  options.max_error_px = max_error_px;
+  return options;
+}
+
+// The true points by their first observation.
+std::map<Observation, const Point3D*> ByFirstObservation(
+    const Reconstruction& truth) {
+  std::map<Observation, const Point3D*> by_first;
+  for (const Point3D& point : truth.points) {
+    by_first[point.track.front()] = &point;
+  }
+  return by_first;
+}
+
+class RetriangulationTest : public testing::TestWithParam<RigPreset> {
+ protected:
+  RetriangulationTest()
+      : simulation_(Simulate(SmallScene(GetParam(), PathPreset::kCurve))) {}
+
+  const Scene& scene() const { return simulation_.scene; }
+  const Reconstruction& truth() const { return simulation_.ground_truth; }
+
+  // Checks that all points with some parallax are there as they should be.
+  void ExpectTruth(const Reconstruction& result) const {
+    const std::vector<ImageView> views = MakeImageViews(scene(), truth());
+    const auto by_first = ByFirstObservation(result);
+    size_t num_expected = 0;
+    for (const Point3D& point : truth().points) {
+      std::vector<Eigen::Vector3d> centers;
+      for (const Observation& o : point.track) {
+        centers.push_back(views[o.image_idx].center);
+      }
+      if (TriangulationAngle(centers, point.point_in_world, 1.0) < 0.02) {
+        continue;
+      }
+      ++num_expected;
+      const auto it = by_first.find(point.track.front());
+      ASSERT_TRUE(it != by_first.end());
+      EXPECT_EQ(it->second->track, point.track);
+      EXPECT_LT((it->second->point_in_world - point.point_in_world).norm(),
+                1e-2);
+    }
+    EXPECT_GT(num_expected, truth().points.size() / 2);
+  }
+
+  Simulation simulation_;
+};
+
+TEST_P(RetriangulationTest, PosesAloneGiveAllPoints) {
+  Reconstruction result = truth();
+  result.points.clear();
+  Retriangulate(scene(), GroupTracks(truth()), Within(1.0), 2, &result);
+  ExpectTruth(result);
+}
+
+TEST_P(RetriangulationTest, GroupsOfSeveralPointsAreSplit) {
+  Reconstruction result = truth();
+  result.points.clear();
+  Retriangulate(scene(), GroupTracks(truth(), 3), Within(0.5), 2, &result);
+  const auto by_first = ByFirstObservation(truth());
+  size_t num_whole = 0;
+  for (const Point3D& point : result.points) {
+    std::vector<int> images;
+    for (const Observation& o : point.track) images.push_back(o.image_idx);
+    EXPECT_TRUE(std::adjacent_find(images.begin(), images.end()) ==
+                images.end());
+    const auto it = by_first.find(point.track.front());
+    num_whole += it != by_first.end() && it->second->track == point.track;
+  }
+  // Near epipoles two points may share a line of sight.
+  EXPECT_GT(num_whole, truth().points.size() * 8 / 10);
+}
+
+TEST_P(RetriangulationTest, PartsAreCompletedAndMerged) {
+  Reconstruction result = truth();
+  result.points.clear();
+  for (const Point3D& point : truth().points) {
+    if (point.track.size() < 4) {
+      result.points.push_back(point);
+      continue;
+    }
+    // Two points with a part of the observations each; one is not in any.
+    Point3D first = point, second = point;
+    first.track.resize(2);
+    second.track.erase(second.track.begin(), second.track.begin() + 3);
+    first.point_in_world += Eigen::Vector3d::Constant(1e-4);
+    result.points.push_back(first);
+    result.points.push_back(second);
+  }
+  Retriangulate(scene(), GroupTracks(truth()), Within(1.0), 2, &result);
+  ExpectTruth(result);
+}
+
+TEST_P(RetriangulationTest, WrongKeypointsAreLeftOut) {
+  Random random(7);
+  Simulation changed = simulation_;
+  std::vector<size_t> true_length;
+  for (Point3D& point : changed.ground_truth.points) {
+    true_length.push_back(point.track.size());
+    if (point.track.size() < 4) continue;
+    const Observation& wrong =
+        point.track[random.Index(static_cast<uint32_t>(point.track.size()))];
+    changed.scene.images[wrong.image_idx].keypoints_px[wrong.keypoint_idx] +=
+        Eigen::Vector2f(30.0f, 30.0f);
+  }
+  Reconstruction result = truth();
+  result.points.clear();
+  Retriangulate(changed.scene, GroupTracks(truth()), Within(1.0), 2, &result);
+  const std::vector<ImageView> views = MakeImageViews(scene(), truth());
+  size_t num_observations = 0;
+  for (const Point3D& point : result.points) {
+    num_observations += point.track.size();
+    for (const Observation& o : point.track) {
+      const auto pixel = changed.scene.images[o.image_idx]
+                             .keypoints_px[o.keypoint_idx]
+                             .cast<double>();
+      EXPECT_LE(
+          views[o.image_idx].ReprojectionError(point.point_in_world, pixel),
+          1.0);
+    }
+  }
+  EXPECT_GT(num_observations, NumObservations(truth()) / 2);
+  EXPECT_LT(num_observations, NumObservations(truth()));
+}
+
+TEST_P(RetriangulationTest, ThreadsDoNotChangeABit) {
+  Reconstruction one = truth(), three = truth();
+  one.points.clear();
+  three.points.clear();
+  const ObservationGroups groups = GroupTracks(truth(), 2);
+  Retriangulate(scene(), groups, Within(1.0), 1, &one);
+  Retriangulate(scene(), groups, Within(1.0), 3, &three);
+  ASSERT_EQ(one.points.size(), three.points.size());
+  for (size_t i = 0; i < one.points.size(); ++i) {
+    EXPECT_EQ(one.points[i].track, three.points[i].track);
+    EXPECT_EQ(one.points[i].point_in_world, three.points[i].point_in_world);
+  }
+}
+
+TEST_P(RetriangulationTest, ImagesWithoutPoseAreLeftOut) {
+  Reconstruction result = truth();
+  result.points.clear();
+  result.rig_from_world[3].reset();
+  Retriangulate(scene(), GroupTracks(truth()), Within(1.0), 2, &result);
+  EXPECT_FALSE(result.points.empty());
+  for (const Point3D& point : result.points) {
+    for (const Observation& o : point.track) {
+      EXPECT_NE(scene().images[o.image_idx].frame_idx, 3);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Rigs, RetriangulationTest,
+                         testing::Values(RigPreset::kMono, RigPreset::kStereo,
+                                         RigPreset::kKitti360,
+                                         RigPreset::kCube6));
+
+TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  Reconstruction result = simulation.ground_truth;
+  const Observation moved = result.points[0].track[0];
+  Scene scene = simulation.scene;
+  scene.images[moved.image_idx].keypoints_px[moved.keypoint_idx].x() += 5.0f;
+  PointFilterOptions options = Within(4.0);
+  options.min_angle_rad = DegToRad(2.0);
+  options.min_two_view_angle_rad = DegToRad(4.0);
+  FilterPoints(scene, options, 2, &result);
+  const std::vector<ImageView> views = MakeImageViews(scene, result);
+  EXPECT_LT(result.points.size(), simulation.ground_truth.points.size());
+  EXPECT_GT(result.points.size(), 0u);
+  for (const Point3D& point : result.points) {
+    EXPECT_EQ(std::count(point.track.begin(), point.track.end(), moved), 0);
+    std::vector<Eigen::Vector3d> centers;
+    for (const Observation& o : point.track) {
+      centers.push_back(views[o.image_idx].center);
+    }
+    EXPECT_GE(TriangulationAngle(centers, point.point_in_world, kPi),
+              DegToRad(point.track.size() == 2 ? 4.0 : 2.0));
+  }
+}
+
+TEST(PointFilterTest, SigmaIsThatOfTheNoise) {
+  Random random(8);
+  std::vector<double> errors;
+  for (int i = 0; i < 20000; ++i) {
+    const bool is_outlier = i % 10 == 0;
+    errors.push_back((is_outlier ? 20.0 : 0.7) *
+                     std::hypot(random.Normal(), random.Normal()));
+  }
+  EXPECT_NEAR(RobustSigmaPx(errors), 0.7, 0.1);
+  EXPECT_EQ(RobustSigmaPx({}), 0.0);
+}
+
+}  // namespace
+}  // namespace mgsfm
