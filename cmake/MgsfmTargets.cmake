@@ -1,18 +1,3 @@
-# While modules are being written (removed before the first release).
-macro(mgsfm_tmp_skip)
-  foreach(module IN LISTS arg_DEPENDS)
-    if(NOT TARGET mgsfm::${module})
-      message(STATUS "skipping ${name}: no ${module}")
-      return()
-    endif()
-  endforeach()
-  foreach(source IN LISTS arg_SOURCES)
-    if(NOT EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/${source})
-      message(STATUS "skipping ${name}: no ${source}")
-      return()
-    endif()
-  endforeach()
-endmacro()
 # One function per kind of target.
 
 # mgsfm_add_module(NAME SOURCES ... DEPENDS modules... LINK packages...)
@@ -20,7 +5,6 @@ endmacro()
 # modules it may include, and nothing else sees its packages' headers.
 function(mgsfm_add_module name)
   cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK" ${ARGN})
-  mgsfm_tmp_skip()
   set(target mgsfm_${name})
   add_library(${target} STATIC ${arg_SOURCES})
   add_library(mgsfm::${name} ALIAS ${target})
@@ -41,11 +25,7 @@ endfunction()
 #                [LABELS ...])
 # One GoogleTest program mgsfm_NAME_test, run by CTest as one test.
 function(mgsfm_add_test name)
-  if(NOT MGSFM_BUILD_TESTS)
-    return()
-  endif()
   cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK;LABELS" ${ARGN})
-  mgsfm_tmp_skip()
   set(target mgsfm_${name}_test)
   add_executable(${target} ${arg_SOURCES})
   target_include_directories(${target} PRIVATE

@@ -7,6 +7,8 @@ namespace mgsfm {
 
 // One per file cmd_*.cc.
 Command MapperCommand();
+Command ModelEvaluatorCommand();
+Command ModelEvaluatorCommand();
 Command SimulateCommand();
 
 }  // namespace mgsfm

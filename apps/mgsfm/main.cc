@@ -10,7 +10,7 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {MapperCommand(), SimulateCommand()};
+  return {MapperCommand(), ModelEvaluatorCommand(), SimulateCommand()};
 }
 
 // For docs/options.md.

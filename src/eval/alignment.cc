@@ -11,7 +11,7 @@ namespace mgsfm {
 namespace {
 
 constexpr double kOrientationWeight = 0.05;
-constexpr double kOutlierFactor = 5.0;
+constexpr double kOutlierFactor = 10.0;
 constexpr int kNumRobustIterations = 30;
 constexpr int kNumIterations = 10;
 

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/scene.h"
+
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <limits>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/synthetic/simulation.h"
+
+namespace mgsfm {
+namespace {
+
+Scene MakeScene() {
+  SimulationOptions options;
+  options.rig = RigPreset::kKitti360;
+  options.num_frames = 3;
+  options.max_num_features_per_image = 30;
+  return Simulate(options).scene;
+}
+
+TEST(CheckConsistent, RefusesEveryWayToBeInconsistent) {
+  const Scene good = MakeScene();
+  EXPECT_NO_THROW(CheckConsistent(good));
+  const std::function<void(Scene*)> damages[] = {
+      [](Scene* s) { s->cameras[0].params.push_back(0.0); },
+      [](Scene* s) { s->cameras[0].model = CameraModelId(1000); },
+      [](Scene* s) { s->sensors[1].camera_idx = 99; },
+      [](Scene* s) { s->sensors[1].rig_idx = -1; },
+      [](Scene* s) { s->rigs[0].sensor_idxs.pop_back(); },
+      [](Scene* s) { s->rigs[0].ref_sensor_idx = -1; },
+      [](Scene* s) {
+        s->sensors[s->rigs[0].ref_sensor_idx].sensor_from_rig.reset();
+      },
+      [](Scene* s) {
+        s->sensors[s->rigs[0].ref_sensor_idx].sensor_from_rig =
+            Rigid3{Eigen::Quaterniond::Identity(), Eigen::Vector3d::UnitX()};
+      },
+      [](Scene* s) { s->frames[0].rig_idx = 1; },
+      [](Scene* s) { s->frames[0].image_idxs.push_back(0); },
+      [](Scene* s) { s->frames[0].image_idxs[0] = 1000; },
+      [](Scene* s) { s->frames[0].image_idxs.pop_back(); },
+      [](Scene* s) { s->images[0].frame_idx = 1; },
+      [](Scene* s) { s->images[0].camera_idx = 3; },
+      [](Scene* s) { s->images[0].sensor_idx = 77; },
+  };
+  for (const auto& damage : damages) {
+    Scene bad = good;
+    damage(&bad);
+    EXPECT_THROW(CheckConsistent(bad), ContractError)
+        << "damage " << &damage - damages;
+  }
+}
+
+TEST(ComputeBearings, AreUnitRaysThatProjectToTheKeypoints) {
+  const Scene scene = MakeScene();
+  const Bearings bearings = ComputeBearings(scene, 2);
+  ASSERT_EQ(bearings.rays.size(), scene.images.size());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    const Camera& camera = scene.cameras[image.camera_idx];
+    ASSERT_EQ(bearings.rays[i].size(), image.keypoints_px.size());
+    for (size_t k = 0; k < image.keypoints_px.size(); ++k) {
+      ASSERT_TRUE(bearings.HasRay(static_cast<int>(i), static_cast<int>(k)));
+      const Eigen::Vector3d& ray = bearings.rays[i][k];
+      EXPECT_NEAR(ray.norm(), 1.0, 1e-14);
+      const auto pixel =
+          ProjectToPixel(camera.model, camera.params.data(), ray);
+      ASSERT_TRUE(pixel.has_value());
+      EXPECT_LT((pixel->cast<float>() - image.keypoints_px[k]).norm(), 1e-3f);
+    }
+  }
+}
+
+TEST(ComputeBearings, KeypointsThatNoRayReachesHaveNone) {
+  Scene scene = MakeScene();
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  scene.images[0].keypoints_px[0] = Eigen::Vector2f(nan, 1.0f);
+  const Bearings bearings = ComputeBearings(scene, 1);
+  EXPECT_FALSE(bearings.HasRay(0, 0));
+  EXPECT_TRUE(bearings.HasRay(0, 1));
+}
+
+}  // namespace
+}  // namespace mgsfm
