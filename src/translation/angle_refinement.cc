@@ -243,10 +243,16 @@ SolveSummary AngleProblem::Solve(ceres::LinearSolverType solver_type,
   options.num_threads = 1;
   options.logging_type = ceres::SILENT;
   if (!point_blocks_.empty()) {
+    // Within a group Ceres goes by address. Each group is one array, so that
+    // the order does not depend on where the arrays happen to lie.
     auto* ordering = new ceres::ParameterBlockOrdering;
-    std::vector<double*> blocks;
-    problem_.GetParameterBlocks(&blocks);
-    for (double* block : blocks) ordering->AddElementToGroup(block, 1);
+    const auto add = [&](Vector3d& x, int group) {
+      if (problem_.HasParameterBlock(x.data())) {
+        ordering->AddElementToGroup(x.data(), group);
+      }
+    };
+    for (Vector3d& x : positions_->frame_center) add(x, 1);
+    for (Vector3d& x : positions_->sensor_translation) add(x, 2);
     for (double* block : point_blocks_) ordering->AddElementToGroup(block, 0);
     options.linear_solver_ordering.reset(ordering);
   }
