@@ -9,12 +9,12 @@
 namespace mgsfm {
 
 bool SolveOnce(const Scene& scene, const BundleAdjustmentOptions& options,
-               RefinedParts parts, const Context& context,
-               BundleResult* result) {
+               RefinedParts parts, double function_tolerance,
+               const Context& context, BundleResult* result) {
   BuiltProblem built = BuildProblem(scene, result->estimate, options, parts);
   BundleSolverOptions solver_options;
   solver_options.max_num_iterations = options.max_num_iterations;
-  solver_options.function_tolerance = options.function_tolerance;
+  solver_options.function_tolerance = function_tolerance;
   SolveSummary summary = SolveBundle(built.problem, solver_options,
                                      context.num_threads, &built.state);
   const bool is_usable = summary.IsUsable();
@@ -55,7 +55,8 @@ BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const Context& context) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, options, RefinedParts::kAll, context, &result);
+  SolveOnce(scene, options, RefinedParts::kAll, options.function_tolerance,
+            context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);
   return result;

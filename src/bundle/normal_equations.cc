@@ -13,8 +13,6 @@ namespace {
 
 constexpr size_t kPointsPerChunk = 64;
 
-double Gamma() { static const double g = getenv("GAMMA") ? atof(getenv("GAMMA")) : 0.0; return g; }
-
 double ClampDiagonal(double value) { return std::clamp(value, 1e-6, 1e32); }
 
 // panel -= left * right^T for blocks of any size; almost all have 6
@@ -171,11 +169,9 @@ bool NormalEquations::LinearizePoint(const std::vector<ImagePose>& poses,
     columns.resize(2, layout.num_columns);
     FillColumns(problem_, image, pose, terms, layout, &columns);
     const double weight = loss.Weight(terms.residual.squaredNorm());
-    Eigen::Matrix2d W = weight * Eigen::Matrix2d::Identity();
-    if (weight < 1.0) W -= weight * Gamma() / terms.residual.squaredNorm() * terms.residual * terms.residual.transpose();
-    const Eigen::Matrix<double, 2, 3> weighted = W * terms.point;
+    const Eigen::Matrix<double, 2, 3> weighted = weight * terms.point;
     hessian.noalias() += weighted.transpose() * terms.point;
-    gradient.noalias() += weight * terms.point.transpose() * terms.residual;
+    gradient.noalias() += weighted.transpose() * terms.residual;
     const int offsets[] = {layout.frame, layout.sensor, layout.camera};
     for (int k = 0; k < 3; ++k) {
       const int e = structure_.observation_incidences[o][k];
@@ -219,11 +215,9 @@ void NormalEquations::LinearizeImage(const std::vector<ImagePose>& poses,
                 &columns);
     const double weight = loss.Weight(terms.residual.squaredNorm());
     for (int c = 0; c < size; ++c) {
-      Eigen::Matrix2d W = weight * Eigen::Matrix2d::Identity();
-    if (weight < 1.0) W -= weight * Gamma() / terms.residual.squaredNorm() * terms.residual * terms.residual.transpose();
-      const double u = W(0,0) * columns(0, c)+W(0,1)*columns(1,c);
-      const double v = W(1,0) * columns(0, c)+W(1,1)*columns(1,c);
-      gradient[c] += weight*(columns(0,c) * terms.residual.x() + columns(1,c) * terms.residual.y());
+      const double u = weight * columns(0, c);
+      const double v = weight * columns(1, c);
+      gradient[c] += u * terms.residual.x() + v * terms.residual.y();
       for (int r = c; r < size; ++r) {
         hessian(r, c) += u * columns(0, r) + v * columns(1, r);
       }

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <string>
 
 #include "bundle/point_filters.h"
@@ -31,7 +30,7 @@ class ReconstructionRefiner {
   BundleResult Run() {
     const bool is_usable = Refine();
     if (is_usable) {
-      FilterOnly();
+      FilterAtLast();
       DropFramesWithoutObservations();
     }
     ComputePointErrors(scene_, context_.num_threads, &result_.estimate);
@@ -41,20 +40,26 @@ class ReconstructionRefiner {
 
  private:
   bool Refine() {
-    DropObservationsWithoutPose();
-    if (!Solve(RefinedParts::kTranslations)) return false;
-    if (!Solve(RefinedParts::kAll)) return false;
+    FilterGrossErrors();
+    // All solves but the last prepare a triangulation, which needs less.
+    const double rough =
+        std::min(1.0, kRoughToleranceFactor * options_.function_tolerance);
+    if (!Solve(RefinedParts::kTranslations, rough)) return false;
     for (int round = 0; round < options_.num_rounds; ++round) {
+      if (!Solve(RefinedParts::kAll, rough)) return false;
       TriangulateAnew(options_.num_rounds - 1 - round);
-      if (!Solve(RefinedParts::kAll)) return false;
     }
-    return true;
+    return Solve(RefinedParts::kAll, options_.function_tolerance);
   }
 
-  bool Solve(RefinedParts parts);
-  void DropObservationsWithoutPose();
+  static constexpr double kRoughToleranceFactor = 100.0;
+  // Keypoints are not located better; without noise sigma tells nothing.
+  static constexpr double kMinLossScalePx = 0.05;
+
+  bool Solve(RefinedParts parts, double function_tolerance);
+  void FilterGrossErrors();
   void TriangulateAnew(int num_rounds_left);
-  void FilterOnly();
+  void FilterAtLast();
   void DropFramesWithoutObservations();
   BundleRound StartRound(int num_rounds_left) const;
   void FinishRound(BundleRound round);
@@ -68,10 +73,18 @@ class ReconstructionRefiner {
   BundleResult result_;
 };
 
-bool ReconstructionRefiner::Solve(RefinedParts parts) {
+bool ReconstructionRefiner::Solve(RefinedParts parts,
+                                  double function_tolerance) {
   context_.ReportProgress("bundle adjustment", result_.summary.solves.size(),
                           static_cast<size_t>(options_.num_rounds) + 2);
-  const bool is_usable = SolveOnce(scene_, options_, parts, context_, &result_);
+  BundleAdjustmentOptions options = options_;
+  if (!result_.summary.rounds.empty()) {
+    options.loss_scale_px = std::min(
+        options_.loss_scale_px,
+        options_.loss_sigma_factor * result_.summary.rounds.back().sigma_px);
+  }
+  const bool is_usable =
+      SolveOnce(scene_, options, parts, function_tolerance, context_, &result_);
   const SolveSummary& summary = result_.summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),
@@ -83,10 +96,15 @@ bool ReconstructionRefiner::Solve(RefinedParts parts) {
   return is_usable;
 }
 
-void ReconstructionRefiner::DropObservationsWithoutPose() {
-  PointFilterOptions keep_all;
-  keep_all.max_error_px = std::numeric_limits<double>::max();
-  FilterPoints(scene_, keep_all, context_.num_threads, &result_.estimate);
+void ReconstructionRefiner::FilterGrossErrors() {
+  BundleRound round = StartRound(options_.num_rounds);
+  // Poses may be rough yet: no upper bound.
+  round.max_error_px = std::max(4.0 * options_.max_max_error_px,
+                                options_.error_sigma_factor * round.sigma_px);
+  PointFilterOptions filter;
+  filter.max_error_px = round.max_error_px;
+  FilterPoints(scene_, filter, context_.num_threads, &result_.estimate);
+  FinishRound(round);
 }
 
 BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
@@ -132,7 +150,7 @@ void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
   FinishRound(round);
 }
 
-void ReconstructionRefiner::FilterOnly() {
+void ReconstructionRefiner::FilterAtLast() {
   const BundleRound round = StartRound(0);
   FilterPoints(scene_, FilterOptions(round), context_.num_threads,
                &result_.estimate);

@@ -110,7 +110,7 @@ TEST_P(BundleAdjustmentTest, WholeStageRecoversTheTruthFromRoughPoses) {
     EXPECT_TRUE(solve.IsUsable()) << solve.message;
     EXPECT_LE(solve.final_cost, solve.initial_cost);
   }
-  EXPECT_EQ(result.summary.rounds.size(), 4u);
+  EXPECT_EQ(result.summary.rounds.size(), 5u);
   EXPECT_NEAR(result.summary.rounds.back().sigma_px, 0.4, 0.15);
   EXPECT_GT(NumObservations(result.estimate),
             NumObservations(simulation.ground_truth) * 7 / 10);

@@ -56,6 +56,7 @@ struct BundleAdjustmentOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
   double loss_scale_px = 1.0;
+  double loss_sigma_factor = 1.345;
   bool refine_rig_from_world = true;
   RefineMode refine_sensor_from_rig = RefineMode::kAuto;
   bool refine_points = true;
@@ -66,7 +67,7 @@ struct BundleAdjustmentOptions {
 
   int num_rounds = 3;
   double error_sigma_factor = 4.0;
-  double min_max_error_px = 1.5;
+  double min_max_error_px = 0.5;
   double max_max_error_px = 4.0;
   double min_triangulation_angle_deg = 1.0;
   double min_two_view_angle_deg = 2.0;
@@ -81,6 +82,9 @@ struct BundleAdjustmentOptions {
           "A solve ends when the cost changes by less than this part.");
     visit("loss_scale", self.loss_scale_px, GreaterThan(0.0), "px",
           "Reprojection errors above count linearly, not squared.");
+    visit("loss_sigma_factor", self.loss_sigma_factor, GreaterThan(0.0), "",
+          "Lowers loss_scale to so many robust standard deviations of "
+          "reprojection error, once points were triangulated anew.");
     visit("refine_rig_from_world", self.refine_rig_from_world, AnyValue(), "",
           "Refine the poses of frames.");
     visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
@@ -140,7 +144,8 @@ struct DroppedFrame {
 
 struct BundleSummary {
   std::vector<SolveSummary> solves;
-  // Points are triangulated anew in all but the last, which only filters.
+  // Points are triangulated anew in all but the first and the last, which only
+  // filter.
   std::vector<BundleRound> rounds;
   std::vector<DroppedFrame> dropped_frames;  // had a pose at the start
   std::vector<int> weak_frame_idxs;          // kept, but hardly constrained
@@ -164,15 +169,19 @@ struct BundleResult {
                                         const Context& context);
 
 // The whole stage:
-//   1. solve with rotations and intrinsics held, then everything;
-//   2. num_rounds times: triangulate all groups of `components` anew with the
-//      present poses, which drops outliers, completes, merges and splits
-//      points, and solve;
-//   3. drop outliers, points with too little parallax, and frames that no
+//   1. drop gross outliers; solve with rotations and intrinsics held;
+//   2. num_rounds times: solve; triangulate all groups of `components` anew
+//      with the present poses, which drops outliers, completes, merges and
+//      splits points;
+//   3. solve to function_tolerance (the solves before end at 100 times of it);
+//   4. drop outliers, points with too little parallax, and frames that no
 //      observation is left of.
 // Error thresholds are error_sigma_factor robust standard deviations, within
-// bounds that tighten from round to round. Points that are in no group only
-// lose outliers. If a solve fails, the estimate is that before it.
+// bounds that tighten from round to round. So is the threshold of the loss from
+// the first triangulation on, as keypoints of sharp images are far better than
+// a pixel, and wrong matches within it would bias weakly observed quantities,
+// such as the internal translations of a standing rig. Points that are in no
+// group only lose outliers. If a solve fails, the estimate is that before it.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const ObservationGroups& components,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
