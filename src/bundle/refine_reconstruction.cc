@@ -79,9 +79,10 @@ bool ReconstructionRefiner::Solve(RefinedParts parts,
                           static_cast<size_t>(options_.num_rounds) + 2);
   BundleAdjustmentOptions options = options_;
   if (!result_.summary.rounds.empty()) {
-    options.loss_scale_px = std::min(
-        options_.loss_scale_px,
-        options_.loss_sigma_factor * result_.summary.rounds.back().sigma_px);
+    const double scale_px =
+        std::max(kMinLossScalePx, options_.loss_sigma_factor *
+                                      result_.summary.rounds.back().sigma_px);
+    options.loss_scale_px = std::min(options_.loss_scale_px, scale_px);
   }
   const bool is_usable =
       SolveOnce(scene_, options, parts, function_tolerance, context_, &result_);

@@ -143,6 +143,23 @@ INSTANTIATE_TEST_SUITE_P(
                                      RigPreset::kKitti360, RigPreset::kCube6),
                      testing::Values(PathPreset::kCurve)));
 
+// Without noise the robust scales have nothing to go by.
+TEST(RefineReconstructionTest, ExactDataKeepAllWithParallax) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, GroupTracks(simulation.ground_truth),
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 21),
+      BundleAdjustmentOptions(), Threads(2));
+  for (const SolveSummary& solve : result.summary.solves) {
+    EXPECT_TRUE(solve.IsUsable()) << solve.message;
+  }
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.estimate, simulation.ground_truth);
+  EXPECT_LT(difference.max_position, 1e-3);
+  EXPECT_LT(difference.max_rotation_deg, 1e-3);
+}
+
 TEST(RefineReconstructionTest, OutliersAreRemoved) {
   SimulationOptions simulated =
       NoisyScene(RigPreset::kStereo, PathPreset::kCurve);
