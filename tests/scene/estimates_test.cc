@@ -85,6 +85,21 @@ TEST_F(EstimatesTest, WhatIsNotEstimatedIsLeftOut) {
   }
 }
 
+TEST_F(EstimatesTest, ImagesOfSensorsWithoutTranslationAreNotRegistered) {
+  const int sensor_idx = static_cast<int>(GetScene().sensors.size()) - 1;
+  positions_.sensor_from_rig_translation[sensor_idx].reset();
+  const Reconstruction joined = Join();
+  for (size_t i = 0; i < GetScene().images.size(); ++i) {
+    EXPECT_EQ(joined.IsRegistered(GetScene(), static_cast<int>(i)),
+              GetScene().images[i].sensor_idx != sensor_idx);
+  }
+  for (const Point3D& point : joined.points) {
+    for (const Observation& observation : point.track) {
+      EXPECT_TRUE(joined.IsRegistered(GetScene(), observation.image_idx));
+    }
+  }
+}
+
 TEST_F(EstimatesTest, MovingTheWorldKeepsWhatCamerasSee) {
   const Sim3 new_from_old = {2.5, ExpSO3(Eigen::Vector3d(0.3, -1.0, 0.2)),
                              Eigen::Vector3d(4.0, -5.0, 6.0)};
@@ -101,6 +116,15 @@ TEST_F(EstimatesTest, MovingTheWorldKeepsWhatCamerasSee) {
       const Eigen::Vector3d in_new_cam =
           *new_pose * moved.points[p].point_in_world;
       EXPECT_LT((in_new_cam - new_from_old.scale * in_old_cam).norm(), 1e-10);
+      const Camera& camera =
+          GetScene()
+              .cameras[GetScene().images[observation.image_idx].camera_idx];
+      const auto old_pixel =
+          ProjectToPixel(camera.model, camera.params.data(), in_old_cam);
+      const auto new_pixel =
+          ProjectToPixel(camera.model, camera.params.data(), in_new_cam);
+      ASSERT_TRUE(old_pixel && new_pixel);
+      EXPECT_LT((*new_pixel - *old_pixel).norm(), 1e-8);
     }
   }
 }

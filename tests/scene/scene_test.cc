@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
@@ -37,10 +38,20 @@ TEST(CheckConsistent, RefusesEveryWayToBeInconsistent) {
         s->sensors[s->rigs[0].ref_sensor_idx].sensor_from_rig =
             Rigid3{Eigen::Quaterniond::Identity(), Eigen::Vector3d::UnitX()};
       },
+      [](Scene* s) {
+        s->sensors[s->rigs[0].ref_sensor_idx].sensor_from_rig = Rigid3{
+            ExpSO3(Eigen::Vector3d(0.0, 0.1, 0.0)), Eigen::Vector3d::Zero()};
+      },
       [](Scene* s) { s->frames[0].rig_idx = 1; },
       [](Scene* s) { s->frames[0].image_idxs.push_back(0); },
       [](Scene* s) { s->frames[0].image_idxs[0] = 1000; },
       [](Scene* s) { s->frames[0].image_idxs.pop_back(); },
+      [](Scene* s) {  // two images of one sensor
+        const Image& first = s->images[s->frames[0].image_idxs[0]];
+        Image& second = s->images[s->frames[0].image_idxs[1]];
+        second.sensor_idx = first.sensor_idx;
+        second.camera_idx = first.camera_idx;
+      },
       [](Scene* s) { s->images[0].frame_idx = 1; },
       [](Scene* s) { s->images[0].camera_idx = 3; },
       [](Scene* s) { s->images[0].sensor_idx = 77; },
@@ -79,7 +90,22 @@ TEST(ComputeBearings, KeypointsThatNoRayReachesHaveNone) {
   scene.images[0].keypoints_px[0] = Eigen::Vector2f(nan, 1.0f);
   const Bearings bearings = ComputeBearings(scene, 1);
   EXPECT_FALSE(bearings.HasRay(0, 0));
+  EXPECT_EQ(bearings.rays[0][0], Eigen::Vector3d::Zero());
   EXPECT_TRUE(bearings.HasRay(0, 1));
+}
+
+// An equidistant fisheye sees half a turn to each side, at pi focal lengths
+// from the principal point.
+TEST(ComputeBearings, PixelsBeyondTheFieldOfViewHaveNone) {
+  Scene scene = MakeScene();
+  Camera& camera = scene.cameras[scene.images[0].camera_idx];
+  camera.model = CameraModelId::kSimpleFisheye;
+  camera.params = {100.0, 500.0, 400.0};
+  scene.images[0].keypoints_px = {Eigen::Vector2f(500.0f + 310.0f, 400.0f),
+                                  Eigen::Vector2f(500.0f + 320.0f, 400.0f)};
+  const Bearings bearings = ComputeBearings(scene, 1);
+  EXPECT_TRUE(bearings.HasRay(0, 0));
+  EXPECT_FALSE(bearings.HasRay(0, 1));
 }
 
 }  // namespace

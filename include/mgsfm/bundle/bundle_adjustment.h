@@ -49,7 +49,9 @@ struct EnumTable<RefineMode> {
   static constexpr std::pair<std::string_view, RefineMode> kNames[] = {
       {"auto", RefineMode::kAuto},
       {"yes", RefineMode::kYes},
-      {"no", RefineMode::kNo}};
+      {"no", RefineMode::kNo},
+      {"1", RefineMode::kYes},  // as COLMAP's flags have it
+      {"0", RefineMode::kNo}};
 };
 
 struct BundleAdjustmentOptions {
