@@ -16,7 +16,8 @@ inline SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
   SimulationOptions options;
   options.rig = rig;
   options.path = path;
-  options.num_frames = 10;
+  // On a loop of ten frames, one camera hardly sees any point twice.
+  options.num_frames = rig == RigPreset::kMono ? 24 : 10;
   options.num_points_per_frame = 80;
   options.max_num_features_per_image = 150;
   return options;
