@@ -113,6 +113,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
   const Timer reading;
   const LoadedScene loaded =
       LoadScene(options.database_path, options.loading, context);
+  CheckFormat(loaded.scene, options.output_format);
   run.rig_source = loaded.rig_source;
   run.times.push_back({"reading", reading.Seconds()});
   LogInput(loaded, context);

@@ -83,7 +83,9 @@ std::vector<double> ParseThresholds(const std::string& name,
     std::istringstream stream(item);
     double value = 0.0;
     if (!(stream >> value) || !stream.eof() || !(value > 0.0)) {
-      throw Error("--" + name + ": '" + item + "' is no positive number");
+      std::ostringstream message;
+      message << "--" << name << ": '" << item << "' is no positive number";
+      throw Error(message.str());
     }
     thresholds.push_back(value);
   }
@@ -247,6 +249,7 @@ std::map<std::string, Rigid3> AssignByTime(
       });
   if (!have_times) {
     std::vector<Rigid3> in_order;
+    in_order.reserve(poses.size());
     for (const TimedPose& pose : poses) in_order.push_back(pose.cam_from_world);
     return AssignByNumber(frames, in_order, path);
   }

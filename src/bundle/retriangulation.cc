@@ -172,7 +172,7 @@ std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
     const auto ray = RayFromPixel(view.model, view.params, candidate.pixel);
     if (!ray) continue;
     centers.push_back(view.center);
-    rays.push_back(view.cam_from_world.transpose() * *ray);
+    rays.emplace_back(view.cam_from_world.transpose() * *ray);
     max_error_rad =
         std::max(max_error_rad, options_.max_error_px /
                                     PixelsPerRadian(view.model, view.params));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/statistics.h"
@@ -12,8 +13,13 @@ namespace {
 
 constexpr double kOrientationWeight = 0.05;
 constexpr double kOutlierFactor = 10.0;
+constexpr double kMinOutlier = 0.01;
+constexpr int kNumTrials = 200;
 constexpr int kNumRobustIterations = 30;
 constexpr int kNumIterations = 10;
+// Root mean square distance from the mean, relative to that of the mean from
+// the origin, that rounding alone may cause.
+constexpr double kRounding = 1e-10;
 
 // What an image says of the similarity.
 struct Sample {
@@ -38,6 +44,15 @@ struct Moments {
   double variance = 0.0;       // of the centres in the model
   double true_variance = 0.0;  // of the true centres
   double weight = 0.0;
+
+  // Whether the centres, or the true ones, differ by more than rounding.
+  bool HaveExtent() const {
+    return variance > kRounding * kRounding * weight * mean.squaredNorm();
+  }
+  bool HaveTrueExtent() const {
+    return true_variance >
+           kRounding * kRounding * weight * (1.0 + true_mean.squaredNorm());
+  }
 };
 
 Moments ComputeMoments(const std::vector<Sample>& samples,
@@ -65,16 +80,14 @@ Moments ComputeMoments(const std::vector<Sample>& samples,
 Sim3 FitWeighted(const std::vector<Sample>& samples,
                  const std::vector<double>& weights) {
   const Moments m = ComputeMoments(samples, weights);
-  const double mu2 =
-      kOrientationWeight * kOrientationWeight * m.true_variance / m.weight;
   Eigen::Matrix3d rotation = NearestRotation(m.rotation);
   double scale = 1.0;
-  for (int i = 0; i < kNumIterations; ++i) {
-    if (m.variance > 0.0 && m.true_variance > 0.0) {
+  if (m.HaveExtent() && m.HaveTrueExtent()) {
+    const double mu2 =
+        kOrientationWeight * kOrientationWeight * m.true_variance / m.weight;
+    for (int i = 0; i < kNumIterations; ++i) {
       // |s| keeps a scale of contradictory poses from mirroring the model.
       scale = std::abs((rotation.transpose() * m.cross).trace()) / m.variance;
-    }
-    if (m.true_variance > 0.0) {
       rotation = NearestRotation(scale * m.cross + 0.5 * mu2 * m.rotation);
     }
   }
@@ -93,6 +106,58 @@ std::vector<double> Residuals(const std::vector<Sample>& samples,
   return residuals;
 }
 
+// Root mean square distance of the true centres from their mean.
+double TrueExtent(const std::vector<Sample>& samples) {
+  const Moments m =
+      ComputeMoments(samples, std::vector<double>(samples.size(), 1.0));
+  return std::sqrt(m.true_variance / m.weight);
+}
+
+double RobustCost(const std::vector<double>& residuals, double max_residual) {
+  double cost = 0.0;
+  for (const double residual : residuals) {
+    cost += std::min(residual, max_residual);
+  }
+  return cost;
+}
+
+// The fit to two images, or to all, that has the least robust cost. Images far
+// away in the model have so much leverage that a fit to all may be of no use.
+Sim3 FitRobustly(const std::vector<Sample>& samples, double max_residual) {
+  Sim3 best = FitWeighted(samples, std::vector<double>(samples.size(), 1.0));
+  double min_cost = RobustCost(Residuals(samples, best), max_residual);
+  Random random(0);
+  const auto num_samples = static_cast<uint32_t>(samples.size());
+  for (int i = 0; i < kNumTrials; ++i) {
+    const Sim3 fit = FitWeighted({samples[random.Index(num_samples)],
+                                  samples[random.Index(num_samples)]},
+                                 {1.0, 1.0});
+    const double cost = RobustCost(Residuals(samples, fit), max_residual);
+    if (cost < min_cost) {
+      min_cost = cost;
+      best = fit;
+    }
+  }
+  return best;
+}
+
+// To the least sum of distances, each at most `extent`.
+std::vector<double> RobustWeights(const std::vector<double>& residuals,
+                                  double extent) {
+  const double median = Median(residuals);
+  // The floor keeps exact images from taking all.
+  const double floor = 1e-3 * median + 1e-12;
+  // The nearer half always has a say.
+  const double max_residual = std::max(extent, median);
+  std::vector<double> weights;
+  weights.reserve(residuals.size());
+  for (const double residual : residuals) {
+    weights.push_back(residual <= max_residual ? 1.0 / std::max(residual, floor)
+                                               : 0.0);
+  }
+  return weights;
+}
+
 }  // namespace
 
 std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images) {
@@ -107,21 +172,20 @@ std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images) {
   }
   if (samples.empty()) return std::nullopt;
 
-  std::vector<double> weights(samples.size(), 1.0);
-  Sim3 fit = FitWeighted(samples, weights);
+  const double extent = TrueExtent(samples);
+  Sim3 fit = FitRobustly(samples, extent);
   std::vector<double> residuals = Residuals(samples, fit);
   for (int i = 0; i < kNumRobustIterations; ++i) {
-    // Least sum of distances; the floor keeps exact images from taking all.
-    const double floor = 1e-3 * Median(residuals) + 1e-12;
-    for (size_t k = 0; k < weights.size(); ++k) {
-      weights[k] = 1.0 / std::max(residuals[k], floor);
-    }
-    fit = FitWeighted(samples, weights);
+    fit = FitWeighted(samples, RobustWeights(residuals, extent));
     residuals = Residuals(samples, fit);
   }
-  const double max_residual = kOutlierFactor * Median(residuals) + 1e-12;
-  for (size_t k = 0; k < weights.size(); ++k) {
-    weights[k] = residuals[k] <= max_residual ? 1.0 : 0.0;
+  // Where most images stand, the median alone would leave out all others.
+  const double max_residual =
+      std::max(kOutlierFactor * Median(residuals), kMinOutlier * extent) +
+      1e-12;
+  std::vector<double> weights;
+  for (const double residual : residuals) {
+    weights.push_back(residual <= max_residual ? 1.0 : 0.0);
   }
   return FitWeighted(samples, weights);
 }

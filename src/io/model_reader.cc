@@ -50,7 +50,7 @@ class BinaryFile {
   std::string ReadName() {
     const size_t end = data_.find('\0', position_);
     if (end == std::string::npos) ThrowTruncated();
-    const std::string name = data_.substr(position_, end - position_);
+    std::string name = data_.substr(position_, end - position_);
     position_ = end + 1;
     return name;
   }

@@ -303,8 +303,19 @@ void ModelWriter::WritePoints(ModelFile file) const {
 
 }  // namespace
 
+void CheckFormat(const Scene& scene, ModelFormat format) {
+  if (format != ModelFormat::kText) return;
+  for (const Image& image : scene.images) {
+    if (image.name.find_first_of(" \t\r\n\v\f") == std::string::npos) continue;
+    throw Error("the name of image '" + image.name +
+                "' has a blank, which the text format cannot hold; write the "
+                "model as binary");
+  }
+}
+
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format) {
+  CheckFormat(scene, format);
   ModelWriter(scene, reconstruction).Write(folder, format);
 }
 

@@ -13,6 +13,16 @@ namespace {
 
 using Rgb = Eigen::Vector3f;
 
+// As features were extracted: not turned by what EXIF says of orientation.
+// Empty if it cannot be read.
+cv::Mat ReadImage(const std::filesystem::path& path) {
+  // OpenCV would complain of each missing file on the standard error stream.
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return {};
+  return cv::imread(path.string(),
+                    cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+}
+
 // An observation of one image and where its colour goes.
 struct Sample {
   int keypoint_idx;
@@ -28,8 +38,11 @@ Rgb PixelAt(const cv::Mat& bgr, int x, int y) {
 
 // Bilinear; the centre of the first pixel is (0.5, 0.5).
 Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
-  const float x = keypoint_px.x() - 0.5f;
-  const float y = keypoint_px.y() - 0.5f;
+  // Beyond the border all pixels are those of the border.
+  const float x = std::clamp(keypoint_px.x() - 0.5f, 0.0f,
+                             static_cast<float>(bgr.cols - 1));
+  const float y = std::clamp(keypoint_px.y() - 0.5f, 0.0f,
+                             static_cast<float>(bgr.rows - 1));
   const int x0 = static_cast<int>(std::floor(x));
   const int y0 = static_cast<int>(std::floor(y));
   const float dx = x - static_cast<float>(x0);
@@ -61,8 +74,7 @@ std::vector<std::string> ColorPoints(const Scene& scene,
       [&](size_t image_idx) {
         if (samples[image_idx].empty()) return;
         const Image& image = scene.images[image_idx];
-        const cv::Mat bgr =
-            cv::imread((image_path / image.name).string(), cv::IMREAD_COLOR);
+        const cv::Mat bgr = ReadImage(image_path / image.name);
         image_was_read[image_idx] = !bgr.empty();
         if (bgr.empty()) return;
         for (const Sample& sample : samples[image_idx]) {

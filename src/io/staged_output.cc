@@ -16,11 +16,30 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool IsModelFolder(const fs::path& path) {
-  const std::string name = path.filename().string();
-  return !name.empty() && fs::is_directory(path) &&
+// "0", "1", ...: the names under which models are written.
+bool IsModelName(const std::string& name) {
+  return !name.empty() && (name == "0" || name[0] != '0') &&
          std::all_of(name.begin(), name.end(),
                      [](char c) { return c >= '0' && c <= '9'; });
+}
+
+// Whether a folder is empty or holds a model, so that nothing else is lost
+// with it.
+bool HoldsModelOrNothing(const fs::path& path) {
+  return fs::is_directory(path) &&
+         (fs::is_empty(path) || fs::exists(path / "images.bin") ||
+          fs::exists(path / "images.txt"));
+}
+
+void CheckReplaceable(const fs::path& target) {
+  for (const auto& entry : fs::directory_iterator(target)) {
+    if (IsModelName(entry.path().filename().string()) &&
+        !HoldsModelOrNothing(entry.path())) {
+      throw Error("'" + entry.path().string() +
+                  "' is no model, and a model would replace it; choose another "
+                  "output path");
+    }
+  }
 }
 
 // The moves made so far, undone in reverse order unless all succeeded.
@@ -52,19 +71,28 @@ class Moves {
 }  // namespace
 
 StagedOutput::StagedOutput(const fs::path& target)
-    : target_(fs::absolute(target).lexically_normal()) {
+    : target_(fs::weakly_canonical(fs::absolute(target))) {
   if (target_.filename().empty()) target_ = target_.parent_path();
-  if (fs::exists(target_) && !fs::is_directory(target_)) {
-    throw Error("the output path '" + target_.string() + "' is not a folder");
+  const bool is_new = !fs::exists(target_);
+  if (!is_new) {
+    if (!fs::is_directory(target_)) {
+      throw Error("the output path '" + target_.string() + "' is not a folder");
+    }
+    CheckReplaceable(target_);
+  }
+  // Within an existing target, which may be a mount point: moving from beside
+  // it would cross file systems.
+  const fs::path parent = is_new ? target_.parent_path() : target_;
+  for (fs::path path = parent; !fs::exists(path); path = path.parent_path()) {
+    new_parents_.push_back(path);
   }
   std::error_code error;
-  fs::create_directories(target_.parent_path(), error);
+  fs::create_directories(parent, error);
   std::string name =
-      (target_.parent_path() / ("." + target_.filename().string() + ".XXXXXX"))
-          .string();
+      (parent / ("." + target_.filename().string() + ".XXXXXX")).string();
   if (error || mkdtemp(name.data()) == nullptr) {
-    throw Error("cannot write beside the output path '" + target_.string() +
-                "'");
+    RemoveNewParents();
+    throw Error("cannot write to the output path '" + target_.string() + "'");
   }
   staging_ = name;
   fs::permissions(staging_, fs::perms::owner_all | fs::perms::group_read |
@@ -75,15 +103,28 @@ StagedOutput::StagedOutput(const fs::path& target)
 StagedOutput::~StagedOutput() {
   std::error_code ignored;  // a destructor cannot report it
   fs::remove_all(staging_, ignored);
+  RemoveNewParents();
+}
+
+void StagedOutput::RemoveNewParents() {
+  for (const fs::path& path : new_parents_) {
+    std::error_code ignored;
+    fs::remove(path, ignored);  // refused where it is not empty
+  }
 }
 
 void StagedOutput::Commit() {
-  std::error_code error;
-  fs::create_directories(target_, error);
+  Moves moves;
+  if (!fs::exists(target_)) {
+    moves.Move(staging_, target_);
+    moves.Keep();
+    return;
+  }
   const fs::path replaced = staging_ / ".replaced";
-  if (!error) fs::create_directory(replaced, error);
+  std::error_code error;
+  fs::create_directory(replaced, error);
   if (error) {
-    throw Error("cannot create the folder '" + target_.string() +
+    throw Error("cannot create the folder '" + replaced.string() +
                 "': " + error.message());
   }
   std::vector<fs::path> entries, obsolete;
@@ -91,12 +132,12 @@ void StagedOutput::Commit() {
     if (entry.path() != replaced) entries.push_back(entry.path());
   }
   for (const auto& entry : fs::directory_iterator(target_)) {
-    const bool has_successor = fs::exists(staging_ / entry.path().filename());
-    if (has_successor || IsModelFolder(entry.path())) {
+    const fs::path name = entry.path().filename();
+    if (fs::exists(staging_ / name) ||
+        (IsModelName(name.string()) && HoldsModelOrNothing(entry.path()))) {
       obsolete.push_back(entry.path());
     }
   }
-  Moves moves;
   for (const fs::path& path : obsolete) {
     moves.Move(path, replaced / path.filename());
   }

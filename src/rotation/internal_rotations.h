@@ -23,7 +23,7 @@ struct InternalRotations {
   std::vector<InternalRotationSummary> summaries;
 };
 
-// The internal rotations S_k (steps 2a and 2b of rotation_averaging.h).
+// The internal rotations S_k (step 2 of rotation_averaging.h).
 //
 // A sensor is determined once S_k is known. While there is one with frames in
 // which it has an image in the same part as that of a determined sensor a, the

@@ -17,12 +17,14 @@ void CheckIndex(int idx, const Array& array) {
 }
 
 void CheckRigs(const Scene& scene) {
-  size_t num_sensors = 0;
+  std::set<int> sensor_is_listed;
   for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
     const Rig& rig = scene.rigs[rig_idx];
     bool has_reference = false;
     for (const int sensor_idx : rig.sensor_idxs) {
       CheckIndex(sensor_idx, scene.sensors);
+      MGSFM_CHECK_MSG(sensor_is_listed.insert(sensor_idx).second,
+                      scene.sensors[sensor_idx].name);
       MGSFM_CHECK_EQ(static_cast<size_t>(scene.sensors[sensor_idx].rig_idx),
                      rig_idx);
       has_reference |= sensor_idx == rig.ref_sensor_idx;
@@ -32,9 +34,8 @@ void CheckRigs(const Scene& scene) {
     MGSFM_CHECK(pose.has_value());
     MGSFM_CHECK_EQ(pose->translation.norm(), 0.0);
     MGSFM_CHECK_EQ(pose->rotation.vec().norm(), 0.0);
-    num_sensors += rig.sensor_idxs.size();
   }
-  MGSFM_CHECK_EQ(num_sensors, scene.sensors.size());
+  MGSFM_CHECK_EQ(sensor_is_listed.size(), scene.sensors.size());
 }
 
 void CheckFrames(const Scene& scene) {

@@ -21,7 +21,7 @@ struct LinearBaseline {
   int num_blocks = 0;
 };
 
-// weight * (direction - C / |C|): eq. (11) of MGSfM, not bilinear. |C| is
+// weight * (direction - C / |C|): eq. (16) of MGSfM, not bilinear. |C| is
 // smoothed to sqrt(|C|^2 + min_length^2), so the residual is defined everywhere
 // and its derivative bounded.
 class BaselineDirectionCost : public ceres::CostFunction {
@@ -80,7 +80,7 @@ class LinearRowCost : public ceres::CostFunction {
   const double weight_;
 };
 
-// ray - v / |v| with v = p - (c - R t): eq. (16) of MGSfM for a sensor with
+// ray - v / |v| with v = p - (c - R t): eq. (18) of MGSfM for a sensor with
 // free translation t; blocks c, t, p. R is world_from_cam and must outlive it.
 class PointDirectionCost : public ceres::SizedCostFunction<3, 3, 3, 3> {
  public:

@@ -212,9 +212,7 @@ void AngleProblem::AddGauge() {
 // Keeps the length of the longest unknown along itself. A change of scale can
 // meet this exactly, so it does not affect the shape.
 void AngleProblem::AddScaleGauge() {
-  for (const Vector3d& t : input_.problem.fixed_translation) {
-    if (t.squaredNorm() > 0.0) return;
-  }
+  if (input_.initial.is_metric) return;
   Vector3d* longest = nullptr;
   const auto compare = [&](Vector3d* x) {
     if (problem_.HasParameterBlock(x->data()) &&

@@ -23,7 +23,7 @@ struct RefinementInput {
   const InitialPositions& initial;
 };
 
-// Refines centres and internal translations by eq. (11) of MGSfM,
+// Refines centres and internal translations by eq. (16) of MGSfM,
 //
 //   min sum_p rho(w_p |b_p - C_p / |C_p||),
 //
@@ -37,7 +37,7 @@ SolveSummary RefineCameras(const RefinementInput& input,
                            const AngleRefinementOptions& options,
                            Positions* positions);
 
-// Refines them together with points p_k by eq. (16) of MGSfM,
+// Refines them together with points p_k by eq. (18) of MGSfM,
 //
 //   min sum_ik rho(|g_ik - (p_k - c_i) / |p_k - c_i||) + pairs,
 //

@@ -24,9 +24,10 @@ namespace mgsfm {
 //   continued with slope 1 / sigma_p below,
 //
 // over the frame centres, the internal translations of free sensors, and the
-// factors a_g. It is eq. (8) of MGSfM, min |s b - C| with s bounded from below,
-// with the unknown s eliminated pair by pair, norms that do not depend on the
-// axes, and measured lengths and bounds instead of the same bound 1 for all.
+// factors a_g. It is eq. (11) of MGSfM, min |s b - C| with s bounded from
+// below, with the unknown s eliminated pair by pair, norms that do not depend
+// on the axes, and measured lengths and bounds instead of the same bound 1 for
+// all.
 //
 // Gauge: the first placed frame is at the origin, a_0 = 1. With given internal
 // translations, their length in the unit of a_0 is one more unknown; the result

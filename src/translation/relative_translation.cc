@@ -9,6 +9,7 @@
 
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/base/random.h"
+#include "mgsfm/geometry/epipolar.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/statistics.h"
 

@@ -35,12 +35,6 @@ struct PairMotion {
   std::vector<DepthSample> depths[2];
 };
 
-// Matches per pair: unit rays in the world, of equal sizes.
-struct RayMatches {
-  std::vector<Eigen::Vector3d> rays1;
-  std::vector<Eigen::Vector3d> rays2;
-};
-
 // The direction b of the baseline between two cameras whose rotations are
 // known:
 //

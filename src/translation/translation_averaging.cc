@@ -210,9 +210,6 @@ void TranslationAverager::PlaceRemainingFrames() {
 // Angles do not tell the common scale; it is set back to that of the pairs.
 void TranslationAverager::NormalizeScale() {
   if (initial_.is_metric) return;
-  for (const Vector3d& t : problem_.fixed_translation) {
-    if (t.squaredNorm() > 0.0) return;
-  }
   double sum_expected = 0.0, sum_estimated = 0.0;
   for (size_t i = 0; i < motions_.size(); ++i) {
     const PairMotion& motion = motions_[i];

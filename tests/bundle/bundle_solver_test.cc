@@ -6,6 +6,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "bundle/bundle_fixtures.h"
 #include "bundle/ceres_reference.h"
@@ -86,6 +87,12 @@ TEST_P(BundleSolverTest, OptimumIsThatOfCeres) {
   PointFilterOptions with_parallax;
   with_parallax.min_angle_rad = DegToRad(3.0);
   FilterPoints(simulation_.scene, with_parallax, 2, &simulation_.ground_truth);
+  // Every third point: numeric derivatives are slow.
+  std::vector<Point3D>& points = simulation_.ground_truth.points;
+  for (size_t i = 0; 3 * i < points.size(); ++i) {
+    if (i > 0) points[i] = points[3 * i];
+  }
+  points.resize((points.size() + 2) / 3);
   BuiltProblem built = ExactProblem(simulation_, BundleAdjustmentOptions());
   Random random(2);
   AddPixelNoise(1.0, 0.0, &random, &built.problem);

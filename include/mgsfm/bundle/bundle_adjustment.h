@@ -14,22 +14,22 @@
 
 namespace mgsfm {
 
-// Multi-camera bundle adjustment (section 3.5 of MGSfM, eq. 16), over frame
+// Multi-camera bundle adjustment (section 3.5 of MGSfM, eq. 20), over frame
 // poses, internal poses, points and, if asked, intrinsics:
 //
-//   min sum_o rho(|Project(K, S R (p - c) + t) - x_o|)
-//       + sum_f ((f - f_given) / (sigma f_given))^2                        (1)
+//   min 1/2 sum_o rho(|Project(K, S R (p - c) + t) - x_o|^2)
+//     + 1/2 sum_f ((f - f_given) / (sigma f_given))^2                      (1)
 //
 // R, c: rotation and centre of the frame; S, t: sensor_from_rig, the constant
 // identity for the reference sensor; rho: Huber, in pixels. The second sum is
 // over refined focal lengths whose given value is trusted: a straight drive
 // does not determine them, and must not spoil them.
 //
-// Gauge. The frame with the most observations is held. Scale is held by one
-// coordinate of the largest translation of another frame or of an internal
-// pose, unless two sensors of one frame are held at different places: then
-// scale is observable, and known extrinsics keep the model metric. Nothing is
-// held if frames or points are.
+// Gauge. The frame with the most observations is held. Scale is held by the
+// largest coordinate of the offset of a frame at a typical distance, or of an
+// internal translation, unless two sensors of one frame are held at different
+// places: then scale is observable, and known extrinsics keep the model metric.
+// Nothing is held if frames or points are.
 //
 // Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
 // first; the rest is a sparse Cholesky factorisation of the frames, with the

@@ -33,9 +33,11 @@ struct SensorPoses {
 // mean square distance of the g_i from their mean. Where centres determine R,
 // its second term weighs nothing beside the first; on a straight path it gives
 // the turn about the path. If all g_i agree, R comes from orientations and the
-// scale is 1. Images that disagree with most others (more than ten times the
-// median residual of a first L1 fit) have no part in (1). nullopt if there is
-// no image.
+// scale is 1. Images that disagree with most others (by more than ten times the
+// median residual of a first fit, and 0.01 d) have no part in (1). The first
+// fit minimises the sum of distances, each at most d, starting with the best of
+// fits to two images; d: the root mean square above. nullopt if there is no
+// image.
 std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images);
 
 struct ErrorStatistics {

@@ -26,7 +26,7 @@ std::optional<Eigen::Vector3d> TriangulateTwoRays(
 
 // Robust to a minority of wrong rays: the p with
 //   p = argmin_x sum_k |rays[k] x (x - centers[k])| / d_k,
-// where d_k = |p - centers[k]|. This is eq. (14) of MGSfM with the norm of each
+// where d_k = |p - centers[k]|. This is eq. (17) of MGSfM with the norm of each
 // 3-vector instead of its three components, hence independent of the axes, and
 // with each distance to a ray divided by the depth, hence a sum of angles that
 // rays from afar do not dominate. Solved by iteratively reweighted least

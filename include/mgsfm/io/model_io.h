@@ -24,9 +24,14 @@ enum class ModelFormat { kBinary, kText };
 // share one camera, all but the first get a copy of it under an unused id, and
 // their images refer to the copy.
 //
-// Throws Error, naming the file, if one cannot be written completely.
+// Throws Error, naming the file, if one cannot be written completely, and what
+// CheckFormat throws.
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format);
+
+// Throws Error, naming the image, if the format cannot hold the name of one: in
+// text, names end at the first blank.
+void CheckFormat(const Scene& scene, ModelFormat format);
 
 // What ReadModelPoses reads of a model.
 struct ModelImage {
