@@ -285,7 +285,7 @@ TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
     }
   }
   BundleAdjustmentOptions options;
-  options.function_tolerance = 1e-12;
+  options.function_tolerance = 1e-9;
   const auto focal = [&] {
     return AdjustBundle(simulation.scene, initial, options, Threads(2))
         .estimate.cameras[0]

@@ -39,7 +39,9 @@ std::vector<ImagePoses> TrueImages(Path path, int num_frames = 20) {
         ExpSO3({0.02 * turn, turn, 0.0}),
         {100.0 + distance, std::sin(turn), 3.0 * std::cos(turn)});
     images.push_back({"left" + std::to_string(i), true, {}, left_from_world});
-    images.push_back({"right" + std::to_string(i), false, {},
+    images.push_back({"right" + std::to_string(i),
+                      false,
+                      {},
                       kRightFromLeft * left_from_world});
   }
   return images;
@@ -113,7 +115,9 @@ TEST(AlignPoses, StandingCameraHasScaleOne) {
   for (const double noise : {0.0, 0.01}) {
     std::vector<ImagePoses> images;
     for (int i = 0; i < 30; ++i) {
-      images.push_back({"", true, {},
+      images.push_back({"",
+                        true,
+                        {},
                         Rigid3::FromRotationAndCenter(
                             ExpSO3(RandomVector(&random)), {1e3, -5e2, 7.0})});
     }
@@ -142,8 +146,8 @@ TEST(AlignPoses, StandingFramesDoNotOutvoteMovingOnes) {
 TEST(Evaluate, TruthAgainstItselfHasNoError) {
   std::vector<ImagePoses> images = TrueImages(Path::kCurve);
   Register(Sim3(), &images);
-  const Evaluation evaluation = Evaluate(
-      images, true, {{"right", kRightFromLeft, kRightFromLeft}}, {});
+  const Evaluation evaluation =
+      Evaluate(images, true, {{"right", kRightFromLeft, kRightFromLeft}}, {});
   EXPECT_EQ(evaluation.num_images, 40);
   EXPECT_EQ(evaluation.num_registered, 40);
   EXPECT_LT(evaluation.rotation_deg->max, 1e-9);
@@ -155,13 +159,13 @@ TEST(Evaluate, TruthAgainstItselfHasNoError) {
   ASSERT_EQ(evaluation.sensors.size(), 1u);
   EXPECT_LT(evaluation.sensors[0].rotation_deg, 1e-9);
   EXPECT_LT(*evaluation.sensors[0].direction_deg, 1e-9);
-  EXPECT_NEAR(evaluation.sensors[0].length_m,
-              kRightFromLeft.translation.norm(), 1e-9);
-  EXPECT_NEAR(*evaluation.extent_m,
-              (images[0].cam_from_world.Center() -
-               images[38].cam_from_world.Center())
-                  .norm(),
+  EXPECT_NEAR(evaluation.sensors[0].length_m, kRightFromLeft.translation.norm(),
               1e-9);
+  EXPECT_NEAR(
+      *evaluation.extent_m,
+      (images[0].cam_from_world.Center() - images[38].cam_from_world.Center())
+          .norm(),
+      1e-9);
 }
 
 // The model is in another unit, which alignment must find before lengths in the
@@ -176,8 +180,8 @@ TEST(Evaluate, ErrorsOfTheRigAreThosePutIn) {
   estimate.rotation = ExpSO3({0.0, turn, 0.0}) * estimate.rotation;
   const Eigen::Vector3d axis =
       estimate.translation.cross(Eigen::Vector3d::UnitZ()).normalized();
-  estimate.translation =
-      1.1 * model_from_world.scale * (ExpSO3(bend * axis) * estimate.translation);
+  estimate.translation = 1.1 * model_from_world.scale *
+                         (ExpSO3(bend * axis) * estimate.translation);
   for (const bool has_true_poses : {true, false}) {
     const Evaluation evaluation = Evaluate(
         images, has_true_poses, {{"right", estimate, kRightFromLeft}}, {});
@@ -222,7 +226,9 @@ TEST(Evaluate, AreasAgreeWithACalculationByHand) {
   std::vector<ImagePoses> images;
   for (const double x : {-10.0, 10.0}) {
     for (const double y : {-10.0, 10.0}) {
-      images.push_back({"", true, {},
+      images.push_back({"",
+                        true,
+                        {},
                         Rigid3::FromRotationAndCenter(
                             Eigen::Quaterniond::Identity(), {x, y, 0.0})});
     }

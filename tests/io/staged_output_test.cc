@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/staged_output.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <map>
+#include <string>
+
+#include "io/test_database.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+using Files = std::map<std::string, std::string>;
+
+// All files below a folder, hidden ones too, with what they hold; and empty
+// folders.
+Files FilesIn(const fs::path& folder) {
+  Files files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    const std::string name = fs::relative(entry.path(), folder).string();
+    if (entry.is_regular_file()) files[name] = ReadTextFile(entry.path());
+    if (entry.is_directory() && fs::is_empty(entry.path())) files[name] = "";
+  }
+  return files;
+}
+
+class StagedOutputTest : public testing::Test {
+ protected:
+  static void Put(const fs::path& path, const std::string& text) {
+    fs::create_directories(path.parent_path());
+    WriteTextFile(path, text);
+  }
+  void WriteNewModel(const fs::path& target) {
+    StagedOutput output(target);
+    Put(output.StagingDir() / "0" / "images.bin", "new");
+    Put(output.StagingDir() / "report.json", "new");
+    output.Commit();
+  }
+
+  const TempDir dir_;
+  const fs::path target_ = dir_.path() / "out";
+};
+
+TEST_F(StagedOutputTest, NothingIsLeftWithoutCommit) {
+  for (const fs::path& target : {target_, target_ / "a" / "b"}) {
+    {
+      const StagedOutput output(target);
+      Put(output.StagingDir() / "0" / "images.bin", "new");
+      EXPECT_FALSE(fs::exists(target));
+    }
+    EXPECT_EQ(FilesIn(dir_.path()), Files());
+  }
+}
+
+TEST_F(StagedOutputTest, OldModelStaysWithoutCommit) {
+  Put(target_ / "0" / "images.bin", "old");
+  Put(target_ / "report.json", "old");
+  const Files before = FilesIn(dir_.path());
+  {
+    const StagedOutput output(target_);
+    Put(output.StagingDir() / "0" / "images.bin", "new");
+    EXPECT_EQ(ReadTextFile(target_ / "0" / "images.bin"), "old");
+  }
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+}
+
+TEST_F(StagedOutputTest, ReplacesModelsAndKeepsOtherFiles) {
+  Put(target_ / "0" / "images.bin", "old");
+  Put(target_ / "0" / "points3D.bin", "old");
+  Put(target_ / "1" / "images.txt", "old");
+  fs::create_directory(target_ / "12");
+  Put(target_ / "report.json", "old");
+  Put(target_ / "notes.txt", "mine");
+  Put(target_ / "007" / "photo.jpg", "mine");
+  Put(target_ / "0_backup" / "images.bin", "mine");
+  WriteNewModel(target_);
+  EXPECT_EQ(FilesIn(dir_.path()), (Files{{"out/0/images.bin", "new"},
+                                         {"out/report.json", "new"},
+                                         {"out/notes.txt", "mine"},
+                                         {"out/007/photo.jpg", "mine"},
+                                         {"out/0_backup/images.bin", "mine"}}));
+}
+
+TEST_F(StagedOutputTest, TakesTargetsInAllForms) {
+  const Files expected = {{"0/images.bin", "new"}, {"report.json", "new"}};
+  WriteNewModel(target_.string() + "/");
+  EXPECT_EQ(FilesIn(target_), expected);
+  WriteNewModel(target_ / "a" / ".." / "b" / "c" / "");
+  EXPECT_EQ(FilesIn(target_ / "b" / "c"), expected);
+  EXPECT_FALSE(fs::exists(target_ / "a"));
+
+  // Through a link the folder it points to is written.
+  fs::create_directory(dir_.path() / "elsewhere");
+  fs::create_directory_symlink(dir_.path() / "elsewhere", dir_.path() / "link");
+  WriteNewModel(dir_.path() / "link");
+  EXPECT_EQ(FilesIn(dir_.path() / "elsewhere"), expected);
+  EXPECT_TRUE(fs::is_symlink(dir_.path() / "link"));
+}
+
+TEST_F(StagedOutputTest, RelativeTargetsStayWhereTheyWereGiven) {
+  const fs::path previous = fs::current_path();
+  fs::current_path(dir_.path());
+  {
+    StagedOutput output("relative");
+    Put(output.StagingDir() / "0" / "images.bin", "new");
+    fs::create_directory("other");
+    fs::current_path("other");
+    output.Commit();
+  }
+  fs::current_path(dir_.path() / "relative");
+  WriteNewModel(".");
+  fs::current_path(previous);
+  EXPECT_EQ(FilesIn(dir_.path()), (Files{{"relative/0/images.bin", "new"},
+                                         {"relative/report.json", "new"},
+                                         {"other", ""}}));
+}
+
+TEST_F(StagedOutputTest, OthersMayReadTheModel) {
+  WriteNewModel(target_);
+  EXPECT_NE(fs::status(target_).permissions() & fs::perms::others_read,
+            fs::perms::none);
+}
+
+TEST_F(StagedOutputTest, RefusesAFileAsTarget) {
+  Put(target_, "mine");
+  for (const fs::path& target : {target_, target_ / "below"}) {
+    EXPECT_THAT(ErrorOf([&] { StagedOutput output(target); }),
+                HasSubstr(target_.string()));
+  }
+  EXPECT_EQ(FilesIn(dir_.path()), (Files{{"out", "mine"}}));
+}
+
+// Such as the sequences 00 to 21 of KITTI.
+TEST_F(StagedOutputTest, RefusesToReplaceWhatIsNoModel) {
+  Put(target_ / "10" / "image_0" / "000000.png", "mine");
+  const Files before = FilesIn(dir_.path());
+  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
+              HasSubstr((target_ / "10").string()));
+  fs::remove_all(target_ / "10");
+  Put(target_ / "0", "a file");
+  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
+              HasSubstr((target_ / "0").string()));
+}
+
+TEST_F(StagedOutputTest, RefusesAFolderThatCannotBeWritten) {
+  if (geteuid() == 0) GTEST_SKIP() << "root may write everywhere";
+  fs::create_directory(target_);
+  fs::permissions(target_, fs::perms::owner_read | fs::perms::owner_exec);
+  for (const fs::path& target : {target_, target_ / "a" / "b"}) {
+    EXPECT_THAT(ErrorOf([&] { StagedOutput output(target); }),
+                HasSubstr(target.string()));
+  }
+  fs::permissions(target_, fs::perms::owner_all);
+}
+
+// A move that fails half way: what was moved before goes back.
+TEST_F(StagedOutputTest, AFailedCommitPutsTheOldModelBack) {
+  Put(target_ / "0" / "images.bin", "old");
+  Put(target_ / "report.json", "old");
+  const Files before = FilesIn(dir_.path());
+  {
+    StagedOutput output(target_);
+    Put(output.StagingDir() / "0" / "images.bin", "new");
+    Put(output.StagingDir() / "report.json", "new");
+    // Stands where the old model is put aside.
+    Put(output.StagingDir() / ".replaced" / "0" / "occupied", "x");
+    EXPECT_THAT(ErrorOf([&] { output.Commit(); }), HasSubstr("cannot move"));
+  }
+  EXPECT_EQ(FilesIn(dir_.path()), before);
+}
+
+}  // namespace
+}  // namespace mgsfm
