@@ -306,6 +306,8 @@ TEST(ModelReader, NamesTheFileThatIsTruncatedAnywhere) {
   for (size_t i = 1; i < simulation.ground_truth.rig_from_world.size(); ++i) {
     Unregister(static_cast<int>(i), &simulation);
   }
+  simulation.ground_truth.points.clear();
+  for (Image& image : simulation.scene.images) image.keypoints_px.resize(2);
   const TempDir dir;
   WriteModel(dir.path(), simulation.scene, simulation.ground_truth,
              ModelFormat::kBinary);

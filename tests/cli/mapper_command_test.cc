@@ -1,0 +1,295 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The mapper as users run it: what it reads, writes, says and leaves alone.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "support/subprocess.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using Json = nlohmann::json;
+using Files = std::map<std::string, std::string>;
+
+CommandOutput RunMgsfm(const std::string& arguments) {
+  return RunShell(MGSFM_EXECUTABLE " " + arguments);
+}
+
+// All files below a folder, hidden ones too, with what they hold.
+Files FilesIn(const fs::path& folder) {
+  Files files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    files[entry.path().string()] =
+        entry.is_regular_file() ? ReadTextFile(entry.path()) : "";
+  }
+  return files;
+}
+
+// A folder `in` with a simulated drive, made once for all tests, and a new
+// folder for the output of each.
+class MapperCommand : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    shared_ = new TempDir();
+    const CommandOutput output = RunMgsfm(
+        "simulate --rig kitti360 --num_frames 12 --max_num_features 150 "
+        "--pixel_noise 0.3 --output_path " +
+        In());
+    ASSERT_EQ(output.exit_code, 0) << output.err;
+  }
+  static void TearDownTestSuite() {
+    delete shared_;
+    shared_ = nullptr;
+  }
+  static std::string In() { return (shared_->path() / "in").string(); }
+  static std::string Database() { return In() + "/database.db"; }
+
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  std::string Out() const { return Path("out"); }
+  CommandOutput Map(const std::string& more_flags = "") const {
+    return MapFrom(Database(), more_flags);
+  }
+  CommandOutput MapFrom(const std::string& database,
+                        const std::string& more_flags = "") const {
+    return RunMgsfm("mapper --database_path " + database + " --output_path " +
+                    Out() + " " + more_flags);
+  }
+  Json Report() const {
+    return Json::parse(ReadTextFile(Out() + "/report.json"));
+  }
+  // Of a model against another one, by the evaluator.
+  Json Evaluate(const std::string& model, const std::string& truth) const {
+    const std::string json = Path("evaluation.json");
+    const CommandOutput output =
+        RunMgsfm("model_evaluator --input_path " + model + " --gt_path " +
+                 truth + " --json " + json);
+    EXPECT_EQ(output.exit_code, 0) << output.err;
+    EXPECT_THAT(output.out, HasSubstr("registered"));
+    return Json::parse(ReadTextFile(json));
+  }
+  // A model of an earlier run and a file of the user.
+  void PutEarlierOutput() const {
+    fs::create_directories(Out() + "/0");
+    WriteTextFile(Out() + "/0/images.bin", "earlier");
+    WriteTextFile(Out() + "/report.json", "earlier");
+    WriteTextFile(Out() + "/notes.txt", "mine");
+  }
+  void ExpectRefused(const CommandOutput& output, const std::string& message,
+                     const Files& before) const {
+    EXPECT_EQ(output.exit_code, 1) << output.err;
+    // Log lines aside, one line that says what is wrong.
+    const size_t line = output.err.find("mgsfm: ");
+    ASSERT_NE(line, std::string::npos) << output.err;
+    const std::string error = output.err.substr(line);
+    EXPECT_THAT(error, HasSubstr(message));
+    EXPECT_EQ(std::count(error.begin(), error.end(), '\n'), 1) << error;
+    EXPECT_TRUE(FilesIn(dir_.path()) == before) << message;
+  }
+
+  static inline TempDir* shared_ = nullptr;
+  const TempDir dir_;
+};
+
+TEST_F(MapperCommand, ModelOfASmallDriveAgreesWithTheTruth) {
+  const CommandOutput output = Map();
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Json errors = Evaluate(Out() + "/0", In() + "/truth");
+  EXPECT_EQ(errors["num_images"], 48);
+  EXPECT_EQ(errors["num_registered"], 48);
+  EXPECT_LT(errors["position_m"]["max"], 0.05);
+  EXPECT_LT(errors["rotation_deg"]["max"], 0.1);
+  ASSERT_EQ(errors["sensors"].size(), 3u);
+  for (const Json& sensor : errors["sensors"]) {
+    EXPECT_LT(sensor["rotation_deg"], 0.1);
+    EXPECT_NEAR(sensor["length_m"], sensor["true_length_m"], 0.03);
+  }
+}
+
+TEST_F(MapperCommand, ReportSaysWhatWasDoneAndHowWell) {
+  ASSERT_EQ(Map().exit_code, 0);
+  const Json report = Report();
+  EXPECT_EQ(report["input"]["num_frames"], 12);
+  EXPECT_EQ(report["input"]["num_images"], 48);
+  EXPECT_GT(report["input"]["num_pairs"], 0);
+  EXPECT_GT(report["input"]["num_matches"], 0);
+  EXPECT_GT(report["peak_memory_mib"], 1.0);
+  for (const char* stage :
+       {"reading", "view graph", "rotation averaging", "writing"}) {
+    EXPECT_TRUE(report["seconds"][stage].is_number()) << stage;
+  }
+  EXPECT_TRUE(report["view_graph"]["dropped"].is_object());
+  for (const char* solve : {"frames", "joint"}) {
+    const Json& summary = report["rotation_averaging"][solve];
+    EXPECT_TRUE(summary["termination"].is_string());
+    EXPECT_TRUE(summary["num_iterations"].is_number());
+  }
+  EXPECT_TRUE(report["rotation_averaging"]["dropped"].is_object());
+  EXPECT_TRUE(report["unregistered_frames"].empty());
+
+  ASSERT_EQ(report["models"].size(), 1u);
+  const Json& model = report["models"][0];
+  EXPECT_EQ(model["num_frames"], 12);
+  EXPECT_GT(model["num_points"], 0);
+  EXPECT_LT(model["mean_reprojection_error_px"], 1.0);
+  for (const char* stage :
+       {"tracks", "translation averaging", "bundle adjustment"}) {
+    EXPECT_TRUE(model["seconds"][stage].is_number()) << stage;
+  }
+  for (const char* solve :
+       {"initialization", "camera_refinement", "joint_refinement"}) {
+    const Json& summary = model["translation_averaging"][solve];
+    EXPECT_TRUE(summary["termination"].is_string()) << solve;
+  }
+  for (const char* part : {"solves", "rounds"}) {
+    EXPECT_FALSE(model["bundle_adjustment"][part].empty()) << part;
+  }
+  ASSERT_EQ(model["rigs"].size(), 1u);
+  ASSERT_EQ(model["rigs"][0]["sensors"].size(), 4u);
+  for (const Json& sensor : model["rigs"][0]["sensors"]) {
+    EXPECT_EQ(sensor["sensor_from_rig"]["translation"].size(), 3u);
+    if (sensor["is_reference"]) continue;
+    EXPECT_TRUE(sensor["rotation"]["is_observable"]);
+    EXPECT_GT(sensor["rotation"]["num_samples"], 0);
+    EXPECT_LT(sensor["rotation"]["median_deviation_deg"], 1.0);
+    EXPECT_TRUE(sensor["translation"]["is_observable"]);
+  }
+}
+
+TEST_F(MapperCommand, DoesNotTouchTheDatabase) {
+  fs::create_directory(Path("db"));
+  fs::copy_file(Database(), Path("db/database.db"));
+  const Files before = FilesIn(Path("db"));
+  fs::permissions(Path("db"), fs::perms::owner_read | fs::perms::owner_exec);
+  fs::permissions(Path("db/database.db"), fs::perms::owner_read);
+  EXPECT_EQ(MapFrom(Path("db/database.db")).exit_code, 0);
+  EXPECT_TRUE(FilesIn(Path("db")) == before);
+  fs::permissions(Path("db"), fs::perms::owner_all);
+}
+
+TEST_F(MapperCommand, BothSchemasGiveTheSameModel) {
+  ASSERT_EQ(RunMgsfm("simulate --rig kitti360 --num_frames 12 "
+                     "--max_num_features 150 --pixel_noise 0.3 "
+                     "--database_schema 3.12 --output_path " +
+                     Path("in312"))
+                .exit_code,
+            0);
+  ASSERT_EQ(Map().exit_code, 0);
+  fs::rename(Out(), Path("out38"));
+  ASSERT_EQ(MapFrom(Path("in312/database.db")).exit_code, 0);
+  const Json errors = Evaluate(Out() + "/0", Path("out38/0"));
+  EXPECT_EQ(errors["num_registered"], 48);
+  EXPECT_LT(errors["position_m"]["max"], 1e-9);
+  EXPECT_LT(errors["rotation_deg"]["max"], 1e-7);
+  EXPECT_NEAR(errors["scale"], 1.0, 1e-9);
+}
+
+TEST_F(MapperCommand, TextHoldsTheSameModel) {
+  ASSERT_EQ(Map().exit_code, 0);
+  fs::rename(Out(), Path("binary"));
+  ASSERT_EQ(Map("--output_format txt").exit_code, 0);
+  for (const char* name : {"cameras", "images", "points3D", "rigs", "frames"}) {
+    EXPECT_TRUE(fs::exists(Out() + "/0/" + name + ".txt")) << name;
+    EXPECT_FALSE(fs::exists(Out() + "/0/" + name + ".bin")) << name;
+  }
+  const Json errors = Evaluate(Out() + "/0", Path("binary/0"));
+  EXPECT_LT(errors["position_m"]["max"], 1e-9);
+}
+
+TEST_F(MapperCommand, ReplacesAnEarlierModelAndKeepsOtherFiles) {
+  PutEarlierOutput();
+  fs::create_directories(Out() + "/1");
+  ASSERT_EQ(Map().exit_code, 0);
+  EXPECT_GT(fs::file_size(Out() + "/0/images.bin"), 1000u);
+  EXPECT_FALSE(fs::exists(Out() + "/1"));
+  EXPECT_EQ(ReadTextFile(Out() + "/notes.txt"), "mine");
+  EXPECT_EQ(Report()["models"].size(), 1u);
+}
+
+// An earlier model would be taken for the result of this run.
+TEST_F(MapperCommand, WithoutMatchesAReportAloneIsLeft) {
+  ASSERT_EQ(RunMgsfm("simulate --num_frames 5 --num_matched_frames 0 "
+                     "--match_different_sensors false --output_path " +
+                     Path("unmatched"))
+                .exit_code,
+            0);
+  PutEarlierOutput();
+  const CommandOutput output = MapFrom(Path("unmatched/database.db"));
+  EXPECT_EQ(output.exit_code, 2);
+  EXPECT_THAT(output.err, HasSubstr("report.json"));
+  EXPECT_FALSE(fs::exists(Out() + "/0"));
+  EXPECT_EQ(ReadTextFile(Out() + "/notes.txt"), "mine");
+  const Json report = Report();
+  EXPECT_TRUE(report["models"].empty());
+  ASSERT_EQ(report["unregistered_frames"].size(), 5u);
+  for (const Json& frame : report["unregistered_frames"]) {
+    EXPECT_FALSE(frame["reason"].get<std::string>().empty());
+    EXPECT_TRUE(frame["name"].is_string());
+  }
+}
+
+TEST_F(MapperCommand, BadInputLeavesEverythingAsItWas) {
+  PutEarlierOutput();
+  WriteTextFile(Path("no.db"),
+                "not a database, but long enough to be read as "
+                "the header of one, which has 100 bytes.........");
+  WriteTextFile(Path("empty.db"), "");
+  WriteTextFile(Path("config.json"),
+                "[{\"cameras\": [{\"ref_sensor\": true}]}]");
+  WriteTextFile(Path("broken.json"), "[{");
+  WriteTextFile(Path("strange.json"),
+                "[{\"cameras\": [{\"image_prefix\": \"other/\", "
+                "\"ref_sensor\": true}]}]");
+  const Files before = FilesIn(dir_.path());
+  ExpectRefused(MapFrom(Path("none.db")), "none.db", before);
+  ExpectRefused(MapFrom(Path("no.db")), "no.db", before);
+  ExpectRefused(MapFrom(Path("empty.db")), "empty.db", before);
+  ExpectRefused(MapFrom(Path("")), dir_.path().string(), before);
+  for (const char* config :
+       {"none.json", "config.json", "broken.json", "strange.json"}) {
+    ExpectRefused(Map("--rig_config_path " + Path(config)), config, before);
+  }
+  ExpectRefused(Map("--rig_name_rule '('"), "rig_name_rule", before);
+  ExpectRefused(Map("--image_path " + Path("none")), "--image_path", before);
+  ExpectRefused(Map("--min_num_frame 3"), "did you mean", before);
+  ExpectRefused(Map("--min_num_frames 1"), "min_num_frames", before);
+  ExpectRefused(Map("--output_format pdf"), "output_format", before);
+  ExpectRefused(Map("--num_threads -2"), "num_threads", before);
+}
+
+TEST_F(MapperCommand, BadInputMakesNoOutputFolder) {
+  const Files before = FilesIn(dir_.path());
+  ExpectRefused(MapFrom(Path("none.db")), "none.db", before);
+  ExpectRefused(RunMgsfm("mapper --database_path " + Path("none.db") +
+                         " --output_path " + Path("new/deep/out")),
+                "none.db", before);
+}
+
+TEST_F(MapperCommand, OutputPathsThatHoldOtherThingsAreRefused) {
+  WriteTextFile(Out(), "mine");
+  ExpectRefused(Map(), Out(), FilesIn(dir_.path()));
+  fs::remove(Out());
+  fs::create_directories(Out() + "/10/image_0");
+  ExpectRefused(Map(), Out() + "/10", FilesIn(dir_.path()));
+}
+
+TEST_F(MapperCommand, MissingImagesAreAWarning) {
+  fs::create_directory(Path("images"));
+  const CommandOutput output = Map("--image_path " + Path("images"));
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err, AllOf(HasSubstr("48 images could not be read"),
+                                HasSubstr("cam0/000000.png")));
+}
+
+}  // namespace
+}  // namespace mgsfm
