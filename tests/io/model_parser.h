@@ -9,6 +9,7 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -133,7 +134,6 @@ class ModelFields {
     for (double& value : pose) value = Get<double>();
     return pose;
   }
-  bool is_text() const { return is_text_; }
   bool IsAtEnd() { return is_text_ ? !NextLine() : position_ == data_.size(); }
 
  private:
@@ -144,15 +144,14 @@ class ModelFields {
   uint64_t num_items_ = 0;
 };
 
-inline ParsedModel ParseModel(const std::filesystem::path& folder,
-                              bool is_text) {
+inline void ParseCameras(const std::filesystem::path& folder, bool is_text,
+                         ParsedModel* model) {
   // Models used in tests: number in binary, name, number of parameters.
   const std::map<std::string, std::pair<int32_t, size_t>> camera_models = {
       {"PINHOLE", {1, 4}}, {"OPENCV_FISHEYE", {5, 8}}};
-  ParsedModel model;
   ModelFields cameras(folder, "cameras", is_text);
   while (cameras.NextItem()) {
-    ParsedCamera& camera = model.cameras[cameras.Get<uint32_t>()];
+    ParsedCamera& camera = model->cameras[cameras.Get<uint32_t>()];
     camera.model_id = is_text ? camera_models.at(cameras.GetName()).first
                               : cameras.Get<int32_t>();
     camera.width = cameras.Get<uint64_t>();
@@ -164,9 +163,13 @@ inline ParsedModel ParseModel(const std::filesystem::path& folder,
     for (double& param : camera.params) param = cameras.Get<double>();
   }
   MGSFM_CHECK(cameras.IsAtEnd());
+}
+
+inline void ParseRigs(const std::filesystem::path& folder, bool is_text,
+                      ParsedModel* model) {
   ModelFields rigs(folder, "rigs", is_text);
   while (rigs.NextItem()) {
-    std::vector<ParsedSensor>& rig = model.rigs[rigs.Get<uint32_t>()];
+    std::vector<ParsedSensor>& rig = model->rigs[rigs.Get<uint32_t>()];
     rig.resize(rigs.Get<uint32_t>());
     for (size_t i = 0; i < rig.size(); ++i) {
       rigs.ExpectCamera();
@@ -177,9 +180,13 @@ inline ParsedModel ParseModel(const std::filesystem::path& folder,
     }
   }
   MGSFM_CHECK(rigs.IsAtEnd());
+}
+
+inline void ParseFrames(const std::filesystem::path& folder, bool is_text,
+                        ParsedModel* model) {
   ModelFields frames(folder, "frames", is_text);
   while (frames.NextItem()) {
-    ParsedFrame& frame = model.frames[frames.Get<uint32_t>()];
+    ParsedFrame& frame = model->frames[frames.Get<uint32_t>()];
     frame.rig_id = frames.Get<uint32_t>();
     frame.rig_from_world = frames.GetPose();
     frame.data.resize(frames.Get<uint32_t>());
@@ -190,9 +197,13 @@ inline ParsedModel ParseModel(const std::filesystem::path& folder,
     }
   }
   MGSFM_CHECK(frames.IsAtEnd());
+}
+
+inline void ParseImages(const std::filesystem::path& folder, bool is_text,
+                        ParsedModel* model) {
   ModelFields images(folder, "images", is_text);
   while (images.NextItem()) {
-    ParsedImage& image = model.images[images.Get<uint32_t>()];
+    ParsedImage& image = model->images[images.Get<uint32_t>()];
     image.cam_from_world = images.GetPose();
     image.camera_id = images.Get<uint32_t>();
     image.name = images.GetName();
@@ -205,9 +216,13 @@ inline ParsedModel ParseModel(const std::filesystem::path& folder,
     }
   }
   MGSFM_CHECK(images.IsAtEnd());
+}
+
+inline void ParsePoints(const std::filesystem::path& folder, bool is_text,
+                        ParsedModel* model) {
   ModelFields points(folder, "points3D", is_text);
   while (points.NextItem()) {
-    ParsedPoint& point = model.points[points.Get<uint64_t>()];
+    ParsedPoint& point = model->points[points.Get<uint64_t>()];
     for (double& value : point.xyz) value = points.Get<double>();
     for (int& value : point.rgb) value = points.Get<uint8_t>();
     point.error = points.Get<double>();
@@ -218,6 +233,16 @@ inline ParsedModel ParseModel(const std::filesystem::path& folder,
     }
   }
   MGSFM_CHECK(points.IsAtEnd());
+}
+
+inline ParsedModel ParseModel(const std::filesystem::path& folder,
+                              bool is_text) {
+  ParsedModel model;
+  ParseCameras(folder, is_text, &model);
+  ParseRigs(folder, is_text, &model);
+  ParseFrames(folder, is_text, &model);
+  ParseImages(folder, is_text, &model);
+  ParsePoints(folder, is_text, &model);
   return model;
 }
 
