@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -35,6 +37,7 @@ void CheckFormat(const Scene& scene, ModelFormat format);
 
 // What ReadModelPoses reads of a model.
 struct ModelImage {
+  ImageId id;
   std::string name;
   CameraId camera_id;
   Rigid3 cam_from_world;
@@ -51,14 +54,53 @@ struct ModelRig {
   std::vector<ModelSensor> sensors;  // cameras only
 };
 
+struct ModelFrame {
+  FrameId id;
+  RigId rig_id;
+  Rigid3 rig_from_world;
+  std::vector<ImageId> image_ids;
+};
+
+// Poses of images are those of the file of images, with which frames and rigs
+// of all writers agree.
 struct PoseModel {
   std::vector<ModelImage> images;  // sorted by name
   std::vector<ModelRig> rigs;      // empty if the model has none (COLMAP 3.8)
+  std::vector<ModelFrame> frames;  // likewise
 };
 
-// Reads images and rigs of a COLMAP model, text or binary (which is preferred
-// if both are there). Throws Error, naming the file, for a missing, truncated
-// or otherwise unreadable one.
+// Reads images, rigs and frames of a COLMAP model, text or binary (which is
+// preferred if both are there), without keypoints. Throws Error, naming the
+// file, for a missing, truncated or otherwise unreadable one.
 PoseModel ReadModelPoses(const std::filesystem::path& folder);
+
+struct ModelKeypoint {
+  Eigen::Vector2d position_px;
+  std::optional<uint64_t> point_id;
+};
+
+struct ModelObservation {
+  ImageId image_id;
+  uint32_t keypoint_idx;
+};
+
+struct ModelPoint {
+  uint64_t id = 0;
+  Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
+  Eigen::Matrix<uint8_t, 3, 1> color = Eigen::Matrix<uint8_t, 3, 1>::Zero();
+  double error_px = -1.0;
+  std::vector<ModelObservation> track;
+};
+
+struct Model {
+  PoseModel poses;
+  std::vector<Camera> cameras;                        // sorted by id
+  std::vector<std::vector<ModelKeypoint>> keypoints;  // of poses.images
+  std::vector<ModelPoint> points;                     // sorted by id
+};
+
+// The same with all else that is in the model. Also throws Error if an image
+// has no camera, or points and keypoints do not refer to each other.
+Model ReadModel(const std::filesystem::path& folder);
 
 }  // namespace mgsfm

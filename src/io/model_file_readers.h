@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <sstream>
+#include <string>
+
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/rigid3.h"
+
+namespace mgsfm {
+
+// Two readers of one file of a COLMAP model with the same functions, so that
+// each kind of record is parsed by one template. A file is read as
+//
+//   while (file.NextRecord()) { file.ReadId(); ... }
+//
+// and a list within a record, whose length only binary files give, as
+//
+//   file.BeginList();
+//   while (file.NextItem()) { ... }
+//
+// All functions throw Error, naming the file, if what they read is not there or
+// cannot be true.
+
+class BinaryModelFile {
+ public:
+  static constexpr char kExtension[] = ".bin";
+
+  // Reads folder/stem.bin into memory.
+  BinaryModelFile(const std::filesystem::path& folder, const std::string& stem);
+
+  bool NextRecord();
+  uint32_t ReadId() { return Read<uint32_t>(); }
+  uint32_t ReadCount() { return Read<uint32_t>(); }
+  uint64_t ReadLongId() { return Read<uint64_t>(); }
+  uint64_t ReadSize() { return Read<uint64_t>(); }
+  std::optional<uint64_t> ReadOptionalLongId();
+  uint8_t ReadByte() { return Read<uint8_t>(); }
+  bool ReadFlag() { return Read<uint8_t>() != 0; }
+  double ReadNumber() { return Read<double>(); }
+  std::string ReadName();
+  Rigid3 ReadPose();
+  const CameraModelInfo& ReadCameraModel();
+  bool ReadSensorIsCamera();
+  void BeginList() { num_items_left_ = Read<uint64_t>(); }
+  bool NextItem();
+  // The keypoints of an image are a list, in text on a line of its own.
+  void BeginKeypoints() { BeginList(); }
+  void SkipKeypoints();
+
+  [[noreturn]] void ThrowBad(const std::string& what) const;
+
+ private:
+  template <class T>
+  T Read() {
+    Require(sizeof(T));
+    T value;
+    std::memcpy(&value, data_.data() + position_, sizeof(T));
+    position_ += sizeof(T);
+    return value;
+  }
+  void Require(uint64_t size) const;
+
+  std::filesystem::path path_;
+  std::string data_;
+  size_t position_ = 0;
+  uint64_t num_records_left_ = 0;
+  uint64_t num_items_left_ = 0;
+};
+
+class TextModelFile {
+ public:
+  static constexpr char kExtension[] = ".txt";
+
+  TextModelFile(const std::filesystem::path& folder, const std::string& stem);
+
+  bool NextRecord();
+  uint32_t ReadId();
+  uint32_t ReadCount() { return ReadId(); }
+  uint64_t ReadLongId();
+  uint64_t ReadSize() { return ReadLongId(); }
+  std::optional<uint64_t> ReadOptionalLongId();
+  uint8_t ReadByte();
+  bool ReadFlag() { return Read<int64_t>() != 0; }
+  double ReadNumber() { return Read<double>(); }
+  std::string ReadName() { return Read<std::string>(); }
+  Rigid3 ReadPose();
+  const CameraModelInfo& ReadCameraModel();
+  bool ReadSensorIsCamera();
+  void BeginList() {}
+  bool NextItem();
+  void BeginKeypoints();
+  void SkipKeypoints();
+
+  [[noreturn]] void ThrowBad(const std::string& what) const;
+
+ private:
+  template <class T>
+  T Read() {
+    T value{};
+    if (!(line_ >> value)) ThrowBad("the line is not as expected");
+    return value;
+  }
+  int64_t ReadInteger(int64_t max);
+  bool NextLine(std::string* text);
+
+  std::filesystem::path path_;
+  std::ifstream file_;
+  std::istringstream line_;
+  int line_number_ = 0;
+};
+
+}  // namespace mgsfm
