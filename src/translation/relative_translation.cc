@@ -25,7 +25,7 @@ constexpr double kRotationSigma = DegToRad(0.05);
 constexpr double kMaxDirectionSigma = DegToRad(15.0);
 constexpr double kMinSampson = 1e-4;  // of |b x g1|^2 + |b x g2|^2
 constexpr int kMinNumParallax = 8;
-constexpr int kNumHypotheses = 30;
+constexpr int kMaxNumHypotheses = 30;
 constexpr size_t kMaxNumScored = 200;
 
 class MotionEstimator {
@@ -70,21 +70,28 @@ class MotionEstimator {
  private:
   bool FindDirection(const std::optional<Vector3d>& guess, Random* random);
   void TryHypothesis(const Vector3d& hypothesis);
+  int NumHypotheses() const;
   void Refine();
+  void UpdateNoise();
   bool ChooseSign();
   bool ComputeSigma();
 
+  // Of unit vectors |b x g|^2 = 1 - (b . g)^2.
   double SampsonNorm2(const Vector3d& b, size_t m) const {
-    return std::max(
-        b.cross(rays1_[m]).squaredNorm() + b.cross(rays2_[m]).squaredNorm(),
-        kMinSampson);
+    const double c1 = b.dot(rays1_[m]);
+    const double c2 = b.dot(rays2_[m]);
+    return std::max(2.0 - c1 * c1 - c2 * c2, kMinSampson);
+  }
+  double SquaredResidual(const Vector3d& b, size_t m) const {
+    const double e = b.dot(normals_[m]);
+    return e * e / SampsonNorm2(b, m);
   }
   double Residual(const Vector3d& b, size_t m) const {
     return b.dot(normals_[m]) / std::sqrt(SampsonNorm2(b, m));
   }
-  double GemanMcClure(double residual) const {
-    const double ratio = residual / inlier_residual_;
-    const double denominator = 1.0 + ratio * ratio;
+  double GemanMcClure(double squared_residual) const {
+    const double denominator =
+        1.0 + squared_residual / (inlier_residual_ * inlier_residual_);
     return 1.0 / (denominator * denominator);
   }
   Eigen::Vector2d SignedDepths(size_t m) const {
@@ -102,9 +109,11 @@ class MotionEstimator {
   std::vector<size_t> wide_;  // matches with parallax
   Vector3d direction_ = Vector3d::Zero();
   double score_ = 0.0;
+  double inlier_ratio_ = 0.0;
   double residual_sigma_ = 0.0;
   double inlier_residual_ = 0.0;
   double sigma_rad_ = 0.0;
+  std::vector<double> sizes_;  // scratch
 };
 
 bool MotionEstimator::FindDirection(const std::optional<Vector3d>& guess,
@@ -113,7 +122,7 @@ bool MotionEstimator::FindDirection(const std::optional<Vector3d>& guess,
   score_ = std::numeric_limits<double>::infinity();
   if (guess) TryHypothesis(*guess);
   const auto num_wide = static_cast<uint32_t>(wide_.size());
-  for (int i = 0; i < kNumHypotheses; ++i) {
+  for (int i = 0; i < NumHypotheses(); ++i) {
     const Vector3d& n1 = normals_[wide_[random->Index(num_wide)]];
     const Vector3d& n2 = normals_[wide_[random->Index(num_wide)]];
     TryHypothesis(n1.cross(n2));
@@ -127,43 +136,64 @@ void MotionEstimator::TryHypothesis(const Vector3d& hypothesis) {
   const double norm = hypothesis.norm();
   if (!(norm > 1e-12)) return;
   const Vector3d b = hypothesis / norm;
-  const size_t stride = 1 + normals_.size() / kMaxNumScored;
   const double max2 = max_residual_ * max_residual_;
   double score = 0.0;
-  for (size_t m = 0; m < normals_.size(); m += stride) {
-    score += std::min(std::pow(Residual(b, m), 2), max2);
-  }
+  int num_scored = 0, num_inliers = 0;
   // Matches without parallax agree with everything; the others decide.
   for (size_t k = 0; k < wide_.size(); k += 1 + wide_.size() / kMaxNumScored) {
-    score += std::min(std::pow(Residual(b, wide_[k]), 2), max2);
+    const double residual2 = SquaredResidual(b, wide_[k]);
+    score += std::min(residual2, max2);
+    ++num_scored;
+    num_inliers += residual2 < max2;
+  }
+  const size_t stride = 1 + normals_.size() / kMaxNumScored;
+  for (size_t m = 0; m < normals_.size() && score < score_; m += stride) {
+    score += std::min(SquaredResidual(b, m), max2);
   }
   if (score < score_) {
     score_ = score;
     direction_ = b;
+    inlier_ratio_ = static_cast<double>(num_inliers) / num_scored;
   }
+}
+
+// As many as it takes to draw two inliers together, all but surely.
+int MotionEstimator::NumHypotheses() const {
+  constexpr double kLogFailure = -9.2;  // of 1e-4
+  const double success = std::min(inlier_ratio_ * inlier_ratio_, 0.99);
+  if (success * kMaxNumHypotheses < -kLogFailure) return kMaxNumHypotheses;
+  return static_cast<int>(std::ceil(kLogFailure / std::log1p(-success)));
+}
+
+void MotionEstimator::UpdateNoise() {
+  sizes_.clear();
+  const double max2 = max_residual_ * max_residual_;
+  for (size_t m = 0; m < normals_.size(); ++m) {
+    const double residual2 = SquaredResidual(direction_, m);
+    if (residual2 < max2) sizes_.push_back(std::sqrt(residual2));
+  }
+  residual_sigma_ = sizes_.empty() ? max_residual_ : 1.4826 * Median(sizes_);
+  inlier_residual_ = std::clamp(3.0 * residual_sigma_, 1e-6, max_residual_);
 }
 
 void MotionEstimator::Refine() {
   constexpr int kMaxNumIterations = 20;
+  constexpr double kMinStep = 1e-6;
   for (int i = 0; i < kMaxNumIterations; ++i) {
-    std::vector<double> sizes;
-    for (size_t m = 0; m < normals_.size(); ++m) {
-      const double size = std::abs(Residual(direction_, m));
-      if (size < max_residual_) sizes.push_back(size);
-    }
-    residual_sigma_ =
-        sizes.empty() ? max_residual_ : 1.4826 * Median(std::move(sizes));
-    inlier_residual_ = std::clamp(3.0 * residual_sigma_, 1e-6, max_residual_);
+    UpdateNoise();
     Matrix3d M = Matrix3d::Zero();
-    Matrix3d N = Matrix3d::Zero();
+    Matrix3d G = Matrix3d::Zero();
+    double sum = 0.0;
     for (size_t m = 0; m < normals_.size(); ++m) {
       const double norm2 = SampsonNorm2(direction_, m);
-      const double weight = GemanMcClure(Residual(direction_, m)) / norm2;
-      M += weight * normals_[m] * normals_[m].transpose();
-      N += weight *
-           (2.0 * Matrix3d::Identity() - rays1_[m] * rays1_[m].transpose() -
-            rays2_[m] * rays2_[m].transpose());
+      const double e = direction_.dot(normals_[m]);
+      const double weight = GemanMcClure(e * e / norm2) / norm2;
+      M.noalias() += (weight * normals_[m]) * normals_[m].transpose();
+      G.noalias() += (weight * rays1_[m]) * rays1_[m].transpose();
+      G.noalias() += (weight * rays2_[m]) * rays2_[m].transpose();
+      sum += weight;
     }
+    Matrix3d N = 2.0 * sum * Matrix3d::Identity() - G;
     N += 1e-9 * N.trace() * Matrix3d::Identity();
     const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix3d> eigen(M, N);
     Vector3d next = eigen.eigenvectors().col(0).normalized();
@@ -171,7 +201,7 @@ void MotionEstimator::Refine() {
     if (next.dot(direction_) < 0.0) next = -next;
     const double step = (next - direction_).norm();
     direction_ = next;
-    if (step < 1e-9) return;
+    if (step < kMinStep) return;
   }
 }
 
@@ -194,9 +224,9 @@ bool MotionEstimator::ComputeSigma() {
   Matrix3d information = Matrix3d::Zero();
   std::vector<double> sines;
   for (const size_t m : wide_) {
-    const double residual = Residual(direction_, m);
-    if (std::abs(residual) > inlier_residual_) continue;
-    information += GemanMcClure(residual) / SampsonNorm2(direction_, m) *
+    const double residual2 = SquaredResidual(direction_, m);
+    if (residual2 > inlier_residual_ * inlier_residual_) continue;
+    information += GemanMcClure(residual2) / SampsonNorm2(direction_, m) *
                    normals_[m] * normals_[m].transpose();
     sines.push_back(normals_[m].norm());
   }

@@ -17,10 +17,12 @@ namespace mgsfm {
 namespace {
 
 constexpr int kMinNumCommon = 5;
-constexpr int kMaxNumLinks = 6;  // of one pair in one image, best first
+constexpr int kMaxNumLinks = 3;  // of one pair in one image, best first
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
 constexpr double kMaxScaleSigma = 1.0;
+// Far below what the ratios are good for.
+constexpr double kMinStep = 1e-4;
 
 struct ScaleLink {
   int motion1;
@@ -128,7 +130,7 @@ class ScaleAverager {
     for (int round = 0; round < kMaxNumRounds; ++round) {
       const double loss_scale = std::max(3.0, 30.0 * std::pow(0.5, round));
       const double step = Update({RobustLossType::kCauchy, loss_scale});
-      if (loss_scale == 3.0 && step < 1e-6) break;
+      if (loss_scale == 3.0 && step < kMinStep) break;
     }
   }
 

@@ -31,7 +31,7 @@ struct PairScales {
 //   min_s sum_e rho((log s_b - log s_a - ratio_e)^2 / sigma_e^2)
 //
 // with a Cauchy loss from a maximum spanning forest, by reweighted least
-// squares; ends when no log s changes by more than 1e-6, or after 20 rounds.
+// squares; ends when no log s changes by more than 1e-4, or after 20 rounds.
 // Lengths on collinear motion and of cameras without overlap follow from it,
 // which directions alone do not give. Unit: the median of scale in group 0.
 // Cost: O(sum over images of (pairs of the image)^2 * matches) for the edges,
