@@ -53,13 +53,45 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
   return selected;
 }
 
+// Tracks without the matches of pairs that turned out to contradict the others,
+// so that copies of a structure are not one.
+ObservationGroups EstablishComponentsAnew(
+    const Scene& scene, const ViewGraph& view_graph,
+    const RotationEstimate& rotations,
+    const std::vector<char>& pair_contradicts, const TrackOptions& options,
+    const Context& context) {
+  std::vector<char> pair_is_used = rotations.pair_is_inlier;
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    if (pair_contradicts[i]) pair_is_used[i] = false;
+  }
+  return EstablishTracks(scene, view_graph, pair_is_used, options, context)
+      .estimate.components;
+}
+
+void WarnOfSuspiciousGroups(const Scene& scene,
+                            const TranslationSummary& summary,
+                            const Context& context) {
+  for (const SuspiciousGroup& group : summary.suspicious_groups) {
+    const auto name = [&](int frame_idx) {
+      return "'" + scene.frames[frame_idx].name + "'";
+    };
+    context.Warning(
+        std::to_string(group.num_pairs) + " pairs between frames " +
+        name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
+        " and " + name(group.first_frame_idx2) + " to " +
+        name(group.last_frame_idx2) +
+        " contradict all others and are left out; perhaps they show two "
+        "structures that look alike");
+  }
+}
+
 MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
-  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
+  TrackResult tracks = Timed("tracks", context, &model.times, [&] {
     return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
                            options.tracks, context);
   });
@@ -72,6 +104,12 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                    options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
+  if (!model.translation.suspicious_groups.empty()) {
+    WarnOfSuspiciousGroups(scene, model.translation, context);
+    tracks.estimate.components = EstablishComponentsAnew(
+        scene, view_graph, rotations, translation.pair_contradicts,
+        options.tracks, context);
+  }
 
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(

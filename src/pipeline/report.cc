@@ -91,12 +91,28 @@ Json ToJson(const TrackSummary& summary) {
       {"mean_track_length", summary.mean_track_length}};
 }
 
-Json ToJson(const TranslationSummary& summary) {
+Json ToJson(const Scene& scene, const std::vector<SuspiciousGroup>& groups) {
+  Json json = Json::array();
+  const auto names = [&](int first, int last) {
+    return Json{scene.frames[first].name, scene.frames[last].name};
+  };
+  for (const SuspiciousGroup& group : groups) {
+    json.push_back(
+        {{"num_pairs", group.num_pairs},
+         {"frames1", names(group.first_frame_idx1, group.last_frame_idx1)},
+         {"frames2", names(group.first_frame_idx2, group.last_frame_idx2)}});
+  }
+  return json;
+}
+
+Json ToJson(const Scene& scene, const TranslationSummary& summary) {
   return {{"initialization", ToJson(summary.initialization)},
           {"camera_refinement", ToJson(summary.camera_refinement)},
           {"joint_refinement", ToJson(summary.joint_refinement)},
           {"num_pairs_used", summary.num_pairs_used},
           {"num_pairs_without_parallax", summary.num_pairs_without_parallax},
+          {"num_pairs_inconsistent", summary.num_pairs_inconsistent},
+          {"suspicious_groups", ToJson(scene, summary.suspicious_groups)},
           {"num_points", summary.num_points}};
 }
 
@@ -196,7 +212,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
                : Json(nullptr)},
           {"rigs", RigsToJson(scene, rotation, model)},
           {"tracks", ToJson(model.tracks)},
-          {"translation_averaging", ToJson(model.translation)},
+          {"translation_averaging", ToJson(scene, model.translation)},
           {"bundle_adjustment", ToJson(scene, model.bundle)},
           {"seconds", ToJson(model.times)}};
 }

@@ -10,6 +10,7 @@
 #include "mgsfm/base/timer.h"
 #include "mgsfm/geometry/so3.h"
 #include "translation/angle_refinement.h"
+#include "translation/pair_consistency.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
@@ -53,8 +54,10 @@ class TranslationAverager {
     EstimatePairs();
     Initialize();
     RefineWithPairs();
+    SetContradictingPairsAside();
     RefineWithPoints();
     NormalizeScale();
+    FindContradictions();
     WriteEstimate();
     DescribeSensors();
     return std::move(result_);
@@ -64,11 +67,13 @@ class TranslationAverager {
   void EstimatePairs();
   void Initialize();
   void RefineWithPairs();
+  void SetContradictingPairsAside();
   void RefineWithPoints();
   void Triangulate(double max_error_rad);
   SolveSummary RefineJointly(double loss_scale_rad, double function_tolerance,
                              int max_num_iterations);
   void PlaceRemainingFrames();
+  void FindContradictions();
   void NormalizeScale();
   void WriteEstimate();
   void DescribeSensors();
@@ -111,6 +116,9 @@ void TranslationAverager::EstimatePairs() {
   scales_ =
       AverageScales(motions_, static_cast<int>(scene_.images.size()), context_);
   LogTime("scales of pairs");
+  for (PairMotion& motion : motions_) {
+    for (auto& depths : motion.depths) std::vector<DepthSample>().swap(depths);
+  }
   TranslationSummary& summary = result_.summary;
   for (size_t i = 0; i < motions_.size(); ++i) {
     switch (motions_[i].kind) {
@@ -144,6 +152,14 @@ void TranslationAverager::RefineWithPairs() {
   result_.summary.camera_refinement = RefineCameras(Input(), options, &refined);
   if (result_.summary.camera_refinement.IsUsable()) positions_ = refined;
   LogTime("refinement of cameras");
+}
+
+void TranslationAverager::SetContradictingPairsAside() {
+  const std::vector<char> contradicts =
+      FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    if (contradicts[i]) motions_[i].kind = PairKind::kUnused;
+  }
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
@@ -205,6 +221,14 @@ void TranslationAverager::PlaceRemainingFrames() {
                           context_.num_threads, &positions_);
   result_.summary.num_frames_placed_by_points += num_placed;
   if (num_placed > 0) Triangulate(2.0 * max_angle_rad_);
+}
+
+// All pairs are judged, also those set aside: points may have told better.
+void TranslationAverager::FindContradictions() {
+  result_.pair_contradicts =
+      FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
+  result_.summary.suspicious_groups =
+      GroupSuspiciousPairs(problem_, motions_, result_.pair_contradicts);
 }
 
 // Angles do not tell the common scale; it is set back to that of the pairs.

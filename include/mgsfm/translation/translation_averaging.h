@@ -23,6 +23,8 @@ namespace mgsfm {
 //    of their lengths from points that two pairs see (scale_averaging.h).
 // 2. A convex L1 problem in c^g, t^r, by ADMM (position_initialization.h).
 // 3. Refinement of angles between b_ij and c_j - c_i (angle_refinement.h).
+//    Pairs that contradict its result, as repeated structures make them, are
+//    left out from then on (pair_consistency.h).
 // 4. Triangulation of the tracks, L1 (mgsfm/geometry/triangulation.h).
 // 5. Refinement of the angles between rays and points, over c^g, t^r and
 //    points, twice, with re-triangulation between.
@@ -72,6 +74,16 @@ struct InternalTranslationSummary {
   std::string message;  // which directions were not observable, and why
 };
 
+// Pairs that agree with each other, but not with the rest: between the frames
+// first_frame_idx1 to last_frame_idx1 and first_frame_idx2 to last_frame_idx2.
+struct SuspiciousGroup {
+  int num_pairs = 0;
+  int first_frame_idx1 = 0;
+  int last_frame_idx1 = 0;
+  int first_frame_idx2 = 0;
+  int last_frame_idx2 = 0;
+};
+
 struct TranslationSummary {
   std::vector<InternalTranslationSummary> sensors;
   SolveSummary initialization;     // L1, ADMM
@@ -80,6 +92,7 @@ struct TranslationSummary {
   int num_pairs_used = 0;          // with a direction
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no motion explains their matches
+  std::vector<SuspiciousGroup> suspicious_groups;  // largest first
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known
@@ -89,6 +102,8 @@ struct TranslationSummary {
 
 struct TranslationResult {
   PositionEstimate estimate;
+  // Per pair of the view graph: its measured baseline contradicts the estimate.
+  std::vector<char> pair_contradicts;
   TranslationSummary summary;
 };
 

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/translation/translation_averaging.h"
+#include "translation/position_initialization.h"
+#include "translation/position_problem.h"
+#include "translation/relative_translation.h"
+#include "translation/scale_averaging.h"
+
+namespace mgsfm {
+
+// Pairs that see a repeated structure, such as two equal facades, agree among
+// themselves on a motion that never was: the rotation may even be right, and
+// on a straight road the direction too. What cannot be right is the length,
+// which matches shared with true pairs tell (scale_averaging.h). Hence a pair
+// with measured baseline m = s b contradicts the positions if for C = c_j - c_i
+//
+//   |C - m| > 1/2 max(|C|, |m|)   and   |C - m| > 1/4 of a typical depth.
+//
+// The second keeps pairs that close a loop: they miss by the drift, which is
+// small compared with what the cameras see; copies miss by the distance from
+// the original. Per motion; false where it has no direction or is not placed.
+std::vector<char> FindContradictingPairs(const PositionProblem& problem,
+                                         const std::vector<PairMotion>& motions,
+                                         const PairScales& scales,
+                                         const InitialPositions& initial,
+                                         const Positions& positions);
+
+// Puts contradicting pairs together that share a frame, directly or through
+// others of them. Largest group first.
+std::vector<SuspiciousGroup> GroupSuspiciousPairs(
+    const PositionProblem& problem, const std::vector<PairMotion>& motions,
+    const std::vector<char>& pair_contradicts);
+
+}  // namespace mgsfm
