@@ -21,6 +21,13 @@ EpipolarPose ToEpipolarPose(const Rigid3& cam2_from_cam1) {
           cam2_from_cam1.translation.normalized()};
 }
 
+bool IsInlierOf(const EpipolarPose& pose, const Eigen::Vector3d& ray1,
+                const Eigen::Vector3d& ray2, double max_error_rad) {
+  const EpipolarTerms terms(pose, ray1, ray2);
+  return terms.IsWithin(max_error_rad * max_error_rad) &&
+         terms.IsInFront(ray2, max_error_rad);
+}
+
 // Both motions of one of the two unit vectors u with |H u| = 1 that are normal
 // to v2 and, with it, span a plane that H moves rigidly.
 void AppendPlanarMotions(const Eigen::Matrix3d& H, const Eigen::Vector3d& v2,
@@ -108,9 +115,7 @@ bool IsInFront(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
 
 bool IsInlier(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
               const Eigen::Vector3d& ray2, double max_error_rad) {
-  const EpipolarTerms terms(ToEpipolarPose(cam2_from_cam1), ray1, ray2);
-  return terms.IsWithin(max_error_rad * max_error_rad) &&
-         terms.IsInFront(ray2, max_error_rad);
+  return IsInlierOf(ToEpipolarPose(cam2_from_cam1), ray1, ray2, max_error_rad);
 }
 
 bool IsRotationInlier(const Eigen::Quaterniond& cam2_from_cam1,
@@ -118,6 +123,40 @@ bool IsRotationInlier(const Eigen::Quaterniond& cam2_from_cam1,
                       double max_error_rad) {
   return (cam2_from_cam1 * ray1 - ray2).squaredNorm() <=
          2.0 * max_error_rad * max_error_rad;
+}
+
+std::vector<char> FindInliers(const RayMatches& matches,
+                              const Rigid3& cam2_from_cam1,
+                              double max_error_rad) {
+  const EpipolarPose pose = ToEpipolarPose(cam2_from_cam1);
+  std::vector<char> is_inlier(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    is_inlier[i] =
+        IsInlierOf(pose, matches.rays1[i], matches.rays2[i], max_error_rad);
+  }
+  return is_inlier;
+}
+
+std::vector<char> FindRotationInliers(const RayMatches& matches,
+                                      const Eigen::Quaterniond& cam2_from_cam1,
+                                      double max_error_rad) {
+  std::vector<char> is_inlier(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    is_inlier[i] = IsRotationInlier(cam2_from_cam1, matches.rays1[i],
+                                    matches.rays2[i], max_error_rad);
+  }
+  return is_inlier;
+}
+
+std::vector<double> SampsonAngles(const RayMatches& matches,
+                                  const Rigid3& cam2_from_cam1) {
+  const EpipolarPose pose = ToEpipolarPose(cam2_from_cam1);
+  std::vector<double> angles(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    angles[i] = std::sqrt(
+        EpipolarTerms(pose, matches.rays1[i], matches.rays2[i]).SquaredError());
+  }
+  return angles;
 }
 
 PoseScore ScoreRelativePose(const RayMatches& matches,

@@ -77,11 +77,10 @@ void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
                      Scored<Rigid3>* best) {
   RayMatches inliers;
   inliers.Reserve(best->score.num_inliers);
+  const std::vector<char> is_inlier =
+      FindInliers(matches, best->model, options.max_error_rad);
   for (size_t i = 0; i < matches.size(); ++i) {
-    if (IsInlier(best->model, matches.rays1[i], matches.rays2[i],
-                 options.max_error_rad)) {
-      inliers.Add(matches.rays1[i], matches.rays2[i]);
-    }
+    if (is_inlier[i]) inliers.Add(matches.rays1[i], matches.rays2[i]);
   }
   Rigid3 refined = best->model;
   if (!RefineRelativePose(inliers, LocalOptions(options), &refined)

@@ -28,10 +28,11 @@ Basis TangentBasis(const Eigen::Vector3d& t) {
   return basis;
 }
 
-// Sampson error and its gradient by the perturbation of the pose.
-double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
-                    const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2,
-                    Vector5d* gradient) {
+// Sampson error and its gradient by the perturbation of the pose. Inline, as
+// this is the innermost of all loops over matches.
+inline double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
+                           const Eigen::Vector3d& ray1,
+                           const Eigen::Vector3d& ray2, Vector5d* gradient) {
   const EpipolarTerms m(pose, ray1, ray2);
   if (!m.IsDefined()) {
     gradient->setZero();

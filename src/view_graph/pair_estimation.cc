@@ -25,8 +25,8 @@ constexpr int kMaxNumRotationTrials = 200;
 // Of the loss, over the maximal error.
 constexpr double kInitialLossScale = 0.25;
 constexpr double kMinLossScale = 1e-3;
-constexpr double kCoarseCostTolerance = 1e-3;
-constexpr double kFineCostTolerance = 1e-6;
+constexpr double kCoarseCostTolerance = 1e-2;
+constexpr double kFineCostTolerance = 1e-5;
 // Of the median error of a rotation to that of a pose. Without any parallax it
 // is 1.7: the medians of the length of two normal errors and of one. Beyond
 // this a rotation fitted alone is biased by the parallax.
@@ -63,12 +63,7 @@ RelativePose ToRelativePose(const Rigid3& cam2_from_cam1) {
 }
 
 double MedianError(const RayMatches& matches, const Rigid3& pose) {
-  std::vector<double> errors(matches.size());
-  for (size_t i = 0; i < matches.size(); ++i) {
-    errors[i] =
-        std::abs(SampsonAngle(pose, matches.rays1[i], matches.rays2[i]));
-  }
-  return Median(std::move(errors));
+  return Median(SampsonAngles(matches, pose));
 }
 
 double MedianRotationError(const RayMatches& matches,
@@ -127,12 +122,11 @@ class PairEstimator {
                : ScoreRotation(matches_, pose.cam2_from_cam1, max_error_);
   }
 
-  bool IsInlierOf(const RelativePose& pose, size_t i, double max_error) const {
-    const Eigen::Vector3d& ray1 = matches_.rays1[i];
-    const Eigen::Vector3d& ray2 = matches_.rays2[i];
+  std::vector<char> InliersOf(const RelativePose& pose,
+                              double max_error) const {
     return pose.translation_direction
-               ? IsInlier(ToRigid3(pose), ray1, ray2, max_error)
-               : IsRotationInlier(pose.cam2_from_cam1, ray1, ray2, max_error);
+               ? FindInliers(matches_, ToRigid3(pose), max_error)
+               : FindRotationInliers(matches_, pose.cam2_from_cam1, max_error);
   }
 
   void Try(const RelativePose& pose, PairOutcome source) {
@@ -200,8 +194,10 @@ class PairEstimator {
   void Refine() {
     RayMatches inliers;
     inliers.Reserve(matches_.size());
+    const std::vector<char> is_inlier =
+        InliersOf(pose_, kRelaxation * max_error_);
     for (size_t i = 0; i < matches_.size(); ++i) {
-      if (IsInlierOf(pose_, i, kRelaxation * max_error_)) {
+      if (is_inlier[i]) {
         inliers.Add(matches_.rays1[i], matches_.rays2[i]);
       }
     }
@@ -242,10 +238,12 @@ class PairEstimator {
   // Whether the rotation explains nearly all inliers of the pose.
   bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
+    const std::vector<char> is_inlier = InliersOf(pose_, max_error_);
+    const Eigen::Matrix3d R = rotation.toRotationMatrix();
     int num_inliers = 0, num_with_parallax = 0;
     for (size_t i = 0; i < matches_.size(); ++i) {
-      if (!IsInlierOf(pose_, i, max_error_)) continue;
-      const Eigen::Vector3d a = rotation * matches_.rays1[i];
+      if (!is_inlier[i]) continue;
+      const Eigen::Vector3d a = R * matches_.rays1[i];
       ++num_inliers;
       num_with_parallax +=
           (a - matches_.rays2[i]).squaredNorm() > min_parallax * min_parallax;
@@ -267,8 +265,9 @@ class PairEstimator {
       result.pair.relative_pose->translation_direction.reset();
     }
     result.pair.matches.reserve(score_.num_inliers);
+    const std::vector<char> is_inlier = InliersOf(pose_, max_error_);
     for (size_t i = 0; i < matches_.size(); ++i) {
-      if (IsInlierOf(pose_, i, max_error_)) {
+      if (is_inlier[i]) {
         result.pair.matches.push_back(pair_.matches[positions_[i]]);
       }
     }

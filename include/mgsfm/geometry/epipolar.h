@@ -108,6 +108,16 @@ bool IsRotationInlier(const Eigen::Quaterniond& cam2_from_cam1,
                       const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2,
                       double max_error_rad);
 
+// The same for many matches: which are inliers, and |SampsonAngle|.
+std::vector<char> FindInliers(const RayMatches& matches,
+                              const Rigid3& cam2_from_cam1,
+                              double max_error_rad);
+std::vector<char> FindRotationInliers(const RayMatches& matches,
+                                      const Eigen::Quaterniond& cam2_from_cam1,
+                                      double max_error_rad);
+std::vector<double> SampsonAngles(const RayMatches& matches,
+                                  const Rigid3& cam2_from_cam1);
+
 // --- Refinement ---
 
 // Both refinements minimise sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = loss scale
