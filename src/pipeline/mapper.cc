@@ -68,10 +68,30 @@ ObservationGroups EstablishComponentsAnew(
       .estimate.components;
 }
 
+// Pairs of the part that its rotations or positions contradict.
+std::vector<SuspiciousGroup> FindSuspiciousGroups(
+    const Scene& scene, const ViewGraph& view_graph,
+    const RotationEstimate& rotations,
+    const std::vector<char>& pair_contradicts) {
+  std::vector<char> is_suspicious = pair_contradicts;
+  for (size_t i = 0; i < is_suspicious.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    const bool is_rotation_known =
+        pair.relative_pose && rotations.CamFromWorld(scene, pair.image_idx1) &&
+        rotations.CamFromWorld(scene, pair.image_idx2);
+    if (is_rotation_known && !rotations.pair_is_inlier[i]) {
+      is_suspicious[i] = true;
+    }
+  }
+  return GroupSuspiciousPairs(scene, view_graph, is_suspicious);
+}
+
 void WarnOfSuspiciousGroups(const Scene& scene,
-                            const TranslationSummary& summary,
+                            const std::vector<SuspiciousGroup>& groups,
                             const Context& context) {
-  for (const SuspiciousGroup& group : summary.suspicious_groups) {
+  constexpr int kMinNumPairs = 5;  // fewer are just wrong
+  for (const SuspiciousGroup& group : groups) {
+    if (group.num_pairs < kMinNumPairs) continue;
     const auto name = [&](int frame_idx) {
       return "'" + scene.frames[frame_idx].name + "'";
     };
@@ -104,8 +124,10 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                    options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
-  if (!model.translation.suspicious_groups.empty()) {
-    WarnOfSuspiciousGroups(scene, model.translation, context);
+  model.suspicious_groups = FindSuspiciousGroups(scene, view_graph, rotations,
+                                                 translation.pair_contradicts);
+  WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
+  if (model.translation.num_pairs_contradicting > 0) {
     tracks.estimate.components = EstablishComponentsAnew(
         scene, view_graph, rotations, translation.pair_contradicts,
         options.tracks, context);

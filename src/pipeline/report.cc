@@ -105,14 +105,14 @@ Json ToJson(const Scene& scene, const std::vector<SuspiciousGroup>& groups) {
   return json;
 }
 
-Json ToJson(const Scene& scene, const TranslationSummary& summary) {
+Json ToJson(const TranslationSummary& summary) {
   return {{"initialization", ToJson(summary.initialization)},
           {"camera_refinement", ToJson(summary.camera_refinement)},
           {"joint_refinement", ToJson(summary.joint_refinement)},
           {"num_pairs_used", summary.num_pairs_used},
           {"num_pairs_without_parallax", summary.num_pairs_without_parallax},
           {"num_pairs_inconsistent", summary.num_pairs_inconsistent},
-          {"suspicious_groups", ToJson(scene, summary.suspicious_groups)},
+          {"num_pairs_contradicting", summary.num_pairs_contradicting},
           {"num_points", summary.num_points}};
 }
 
@@ -212,7 +212,8 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
                : Json(nullptr)},
           {"rigs", RigsToJson(scene, rotation, model)},
           {"tracks", ToJson(model.tracks)},
-          {"translation_averaging", ToJson(scene, model.translation)},
+          {"translation_averaging", ToJson(model.translation)},
+          {"suspicious_groups", ToJson(scene, model.suspicious_groups)},
           {"bundle_adjustment", ToJson(scene, model.bundle)},
           {"seconds", ToJson(model.times)}};
 }

@@ -8,6 +8,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/statistics.h"
+#include "mgsfm/scene/backbone.h"
 #include "rotation/internal_rotations.h"
 #include "rotation/rotation_problem.h"
 #include "rotation/rotation_solver.h"
@@ -36,10 +37,12 @@ RotationEdge MakeEdge(const ImagePair& pair,
 class RotationAverager {
  public:
   RotationAverager(const Scene& scene, const ViewGraph& view_graph,
+                   const std::vector<char>& pair_is_used,
                    const RotationAveragingOptions& options,
                    const Context& context)
       : scene_(scene),
         view_graph_(view_graph),
+        pair_is_used_(pair_is_used),
         options_(options),
         context_(context),
         max_error_(DegToRad(options.max_error_deg)) {}
@@ -96,6 +99,7 @@ class RotationAverager {
 
   const Scene& scene_;
   const ViewGraph& view_graph_;
+  const std::vector<char>& pair_is_used_;
   const RotationAveragingOptions& options_;
   const Context& context_;
   const double max_error_;
@@ -129,7 +133,7 @@ PairProblem RotationAverager::BuildImageProblem() const {
   pairs.problem.sensor_is_free = {0};
   for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
     const ImagePair& pair = view_graph_.pairs[i];
-    if (!pair.relative_pose) continue;
+    if (!pair_is_used_[i] || !pair.relative_pose) continue;
     RotationEdge edge = MakeEdge(pair, options_);
     edge.node1 = pair.image_idx1;
     edge.node2 = pair.image_idx2;
@@ -197,7 +201,7 @@ PairProblem RotationAverager::BuildFrameProblem() const {
   pairs.problem.sensor_is_free.assign(scene_.sensors.size(), 0);
   for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
     const ImagePair& pair = view_graph_.pairs[i];
-    if (!IsUsable(pair)) continue;
+    if (!pair_is_used_[i] || !IsUsable(pair)) continue;
     RotationEdge edge = MakeEdge(pair, options_);
     edge.node1 = FrameOf(pair.image_idx1);
     edge.node2 = FrameOf(pair.image_idx2);
@@ -336,6 +340,43 @@ void RotationAverager::CountPairs() {
   }
 }
 
+// Pairs that the rotations of the backbone alone contradict by more than their
+// drift; in a part that the backbone connects.
+std::vector<char> FindPairsWithinDrift(const Scene& scene,
+                                       const ViewGraph& view_graph,
+                                       const std::vector<char>& pair_is_used,
+                                       const std::vector<char>& is_in_backbone,
+                                       const RotationEstimate& by_backbone,
+                                       double max_error_deg) {
+  // Of the backbone; a chain of thousands of frames drifts less.
+  constexpr double kMaxDriftDeg = 10.0;
+  std::vector<char> is_within = pair_is_used;
+  int num_tested = 0, num_beyond = 0;
+  for (size_t i = 0; i < is_within.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    if (!pair_is_used[i] || !pair.relative_pose) continue;
+    const auto rotation1 = by_backbone.CamFromWorld(scene, pair.image_idx1);
+    const auto rotation2 = by_backbone.CamFromWorld(scene, pair.image_idx2);
+    const auto part = [&](int image_idx) {
+      return by_backbone.component[scene.images[image_idx].frame_idx];
+    };
+    if (!rotation1 || !rotation2 ||
+        part(pair.image_idx1) != part(pair.image_idx2)) {
+      continue;
+    }
+    const double error = AngleBetween(
+        pair.relative_pose->cam2_from_cam1 * *rotation1, *rotation2);
+    ++num_tested;
+    if (is_in_backbone[i] || error <= DegToRad(max_error_deg + kMaxDriftDeg)) {
+      continue;
+    }
+    is_within[i] = false;
+    ++num_beyond;
+  }
+  return num_beyond > kMaxShareBeyondDrift * num_tested ? pair_is_used
+                                                        : is_within;
+}
+
 }  // namespace
 
 RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
@@ -347,7 +388,21 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
     MGSFM_CHECK(pair.image_idx2 >= 0 && pair.image_idx2 < num_images);
     MGSFM_CHECK_NE(pair.image_idx1, pair.image_idx2);
   }
-  return RotationAverager(scene, view_graph, options, context).Run();
+  std::vector<char> pair_is_used(view_graph.pairs.size());
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    pair_is_used[i] = view_graph.pairs[i].relative_pose.has_value();
+  }
+  const std::vector<char> is_in_backbone =
+      SelectBackbone(scene, view_graph, pair_is_used);
+  Context quiet = context;
+  quiet.log = nullptr;
+  quiet.progress = nullptr;
+  const RotationResult by_backbone =
+      RotationAverager(scene, view_graph, is_in_backbone, options, quiet).Run();
+  const std::vector<char> is_within =
+      FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_backbone,
+                           by_backbone.estimate, options.max_error_deg);
+  return RotationAverager(scene, view_graph, is_within, options, context).Run();
 }
 
 }  // namespace mgsfm

@@ -3,7 +3,6 @@
 
 #include <vector>
 
-#include "mgsfm/translation/translation_averaging.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
@@ -27,11 +26,5 @@ std::vector<char> FindContradictingPairs(const PositionProblem& problem,
                                          const PairScales& scales,
                                          const InitialPositions& initial,
                                          const Positions& positions);
-
-// Puts contradicting pairs together that share a frame, directly or through
-// others of them. Largest group first.
-std::vector<SuspiciousGroup> GroupSuspiciousPairs(
-    const PositionProblem& problem, const std::vector<PairMotion>& motions,
-    const std::vector<char>& pair_contradicts);
 
 }  // namespace mgsfm

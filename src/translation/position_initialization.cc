@@ -111,10 +111,12 @@ class PositionInitializer {
  public:
   PositionInitializer(const PositionProblem& problem,
                       const std::vector<PairMotion>& motions,
-                      const PairScales& scales, double min_parallax_deg)
+                      const PairScales& scales, double min_parallax_deg,
+                      int max_num_iterations)
       : problem_(problem),
         motions_(motions),
         scales_(scales),
+        max_num_iterations_(max_num_iterations),
         // A baseline of this length would be seen as parallax at typical depth.
         zero_baseline_sigma_(3.0 * std::sin(DegToRad(min_parallax_deg)) *
                              std::max(scales.typical_depth, 1e-3)) {}
@@ -158,6 +160,7 @@ class PositionInitializer {
   const PositionProblem& problem_;
   const std::vector<PairMotion>& motions_;
   const PairScales& scales_;
+  const int max_num_iterations_;
   const double zero_baseline_sigma_;
   bool estimate_baseline_unit_ = false;
   InitialPositions result_;
@@ -429,7 +432,7 @@ bool PositionInitializer::Solve() {
       Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
   state_ = AdmmState();
   AdmmOptions options;
-  options.max_num_iterations = 2000;
+  options.max_num_iterations = max_num_iterations_;
   if (!op.IsPositiveDefinite()) return true;
   result_.solve = MinimizeByAdmm(op, b, system.function, options, &state_);
   if (unit_column_ < 0) return true;
@@ -480,8 +483,11 @@ double ProxOfScaleResidual(double v, double rho, double bound, double steep) {
 InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
-                                     double min_parallax_deg) {
-  return PositionInitializer(problem, motions, scales, min_parallax_deg).Run();
+                                     double min_parallax_deg,
+                                     int max_num_iterations) {
+  return PositionInitializer(problem, motions, scales, min_parallax_deg,
+                             max_num_iterations)
+      .Run();
 }
 
 }  // namespace mgsfm

@@ -53,7 +53,8 @@ struct InitialPositions {
 InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
-                                     double min_parallax_deg);
+                                     double min_parallax_deg,
+                                     int max_num_iterations);
 
 // The prox of phi at v with step 1 / rho, where phi(v) = |v| for v >= bound and
 // rises with slope `steep` >= 1 below bound <= 0.

@@ -303,10 +303,10 @@ class PairMotionStage {
     for (size_t m = 0; m < used.size(); ++m) {
       const auto depths = estimator.Depths(m);
       if (!depths) continue;
-      motion->depths[0].push_back(
-          {static_cast<int>(used[m].keypoint_idx1), std::log((*depths)[0])});
-      motion->depths[1].push_back(
-          {static_cast<int>(used[m].keypoint_idx2), std::log((*depths)[1])});
+      motion->depths[0].push_back({static_cast<int>(used[m].keypoint_idx1),
+                                   static_cast<float>(std::log((*depths)[0]))});
+      motion->depths[1].push_back({static_cast<int>(used[m].keypoint_idx2),
+                                   static_cast<float>(std::log((*depths)[1]))});
     }
     for (auto& depths : motion->depths) {
       std::sort(depths.begin(), depths.end(),

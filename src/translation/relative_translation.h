@@ -20,7 +20,7 @@ enum class PairKind {
 // Depth of a keypoint's point along its ray, in baselines of the pair.
 struct DepthSample {
   int keypoint_idx;
-  double log_depth;
+  float log_depth;
 };
 
 struct PairMotion {

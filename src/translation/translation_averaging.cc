@@ -9,7 +9,9 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/scene/backbone.h"
 #include "translation/angle_refinement.h"
+#include "translation/impossible_pairs.h"
 #include "translation/pair_consistency.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
@@ -26,6 +28,9 @@ using Eigen::Vector3d;
 constexpr double kCoarseErrorRad = DegToRad(4.0);
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kMinLossRad = DegToRad(0.01);
+constexpr int kMaxNumL1Iterations = 2000;
+// Only to tell the possible from the impossible.
+constexpr int kMaxNumBackboneIterations = 60;
 constexpr int kNumCoarseIterations = 10;
 constexpr double kFunctionTolerance = 1e-5;
 // Of points, compared with the median depth of points.
@@ -52,6 +57,7 @@ class TranslationAverager {
 
   TranslationResult Run() {
     EstimatePairs();
+    SetImpossiblePairsAside();
     Initialize();
     RefineWithPairs();
     SetContradictingPairsAside();
@@ -65,6 +71,8 @@ class TranslationAverager {
 
  private:
   void EstimatePairs();
+  void SetImpossiblePairsAside();
+  void SetAside(const std::vector<char>& is_set_aside);
   void Initialize();
   void RefineWithPairs();
   void SetContradictingPairsAside();
@@ -135,9 +143,39 @@ void TranslationAverager::EstimatePairs() {
   summary.num_scale_groups = static_cast<int>(scales_.group_sizes.size());
 }
 
+void TranslationAverager::SetAside(const std::vector<char>& is_set_aside) {
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    if (is_set_aside[i]) motions_[i].kind = PairKind::kUnused;
+  }
+}
+
+void TranslationAverager::SetImpossiblePairsAside() {
+  std::vector<int> num_matches(motions_.size());
+  std::vector<char> has_direction(motions_.size());
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
+    has_direction[i] = motions_[i].kind == PairKind::kDirection;
+  }
+  const std::vector<char> is_in_backbone =
+      SelectBackbone(scene_, view_graph_, has_direction);
+  std::vector<PairMotion> backbone = motions_;
+  for (size_t i = 0; i < backbone.size(); ++i) {
+    if (has_direction[i] && !is_in_backbone[i]) {
+      backbone[i].kind = PairKind::kUnused;
+    }
+  }
+  SetAside(FindImpossiblePairs(problem_, motions_, num_matches, is_in_backbone,
+                               scales_,
+                               InitializePositions(problem_, backbone, scales_,
+                                                   options_.min_parallax_deg,
+                                                   kMaxNumBackboneIterations)));
+  LogTime("backbone");
+}
+
 void TranslationAverager::Initialize() {
-  initial_ = InitializePositions(problem_, motions_, scales_,
-                                 options_.min_parallax_deg);
+  initial_ =
+      InitializePositions(problem_, motions_, scales_,
+                          options_.min_parallax_deg, kMaxNumL1Iterations);
   positions_ = initial_.positions;
   result_.summary.initialization = initial_.solve;
   result_.summary.is_metric = initial_.is_metric;
@@ -155,11 +193,8 @@ void TranslationAverager::RefineWithPairs() {
 }
 
 void TranslationAverager::SetContradictingPairsAside() {
-  const std::vector<char> contradicts =
-      FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    if (contradicts[i]) motions_[i].kind = PairKind::kUnused;
-  }
+  SetAside(FindContradictingPairs(problem_, motions_, scales_, initial_,
+                                  positions_));
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
@@ -227,8 +262,8 @@ void TranslationAverager::PlaceRemainingFrames() {
 void TranslationAverager::FindContradictions() {
   result_.pair_contradicts =
       FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
-  result_.summary.suspicious_groups =
-      GroupSuspiciousPairs(problem_, motions_, result_.pair_contradicts);
+  result_.summary.num_pairs_contradicting = static_cast<int>(std::count(
+      result_.pair_contradicts.begin(), result_.pair_contradicts.end(), true));
 }
 
 // Angles do not tell the common scale; it is set back to that of the pairs.

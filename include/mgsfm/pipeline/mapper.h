@@ -8,6 +8,7 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/rotation/rotation_averaging.h"
+#include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -58,6 +59,8 @@ struct MapperModel {
   TrackSummary tracks;
   TranslationSummary translation;
   BundleSummary bundle;
+  // Pairs of this part that rotations or positions contradict.
+  std::vector<SuspiciousGroup> suspicious_groups;
   std::vector<StageTime> times;
 };
 

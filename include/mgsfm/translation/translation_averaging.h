@@ -74,16 +74,6 @@ struct InternalTranslationSummary {
   std::string message;  // which directions were not observable, and why
 };
 
-// Pairs that agree with each other, but not with the rest: between the frames
-// first_frame_idx1 to last_frame_idx1 and first_frame_idx2 to last_frame_idx2.
-struct SuspiciousGroup {
-  int num_pairs = 0;
-  int first_frame_idx1 = 0;
-  int last_frame_idx1 = 0;
-  int first_frame_idx2 = 0;
-  int last_frame_idx2 = 0;
-};
-
 struct TranslationSummary {
   std::vector<InternalTranslationSummary> sensors;
   SolveSummary initialization;     // L1, ADMM
@@ -92,7 +82,7 @@ struct TranslationSummary {
   int num_pairs_used = 0;          // with a direction
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no motion explains their matches
-  std::vector<SuspiciousGroup> suspicious_groups;  // largest first
+  int num_pairs_contradicting = 0;  // by direction or length
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known

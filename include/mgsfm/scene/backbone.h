@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Pairs of neighbours. Counting votes does not tell a road from one that is
+// folded so that two equal facades meet: few pairs cross the place where it
+// would tear, and many may join the facades. What tells them apart is strength.
+// Neighbours share most of what they see; images of two like structures share
+// only these. So a first estimate is made from the backbone alone, and pairs
+// that its drift cannot explain are left out of the second.
+//
+// The strength of a pair of images of different frames is the number of its
+// matches over that of the best such pair of either image, whichever gives
+// more. Pairs are in the backbone that are stronger than 0.6, or in one frame,
+// or needed to connect its parts: of the pairs that leave a part, those with at
+// least half the strength of the strongest.
+//
+// Per pair; false where pair_is_used is.
+std::vector<char> SelectBackbone(const Scene& scene,
+                                 const ViewGraph& view_graph,
+                                 const std::vector<char>& pair_is_used);
+
+// Of the pairs of a view graph that a backbone can judge, more than this share
+// cannot be wrong; if so it is the backbone that is.
+constexpr double kMaxShareBeyondDrift = 1.0 / 3.0;
+
+// Wrong pairs between two stretches of neighbouring frames: first_frame_idx1 to
+// last_frame_idx1 and first_frame_idx2 to last_frame_idx2.
+struct SuspiciousGroup {
+  int num_pairs = 0;
+  int first_frame_idx1 = 0;
+  int last_frame_idx1 = 0;
+  int first_frame_idx2 = 0;
+  int last_frame_idx2 = 0;
+};
+
+// Puts suspicious pairs together whose frames are, at both ends, at most three
+// apart in the order of the scene. Largest group first. A group of many is the
+// mark of structures that look alike.
+std::vector<SuspiciousGroup> GroupSuspiciousPairs(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<char>& pair_is_suspicious);
+
+}  // namespace mgsfm

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/backbone.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <tuple>
+#include <utility>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/math/union_find.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kMaxFrameGap = 3;
+constexpr double kMinStrength = 0.6;
+constexpr double kMinConnectingStrength = 0.5;  // of the strongest
+
+class BackboneSelector {
+ public:
+  BackboneSelector(const Scene& scene, const ViewGraph& view_graph,
+                   const std::vector<char>& pair_is_used)
+      : scene_(scene),
+        view_graph_(view_graph),
+        is_used_(pair_is_used),
+        strengths_(view_graph.pairs.size(), 0.0),
+        is_selected_(view_graph.pairs.size(), false),
+        parts_(scene.frames.size()) {}
+
+  std::vector<char> Run() {
+    ComputeStrengths();
+    for (size_t i = 0; i < is_selected_.size(); ++i) {
+      if (is_used_[i] && (!IsBetweenFrames(i) || strengths_[i] > kMinStrength))
+        Select(i);
+    }
+    while (ConnectParts()) {
+    }
+    return std::move(is_selected_);
+  }
+
+ private:
+  int Frame1(size_t i) const {
+    return scene_.images[view_graph_.pairs[i].image_idx1].frame_idx;
+  }
+  int Frame2(size_t i) const {
+    return scene_.images[view_graph_.pairs[i].image_idx2].frame_idx;
+  }
+  bool IsBetweenFrames(size_t i) const { return Frame1(i) != Frame2(i); }
+  bool LeavesPart(size_t i) {
+    return is_used_[i] && parts_.Find(Frame1(i)) != parts_.Find(Frame2(i));
+  }
+  void Select(size_t i) {
+    is_selected_[i] = true;
+    parts_.Union(Frame1(i), Frame2(i));
+  }
+
+  void ComputeStrengths() {
+    const std::vector<ImagePair>& pairs = view_graph_.pairs;
+    std::vector<size_t> most(scene_.images.size(), 1);
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      if (!is_used_[i] || !IsBetweenFrames(i)) continue;
+      for (const int image : {pairs[i].image_idx1, pairs[i].image_idx2}) {
+        most[image] = std::max(most[image], pairs[i].matches.size());
+      }
+    }
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      if (!is_used_[i] || !IsBetweenFrames(i)) continue;
+      const size_t best =
+          std::min(most[pairs[i].image_idx1], most[pairs[i].image_idx2]);
+      strengths_[i] = static_cast<double>(pairs[i].matches.size()) / best;
+    }
+  }
+
+  // False if no pair leaves its part.
+  bool ConnectParts() {
+    std::vector<double> strongest(parts_.size(), 0.0);  // by representative
+    for (size_t i = 0; i < strengths_.size(); ++i) {
+      if (!LeavesPart(i)) continue;
+      for (const int frame : {Frame1(i), Frame2(i)}) {
+        double& most = strongest[parts_.Find(frame)];
+        most = std::max(most, strengths_[i]);
+      }
+    }
+    std::vector<size_t> connecting;
+    for (size_t i = 0; i < strengths_.size(); ++i) {
+      if (LeavesPart(i) &&
+          strengths_[i] >= kMinConnectingStrength *
+                               std::min(strongest[parts_.Find(Frame1(i))],
+                                        strongest[parts_.Find(Frame2(i))])) {
+        connecting.push_back(i);
+      }
+    }
+    for (const size_t i : connecting) Select(i);
+    return !connecting.empty();
+  }
+
+  const Scene& scene_;
+  const ViewGraph& view_graph_;
+  const std::vector<char>& is_used_;
+  std::vector<double> strengths_;
+  std::vector<char> is_selected_;
+  UnionFind parts_;  // of frames
+};
+
+}  // namespace
+
+std::vector<char> SelectBackbone(const Scene& scene,
+                                 const ViewGraph& view_graph,
+                                 const std::vector<char>& pair_is_used) {
+  MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
+  return BackboneSelector(scene, view_graph, pair_is_used).Run();
+}
+
+std::vector<SuspiciousGroup> GroupSuspiciousPairs(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<char>& pair_is_suspicious) {
+  MGSFM_CHECK_EQ(pair_is_suspicious.size(), view_graph.pairs.size());
+  std::vector<std::pair<int, int>> frames;  // low, high
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    if (!pair_is_suspicious[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    frames.push_back(std::minmax({scene.images[pair.image_idx1].frame_idx,
+                                  scene.images[pair.image_idx2].frame_idx}));
+  }
+  std::sort(frames.begin(), frames.end());
+  UnionFind sets(frames.size());
+  for (size_t i = 0; i < frames.size(); ++i) {
+    for (size_t k = i + 1;
+         k < frames.size() && frames[k].first - frames[i].first <= kMaxFrameGap;
+         ++k) {
+      if (std::abs(frames[k].second - frames[i].second) <= kMaxFrameGap) {
+        sets.Union(i, k);
+      }
+    }
+  }
+  std::vector<SuspiciousGroup> group_of_set(frames.size());
+  for (size_t i = 0; i < frames.size(); ++i) {
+    SuspiciousGroup& group = group_of_set[sets.Find(i)];
+    const auto [low, high] = frames[i];
+    if (group.num_pairs++ == 0) group = {1, low, low, high, high};
+    group.first_frame_idx1 = std::min(group.first_frame_idx1, low);
+    group.last_frame_idx1 = std::max(group.last_frame_idx1, low);
+    group.first_frame_idx2 = std::min(group.first_frame_idx2, high);
+    group.last_frame_idx2 = std::max(group.last_frame_idx2, high);
+  }
+  std::vector<SuspiciousGroup> groups;
+  for (const SuspiciousGroup& group : group_of_set) {
+    if (group.num_pairs > 0) groups.push_back(group);
+  }
+  std::sort(groups.begin(), groups.end(),
+            [](const SuspiciousGroup& a, const SuspiciousGroup& b) {
+              return std::tuple(-a.num_pairs, a.first_frame_idx1,
+                                a.first_frame_idx2) <
+                     std::tuple(-b.num_pairs, b.first_frame_idx1,
+                                b.first_frame_idx2);
+            });
+  return groups;
+}
+
+}  // namespace mgsfm

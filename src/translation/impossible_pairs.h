@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "translation/position_initialization.h"
+#include "translation/position_problem.h"
+#include "translation/relative_translation.h"
+#include "translation/scale_averaging.h"
+
+namespace mgsfm {
+
+// Pairs that no drift explains. Positions by the backbone alone
+// (mgsfm/scene/backbone.h) drift with the way between two frames, measured
+// along its strongest tree: a pair with measured baseline m = s b is impossible
+// if for C = c_j - c_i
+//
+//   |C - m| > 0.2 way + a quarter of a typical depth.
+//
+// Nothing is impossible if more than kMaxShareBeyondDrift of all pairs were.
+// Per motion. Cost: a way through the tree for each pair.
+std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
+                                      const std::vector<PairMotion>& motions,
+                                      const std::vector<int>& num_matches,
+                                      const std::vector<char>& is_in_backbone,
+                                      const PairScales& scales,
+                                      const InitialPositions& by_backbone);
+
+}  // namespace mgsfm
