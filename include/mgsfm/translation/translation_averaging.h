@@ -81,7 +81,7 @@ struct TranslationSummary {
   SolveSummary joint_refinement;   // angles, cameras and points
   int num_pairs_used = 0;          // with a direction
   int num_pairs_without_parallax = 0;
-  int num_pairs_inconsistent = 0;  // no motion explains their matches
+  int num_pairs_inconsistent = 0;   // no motion explains their matches
   int num_pairs_contradicting = 0;  // by direction or length
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;

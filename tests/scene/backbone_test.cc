@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/backbone.h"
+
+#include <gtest/gtest.h>
+
+namespace mgsfm {
+namespace {
+
+// Frames in a row, each with one image.
+Scene MakeScene(int num_frames) {
+  Scene scene;
+  for (int i = 0; i < num_frames; ++i) {
+    scene.images.push_back(
+        {ImageId(static_cast<uint32_t>(i + 1)), "", 0, 0, i, {}});
+    scene.frames.push_back({FrameId(static_cast<uint32_t>(i + 1)), "", 0, {i}});
+  }
+  return scene;
+}
+
+void AddPair(int image_idx1, int image_idx2, int num_matches,
+             ViewGraph* view_graph) {
+  ImagePair pair;
+  pair.image_idx1 = image_idx1;
+  pair.image_idx2 = image_idx2;
+  pair.matches.resize(num_matches);
+  view_graph->pairs.push_back(pair);
+}
+
+std::vector<char> All(const ViewGraph& view_graph) {
+  return std::vector<char>(view_graph.pairs.size(), true);
+}
+
+TEST(Backbone, TakesNeighboursAndNoCopies) {
+  const Scene scene = MakeScene(20);
+  ViewGraph view_graph;
+  std::vector<char> is_neighbour;
+  for (int i = 0; i + 1 < 20; ++i) {
+    AddPair(i, i + 1, 100, &view_graph);
+    is_neighbour.push_back(true);
+    if (i + 2 < 20) {
+      AddPair(i, i + 2, 50, &view_graph);
+      is_neighbour.push_back(false);
+    }
+    if (i + 10 < 20) {
+      AddPair(i, i + 10, 40, &view_graph);
+      is_neighbour.push_back(false);
+    }
+  }
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph)), is_neighbour);
+}
+
+TEST(Backbone, WeakLinksConnectWhatNothingElseDoes) {
+  const Scene scene = MakeScene(6);
+  ViewGraph view_graph;
+  AddPair(0, 1, 100, &view_graph);
+  AddPair(1, 2, 100, &view_graph);
+  AddPair(3, 4, 100, &view_graph);
+  AddPair(4, 5, 100, &view_graph);
+  AddPair(2, 3, 30, &view_graph);
+  AddPair(2, 4, 20, &view_graph);  // nearly as strong
+  AddPair(0, 5, 10, &view_graph);  // far weaker
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph)),
+            (std::vector<char>{true, true, true, true, true, true, false}));
+}
+
+TEST(Backbone, LeavesOutWhatIsNotUsed) {
+  const Scene scene = MakeScene(3);
+  ViewGraph view_graph;
+  AddPair(0, 1, 100, &view_graph);
+  AddPair(1, 2, 50, &view_graph);
+  EXPECT_EQ(SelectBackbone(scene, view_graph, {false, true}),
+            (std::vector<char>{false, true}));
+}
+
+TEST(SuspiciousGroups, AreStretchesOfNeighbours) {
+  const Scene scene = MakeScene(100);
+  ViewGraph view_graph;
+  AddPair(10, 50, 20, &view_graph);
+  AddPair(11, 52, 20, &view_graph);
+  AddPair(12, 49, 20, &view_graph);
+  AddPair(12, 90, 20, &view_graph);  // shares an end only
+  AddPair(10, 51, 20, &view_graph);  // not suspicious
+  const std::vector<SuspiciousGroup> groups =
+      GroupSuspiciousPairs(scene, view_graph, {true, true, true, true, false});
+  ASSERT_EQ(groups.size(), 2u);
+  EXPECT_EQ(groups[0].num_pairs, 3);
+  EXPECT_EQ(groups[0].first_frame_idx1, 10);
+  EXPECT_EQ(groups[0].last_frame_idx1, 12);
+  EXPECT_EQ(groups[0].first_frame_idx2, 49);
+  EXPECT_EQ(groups[0].last_frame_idx2, 52);
+  EXPECT_EQ(groups[1].num_pairs, 1);
+  EXPECT_EQ(groups[1].first_frame_idx2, 90);
+}
+
+}  // namespace
+}  // namespace mgsfm
