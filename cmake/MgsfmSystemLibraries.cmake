@@ -23,3 +23,5 @@ mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
 mgsfm_find_library(opencv_core opencv_core opencv2/core.hpp opencv4)
 mgsfm_find_library(opencv_imgcodecs opencv_imgcodecs opencv2/imgcodecs.hpp
   opencv4)
+mgsfm_find_library(opencv_imgproc opencv_imgproc opencv2/imgproc.hpp opencv4)
+mgsfm_find_library(mgsfm_exiv2 exiv2 exiv2/exiv2.hpp "")

@@ -43,3 +43,19 @@ function(mgsfm_add_test name)
     set_tests_properties(${name} PROPERTIES LABELS "${arg_LABELS}")
   endif()
 endfunction()
+
+# mgsfm_add_benchmark(NAME SOURCES ... DEPENDS modules... [LINK packages...])
+# One program mgsfm_NAME. It needs the shared libraries that it uses and no
+# others, so that it can be taken to another machine.
+function(mgsfm_add_benchmark name)
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK" ${ARGN})
+  set(target mgsfm_${name})
+  add_executable(${target} ${arg_SOURCES})
+  target_include_directories(${target} PRIVATE
+    ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/bench)
+  foreach(module IN LISTS arg_DEPENDS)
+    target_link_libraries(${target} PRIVATE mgsfm::${module})
+  endforeach()
+  target_link_libraries(${target} PRIVATE ${arg_LINK} mgsfm_warnings)
+  target_link_options(${target} PRIVATE LINKER:--as-needed)
+endfunction()

@@ -10,16 +10,19 @@ table='
 base:
 math: base
 geometry: base
+least_squares: base math geometry
 scene: base math geometry
 io: base math geometry scene
+features: base geometry scene io
+matching: base math geometry scene io
 synthetic: base math geometry scene
 eval: base math geometry scene
 view_graph: base math geometry scene
 rotation: base math geometry scene
 tracks: base math geometry scene
-translation: base math geometry scene
-bundle: base math geometry scene
-pipeline: base math geometry scene view_graph rotation tracks translation bundle
+translation: base math geometry least_squares scene
+bundle: base math geometry least_squares scene
+pipeline: base math geometry least_squares scene view_graph rotation tracks translation bundle
 '
 
 find include src apps -name '*.h' -o -name '*.cc' | sort |

@@ -10,6 +10,7 @@ packages=(
   cmake ninja-build g++ ccache
   libeigen3-dev libceres-dev libsuitesparse-dev libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
+  libopencv-imgproc-dev libexiv2-dev
   libgtest-dev libgmock-dev
 )
 case "${1:-}" in

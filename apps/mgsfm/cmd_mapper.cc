@@ -2,12 +2,12 @@
 #include <sys/resource.h>
 
 #include <filesystem>
-#include <fstream>
 
 #include "command.h"
 #include "commands.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/io/model_io.h"
+#include "mgsfm/io/output_file.h"
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/scene_loading.h"
@@ -16,13 +16,6 @@
 #include "mgsfm/pipeline/report.h"
 
 namespace mgsfm {
-
-template <>
-struct EnumTable<ModelFormat> {
-  static constexpr std::pair<std::string_view, ModelFormat> kNames[] = {
-      {"bin", ModelFormat::kBinary}, {"txt", ModelFormat::kText}};
-};
-
 namespace {
 
 struct MapperCommandOptions {
@@ -94,16 +87,23 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
                std::to_string(model.reconstruction.points.size()) + " points");
 }
 
-void WriteText(const std::filesystem::path& path, const std::string& text) {
-  std::ofstream file(path, std::ios::binary);
-  file << text;
-  file.close();
-  if (!file) throw Error("cannot write '" + path.string() + "'");
+void WriteModels(const LoadedScene& loaded, const MapperResult& result,
+                 ModelFormat format, const std::filesystem::path& output_path,
+                 const Context& context) {
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    const std::filesystem::path folder = output_path / std::to_string(i);
+    const Reconstruction& model = result.models[i].reconstruction;
+    std::filesystem::create_directory(folder);
+    WriteModel(folder, loaded.scene, model, format, context);
+    WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
+    LogModel(loaded.scene, result.models[i], i, context);
+  }
 }
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
   CheckPaths(options);
+  context.Debug("reading started");
   StagedOutput output(options.output_path);
   RunDescription run;
   run.version = MGSFM_VERSION;
@@ -120,23 +120,18 @@ int RunMapperCommand(const MapperCommandOptions& options,
 
   MapperResult result =
       RunMapper(loaded.scene, loaded.view_graph, options.mapper, context);
+  context.Debug("writing started");
   const Timer writing;
   if (!options.image_path.empty()) {
     Color(loaded.scene, options.image_path, context, &result);
   }
-  for (size_t i = 0; i < result.models.size(); ++i) {
-    const std::filesystem::path folder =
-        output.StagingDir() / std::to_string(i);
-    std::filesystem::create_directory(folder);
-    const Reconstruction& model = result.models[i].reconstruction;
-    WriteModel(folder, loaded.scene, model, options.output_format);
-    WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
-    LogModel(loaded.scene, result.models[i], i, context);
-  }
+  WriteModels(loaded, result, options.output_format, output.StagingDir(),
+              context);
   run.times.push_back({"writing", writing.Seconds()});
   run.peak_memory_mib = PeakMemoryMib();
-  WriteText(output.StagingDir() / "report.json",
+  WriteFile(output.StagingDir() / "report.json",
             MapperReportToJson(loaded.scene, loaded.view_graph, result, run));
+  context.CheckInterrupted();
   output.Commit();
   if (result.models.empty()) {
     context.log(LogLevel::kError,

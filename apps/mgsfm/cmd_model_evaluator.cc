@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <map>
+#include <set>
 #include <sstream>
 
 #include "command.h"
 #include "commands.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/io/model_io.h"
+#include "mgsfm/eval/evaluation_plot.h"
+#include "mgsfm/io/database.h"
+#include "mgsfm/io/output_file.h"
+#include "mgsfm/io/scene_loading.h"
 #include "mgsfm/io/trajectory_io.h"
+#include "named_model.h"
+#include "true_trajectory.h"
 
 namespace mgsfm {
 namespace {
@@ -37,8 +41,12 @@ struct EvaluatorOptions {
   std::string gt_path;
   TruthFormat gt_format = TruthFormat::kColmap;
   std::string calib_path;
+  std::string database_path;
+  std::string image_prefix;
   std::string reference;
+  std::string rig_name_rule = "auto";
   std::string json;
+  std::string svg_path;
   std::string position_thresholds = "0.05,0.1,0.5,1";
   std::string rotation_thresholds = "0.5,1,5";
 
@@ -56,10 +64,21 @@ struct EvaluatorOptions {
     visit("calib_path", self.calib_path, AnyValue(), "",
           "True rig: KITTI's calib.txt, or EuRoC's sensor yaml of every "
           "camera, separated by commas; in the order of the camera folders.");
+    visit("database_path", self.database_path, AnyValue(), "",
+          "Database of the model, for kitti and tum: its images that are not "
+          "in the model count as not registered. Without it, only those in "
+          "gaps between frames of the model do.");
+    visit("image_prefix", self.image_prefix, AnyValue(), "",
+          "Only images whose names start like this, as seq1/, are evaluated.");
     visit("reference", self.reference, AnyValue(), "",
-          "Folder of the camera that --gt_path is of; by default the model's "
-          "reference, or the first folder.");
+          "Folder of the camera that --gt_path is of; by default the "
+          "reference of the model's rig, or the first folder.");
+    visit("rig_name_rule", self.rig_name_rule, AnyValue(), "",
+          "How image names tell cameras and frames if the model has no rigs; "
+          "as for the mapper.");
     visit("json", self.json, AnyValue(), "", "Also write a JSON file.");
+    visit("svg_path", self.svg_path, AnyValue(), "",
+          "Also draw the path from above and the errors along it, as SVG.");
     visit("position_thresholds", self.position_thresholds, AnyValue(), "m",
           "Of the areas under the curve, separated by commas.");
     visit("rotation_thresholds", self.rotation_thresholds, AnyValue(), "deg",
@@ -92,278 +111,226 @@ std::vector<double> ParseThresholds(const std::string& name,
   return thresholds;
 }
 
-std::string FolderOf(const std::string& image_name) {
-  const size_t slash = image_name.rfind('/');
-  return slash == std::string::npos ? "" : image_name.substr(0, slash);
-}
+// True sensor_from_ref per sensor of the model, as far as it is known.
+using TrueSensors = std::vector<std::optional<Rigid3>>;
 
-std::string FrameOf(const std::string& image_name) {
-  const std::string file = image_name.substr(image_name.rfind('/') + 1);
-  return file.substr(0, file.rfind('.'));
-}
-
-// The number that a name consists of.
-std::optional<double> NumberOf(const std::string& name) {
-  if (name.empty() ||
-      name.find_first_not_of("0123456789.") != std::string::npos) {
-    return std::nullopt;
-  }
-  std::istringstream stream(name);
-  double number = 0.0;
-  if (!(stream >> number) || !stream.eof()) return std::nullopt;
-  return number;
-}
-
-// A model by folders (cameras) and file names (frames), the reference first.
-struct NamedModel {
-  PoseModel poses;
-  std::vector<std::string> folders;  // sorted, but for the reference
-  std::vector<std::string> frames;   // sorted
-  std::map<std::string, std::optional<Rigid3>> sensor_from_ref;
-};
-
-NamedModel NameModel(PoseModel poses, const std::string& reference) {
-  NamedModel model;
-  std::map<CameraId, std::string> folder_of_camera;
-  std::map<std::string, int> folders, frames;
-  for (const ModelImage& image : poses.images) {
-    folder_of_camera.emplace(image.camera_id, FolderOf(image.name));
-    ++folders[FolderOf(image.name)];
-    ++frames[FrameOf(image.name)];
-  }
-  for (const auto& folder : folders) model.folders.push_back(folder.first);
-  for (const auto& frame : frames) model.frames.push_back(frame.first);
-  std::string first = reference;
-  for (const ModelRig& rig : poses.rigs) {
-    for (const ModelSensor& sensor : rig.sensors) {
-      const auto it = folder_of_camera.find(sensor.camera_id);
-      if (it == folder_of_camera.end()) continue;
-      if (sensor.is_reference && first.empty()) first = it->second;
-      model.sensor_from_ref[it->second] = sensor.sensor_from_rig;
-    }
-  }
-  if (first.empty() && !model.folders.empty()) first = model.folders.front();
-  const auto it = std::find(model.folders.begin(), model.folders.end(), first);
-  if (it == model.folders.end()) {
-    throw Error("no image of the model is in the reference folder '" + first +
-                "'");
-  }
-  std::rotate(model.folders.begin(), it, it + 1);
-  const std::optional<Rigid3> ref_from_rig = model.sensor_from_ref[first];
-  for (auto& [folder, pose] : model.sensor_from_ref) {
-    if (pose && ref_from_rig) pose = *pose * ref_from_rig->Inverse();
-  }
-  model.poses = std::move(poses);
-  return model;
-}
-
-// True sensor_from_ref of each folder that the calibration has.
-std::map<std::string, Rigid3> ReadCalibration(const std::string& calib_path,
-                                              const NamedModel& model) {
-  std::vector<std::string> sorted = model.folders;
-  std::sort(sorted.begin(), sorted.end());
+std::vector<Rigid3> ReadCameras(const std::string& calib_path) {
   const std::vector<std::string> paths = SplitList(calib_path);
-  std::vector<Rigid3> cameras;
-  std::map<std::string, Rigid3> sensors;
-  if (paths.empty()) return sensors;
   const std::string extension =
       std::filesystem::path(paths.front()).extension().string();
-  if (extension == ".yaml" || extension == ".yml") {
-    for (const std::string& path : paths) {
-      cameras.push_back(ReadEurocCalibration(path));
-    }
-  } else {
-    cameras = ReadKittiCalibration(paths.front());
+  if (extension != ".yaml" && extension != ".yml") {
+    return ReadKittiCalibration(paths.front());
   }
-  for (size_t i = 0; i < sorted.size(); ++i) {
-    // image_2 and image_3 are the third and fourth of KITTI's matrices.
-    const size_t digits = sorted[i].find_last_not_of("0123456789") + 1;
-    const auto number = NumberOf(sorted[i].substr(digits));
-    const size_t k = number && *number < static_cast<double>(cameras.size())
-                         ? static_cast<size_t>(*number)
-                         : i;
-    if (k >= cameras.size()) {
-      throw Error("'" + calib_path + "' has no camera for the folder '" +
-                  sorted[i] + "'");
-    }
-    sensors[sorted[i]] = cameras[k];
+  std::vector<Rigid3> cameras;
+  for (const std::string& path : paths) {
+    cameras.push_back(ReadEurocCalibration(path));
   }
-  const Rigid3 ref_from_any = sensors.at(model.folders.front());
-  for (auto& sensor : sensors) {
-    sensor.second = sensor.second * ref_from_any.Inverse();
+  return cameras;
+}
+
+// The camera of a sensor: image_2 and image_3 are the third and fourth of
+// KITTI's matrices, others go by their order.
+const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
+                       const std::vector<Rigid3>& cameras,
+                       const std::string& calib_path) {
+  const size_t digits = sensor_name.find_last_not_of("0123456789") + 1;
+  const auto number = ParseNumber(sensor_name.substr(digits));
+  const size_t k = number && *number < static_cast<double>(cameras.size())
+                       ? static_cast<size_t>(*number)
+                       : order;
+  if (k >= cameras.size()) {
+    throw Error("'" + calib_path + "' has no camera for the images of '" +
+                sensor_name + "'");
+  }
+  return cameras[k];
+}
+
+TrueSensors ReadTrueSensors(const std::string& calib_path,
+                            const NamedModel& model) {
+  TrueSensors sensors(model.scene.sensors.size());
+  for (const int ref_sensor : model.ref_sensor) sensors[ref_sensor] = Rigid3();
+  if (SplitList(calib_path).empty()) return sensors;
+  const std::vector<Rigid3> cameras = ReadCameras(calib_path);
+  for (size_t rig_idx = 0; rig_idx < model.scene.rigs.size(); ++rig_idx) {
+    std::map<std::string, int> by_name;
+    for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
+      by_name[model.scene.sensors[sensor_idx].name] = sensor_idx;
+    }
+    size_t order = 0;
+    for (const auto& [name, sensor_idx] : by_name) {
+      sensors[sensor_idx] = CameraOf(name, order++, cameras, calib_path);
+    }
+    const Rigid3 any_from_ref = sensors[model.ref_sensor[rig_idx]]->Inverse();
+    for (const auto& [name, sensor_idx] : by_name) {
+      sensors[sensor_idx] = *sensors[sensor_idx] * any_from_ref;
+    }
   }
   return sensors;
 }
 
-std::vector<SensorPoses> PairSensors(
-    const NamedModel& model, const std::map<std::string, Rigid3>& truth) {
+std::vector<SensorPoses> PairSensors(const NamedModel& model,
+                                     const TrueSensors& truth) {
   std::vector<SensorPoses> sensors;
-  for (size_t i = 1; i < model.folders.size(); ++i) {
-    const std::string& folder = model.folders[i];
-    SensorPoses sensor;
-    sensor.name = folder;
-    const auto estimate = model.sensor_from_ref.find(folder);
-    if (estimate != model.sensor_from_ref.end()) {
-      sensor.sensor_from_ref = estimate->second;
-    }
-    const auto it = truth.find(folder);
-    if (it != truth.end()) sensor.true_sensor_from_ref = it->second;
-    sensors.push_back(sensor);
+  for (size_t i = 0; i < model.scene.sensors.size(); ++i) {
+    const Sensor& sensor = model.scene.sensors[i];
+    if (model.ref_sensor[sensor.rig_idx] == static_cast<int>(i)) continue;
+    sensors.push_back({sensor.name, model.sensor_from_ref[i], truth[i]});
   }
   return sensors;
 }
 
-// Which pose belongs to each frame; the frames are numbers below the number of
-// poses, or as many as there are poses.
-std::map<std::string, Rigid3> AssignByNumber(
-    const std::vector<std::string>& frames, const std::vector<Rigid3>& poses,
-    const std::string& path) {
-  bool are_line_numbers = true;
-  for (const std::string& frame : frames) {
-    const auto number = NumberOf(frame);
-    are_line_numbers &= number && *number < static_cast<double>(poses.size()) &&
-                        *number == std::floor(*number);
-  }
-  if (!are_line_numbers && frames.size() != poses.size()) {
-    throw Error("'" + path + "' has " + std::to_string(poses.size()) +
-                " poses for the " + std::to_string(frames.size()) +
-                " frames of the model, whose names are not line numbers");
-  }
-  std::map<std::string, Rigid3> assigned;
-  for (size_t i = 0; i < frames.size(); ++i) {
-    assigned[frames[i]] =
-        poses[are_line_numbers ? static_cast<size_t>(*NumberOf(frames[i])) : i];
-  }
-  return assigned;
-}
-
-// The pose nearest in time, if within half the usual step between poses.
-std::map<std::string, Rigid3> AssignByTime(
-    const std::vector<std::string>& frames, const std::vector<TimedPose>& poses,
-    const std::string& path) {
-  constexpr double kMinNanoseconds = 1e14;
-  const bool have_times =
-      poses.size() > 1 &&
-      std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
-        return NumberOf(frame).has_value();
-      });
-  if (!have_times) {
-    std::vector<Rigid3> in_order;
-    in_order.reserve(poses.size());
-    for (const TimedPose& pose : poses) in_order.push_back(pose.cam_from_world);
-    return AssignByNumber(frames, in_order, path);
-  }
-  const double max_difference_s =
-      0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
-      static_cast<double>(poses.size() - 1);
-  std::map<std::string, Rigid3> assigned;
-  for (const std::string& frame : frames) {
-    double time_s = *NumberOf(frame);
-    if (time_s > kMinNanoseconds) time_s *= 1e-9;
-    const TimedPose* nearest = &poses.front();
-    for (const TimedPose& pose : poses) {
-      if (std::abs(pose.timestamp_s - time_s) <
-          std::abs(nearest->timestamp_s - time_s)) {
-        nearest = &pose;
-      }
-    }
-    if (std::abs(nearest->timestamp_s - time_s) <= max_difference_s) {
-      assigned[frame] = nearest->cam_from_world;
-    }
-  }
-  if (assigned.empty()) {
-    throw Error("no time in '" + path + "' is near that of any image name");
-  }
-  return assigned;
-}
-
-std::vector<ImagePoses> PairWithTrajectory(
-    const NamedModel& model,
-    const std::map<std::string, Rigid3>& ref_from_world,
-    const std::map<std::string, Rigid3>& sensor_from_ref) {
+// What Evaluate needs.
+struct Comparison {
   std::vector<ImagePoses> images;
-  for (const ModelImage& image : model.poses.images) {
-    const std::string folder = FolderOf(image.name);
-    const bool is_reference = folder == model.folders.front();
-    const auto pose = ref_from_world.find(FrameOf(image.name));
-    const auto sensor = sensor_from_ref.find(folder);
-    if (pose == ref_from_world.end()) continue;
-    if (!is_reference && sensor == sensor_from_ref.end()) continue;
-    const Rigid3 true_pose =
-        is_reference ? pose->second : sensor->second * pose->second;
-    images.push_back(
-        {image.name, is_reference, image.cam_from_world, true_pose});
-  }
-  return images;
-}
+  std::vector<SensorPoses> sensors;
+  bool has_true_poses = true;
+};
 
-std::vector<ImagePoses> PairWithModel(const NamedModel& model,
-                                      const NamedModel& truth) {
-  std::map<std::string, const ModelImage*> by_name;
-  for (const ModelImage& image : model.poses.images) {
-    by_name[image.name] = &image;
+// Per sensor of the model; sensors with common images are the same.
+TrueSensors FindTrueSensors(const NamedModel& model, const NamedModel& truth,
+                            const std::vector<int>& true_image_of_image) {
+  std::vector<std::optional<int>> true_sensor(model.scene.sensors.size());
+  for (size_t i = 0; i < true_image_of_image.size(); ++i) {
+    if (true_image_of_image[i] < 0) continue;
+    true_sensor[model.scene.images[i].sensor_idx] =
+        truth.scene.images[true_image_of_image[i]].sensor_idx;
   }
-  std::vector<ImagePoses> images;
-  for (const ModelImage& image : truth.poses.images) {
-    ImagePoses poses{image.name, FolderOf(image.name) == model.folders.front(),
-                     std::nullopt, image.cam_from_world};
-    const auto it = by_name.find(image.name);
-    if (it != by_name.end()) poses.cam_from_model = it->second->cam_from_world;
-    images.push_back(poses);
-  }
-  return images;
-}
-
-Evaluation EvaluateModel(const EvaluatorOptions& options) {
-  const EvaluationOptions thresholds{
-      ParseThresholds("position_thresholds", options.position_thresholds),
-      ParseThresholds("rotation_thresholds", options.rotation_thresholds)};
-  const NamedModel model =
-      NameModel(ReadModelPoses(options.input_path), options.reference);
-  if (options.gt_format == TruthFormat::kColmap) {
-    const NamedModel truth =
-        NameModel(ReadModelPoses(options.gt_path), model.folders.front());
-    std::map<std::string, Rigid3> sensors;
-    for (const auto& [folder, pose] : truth.sensor_from_ref) {
-      if (pose) sensors[folder] = *pose;
+  TrueSensors sensors(model.scene.sensors.size());
+  for (size_t i = 0; i < sensors.size(); ++i) {
+    const auto sensor = true_sensor[i];
+    const auto ref =
+        true_sensor[model.ref_sensor[model.scene.sensors[i].rig_idx]];
+    if (!sensor || !ref ||
+        truth.scene.sensors[*sensor].rig_idx !=
+            truth.scene.sensors[*ref].rig_idx ||
+        !truth.sensor_from_ref[*sensor] || !truth.sensor_from_ref[*ref]) {
+      continue;
     }
-    return Evaluate(PairWithModel(model, truth), true,
-                    PairSensors(model, sensors), thresholds);
+    sensors[i] = *truth.sensor_from_ref[*sensor] *
+                 truth.sensor_from_ref[*ref]->Inverse();
   }
-  const std::map<std::string, Rigid3> sensors =
-      ReadCalibration(options.calib_path, model);
-  if (options.gt_format == TruthFormat::kRig) {
-    std::map<std::string, Rigid3> no_poses;
-    for (const std::string& frame : model.frames) no_poses[frame] = Rigid3();
-    return Evaluate(PairWithTrajectory(model, no_poses, sensors), false,
-                    PairSensors(model, sensors), thresholds);
+  return sensors;
+}
+
+Comparison CompareWithModel(const EvaluatorOptions& options,
+                            const NamedModel& model) {
+  SceneLoadingOptions naming;
+  naming.rig_name_rule = options.rig_name_rule;
+  const NamedModel truth =
+      ReadNamedModel(options.gt_path, options.image_prefix, "", naming);
+  std::map<std::string, size_t> image_of_name;
+  for (size_t i = 0; i < model.scene.images.size(); ++i) {
+    image_of_name[model.scene.images[i].name] = i;
   }
-  const std::map<std::string, Rigid3> poses =
+  Comparison comparison;
+  std::vector<int> true_image_of_image(model.scene.images.size(), -1);
+  for (size_t i = 0; i < truth.scene.images.size(); ++i) {
+    const int true_idx = static_cast<int>(i);
+    const std::string& name = truth.scene.images[i].name;
+    ImagePoses poses{name, truth.IsReference(true_idx), std::nullopt,
+                     truth.cam_from_world[i]};
+    const auto found = image_of_name.find(name);
+    if (found != image_of_name.end()) {
+      const size_t image_idx = found->second;
+      true_image_of_image[image_idx] = true_idx;
+      poses.cam_from_model = model.cam_from_world[image_idx];
+      poses.is_reference = model.IsReference(static_cast<int>(image_idx));
+    }
+    comparison.images.push_back(std::move(poses));
+  }
+  comparison.sensors =
+      PairSensors(model, FindTrueSensors(model, truth, true_image_of_image));
+  return comparison;
+}
+
+Comparison CompareWithRig(const NamedModel& model,
+                          const TrueSensors& true_sensors) {
+  Comparison comparison;
+  comparison.has_true_poses = false;
+  for (size_t i = 0; i < model.scene.images.size(); ++i) {
+    comparison.images.push_back({model.scene.images[i].name,
+                                 model.IsReference(static_cast<int>(i)),
+                                 model.cam_from_world[i], Rigid3()});
+  }
+  comparison.sensors = PairSensors(model, true_sensors);
+  return comparison;
+}
+
+// Images of the database that are not in the model.
+ImageNames ReadOtherImages(const EvaluatorOptions& options,
+                           const NamedModel& model) {
+  if (options.database_path.empty()) return std::nullopt;
+  std::set<std::string> in_model;
+  for (const Image& image : model.scene.images) in_model.insert(image.name);
+  std::vector<std::string> others;
+  for (std::string& name : ReadImageNames(options.database_path)) {
+    const bool has_prefix =
+        name.compare(0, options.image_prefix.size(), options.image_prefix) == 0;
+    if (has_prefix && in_model.count(name) == 0) {
+      others.push_back(std::move(name));
+    }
+  }
+  return others;
+}
+
+Comparison CompareWithTrajectory(const EvaluatorOptions& options,
+                                 const NamedModel& model,
+                                 const TrueSensors& true_sensors) {
+  const ImageNames others = ReadOtherImages(options, model);
+  const std::vector<std::string> frames = FrameNames(model, others);
+  const TrueTrajectory trajectory =
       options.gt_format == TruthFormat::kKitti
-          ? AssignByNumber(model.frames, ReadKittiPoses(options.gt_path),
+          ? AssignByNumber(frames, ReadKittiPoses(options.gt_path),
                            options.gt_path)
-          : AssignByTime(model.frames, ReadTumPoses(options.gt_path),
+          : AssignByTime(frames, ReadTumPoses(options.gt_path),
                          options.gt_path);
-  return Evaluate(PairWithTrajectory(model, poses, sensors), true,
-                  PairSensors(model, sensors), thresholds);
+  return {PairWithTrajectory(model, trajectory, true_sensors, others),
+          PairSensors(model, true_sensors), true};
+}
+
+Comparison Compare(const EvaluatorOptions& options) {
+  SceneLoadingOptions naming;
+  naming.rig_name_rule = options.rig_name_rule;
+  const NamedModel model = ReadNamedModel(
+      options.input_path, options.image_prefix, options.reference, naming);
+  if (options.gt_format == TruthFormat::kColmap) {
+    return CompareWithModel(options, model);
+  }
+  const TrueSensors true_sensors = ReadTrueSensors(options.calib_path, model);
+  return options.gt_format == TruthFormat::kRig
+             ? CompareWithRig(model, true_sensors)
+             : CompareWithTrajectory(options, model, true_sensors);
+}
+
+void CheckUsage(const EvaluatorOptions& options) {
+  const bool is_rig = options.gt_format == TruthFormat::kRig;
+  if (is_rig && options.calib_path.empty()) {
+    throw Error("--gt_format rig needs --calib_path");
+  }
+  if (!is_rig && options.gt_path.empty()) {
+    throw Error("--gt_path is needed, or --gt_format rig with --calib_path");
+  }
+  if (is_rig && !options.svg_path.empty()) {
+    throw Error("--svg_path needs true poses, which --gt_format rig has not");
+  }
 }
 
 int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
-  const bool needs_calibration = options.gt_format == TruthFormat::kRig;
-  if (needs_calibration && options.calib_path.empty()) {
-    throw Error("--gt_format rig needs --calib_path");
-  }
-  if (!needs_calibration && options.gt_path.empty()) {
-    throw Error("--gt_path is needed, or --gt_format rig with --calib_path");
-  }
-  const Evaluation evaluation = EvaluateModel(options);
-  std::cout << EvaluationToText(evaluation);
+  CheckUsage(options);
+  const EvaluationOptions thresholds{
+      ParseThresholds("position_thresholds", options.position_thresholds),
+      ParseThresholds("rotation_thresholds", options.rotation_thresholds)};
+  const Comparison comparison = Compare(options);
+  const Evaluation evaluation =
+      Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
+               thresholds);
   if (!options.json.empty()) {
-    std::ofstream file(options.json);
-    file << EvaluationToJson(evaluation);
-    file.close();
-    if (!file) throw Error("cannot write '" + options.json + "'");
+    WriteFile(options.json, EvaluationToJson(evaluation));
   }
+  if (!options.svg_path.empty()) {
+    WriteFile(options.svg_path, EvaluationToSvg(comparison.images, evaluation));
+  }
+  std::cout << EvaluationToText(evaluation);
   return kExitSuccess;
 }
 

@@ -104,21 +104,30 @@ void PrintHelp(const std::string& name, const std::string& summary,
 
 }  // namespace
 
-bool ParseArguments(const std::string& name, const std::string& summary,
-                    const std::vector<std::string>& arguments,
+Switches SetOptions(const std::vector<std::string>& arguments,
                     const OptionList& options) {
   std::vector<Flag> flags = SplitFlags(arguments);
-  if (TakeSwitch("help", &flags)) {
-    PrintHelp(name, summary, options);
-    return false;
-  }
-  const bool dump_config = TakeSwitch("dump_config", &flags);
+  Switches switches;
+  switches.help = TakeSwitch("help", &flags);
+  if (switches.help) return switches;
+  switches.dump_config = TakeSwitch("dump_config", &flags);
   if (const auto config = TakeFlag("config_path", &flags)) {
     if (!config->value) throw Error("--config_path needs a value");
     LoadOptions(std::filesystem::path(*config->value), options);
   }
   SetFlags(flags, options);
-  if (dump_config) {
+  return switches;
+}
+
+bool ParseArguments(const std::string& name, const std::string& summary,
+                    const std::vector<std::string>& arguments,
+                    const OptionList& options) {
+  const Switches switches = SetOptions(arguments, options);
+  if (switches.help) {
+    PrintHelp(name, summary, options);
+    return false;
+  }
+  if (switches.dump_config) {
     std::cout << DumpOptions(options);
     return false;
   }

@@ -53,6 +53,8 @@ enum ExitCode : int {
   kExitBadInput = 1,       // bad usage, input or file; nothing was written
   kExitNotSolvable = 2,    // good input that held nothing to reconstruct
   kExitInternalError = 3,  // a defect of mgsfm, or out of memory
+  // A run that a signal stopped ends by that signal, so that shells see 128
+  // plus its number; nothing was written.
 };
 
 struct Command {
@@ -104,15 +106,26 @@ struct AllOptions {
   }
 };
 
+struct Switches {
+  bool help = false;
+  bool dump_config = false;
+};
+
 // Sets options: first from the file --config_path, then from the flags, each
-// `--name value` or `--name=value`; for true, `--name` alone will do. Returns
-// false if there is nothing left to do, as after --help or --dump_config.
+// `--name value` or `--name=value`; for true, `--name` alone will do. After
+// --help none is set. Required ones may still be missing.
+Switches SetOptions(const std::vector<std::string>& arguments,
+                    const OptionList& options);
+
+// SetOptions, what the switches ask for, and the check that nothing is missing.
+// Returns false if there is nothing left to do, as after --help or
+// --dump_config.
 bool ParseArguments(const std::string& name, const std::string& summary,
                     const std::vector<std::string>& arguments,
                     const OptionList& options);
 
 // Prints log messages and, on a terminal, progress to the standard error
-// stream.
+// stream. Signals interrupt what is run with it; see interruption.h.
 Context MakeTerminalContext(const CommonOptions& options);
 
 template <class Options>

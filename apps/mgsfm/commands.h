@@ -6,9 +6,14 @@
 namespace mgsfm {
 
 // One per file cmd_*.cc.
+Command BundleAdjusterCommand();
+Command ExhaustiveMatcherCommand();
 Command MapperCommand();
+Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();
-Command ModelEvaluatorCommand();
+Command SequentialMatcherCommand();
 Command SimulateCommand();
+Command SpatialMatcherCommand();
+Command VocabTreeMatcherCommand();
 
 }  // namespace mgsfm

@@ -1,16 +1,29 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <cctype>
+#include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <iostream>
+#include <new>
 
 #include "commands.h"
+#include "interruption.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {MapperCommand(), ModelEvaluatorCommand(), SimulateCommand()};
+  return {MapperCommand(),
+          BundleAdjusterCommand(),
+          ModelEvaluatorCommand(),
+          SimulateCommand(),
+          ExhaustiveMatcherCommand(),
+          SequentialMatcherCommand(),
+          VocabTreeMatcherCommand(),
+          SpatialMatcherCommand(),
+          MatchesImporterCommand()};
 }
 
 // For docs/options.md.
@@ -40,7 +53,8 @@ void PrintUsage() {
   }
   std::cout << "\nmgsfm COMMAND --help lists the options of a command.\n"
                "Exit codes: 0 done, 1 bad usage or input, 2 nothing to "
-               "reconstruct, 3 internal error.\n";
+               "reconstruct, 3 internal error;\n"
+               "stopped by a signal: 128 + its number, as 130 for Ctrl-C.\n";
 }
 
 int RunCommand(const std::string& name,
@@ -76,8 +90,20 @@ int Dispatch(std::vector<std::string> arguments) {
   return kExitSuccess;
 }
 
-int PrintError(const char* kind, const char* message, ExitCode exit_code) {
-  std::fprintf(stderr, "mgsfm: %s%s\n", kind, message);
+// One line, whatever names of files and images the message holds.
+int PrintError(std::string message, ExitCode exit_code) {
+  for (char& c : message) {
+    if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
+  }
+  std::fprintf(stderr, "mgsfm: %s\n", message.c_str());
+  return exit_code;
+}
+
+int Run(const std::vector<std::string>& arguments) {
+  const int exit_code = Dispatch(arguments);
+  if (!std::cout.flush() || std::fflush(stdout) != 0) {
+    throw Error("cannot write to the standard output; send it elsewhere");
+  }
   return exit_code;
 }
 
@@ -86,14 +112,27 @@ int PrintError(const char* kind, const char* message, ExitCode exit_code) {
 
 int main(int argc, char** argv) {
   using mgsfm::PrintError;
+  mgsfm::CatchInterruptions();
+  // These become failed writes: a reader of the log that goes away must not
+  // take the result with it, nor a limit leave half of it.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
   try {
-    return mgsfm::Dispatch(std::vector<std::string>(argv + 1, argv + argc));
+    return mgsfm::Run(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const mgsfm::Interrupted&) {
+    std::fprintf(
+        stderr, "mgsfm: stopped by signal %d (%s); nothing was written\n",
+        mgsfm::InterruptionSignal(), strsignal(mgsfm::InterruptionSignal()));
+    return mgsfm::EndByInterruption();
   } catch (const mgsfm::Error& error) {
-    return PrintError("", error.what(), mgsfm::kExitBadInput);
+    return PrintError(error.what(), mgsfm::kExitBadInput);
   } catch (const std::filesystem::filesystem_error& error) {
-    return PrintError("", error.what(), mgsfm::kExitBadInput);
+    return PrintError(error.what(), mgsfm::kExitBadInput);
+  } catch (const std::bad_alloc&) {
+    return PrintError("out of memory", mgsfm::kExitInternalError);
   } catch (const std::exception& error) {
-    return PrintError("internal error, please report it: ", error.what(),
-                      mgsfm::kExitInternalError);
+    return PrintError(
+        std::string("internal error, please report it: ") + error.what(),
+        mgsfm::kExitInternalError);
   }
 }

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "command.h"
+#include "interruption.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/base/timer.h"
 
@@ -88,6 +89,7 @@ Context MakeTerminalContext(const CommonOptions& options) {
   context.progress = [terminal](const Progress& progress) {
     terminal->ShowProgress(progress);
   };
+  context.is_cancelled = [] { return InterruptionSignal() != 0; };
   return context;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/base/context.h"
 
+#include "mgsfm/base/error.h"
+
 namespace mgsfm {
 
 void Context::Debug(const std::string& message) const {
@@ -17,7 +19,12 @@ void Context::Warning(const std::string& message) const {
 
 void Context::ReportProgress(std::string_view stage, size_t done,
                              size_t total) const {
+  CheckInterrupted();
   if (progress) progress({stage, done, total});
+}
+
+void Context::CheckInterrupted() const {
+  if (is_cancelled && is_cancelled()) throw Interrupted();
 }
 
 }  // namespace mgsfm

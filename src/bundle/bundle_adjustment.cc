@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/bundle/bundle_adjustment.h"
 
-#include "bundle/bundle_solver.h"
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "bundle/solve.h"
+#include "mgsfm/least_squares/rig_solver.h"
 
 namespace mgsfm {
 
@@ -12,11 +12,12 @@ bool SolveOnce(const Scene& scene, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result) {
   BuiltProblem built = BuildProblem(scene, result->estimate, options, parts);
-  BundleSolverOptions solver_options;
+  RigSolverOptions solver_options;
+  solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
-  SolveSummary summary = SolveBundle(built.problem, solver_options,
-                                     context.num_threads, &built.state);
+  SolveSummary summary =
+      SolveRigProblem(built.problem, solver_options, context, &built.state);
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;

@@ -12,7 +12,7 @@ namespace {
 
 std::vector<int> CountFrameObservations(const BundleProblem& problem) {
   std::vector<int> counts(problem.frame_masks.size(), 0);
-  for (const BundleProblem::PixelObservation& o : problem.observations) {
+  for (const PixelObservation& o : problem.observations) {
     ++counts[problem.images[o.image].frame];
   }
   return counts;

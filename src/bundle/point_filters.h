@@ -29,6 +29,7 @@ struct PointFilterOptions {
   int min_num_observations = 2;
   double min_angle_rad = 0.0;  // largest angle between any two rays
   double min_two_view_angle_rad = 0.0;
+  double min_group_share = 0.0;  // only where points are triangulated anew
 };
 
 // Removes observations with larger errors, then points with too few

@@ -4,7 +4,6 @@
 #include <algorithm>
 
 #include "bundle/image_views.h"
-#include "bundle/observation_terms.h"
 
 namespace mgsfm {
 namespace {
@@ -41,7 +40,7 @@ class ProblemBuilder {
 
   BuiltProblem Build() {
     built_.problem.points_are_free = options_.refine_points;
-    built_.problem.loss_scale_px = options_.loss_scale_px;
+    built_.problem.loss = {RobustLossType::kHuber, options_.loss_scale_px};
     AddPoints();
     for (const int frame_idx : built_.frame_idxs) AddFrame(frame_idx);
     for (const int sensor_idx : built_.sensor_idxs) AddSensor(sensor_idx);

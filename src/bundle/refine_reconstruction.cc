@@ -15,12 +15,12 @@ namespace {
 
 class ReconstructionRefiner {
  public:
-  ReconstructionRefiner(const Scene& scene, const ObservationGroups& components,
+  ReconstructionRefiner(const Scene& scene, const ObservationGroups& candidates,
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
                         const Context& context)
       : scene_(scene),
-        components_(components),
+        candidates_(candidates),
         initial_(initial),
         options_(options),
         context_(context) {
@@ -66,7 +66,7 @@ class ReconstructionRefiner {
   PointFilterOptions FilterOptions(const BundleRound& round) const;
 
   const Scene& scene_;
-  const ObservationGroups& components_;
+  const ObservationGroups& candidates_;
   const Reconstruction& initial_;
   const BundleAdjustmentOptions& options_;
   const Context& context_;
@@ -141,12 +141,14 @@ PointFilterOptions ReconstructionRefiner::FilterOptions(
   filter.min_num_observations = options_.min_num_observations;
   filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
+  filter.min_group_share = options_.min_track_share;
   return filter;
 }
 
 void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
+  context_.CheckInterrupted();
   const BundleRound round = StartRound(num_rounds_left);
-  Retriangulate(scene_, components_, FilterOptions(round), context_.num_threads,
+  Retriangulate(scene_, candidates_, FilterOptions(round), context_.num_threads,
                 &result_.estimate);
   FinishRound(round);
 }
@@ -176,11 +178,11 @@ void ReconstructionRefiner::DropFramesWithoutObservations() {
 }  // namespace
 
 BundleResult RefineReconstruction(const Scene& scene,
-                                  const ObservationGroups& components,
+                                  const ObservationGroups& candidates,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context) {
-  return ReconstructionRefiner(scene, components, initial, options, context)
+  return ReconstructionRefiner(scene, candidates, initial, options, context)
       .Run();
 }
 

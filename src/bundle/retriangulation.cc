@@ -8,10 +8,10 @@
 #include <optional>
 #include <utility>
 
-#include "bundle/bundle_structure.h"
 #include "bundle/image_views.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/triangulation.h"
+#include "mgsfm/math/index_groups.h"
 
 namespace mgsfm {
 namespace {
@@ -46,6 +46,9 @@ class GroupTriangulator {
                            std::vector<Eigen::Vector3d> old_points) {
     old_points_ = std::move(old_points);
     CollectCandidates(begin, end);
+    min_num_inliers_ = std::max(
+        {2, options_.min_num_observations,
+         static_cast<int>(std::ceil(options_.min_group_share * NumImages()))});
     std::vector<Point3D> points;
     while (candidates_.size() >= 2) {
       const Hypothesis best = FindBest();
@@ -70,6 +73,7 @@ class GroupTriangulator {
   const PointFilterOptions& options_;
   std::vector<Candidate> candidates_;  // sorted by observation
   std::vector<Eigen::Vector3d> old_points_;
+  int min_num_inliers_ = 2;  // of a point of this group
 };
 
 void GroupTriangulator::CollectCandidates(const Observation* begin,
@@ -186,7 +190,7 @@ std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
 
 bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
   const int num_inliers = static_cast<int>(hypothesis.inliers.size());
-  if (num_inliers < std::max(2, options_.min_num_observations)) return false;
+  if (num_inliers < min_num_inliers_) return false;
   const double min_angle_rad =
       num_inliers == 2
           ? std::max(options_.min_angle_rad, options_.min_two_view_angle_rad)
@@ -244,33 +248,31 @@ class GroupLookup {
 
 }  // namespace
 
-void Retriangulate(const Scene& scene, const ObservationGroups& components,
+void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction) {
   FilterPoints(
       scene,
       PointFilterOptions{std::numeric_limits<double>::max(), 1, 0.0, 0.0},
       num_threads, reconstruction);
-  const GroupLookup lookup(scene, components);
+  const GroupLookup lookup(scene, groups);
   std::vector<int> group_of_point;
   for (const Point3D& point : reconstruction->points) {
     group_of_point.push_back(lookup.Find(point.track.front()));
   }
-  const IndexGroups points_of_group =
-      GroupByKey(group_of_point, components.size());
+  const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
 
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
-  std::vector<std::vector<Point3D>> points(components.size());
-  ParallelFor(components.size(), num_threads, [&](size_t g) {
+  std::vector<std::vector<Point3D>> points(groups.size());
+  ParallelFor(groups.size(), num_threads, [&](size_t g) {
     std::vector<Eigen::Vector3d> old_points;
     for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
          ++k) {
       old_points.push_back(
           reconstruction->points[points_of_group.items[k]].point_in_world);
     }
-    points[g] =
-        GroupTriangulator(scene, views, options)
-            .Run(components.begin(g), components.end(g), std::move(old_points));
+    points[g] = GroupTriangulator(scene, views, options)
+                    .Run(groups.begin(g), groups.end(g), std::move(old_points));
   });
 
   std::vector<Point3D>& result = reconstruction->points;

@@ -9,7 +9,7 @@
 namespace mgsfm {
 
 // Replaces the points by what the present poses make of the groups of
-// `components`. A group may hold keypoints of several points in space: as long
+// `groups`. A group may hold keypoints of several points in space: as long
 // as there is a point with enough observations in agreement, it is taken, with
 // at most one observation of an image (the best), and the search goes on in
 // the remaining ones. Candidates are the points that the group had before and
@@ -21,7 +21,7 @@ namespace mgsfm {
 // Points whose first observation is in no group are kept and only filtered.
 // Groups are treated independently and in parallel; the new points are in
 // their order. Poses and intrinsics do not change.
-void Retriangulate(const Scene& scene, const ObservationGroups& components,
+void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction);
 

@@ -2,6 +2,8 @@
 #include "mgsfm/geometry/camera_models.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "geometry/camera_models/pixel_models.h"
@@ -72,7 +74,51 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
   });
 }
 
+// For hot loops: everything that a model calls is inlined.
+template <class Model>
+[[gnu::flatten]] bool Project(const double* params, const double* point_in_cam,
+                              double* pixel) {
+  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
+                              point_in_cam[2]);
+  const std::optional<Eigen::Vector2d> projected =
+      Model::Project(params, point, nullptr, nullptr);
+  if (!projected) return false;
+  pixel[0] = projected->x();
+  pixel[1] = projected->y();
+  return std::isfinite(pixel[0] + pixel[1]);
+}
+
+template <class Model>
+[[gnu::flatten]] bool Linearize(const double* params,
+                                const double* point_in_cam, double* pixel,
+                                double* by_point, double* by_params) {
+  const Eigen::Vector3d point(point_in_cam[0], point_in_cam[1],
+                              point_in_cam[2]);
+  Eigen::Matrix<double, 2, 3> jacobian_point;
+  PixelJacobianParams jacobian_params;
+  const std::optional<Eigen::Vector2d> projected =
+      Model::Project(params, point, &jacobian_point,
+                     by_params != nullptr ? &jacobian_params : nullptr);
+  if (!projected) return false;
+  pixel[0] = projected->x();
+  pixel[1] = projected->y();
+  for (int i = 0; i < 3; ++i) {
+    by_point[i] = jacobian_point(0, i);
+    by_point[3 + i] = jacobian_point(1, i);
+  }
+  if (by_params != nullptr) {
+    std::copy_n(jacobian_params.data(), 2 * Model::kNumParams, by_params);
+  }
+  return std::isfinite(pixel[0] + pixel[1]);
+}
+
 }  // namespace
+
+PixelProjection FindPixelProjection(CameraModelId model) {
+  return Dispatch(model, [](auto m) {
+    return PixelProjection{&Project<decltype(m)>, &Linearize<decltype(m)>};
+  });
+}
 
 const std::vector<CameraModelInfo>& AllCameraModels() {
   static const std::vector<CameraModelInfo> models = {

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <Eigen/LU>
+#include "io/database_reader.h"
+
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <unordered_map>
 
 #include "io/database_pair_id.h"
+#include "io/database_rows.h"
 #include "io/sqlite_snapshot.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/io/database.h"
@@ -15,36 +16,9 @@
 namespace mgsfm {
 namespace {
 
-// Values of sensor_type; others are no cameras.
-constexpr int64_t kCameraSensorType = 0;
-
-// Blobs hold numbers in the byte order of little-endian machines, which all
-// supported ones are.
-template <class T, int kSize>
-std::optional<std::array<T, kSize>> Decode(const BlobView& blob) {
-  std::array<T, kSize> values;
-  if (blob.size != sizeof(values)) return std::nullopt;
-  std::memcpy(values.data(), blob.data, sizeof(values));
-  return values;
-}
-
 bool AllFinite(const double* values, size_t size) {
   return std::all_of(values, values + size,
                      [](double value) { return std::isfinite(value); });
-}
-
-// As on disk: w, x, y, z, then the translation. nullopt for values that stand
-// for no pose: not finite, or a zero quaternion.
-std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(qvec[0], qvec[1], qvec[2], qvec[3]);
-  pose.translation = Eigen::Vector3d(tvec[0], tvec[1], tvec[2]);
-  if (!AllFinite(qvec, 4) || !AllFinite(tvec, 3) ||
-      !(pose.rotation.norm() > 0.0)) {
-    return std::nullopt;
-  }
-  pose.rotation.normalize();
-  return pose;
 }
 
 class DatabaseReader {
@@ -58,20 +32,32 @@ class DatabaseReader {
     CheckTables();
     ReadCameras();
     ReadImages();
+    if (contents_.images.empty()) {
+      Throw("has no images; run the feature extractor first");
+    }
     ReadKeypoints();
     CheckKeypoints();
     ReadPairs();
     CheckMatches();
-    if (database_.HasTable("rigs")) {
-      ReadRigs();
-      ReadFrames();
-    }
+    ReadRigsAndFrames();
+    return std::move(contents_);
+  }
+
+  DatabaseContents ReadStructure() {
+    CheckTables();
+    ReadCameras();
+    ReadImages();
+    ReadRigsAndFrames();
     return std::move(contents_);
   }
 
  private:
   [[noreturn]] void Throw(const std::string& problem) const {
     ThrowDatabaseError(contents_.path, problem);
+  }
+  bool Next(SqliteStatement* row) const {
+    context_.CheckInterrupted();
+    return row->Step();
   }
 
   void CheckTables();
@@ -81,25 +67,20 @@ class DatabaseReader {
   void CheckKeypoints() const;
   void ReadPairs();
   void CheckMatches() const;
+  void ReadRigsAndFrames();
   void ReadRigs();
   void ReadRigSensors();
   void ReadFrames();
 
   Camera DecodeCamera(const SqliteStatement& row) const;
   void DecodePair(const SqliteStatement& row);
-  void DecodeMatches(const SqliteStatement& row, const std::string& name,
-                     TwoViewGeometryRow* pair) const;
-  std::optional<Eigen::Matrix3d> DecodeMatrix(const BlobView& blob,
-                                              const std::string& name) const;
-  std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
-                                           const std::string& name) const;
 
   // The id in a column; `what` names the row.
   template <class IdType>
   IdType CheckedId(int64_t value, const std::string& what) const {
     if (value < 0 || value >= kMaxNumIds) {
       Throw(what + " has the id " + std::to_string(value) +
-            ", which is out of range");
+            ", which is out of range; make the database again");
     }
     return IdType(static_cast<uint32_t>(value));
   }
@@ -122,7 +103,8 @@ void DatabaseReader::CheckTables() {
   for (const char* table : {"cameras", "images", "keypoints"}) {
     if (!database_.HasTable(table)) {
       Throw(std::string("has no table '") + table +
-            "', so it is not a COLMAP database");
+            "', so it is not a COLMAP database; give the one that COLMAP's "
+            "feature extractor made");
     }
   }
   if (database_.HasTable("two_view_geometries")) {
@@ -135,7 +117,8 @@ void DatabaseReader::CheckTables() {
   if (!database_.HasTable("rigs")) return;
   for (const char* table : {"rig_sensors", "frames", "frame_data"}) {
     if (!database_.HasTable(table)) {
-      Throw(std::string("has the table 'rigs' but no table '") + table + "'");
+      Throw(std::string("has the table 'rigs' but no table '") + table + "'" +
+            kConfigureAgain);
     }
   }
 }
@@ -144,11 +127,12 @@ Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
   const std::string name = "camera " + std::to_string(row.Int(0));
   const CameraModelInfo* model = nullptr;
   const int64_t model_id = row.Int(1);
-  if (std::abs(model_id) <= std::numeric_limits<int32_t>::max()) {
+  if (model_id >= 0 && model_id <= std::numeric_limits<int32_t>::max()) {
     model = FindCameraModel(static_cast<int32_t>(model_id));
   }
   if (model == nullptr) {
-    Throw(name + " has the unknown camera model " + std::to_string(model_id));
+    Throw(name + " has the unknown camera model " + std::to_string(model_id) +
+          "; extract the features again with one of COLMAP's camera models");
   }
   Camera camera{
       CheckedId<CameraId>(row.Int(0), "a camera"), model->id, 0, 0, {}, false};
@@ -157,7 +141,7 @@ Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
   if (width <= 0 || height <= 0 || width > kMaxSize || height > kMaxSize) {
     Throw(name + " has the image size " + std::to_string(width) + " x " +
-          std::to_string(height));
+          std::to_string(height) + kExtractAgain);
   }
   camera.width_px = static_cast<int>(width);
   camera.height_px = static_cast<int>(height);
@@ -166,12 +150,12 @@ Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
   if (params.size != num_params * sizeof(double)) {
     Throw(name + " has " + std::to_string(params.size) +
           " bytes of parameters, but " + std::string(model->name) + " has " +
-          std::to_string(num_params) + " parameters");
+          std::to_string(num_params) + " parameters" + kExtractAgain);
   }
   camera.params.resize(num_params);
   std::memcpy(camera.params.data(), params.data, params.size);
   if (!AllFinite(camera.params.data(), num_params)) {
-    Throw(name + " has a parameter that is not finite");
+    Throw(name + " has a parameter that is not finite" + kExtractAgain);
   }
   camera.has_prior_focal_length = row.Int(5) != 0;
   return camera;
@@ -181,7 +165,7 @@ void DatabaseReader::ReadCameras() {
   SqliteStatement row = database_.Prepare(
       "SELECT camera_id, model, width, height, params, prior_focal_length "
       "FROM cameras ORDER BY camera_id");
-  while (row.Step()) contents_.cameras.push_back(DecodeCamera(row));
+  while (Next(&row)) contents_.cameras.push_back(DecodeCamera(row));
 }
 
 void DatabaseReader::ReadImages() {
@@ -192,16 +176,17 @@ void DatabaseReader::ReadImages() {
   std::set<std::string> names;
   SqliteStatement row = database_.Prepare(
       "SELECT image_id, name, camera_id FROM images ORDER BY image_id");
-  while (row.Step()) {
+  while (Next(&row)) {
     const std::string name = row.Text(1);
     const std::string what =
         "image " + std::to_string(row.Int(0)) + " '" + name + "'";
     if (name.empty() || !names.insert(name).second) {
-      Throw(what + (name.empty() ? " has no name" : " is there twice"));
+      Throw(what + (name.empty() ? " has no name" : " is there twice") +
+            kExtractAgain);
     }
     if (camera_ids.count(row.Int(2)) == 0) {
       Throw(what + " has the camera " + std::to_string(row.Int(2)) +
-            ", which does not exist");
+            ", which does not exist" + kExtractAgain);
     }
     image_positions_[row.Int(0)] = contents_.images.size();
     contents_.images.push_back({CheckedId<ImageId>(row.Int(0), what),
@@ -209,36 +194,23 @@ void DatabaseReader::ReadImages() {
                                 CheckedId<CameraId>(row.Int(2), what),
                                 {}});
   }
-  if (contents_.images.empty()) {
-    Throw("has no images; run the feature extractor first");
-  }
 }
 
 void DatabaseReader::ReadKeypoints() {
   SqliteStatement row = database_.Prepare(
       "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
-  while (row.Step()) {
+  while (Next(&row)) {
     // Rows left behind by an image that was deleted are harmless.
     const size_t* position = FindImage(row.Int(0));
     if (position == nullptr) continue;
     ImageRow& image = contents_.images[*position];
-    const BlobView blob = row.Blob(3);
-    const int64_t rows = row.Int(1);
-    const int64_t cols = row.Int(2);
-    if (rows == 0 && blob.size == 0) continue;
-    const bool cols_are_known = cols == 2 || cols == 4 || cols == 6;
-    const size_t row_size = static_cast<size_t>(cols) * sizeof(float);
-    if (!cols_are_known || rows < 0 || blob.size % row_size != 0 ||
-        blob.size / row_size != static_cast<size_t>(rows)) {
-      Throw("the keypoints of image '" + image.name +
-            "' are damaged: " + std::to_string(blob.size) + " bytes for " +
-            std::to_string(rows) + " x " + std::to_string(cols) + " values");
-    }
-    image.keypoints_px.resize(static_cast<size_t>(rows));
-    for (size_t i = 0; i < image.keypoints_px.size(); ++i) {
+    const KeypointBlob blob = DecodeKeypoints(
+        row, contents_.path, "the keypoints of image '" + image.name + "'");
+    image.keypoints_px.resize(blob.rows);
+    for (size_t i = 0; i < blob.rows; ++i) {
       // x and y come first in all layouts.
-      std::memcpy(image.keypoints_px[i].data(), blob.data + i * row_size,
-                  2 * sizeof(float));
+      std::memcpy(image.keypoints_px[i].data(),
+                  blob.data + i * blob.cols * sizeof(float), 2 * sizeof(float));
     }
   }
 }
@@ -253,8 +225,8 @@ void DatabaseReader::CheckKeypoints() const {
   });
   for (size_t i = 0; i < images.size(); ++i) {
     if (is_finite[i] == 0) {
-      Throw("image '" + images[i].name +
-            "' has a keypoint that is not finite; extract its features again");
+      Throw("image '" + images[i].name + "' has a keypoint that is not finite" +
+            kExtractAgain);
     }
   }
 }
@@ -273,14 +245,9 @@ std::string DatabaseReader::PairName(int64_t image_id1,
 }
 
 void DatabaseReader::ReadPairs() {
-  const std::set<std::string> columns = database_.Columns(pair_table_);
-  std::string sql = "SELECT pair_id, rows, cols, data, config";
-  for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
-    sql += columns.count(column) != 0 ? std::string(", ") + column : ", NULL";
-  }
-  SqliteStatement row =
-      database_.Prepare(sql + " FROM " + pair_table_ + " ORDER BY pair_id");
-  while (row.Step()) DecodePair(row);
+  SqliteStatement row = database_.Prepare(
+      TwoViewGeometryQuery(database_, pair_table_) + " ORDER BY pair_id");
+  while (Next(&row)) DecodePair(row);
 }
 
 void DatabaseReader::DecodePair(const SqliteStatement& row) {
@@ -289,82 +256,23 @@ void DatabaseReader::DecodePair(const SqliteStatement& row) {
   const int64_t id2 = pair_id % kMaxNumIds;
   const std::string name = PairName(id1, id2);
   if (pair_id < 0 || FindImage(id1) == nullptr || FindImage(id2) == nullptr) {
-    Throw(name + " in " + pair_table_ +
-          " names an image that does not exist; match the images again");
+    Throw(name + " in " + pair_table_ + " names an image that does not exist" +
+          kMatchAgain);
   }
   if (id1 >= id2) {
     Throw(name + " in " + pair_table_ + " has the invalid pair id " +
-          std::to_string(pair_id));
-  }
-  const int64_t config = row.Int(4);
-  if (config < 0 || config > static_cast<int>(TwoViewConfig::kCalibratedRig)) {
-    Throw(name + " has the unknown configuration " + std::to_string(config));
+          std::to_string(pair_id) + kMatchAgain);
   }
   TwoViewGeometryRow pair{ImageId(static_cast<uint32_t>(id1)),
                           ImageId(static_cast<uint32_t>(id2)),
-                          static_cast<TwoViewConfig>(config),
+                          {},
                           {},
                           {},
                           {},
                           {},
                           {}};
-  pair.F = DecodeMatrix(row.Blob(5), "F of " + name);
-  pair.E = DecodeMatrix(row.Blob(6), "E of " + name);
-  pair.H = DecodeMatrix(row.Blob(7), "H of " + name);
-  if (pair.H && !pair.H->inverse().allFinite()) pair.H.reset();
-  pair.cam2_from_cam1 = DecodeRelativePose(row, name);
-  DecodeMatches(row, name, &pair);
+  DecodeTwoViewGeometry(row, contents_.path, name, &pair);
   contents_.pairs.push_back(std::move(pair));
-}
-
-void DatabaseReader::DecodeMatches(const SqliteStatement& row,
-                                   const std::string& name,
-                                   TwoViewGeometryRow* pair) const {
-  static_assert(sizeof(Match) == 2 * sizeof(uint32_t), "as in the database");
-  const BlobView blob = row.Blob(3);
-  const int64_t rows = row.Int(1);
-  if (rows == 0 && blob.size == 0) return;
-  if (row.Int(2) != 2 || rows < 0 || blob.size % sizeof(Match) != 0 ||
-      blob.size / sizeof(Match) != static_cast<size_t>(rows)) {
-    Throw("the matches of " + name + " are damaged: " +
-          std::to_string(blob.size) + " bytes for " + std::to_string(rows) +
-          " x " + std::to_string(row.Int(2)) + " values");
-  }
-  pair->matches.resize(static_cast<size_t>(rows));
-  std::memcpy(pair->matches.data(), blob.data, blob.size);
-}
-
-std::optional<Eigen::Matrix3d> DatabaseReader::DecodeMatrix(
-    const BlobView& blob, const std::string& name) const {
-  if (blob.size == 0) return std::nullopt;
-  const auto values = Decode<double, 9>(blob);
-  if (!values) {
-    Throw("the matrix " + name + " is damaged: " + std::to_string(blob.size) +
-          " bytes instead of 72");
-  }
-  const Eigen::Matrix3d matrix =
-      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
-          values->data());
-  if (!matrix.allFinite() || matrix.isZero(0.0)) return std::nullopt;
-  return matrix;
-}
-
-std::optional<Rigid3> DatabaseReader::DecodeRelativePose(
-    const SqliteStatement& row, const std::string& name) const {
-  const BlobView qvec_blob = row.Blob(8);
-  const BlobView tvec_blob = row.Blob(9);
-  if (qvec_blob.size == 0 && tvec_blob.size == 0) return std::nullopt;
-  const auto qvec = Decode<double, 4>(qvec_blob);
-  const auto tvec = Decode<double, 3>(tvec_blob);
-  if (!qvec || !tvec) {
-    Throw("the relative pose of " + name +
-          " is damaged: " + std::to_string(qvec_blob.size) + " and " +
-          std::to_string(tvec_blob.size) + " bytes instead of 32 and 24");
-  }
-  const auto pose = PoseFromNumbers(qvec->data(), tvec->data());
-  const bool is_default =
-      pose && pose->translation.isZero(0.0) && pose->rotation.vec().isZero(0.0);
-  return is_default ? std::nullopt : pose;
 }
 
 void DatabaseReader::CheckMatches() const {
@@ -385,17 +293,22 @@ void DatabaseReader::CheckMatches() const {
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (is_in_range[i] == 0) {
       Throw(PairName(pairs[i].image_id1.value(), pairs[i].image_id2.value()) +
-            " has a match with a keypoint that does not exist; match the "
-            "images again");
+            " has a match with a keypoint that does not exist" + kMatchAgain);
     }
   }
+}
+
+void DatabaseReader::ReadRigsAndFrames() {
+  if (!database_.HasTable("rigs")) return;
+  ReadRigs();
+  ReadFrames();
 }
 
 void DatabaseReader::ReadRigs() {
   SqliteStatement row = database_.Prepare(
       "SELECT rig_id, ref_sensor_id, ref_sensor_type FROM rigs "
       "ORDER BY rig_id");
-  while (row.Step()) {
+  while (Next(&row)) {
     const std::string what = "rig " + std::to_string(row.Int(0));
     RigRow rig{CheckedId<RigId>(row.Int(0), what), {}, {}};
     if (row.Int(2) == kCameraSensorType) {
@@ -414,23 +327,24 @@ void DatabaseReader::ReadRigSensors() {
       "WHERE sensor_type = ?1 ORDER BY rig_id, sensor_id");
   row.BindInt(1, kCameraSensorType);
   auto rig = contents_.rigs.begin();
-  while (row.Step()) {
+  while (Next(&row)) {
     const std::string what = "camera " + std::to_string(row.Int(1)) +
                              " of rig " + std::to_string(row.Int(0));
     while (rig != contents_.rigs.end() && rig->id.value() < row.Int(0)) ++rig;
     if (rig == contents_.rigs.end() || rig->id.value() != row.Int(0)) {
-      Throw(what + " is in a rig that does not exist");
+      Throw(what + " is in a rig that does not exist" + kConfigureAgain);
     }
     RigSensorRow sensor{CheckedId<CameraId>(row.Int(1), what), std::nullopt};
     const BlobView blob = row.Blob(2);
     if (blob.size != 0) {
-      const auto numbers = Decode<double, 7>(blob);
-      if (!numbers) {
-        Throw("sensor_from_rig of " + what + " is damaged: " +
-              std::to_string(blob.size) + " bytes instead of 56");
+      double numbers[7];
+      if (blob.size != sizeof(numbers)) {
+        Throw("sensor_from_rig of " + what +
+              " is damaged: " + std::to_string(blob.size) +
+              " bytes instead of 56" + kConfigureAgain);
       }
-      sensor.sensor_from_rig =
-          PoseFromNumbers(numbers->data(), numbers->data() + 4);
+      std::memcpy(numbers, blob.data, sizeof(numbers));
+      sensor.sensor_from_rig = PoseFromNumbers(numbers, numbers + 4);
     }
     rig->sensors.push_back(std::move(sensor));
   }
@@ -440,7 +354,7 @@ void DatabaseReader::ReadFrames() {
   std::unordered_map<int64_t, size_t> positions;
   SqliteStatement row = database_.Prepare(
       "SELECT frame_id, rig_id FROM frames ORDER BY frame_id");
-  while (row.Step()) {
+  while (Next(&row)) {
     const std::string what = "frame " + std::to_string(row.Int(0));
     positions[row.Int(0)] = contents_.frames.size();
     contents_.frames.push_back({CheckedId<FrameId>(row.Int(0), what),
@@ -451,15 +365,15 @@ void DatabaseReader::ReadFrames() {
       "SELECT frame_id, sensor_id, data_id FROM frame_data "
       "WHERE sensor_type = ?1 ORDER BY frame_id, data_id");
   data.BindInt(1, kCameraSensorType);
-  while (data.Step()) {
+  while (Next(&data)) {
     const std::string what = "frame " + std::to_string(data.Int(0));
     const auto position = positions.find(data.Int(0));
     if (position == positions.end()) {
-      Throw(what + " in frame_data does not exist");
+      Throw(what + " in frame_data does not exist" + kConfigureAgain);
     }
     if (FindImage(data.Int(2)) == nullptr) {
       Throw(what + " has the image " + std::to_string(data.Int(2)) +
-            ", which does not exist; configure the rigs again");
+            ", which does not exist" + kConfigureAgain);
     }
     contents_.frames[position->second].data.push_back(
         {CheckedId<CameraId>(data.Int(1), what),
@@ -480,6 +394,21 @@ void SwapImages(TwoViewGeometryRow* pair) {
   for (Match& match : pair->matches) {
     std::swap(match.keypoint_idx1, match.keypoint_idx2);
   }
+}
+
+DatabaseContents ReadStructure(const SqliteDatabase& database,
+                               const Context& context) {
+  return DatabaseReader(database, context).ReadStructure();
+}
+
+std::vector<std::string> ReadImageNames(const std::string& path) {
+  const SqliteSnapshot snapshot(path);
+  std::vector<std::string> names;
+  SqliteStatement row =
+      snapshot.database().Prepare("SELECT name FROM images ORDER BY image_id");
+  while (row.Step()) names.push_back(row.Text(0));
+  snapshot.CheckUnchanged();
+  return names;
 }
 
 DatabaseContents ReadDatabase(const std::string& path, const Context& context) {

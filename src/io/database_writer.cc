@@ -6,6 +6,8 @@
 #include <system_error>
 
 #include "io/database_pair_id.h"
+#include "io/database_rows.h"
+#include "io/database_schema.h"
 #include "io/sqlite_database.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database.h"
@@ -13,117 +15,12 @@
 namespace mgsfm {
 namespace {
 
-// The tables of COLMAP, in the order and with the columns it makes them.
-constexpr char kCommonTables[] = R"(
-CREATE TABLE cameras (
-  camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-  model INTEGER NOT NULL,
-  width INTEGER NOT NULL,
-  height INTEGER NOT NULL,
-  params BLOB,
-  prior_focal_length INTEGER NOT NULL);
-CREATE TABLE images (
-  image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-  name TEXT NOT NULL UNIQUE,
-  camera_id INTEGER NOT NULL,
-  $PRIOR_COLUMNS
-  CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
-  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
-CREATE UNIQUE INDEX index_name ON images(name);
-CREATE TABLE keypoints (
-  image_id INTEGER PRIMARY KEY NOT NULL,
-  rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL,
-  data BLOB,
-  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE descriptors (
-  image_id INTEGER PRIMARY KEY NOT NULL,
-  rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL,
-  data BLOB,
-  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE matches (
-  pair_id INTEGER PRIMARY KEY NOT NULL,
-  rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL,
-  data BLOB);
-CREATE TABLE two_view_geometries (
-  pair_id INTEGER PRIMARY KEY NOT NULL,
-  rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL,
-  data BLOB,
-  config INTEGER NOT NULL,
-  F BLOB,
-  E BLOB,
-  H BLOB,
-  qvec BLOB,
-  tvec BLOB);
-)";
-
-constexpr char kPriorColumns38[] =
-    "prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL, "
-    "prior_tx REAL, prior_ty REAL, prior_tz REAL,";
-
-constexpr char kTables312[] = R"(
-CREATE TABLE pose_priors (
-  image_id INTEGER PRIMARY KEY NOT NULL,
-  position BLOB,
-  coordinate_system INTEGER NOT NULL,
-  position_covariance BLOB,
-  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE rigs (
-  rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-  ref_sensor_id INTEGER NOT NULL,
-  ref_sensor_type INTEGER NOT NULL);
-CREATE UNIQUE INDEX rig_ref_sensor_assignment
-  ON rigs(ref_sensor_id, ref_sensor_type);
-CREATE TABLE rig_sensors (
-  rig_id INTEGER NOT NULL,
-  sensor_id INTEGER NOT NULL,
-  sensor_type INTEGER NOT NULL,
-  sensor_from_rig BLOB,
-  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
-CREATE UNIQUE INDEX rig_sensor_assignment
-  ON rig_sensors(sensor_id, sensor_type);
-CREATE TABLE frames (
-  frame_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,
-  rig_id INTEGER NOT NULL,
-  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
-CREATE TABLE frame_data (
-  frame_id INTEGER NOT NULL,
-  data_id INTEGER NOT NULL,
-  sensor_id INTEGER NOT NULL,
-  sensor_type INTEGER NOT NULL,
-  FOREIGN KEY(frame_id) REFERENCES frames(frame_id) ON DELETE CASCADE);
-CREATE UNIQUE INDEX frame_sensor_assignment
-  ON frame_data(data_id, sensor_type);
-)";
-
-constexpr int64_t kCameraSensorType = 0;
-
-void CreateTables(DatabaseSchema schema, SqliteDatabase* database) {
-  const bool has_rigs = schema == DatabaseSchema::k312;
-  std::string tables = kCommonTables;
-  const std::string placeholder = "$PRIOR_COLUMNS";
-  tables.replace(tables.find(placeholder), placeholder.size(),
-                 has_rigs ? "" : kPriorColumns38);
-  database->Execute(tables);
-  if (has_rigs) database->Execute(kTables312);
-  database->Execute(has_rigs ? "PRAGMA user_version = 3900"
-                             : "PRAGMA user_version = 3800");
-}
-
 void WriteCameras(const DatabaseContents& contents, SqliteDatabase* database) {
   SqliteStatement row =
-      database->Prepare("INSERT INTO cameras VALUES (?1, ?2, ?3, ?4, ?5, ?6)");
+      database->Prepare("INSERT INTO cameras VALUES (?6, ?1, ?2, ?3, ?4, ?5)");
   for (const Camera& camera : contents.cameras) {
-    row.BindInt(1, camera.id.value());
-    row.BindInt(2, static_cast<int64_t>(camera.model));
-    row.BindInt(3, camera.width_px);
-    row.BindInt(4, camera.height_px);
-    row.BindBlob(5, camera.params.data(),
-                 camera.params.size() * sizeof(double));
-    row.BindInt(6, camera.has_prior_focal_length ? 1 : 0);
+    BindCamera(camera, &row);
+    row.BindInt(6, camera.id.value());
     row.Run();
   }
 }
@@ -146,27 +43,6 @@ void WriteImages(const DatabaseContents& contents, SqliteDatabase* database) {
   }
 }
 
-// Versions before 4.0 demand a matrix and a pose: zeros and the identity stand
-// for none.
-void WriteTwoViewGeometry(const TwoViewGeometryRow& pair,
-                          SqliteStatement* row) {
-  using RowMajorMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
-  RowMajorMatrix matrices[3];
-  int parameter = 5;
-  for (const auto* matrix : {&pair.F, &pair.E, &pair.H}) {
-    RowMajorMatrix& values = matrices[parameter - 5];
-    values = matrix->value_or(Eigen::Matrix3d::Zero());
-    row->BindBlob(parameter, values.data(), 9 * sizeof(double));
-    ++parameter;
-  }
-  const Rigid3 pose = pair.cam2_from_cam1.value_or(Rigid3());
-  const Eigen::Vector4d qvec(pose.rotation.w(), pose.rotation.x(),
-                             pose.rotation.y(), pose.rotation.z());
-  row->BindBlob(8, qvec.data(), 4 * sizeof(double));
-  row->BindBlob(9, pose.translation.data(), 3 * sizeof(double));
-  row->Run();
-}
-
 void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
   SqliteStatement matches_row =
       database->Prepare("INSERT INTO matches VALUES (?1, ?2, 2, ?3)");
@@ -174,65 +50,10 @@ void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
       "INSERT INTO two_view_geometries "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
   for (const TwoViewGeometryRow& pair : contents.pairs) {
-    MGSFM_CHECK_LT(pair.image_id1.value(), pair.image_id2.value());
-    for (SqliteStatement* row : {&matches_row, &geometry_row}) {
-      row->BindInt(1, PairId(pair.image_id1.value(), pair.image_id2.value()));
-      row->BindInt(2, static_cast<int64_t>(pair.matches.size()));
-      row->BindBlob(3, pair.matches.data(),
-                    pair.matches.size() * sizeof(Match));
-    }
+    BindMatches(PairId(pair.image_id1.value(), pair.image_id2.value()),
+                pair.matches, &matches_row);
     matches_row.Run();
-    geometry_row.BindInt(4, static_cast<int64_t>(pair.config));
-    WriteTwoViewGeometry(pair, &geometry_row);
-  }
-}
-
-void WriteRigs(const DatabaseContents& contents, SqliteDatabase* database) {
-  SqliteStatement rig_row =
-      database->Prepare("INSERT INTO rigs VALUES (?1, ?2, ?3)");
-  SqliteStatement sensor_row =
-      database->Prepare("INSERT INTO rig_sensors VALUES (?1, ?2, ?3, ?4)");
-  for (const RigRow& rig : contents.rigs) {
-    MGSFM_CHECK(rig.ref_camera_id.has_value());
-    rig_row.BindInt(1, rig.id.value());
-    rig_row.BindInt(2, rig.ref_camera_id->value());
-    rig_row.BindInt(3, kCameraSensorType);
-    rig_row.Run();
-    for (const RigSensorRow& sensor : rig.sensors) {
-      if (sensor.camera_id == *rig.ref_camera_id) continue;
-      sensor_row.BindInt(1, rig.id.value());
-      sensor_row.BindInt(2, sensor.camera_id.value());
-      sensor_row.BindInt(3, kCameraSensorType);
-      double numbers[7];
-      sensor_row.BindNull(4);
-      if (sensor.sensor_from_rig) {
-        const Rigid3& pose = *sensor.sensor_from_rig;
-        numbers[0] = pose.rotation.w();
-        Eigen::Map<Eigen::Vector3d>(numbers + 1) = pose.rotation.vec();
-        Eigen::Map<Eigen::Vector3d>(numbers + 4) = pose.translation;
-        sensor_row.BindBlob(4, numbers, sizeof(numbers));
-      }
-      sensor_row.Run();
-    }
-  }
-}
-
-void WriteFrames(const DatabaseContents& contents, SqliteDatabase* database) {
-  SqliteStatement frame_row =
-      database->Prepare("INSERT INTO frames VALUES (?1, ?2)");
-  SqliteStatement data_row =
-      database->Prepare("INSERT INTO frame_data VALUES (?1, ?2, ?3, ?4)");
-  for (const FrameRow& frame : contents.frames) {
-    frame_row.BindInt(1, frame.id.value());
-    frame_row.BindInt(2, frame.rig_id.value());
-    frame_row.Run();
-    for (const FrameDataRow& data : frame.data) {
-      data_row.BindInt(1, frame.id.value());
-      data_row.BindInt(2, data.image_id.value());
-      data_row.BindInt(3, data.camera_id.value());
-      data_row.BindInt(4, kCameraSensorType);
-      data_row.Run();
-    }
+    WriteTwoViewGeometryRow(pair, /*none_is_null=*/false, &geometry_row);
   }
 }
 
@@ -242,11 +63,12 @@ void WriteAll(const std::string& path, const DatabaseContents& contents,
   // A file that a crash leaves half written is of no use, so no care is taken.
   database.Execute("PRAGMA synchronous = OFF");
   database.Execute("BEGIN");
-  CreateTables(schema, &database);
+  const bool has_rigs = schema == DatabaseSchema::k312;
+  CreateTables(has_rigs ? TableLayout::k312 : TableLayout::k38, &database);
   WriteCameras(contents, &database);
-  if (schema == DatabaseSchema::k312) WriteRigs(contents, &database);
+  if (has_rigs) WriteRigRows(contents.rigs, &database);
   WriteImages(contents, &database);
-  if (schema == DatabaseSchema::k312) WriteFrames(contents, &database);
+  if (has_rigs) WriteFrameRows(contents.frames, &database);
   WritePairs(contents, &database);
   database.Execute("COMMIT");
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <iomanip>
@@ -9,6 +10,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/model_io.h"
+#include "mgsfm/io/output_file.h"
 
 namespace mgsfm {
 namespace {
@@ -23,8 +25,9 @@ class ModelFile {
   ModelFile(const std::filesystem::path& folder, const std::string& name,
             ModelFormat format)
       : is_text_(format == ModelFormat::kText),
-        path_(folder / (name + (is_text_ ? ".txt" : ".bin"))),
-        stream_(path_, std::ios::binary | std::ios::trunc) {
+        path_(folder / (name + (is_text_ ? ".txt" : ".bin"))) {
+    errno = 0;  // for Close()
+    stream_.open(path_, std::ios::binary | std::ios::trunc);
     stream_.imbue(std::locale::classic());
     stream_ << std::setprecision(17);
   }
@@ -33,7 +36,7 @@ class ModelFile {
 
   void Close() {
     stream_.close();
-    if (!stream_) throw Error("cannot write '" + path_.string() + "'");
+    if (!stream_) ThrowWriteError(path_);
   }
 
   // A number of the binary type T; text separates by blanks.
@@ -94,8 +97,9 @@ class ModelFile {
 // Positions of what is written, sorted by id, and the camera of each sensor.
 class ModelWriter {
  public:
-  ModelWriter(const Scene& scene, const Reconstruction& reconstruction)
-      : scene_(scene), model_(reconstruction) {
+  ModelWriter(const Scene& scene, const Reconstruction& reconstruction,
+              const Context& context)
+      : scene_(scene), model_(reconstruction), context_(context) {
     SelectImages();
     AssignCameras();
   }
@@ -124,6 +128,7 @@ class ModelWriter {
 
   const Scene& scene_;
   const Reconstruction& model_;
+  const Context& context_;
   std::vector<int> image_idxs_, frame_idxs_, rig_idxs_;
   std::vector<WrittenCamera> cameras_;
   std::vector<uint32_t> camera_id_of_sensor_;
@@ -261,6 +266,7 @@ void ModelWriter::WriteImages(ModelFile file) const {
 
   file.WriteCount(image_idxs_.size());
   for (const int image_idx : image_idxs_) {
+    context_.CheckInterrupted();
     const Image& image = scene_.images[image_idx];
     file.Write<uint32_t>(image.id.value());
     file.WritePose(*model_.CamFromWorld(scene_, image_idx));
@@ -286,6 +292,7 @@ void ModelWriter::WriteImages(ModelFile file) const {
 void ModelWriter::WritePoints(ModelFile file) const {
   file.WriteCount(model_.points.size());
   for (size_t i = 0; i < model_.points.size(); ++i) {
+    context_.CheckInterrupted();
     const Point3D& point = model_.points[i];
     file.Write<uint64_t>(i + 1);
     for (const double value : point.point_in_world) file.Write(value);
@@ -314,9 +321,10 @@ void CheckFormat(const Scene& scene, ModelFormat format) {
 }
 
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
-                const Reconstruction& reconstruction, ModelFormat format) {
+                const Reconstruction& reconstruction, ModelFormat format,
+                const Context& context) {
   CheckFormat(scene, format);
-  ModelWriter(scene, reconstruction).Write(folder, format);
+  ModelWriter(scene, reconstruction, context).Write(folder, format);
 }
 
 }  // namespace mgsfm

@@ -9,6 +9,7 @@
 
 #include "io/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/output_file.h"
 
 namespace mgsfm {
 namespace {
@@ -279,13 +280,19 @@ RigConfig MakeRigConfig(const Scene& scene,
 
 std::vector<RigConfig> ReadRigConfig(const std::string& path) {
   std::ifstream file(path);
-  if (!file) throw Error("rig configuration '" + path + "' cannot be read");
+  if (!file) {
+    throw Error("rig configuration '" + path +
+                "' cannot be read; check the path");
+  }
   Json json;
   try {
     json = Json::parse(file);
   } catch (const Json::exception& error) {
-    throw Error("rig configuration '" + path +
-                "' is not valid JSON: " + error.what());
+    // Without the name of the exception, "[json.exception.parse_error.101] ".
+    const std::string what = error.what();
+    const size_t bracket = what.find("] ");
+    throw Error("rig configuration '" + path + "' is not valid JSON: " +
+                what.substr(bracket == std::string::npos ? 0 : bracket + 2));
   }
   if (!json.is_array() || json.empty()) {
     throw Error("rig configuration '" + path + "' is not an array of rigs");
@@ -308,10 +315,7 @@ void WriteRigConfig(const std::string& path,
     }
     json.push_back({{kCameras, cameras}});
   }
-  std::ofstream file(path);
-  file << json.dump(2) << '\n';
-  file.close();
-  if (!file) throw Error("rig configuration '" + path + "' cannot be written");
+  WriteFile(path, json.dump(2) + '\n');
 }
 
 void WriteRigConfig(const std::string& path, const Scene& scene,

@@ -11,14 +11,16 @@
 
 namespace mgsfm {
 
-// What rigs are found in: the rows of a database, images by name.
+// What rigs are found in: the rows of a database or model, images by name.
 struct RigInput {
+  std::string kind;  // "database" or "model", for messages
   DatabaseContents contents;
   std::vector<int> camera_of_image;  // position in contents.cameras
 
   const Camera& CameraOf(int image) const {
     return contents.cameras[camera_of_image[image]];
   }
+  std::string Name() const { return kind + " '" + contents.path + "'"; }
 };
 
 // Which sensor took each image, and in which frame: the common result of all
@@ -30,7 +32,7 @@ struct RigAssignment {
     std::string name;
     bool is_reference = false;
     std::optional<Rigid3> sensor_from_rig;
-    // Replaces the intrinsics in the database.
+    // Replaces the intrinsics in the input.
     std::optional<CameraModelId> camera_model;
     std::vector<double> camera_params;
   };

@@ -94,9 +94,9 @@ RigAssignment AssignByConfig(const RigInput& input,
   }
   for (size_t i = 0; i < prefixes.size(); ++i) {
     if (has_images[i] == 0) {
-      throw Error("rig configuration '" + path + "': no image of database '" +
-                  input.contents.path + "' starts with the prefix '" +
-                  prefixes[i] + "'");
+      throw Error("rig configuration '" + path + "': no image of " +
+                  input.Name() + " starts with the prefix '" + prefixes[i] +
+                  "'");
     }
   }
   AssignSingleImages(input, single_images, &assignment);

@@ -137,8 +137,7 @@ std::optional<Level> ChooseLevel(const RigInput& input,
   if (levels.size() == 1) return levels.front();
   const std::string& name = input.contents.images[images.front()].name;
   const Name& example = names[images.front()];
-  throw Error("database '" + input.contents.path +
-              "': image names do not tell whether '" +
+  throw Error(input.Name() + ": image names do not tell whether '" +
               example.folders[levels[0].position] + "' or '" +
               example.folders[levels[1].position] + "' of '" + name +
               "' is the camera of a rig; say so with --rig_name_rule or "

@@ -4,7 +4,7 @@
 #include <set>
 
 #include "io/rig_inference.h"
-#include "io/sqlite_database.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
@@ -26,7 +26,7 @@ class TableAssigner {
  public:
   explicit TableAssigner(const RigInput& input) : input_(input) {
     const size_t num_images = input.contents.images.size();
-    assignment_.source = "rigs and frames of the database";
+    assignment_.source = "rigs and frames of the " + input.kind;
     assignment_.sensor_of_image.resize(num_images, -1);
     assignment_.frame_of_image.resize(num_images, -1);
   }
@@ -48,7 +48,7 @@ class TableAssigner {
 
  private:
   [[noreturn]] void Throw(const std::string& problem) const {
-    ThrowDatabaseError(input_.contents.path, problem + kRemedy);
+    throw Error(input_.Name() + ": " + problem + kRemedy);
   }
   void AddRig(const RigRow& rig);
   void AddFrame(const FrameRow& frame,

@@ -7,7 +7,6 @@
 #include <tuple>
 #include <utility>
 
-#include "io/sqlite_database.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -34,7 +33,7 @@ class SceneBuilder {
 
  private:
   [[noreturn]] void Throw(const std::string& problem) const {
-    ThrowDatabaseError(input_.contents.path, problem);
+    throw Error(input_.Name() + ": " + problem);
   }
   const ImageRow& ImageAt(int image) const {
     return input_.contents.images[image];
@@ -68,7 +67,7 @@ class SceneBuilder {
   std::vector<int> camera_of_sensor_;  // position in input_.contents.cameras
   Scene scene_;
 
-  // Intrinsics as a sensor uses them: what the database has, or a replacement.
+  // Intrinsics as a sensor uses them: what the input has, or a replacement.
   using CameraKey =
       std::tuple<int, std::optional<CameraModelId>, std::vector<double>>;
   std::map<CameraKey, int> camera_idxs_;

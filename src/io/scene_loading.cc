@@ -3,60 +3,14 @@
 
 #include <algorithm>
 #include <map>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
-#include "io/rig_inference.h"
-#include "io/scene_builder.h"
-#include "io/sqlite_database.h"
+#include "io/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
-
-RigInput MakeRigInput(DatabaseContents contents) {
-  RigInput input;
-  std::sort(
-      contents.images.begin(), contents.images.end(),
-      [](const ImageRow& a, const ImageRow& b) { return a.name < b.name; });
-  std::map<CameraId, int> camera_of_id;
-  for (size_t i = 0; i < contents.cameras.size(); ++i) {
-    camera_of_id[contents.cameras[i].id] = static_cast<int>(i);
-  }
-  for (const ImageRow& image : contents.images) {
-    const auto camera = camera_of_id.find(image.camera_id);
-    MGSFM_CHECK_MSG(camera != camera_of_id.end(), image.name);
-    input.camera_of_image.push_back(camera->second);
-  }
-  input.contents = std::move(contents);
-  return input;
-}
-
-RigAssignment AssignAllSingle(const RigInput& input) {
-  RigAssignment assignment;
-  std::vector<int> images(input.contents.images.size());
-  std::iota(images.begin(), images.end(), 0);
-  assignment.sensor_of_image.resize(images.size());
-  assignment.frame_of_image.resize(images.size());
-  AssignSingleImages(input, images, &assignment);
-  assignment.source = "none (single images)";
-  return assignment;
-}
-
-RigAssignment AssignRigs(const RigInput& input,
-                         const SceneLoadingOptions& options) {
-  if (!options.rig_config_path.empty()) {
-    return AssignByConfig(input, ReadRigConfig(options.rig_config_path),
-                          options.rig_config_path);
-  }
-  if (options.rig_name_rule == "none") return AssignAllSingle(input);
-  if (options.rig_name_rule != "auto") {
-    return AssignByRule(input, options.rig_name_rule);
-  }
-  if (auto assignment = AssignByTables(input)) return *std::move(assignment);
-  return AssignByFolders(input);
-}
 
 ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {
   ImagePair pair;
@@ -134,12 +88,12 @@ void LogScene(const LoadedScene& loaded, const Context& context) {
 LoadedScene LoadScene(DatabaseContents contents,
                       const SceneLoadingOptions& options,
                       const Context& context) {
-  RigInput input = MakeRigInput(std::move(contents));
-  RigAssignment assignment = AssignRigs(input, options);
+  std::vector<TwoViewGeometryRow> pairs = std::move(contents.pairs);
+  SceneOfRows rows =
+      BuildSceneOfRows("database", std::move(contents), options, context);
   LoadedScene loaded;
-  loaded.rig_source = assignment.source;
-  std::vector<TwoViewGeometryRow> pairs = std::move(input.contents.pairs);
-  loaded.scene = BuildScene(std::move(input), std::move(assignment), context);
+  loaded.scene = std::move(rows.scene);
+  loaded.rig_source = std::move(rows.rig_source);
   loaded.view_graph = BuildViewGraph(std::move(pairs), loaded.scene);
   LogScene(loaded, context);
   return loaded;

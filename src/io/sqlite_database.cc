@@ -25,6 +25,31 @@ std::string EscapeForUri(const std::string& path) {
   return escaped;
 }
 
+// What SQLite says, and what to do about it.
+std::string Describe(int result, const std::string& message) {
+  switch (result & 0xff) {  // without the details of extended codes
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+      return "is damaged (" + message +
+             "); copy it again from where it was made";
+    case SQLITE_ERROR:
+      return "is not laid out like COLMAP's (" + message +
+             "); open it once with COLMAP 3.8 or later";
+    case SQLITE_FULL:
+      return message + "; free some space or choose another path";
+    case SQLITE_BUSY:
+    case SQLITE_LOCKED:
+      return "is in use by another program; wait until that has ended";
+    case SQLITE_READONLY:
+    case SQLITE_CANTOPEN:
+    case SQLITE_PERM:
+      return "cannot be written (" + message +
+             "); check the permissions of the file and its folder";
+    default:
+      return "cannot be used: " + message;
+  }
+}
+
 }  // namespace
 
 void ThrowDatabaseError(const std::string& path, const std::string& problem) {
@@ -41,7 +66,7 @@ SqliteStatement::SqliteStatement(sqlite3* db, const std::string& path,
 
 void SqliteStatement::Check(int result) const {
   if (result != SQLITE_OK) {
-    ThrowDatabaseError(path_, sqlite3_errmsg(db_));
+    ThrowDatabaseError(path_, Describe(result, sqlite3_errmsg(db_)));
   }
 }
 
@@ -86,6 +111,10 @@ void SqliteStatement::BindInt(int parameter, int64_t value) {
   Check(sqlite3_bind_int64(statement_.get(), parameter, value));
 }
 
+void SqliteStatement::BindDouble(int parameter, double value) {
+  Check(sqlite3_bind_double(statement_.get(), parameter, value));
+}
+
 void SqliteStatement::BindText(int parameter, const std::string& value) {
   Check(sqlite3_bind_text64(statement_.get(), parameter, value.data(),
                             value.size(), SQLITE_TRANSIENT, SQLITE_UTF8));
@@ -105,8 +134,10 @@ SqliteDatabase::SqliteDatabase(const std::string& file, const std::string& path,
   const int result = sqlite3_open_v2(file.c_str(), &db, flags, nullptr);
   db_.reset(db);
   if (result != SQLITE_OK) {
-    ThrowDatabaseError(
-        path, std::string("cannot be opened: ") + sqlite3_errstr(result));
+    ThrowDatabaseError(path, std::string("cannot be opened: ") +
+                                 sqlite3_errstr(result) +
+                                 "; check the permissions of the file and its "
+                                 "folder");
   }
   Execute("PRAGMA temp_store = MEMORY");
 }
@@ -128,9 +159,10 @@ SqliteDatabase SqliteDatabase::Create(const std::string& path) {
 }
 
 void SqliteDatabase::Execute(const std::string& sql) {
-  if (sqlite3_exec(db_.get(), sql.c_str(), nullptr, nullptr, nullptr) !=
-      SQLITE_OK) {
-    ThrowDatabaseError(path_, sqlite3_errmsg(db_.get()));
+  const int result =
+      sqlite3_exec(db_.get(), sql.c_str(), nullptr, nullptr, nullptr);
+  if (result != SQLITE_OK) {
+    ThrowDatabaseError(path_, Describe(result, sqlite3_errmsg(db_.get())));
   }
 }
 

@@ -40,6 +40,7 @@ class SqliteStatement {
 
   void BindNull(int parameter);
   void BindInt(int parameter, int64_t value);
+  void BindDouble(int parameter, double value);
   void BindText(int parameter, const std::string& value);
   // The bytes must live until Run().
   void BindBlob(int parameter, const void* data, size_t size);

@@ -3,6 +3,7 @@
 
 #include <sys/stat.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -18,17 +19,64 @@ namespace fs = std::filesystem;
 // and the journal with which an interrupted transaction is undone.
 constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
 
-void CheckIsDatabase(const std::string& path) {
-  if (!fs::exists(path)) ThrowDatabaseError(path, "there is no such file");
-  if (!fs::is_regular_file(path)) ThrowDatabaseError(path, "is not a file");
-  constexpr std::string_view kMagic("SQLite format 3\0", 16);
-  std::string head(kMagic.size(), '\0');
+// Every database begins with a header of this form; see "The Database Header"
+// in the documentation of SQLite's file format.
+constexpr std::streamsize kHeaderSize = 100;
+constexpr std::string_view kMagic("SQLite format 3\0", 16);
+
+// Zeros beyond the end of the file.
+std::string ReadHeader(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
-  if (!file) ThrowDatabaseError(path, "cannot be read");
-  if (!file.read(head.data(), static_cast<std::streamsize>(head.size())) ||
-      head != kMagic) {
-    ThrowDatabaseError(path, "is not an SQLite database");
+  if (!file) {
+    ThrowDatabaseError(path, "cannot be read; check its permissions");
   }
+  std::string header(kHeaderSize, '\0');
+  file.read(header.data(), kHeaderSize);
+  return header;
+}
+
+uint64_t BigEndian(const std::string& bytes, size_t begin, size_t size) {
+  uint64_t value = 0;
+  for (size_t i = begin; i < begin + size; ++i) {
+    value = value << 8 | static_cast<unsigned char>(bytes[i]);
+  }
+  return value;
+}
+
+void CheckIsDatabase(const std::string& path) {
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) {
+    ThrowDatabaseError(path, "there is no such file; check the path");
+  }
+  if (!fs::is_regular_file(status)) {
+    ThrowDatabaseError(path, "is not a file; give the database file itself");
+  }
+  const std::string header = ReadHeader(path);
+  if (header.compare(0, kMagic.size(), kMagic) != 0) {
+    ThrowDatabaseError(path,
+                       "is not an SQLite database; give the one that COLMAP's "
+                       "feature extractor made");
+  }
+}
+
+// SQLite itself would not notice if no page is missing that is read.
+void CheckIsComplete(const std::string& path) {
+  const std::string header = ReadHeader(path);
+  const uint64_t page_size = BigEndian(header, 16, 2);
+  // 65536 does not fit in two bytes; 1 stands for it.
+  const uint64_t num_bytes =
+      (page_size == 1 ? 65536 : page_size) * BigEndian(header, 28, 4);
+  const bool is_current = BigEndian(header, 24, 4) == BigEndian(header, 92, 4);
+  const uint64_t expected =
+      std::max<uint64_t>(is_current ? num_bytes : 0, kHeaderSize);
+  std::error_code error;
+  const uint64_t size = fs::file_size(path, error);
+  if (error || size >= expected) return;
+  ThrowDatabaseError(path, "is truncated, it has " + std::to_string(size) +
+                               " bytes instead of at least " +
+                               std::to_string(expected) +
+                               "; copy it again from where it was made");
 }
 
 }  // namespace
@@ -78,6 +126,7 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
     if (StateOf(path_ + suffix).size > 0) side_files.emplace_back(suffix);
   }
   if (side_files.empty()) {
+    CheckIsComplete(path_);
     database_ = SqliteDatabase::OpenImmutable(path_, path);
   } else {
     OpenCopy(side_files);

@@ -24,12 +24,18 @@ std::ifstream Open(const std::filesystem::path& path) {
   return file;
 }
 
-// The numbers a text holds; words that are none end it.
+// The finite numbers a text consists of; none if there is any other word.
 std::vector<double> ParseNumbers(const std::string& text) {
-  std::istringstream stream(text);
-  stream.imbue(std::locale::classic());
-  return {std::istream_iterator<double>(stream),
-          std::istream_iterator<double>()};
+  std::istringstream words(text);
+  std::vector<double> numbers;
+  for (std::string word; words >> word;) {
+    std::istringstream stream(word);
+    stream.imbue(std::locale::classic());
+    double number = 0.0;
+    if (!(stream >> number) || !stream.eof()) return {};
+    numbers.push_back(number);
+  }
+  return numbers;
 }
 
 [[noreturn]] void ThrowBadLine(const std::filesystem::path& path, int line,
@@ -104,7 +110,11 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
     const size_t colon = line.find(':');
     const std::vector<double> numbers = ParseNumbers(
         colon == std::string::npos ? line : line.substr(colon + 1));
-    if (numbers.size() != 12) continue;
+    if (numbers.size() != 12) {
+      const bool is_camera = colon != std::string::npos && line[0] == 'P';
+      if (is_camera) ThrowBadLine(path, line_number, "12 numbers");
+      continue;
+    }
     const Eigen::Map<const Matrix34> projection(numbers.data());
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
     if (std::abs(intrinsics.determinant()) < 1e-12) {

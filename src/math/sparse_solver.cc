@@ -46,6 +46,27 @@ cholmod_dense ViewDense(const Eigen::Ref<const Eigen::MatrixXd>& B) {
 
 }  // namespace
 
+EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
+  EliminationOrder result;
+  if (H.rows() == 0) return result;
+  cholmod_common common;
+  cholmod_start(&common);
+  common.print = 0;
+  common.supernodal = CHOLMOD_SIMPLICIAL;
+  cholmod_sparse view = ViewLower(H);
+  cholmod_factor* factor = cholmod_analyze(&view, &common);
+  if (factor != nullptr) {
+    const int* order = static_cast<const int*>(factor->Perm);
+    result.order.assign(order, order + H.rows());
+    result.num_factor_entries = common.lnz;
+    result.num_flops = common.fl;
+    cholmod_free_factor(&factor, &common);
+  }
+  cholmod_finish(&common);
+  MGSFM_CHECK_MSG(!result.order.empty(), "CHOLMOD: ordering");
+  return result;
+}
+
 struct SparseCholesky::Impl {
   Impl() {
     cholmod_start(&common);
@@ -83,10 +104,15 @@ SparseCholesky::~SparseCholesky() = default;
 SparseCholesky::SparseCholesky(SparseCholesky&&) noexcept = default;
 SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
 
-void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H) {
+void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H,
+                             Order order) {
   MGSFM_CHECK_GT(H.rows(), 0);
   cholmod_sparse view = ViewLower(H);
   impl_->FreeFactor();
+  // 0: CHOLMOD's own strategy.
+  impl_->common.nmethods = order == Order::kGiven ? 1 : 0;
+  impl_->common.method[0].ordering =
+      order == Order::kGiven ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
   impl_->factor = cholmod_analyze(&view, &impl_->common);
   MGSFM_CHECK_MSG(impl_->factor != nullptr, "CHOLMOD: symbolic factorisation");
   impl_->num_non_zeros = H.nonZeros();

@@ -15,6 +15,7 @@ template <class Function>
 auto Timed(const char* stage, const Context& context,
            std::vector<StageTime>* times, const Function& function) {
   context.Debug(std::string(stage) + " started");
+  context.CheckInterrupted();
   const Timer timer;
   auto result = function();
   times->push_back({stage, timer.Seconds()});
@@ -55,7 +56,7 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
 
 // Tracks without the matches of pairs that turned out to contradict the others,
 // so that copies of a structure are not one.
-ObservationGroups EstablishComponentsAnew(
+ObservationGroups EstablishCandidatesAnew(
     const Scene& scene, const ViewGraph& view_graph,
     const RotationEstimate& rotations,
     const std::vector<char>& pair_contradicts, const TrackOptions& options,
@@ -65,7 +66,7 @@ ObservationGroups EstablishComponentsAnew(
     if (pair_contradicts[i]) pair_is_used[i] = false;
   }
   return EstablishTracks(scene, view_graph, pair_is_used, options, context)
-      .estimate.components;
+      .estimate.candidates;
 }
 
 // Pairs of the part that its rotations or positions contradict.
@@ -128,14 +129,14 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                                  translation.pair_contradicts);
   WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
   if (model.translation.num_pairs_contradicting > 0) {
-    tracks.estimate.components = EstablishComponentsAnew(
+    tracks.estimate.candidates = EstablishCandidatesAnew(
         scene, view_graph, rotations, translation.pair_contradicts,
         options.tracks, context);
   }
 
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
-        scene, tracks.estimate.components,
+        scene, tracks.estimate.candidates,
         JoinEstimates(scene, rotations, translation.estimate,
                       tracks.estimate.tracks),
         options.bundle_adjustment, context);

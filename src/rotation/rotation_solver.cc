@@ -80,8 +80,9 @@ class L1Steps {
   bool IsSolvable() const { return op_.IsPositiveDefinite(); }
 
   SolveSummary Next(const std::vector<Vector3d>& residuals,
-                    RotationStep* step) {
+                    const Context& context, RotationStep* step) {
     AdmmOptions options;
+    options.context = context;
     options.max_num_iterations = 300;
     options.relative_tolerance = 1e-3;
     for (size_t row = 0; row < edges_.size(); ++row) {
@@ -154,7 +155,7 @@ SolveSummary AverageL1(const RotationProblem& problem,
   RotationStep step;
   summary.termination = Termination::kMaxIterations;
   while (summary.num_iterations < options.max_num_l1_iterations) {
-    if (!steps.Next(residuals, &step).IsUsable()) {
+    if (!steps.Next(residuals, context, &step).IsUsable()) {
       summary.termination = Termination::kFailure;
       summary.message = "The ADMM of the L1 step failed.";
       return summary;
@@ -186,6 +187,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
   RotationStep step;
   summary.termination = Termination::kMaxIterations;
   while (summary.num_iterations < options.max_num_iterations) {
+    context.CheckInterrupted();
     loss = schedule.Next(norms);
     for (size_t e = 0; e < norms.size(); ++e) {
       weights[e] = problem.edges[e].weight *

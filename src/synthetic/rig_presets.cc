@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "synthetic/rig_presets.h"
-
 #include <cmath>
+#include <string>
 
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
 namespace {
@@ -20,9 +20,9 @@ Rigid3 MountedCamera(double yaw_deg, double pitch_deg, double roll_deg,
                                        center_in_rig);
 }
 
-SimulatedCamera KittiCamera(const std::string& folder,
+SimulatedCamera KittiCamera(const std::string& image_prefix,
                             const Rigid3& sensor_from_rig) {
-  return {folder,
+  return {image_prefix,
           CameraModelId::kPinhole,
           1226,
           370,
@@ -30,10 +30,10 @@ SimulatedCamera KittiCamera(const std::string& folder,
           sensor_from_rig};
 }
 
-SimulatedCamera FisheyeCamera(const std::string& folder, double focal_px,
+SimulatedCamera FisheyeCamera(const std::string& image_prefix, double focal_px,
                               int size_px, const Rigid3& sensor_from_rig) {
   const double center_px = 0.5 * size_px;
-  return {folder,
+  return {image_prefix,
           CameraModelId::kOpenCVFisheye,
           size_px,
           size_px,
@@ -48,7 +48,7 @@ std::vector<SimulatedCamera> MakeCube() {
     const double yaw = DegToRad(yaw_deg);
     const Eigen::Vector3d center(0.1 * std::sin(yaw), 0.0,
                                  0.1 * (std::cos(yaw) - 1.0));
-    rig.push_back(FisheyeCamera("cam" + std::to_string(i), 330.0, 1000,
+    rig.push_back(FisheyeCamera("cam" + std::to_string(i) + "/", 330.0, 1000,
                                 MountedCamera(yaw_deg, 0.0, 0.0, center)));
   }
   return rig;
@@ -57,9 +57,9 @@ std::vector<SimulatedCamera> MakeCube() {
 }  // namespace
 
 std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
-  const SimulatedCamera left = KittiCamera("cam0", Rigid3());
+  const SimulatedCamera left = KittiCamera("cam0/", Rigid3());
   const SimulatedCamera right = KittiCamera(
-      "cam1", MountedCamera(1.0, 0.3, -0.2, Eigen::Vector3d(0.5372, 0, 0)));
+      "cam1/", MountedCamera(1.0, 0.3, -0.2, Eigen::Vector3d(0.5372, 0, 0)));
   switch (preset) {
     case RigPreset::kMono:
       return {left};
@@ -67,9 +67,9 @@ std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
       return {left, right};
     case RigPreset::kKitti360:
       return {left, right,
-              FisheyeCamera("cam2", 430.0, 1400,
+              FisheyeCamera("cam2/", 430.0, 1400,
                             MountedCamera(-90.0, 2.0, 1.0, {-0.4, -0.1, -0.7})),
-              FisheyeCamera("cam3", 430.0, 1400,
+              FisheyeCamera("cam3/", 430.0, 1400,
                             MountedCamera(90.0, -1.0, 2.0, {0.9, -0.1, -0.7}))};
     case RigPreset::kCube6:
       return MakeCube();

@@ -4,131 +4,67 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <utility>
 
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "synthetic/rig_presets.h"
+#include "mgsfm/base/parallel.h"
+#include "synthetic/detection.h"
+#include "synthetic/drive.h"
+#include "synthetic/isolated_pairs.h"
+#include "synthetic/pair_making.h"
+#include "synthetic/pair_selection.h"
+#include "synthetic/random_streams.h"
+#include "synthetic/world.h"
 
 namespace mgsfm {
 namespace {
 
-// Streams of the random generator, so that switching one effect on leaves all
-// others as they were.
-enum RandomStream : uint64_t { kPoints, kMissing, kKeypoints, kPairs };
+// About so many wrong pairs come from one duplicated structure.
+constexpr double kPairsPerDuplicate = 30.0;
 
-std::vector<Rigid3> MakePath(const SimulationOptions& options) {
-  std::vector<Rigid3> rig_from_world;
-  Eigen::Vector3d center = Eigen::Vector3d::Zero();
-  const double loop_turn = 2.0 * kPi / options.num_frames;
-  for (int i = 0; i < options.num_frames; ++i) {
-    const double distance = i * options.frame_spacing_m;
-    double yaw = 0.0, pitch = 0.0, roll = 0.0;
-    if (options.path == PathPreset::kLoop) {
-      yaw = loop_turn * i;
-    } else if (options.path == PathPreset::kCurve) {
-      yaw = 0.7 * std::sin(distance / 12.0);
-      pitch = 0.08 * std::sin(distance / 7.0);
-      roll = 0.05 * std::sin(distance / 5.0 + 1.0);
-    }
-    const Eigen::Quaterniond world_from_rig =
-        ExpSO3(Eigen::Vector3d(0.0, yaw, 0.0)) *
-        ExpSO3(Eigen::Vector3d(pitch, 0.0, 0.0)) *
-        ExpSO3(Eigen::Vector3d(0.0, 0.0, roll));
-    rig_from_world.push_back(
-        Rigid3::FromRotationAndCenter(world_from_rig.conjugate(), center));
-    if (options.path != PathPreset::kStanding) {
-      // The chord of the turn to the next frame, so that loops close exactly.
-      const double half_turn =
-          options.path == PathPreset::kLoop ? 0.5 * loop_turn : 0.0;
-      center +=
-          options.frame_spacing_m *
-          (world_from_rig * (ExpSO3(Eigen::Vector3d(0.0, half_turn, 0.0)) *
-                             Eigen::Vector3d::UnitZ()));
-    }
-  }
-  return rig_from_world;
+// Positions of the cameras by name of their images, as scenes have them.
+std::vector<int> OrderByName(const std::vector<SimulatedCamera>& rig) {
+  std::vector<int> order(rig.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&rig](int a, int b) {
+    return rig[a].image_prefix < rig[b].image_prefix;
+  });
+  return order;
 }
 
-// Points of walls on both sides, of the ground and of the sky line.
-std::vector<Eigen::Vector3d> MakePoints(const SimulationOptions& options,
-                                        const std::vector<Rigid3>& path) {
-  Random random(options.random_seed, kPoints);
-  std::vector<Eigen::Vector3d> points;
-  points.reserve(path.size() * options.num_points_per_frame);
-  for (const Rigid3& rig_from_world : path) {
-    const Rigid3 world_from_rig = rig_from_world.Inverse();
-    for (int i = 0; i < options.num_points_per_frame; ++i) {
-      const double side = random.Uniform() < 0.5 ? -1.0 : 1.0;
-      const Eigen::Vector3d point_in_rig(
-          side * random.Uniform(2.0, 14.0), random.Uniform(-6.0, 1.6),
-          random.Uniform(-10.0, options.max_visible_distance_m));
-      points.push_back(world_from_rig * point_in_rig);
-    }
-  }
-  return points;
-}
-
-struct Feature {
-  int point_idx;
-  Eigen::Vector2f keypoint_px;
-};
-
-// What one image sees, sorted by point. Where there is too much, the points
-// with the lowest priority rank are left out: the same in all images, so that
-// tracks stay long.
-std::vector<Feature> SeePoints(const SimulationOptions& options,
-                               const SimulatedCamera& camera,
-                               const Rigid3& cam_from_world,
-                               const std::vector<Eigen::Vector3d>& points,
-                               const std::vector<int>& candidates,
-                               const std::vector<uint64_t>& priority,
-                               Random* random) {
-  std::vector<Feature> features;
-  for (const int point_idx : candidates) {
-    const Eigen::Vector3d point_in_cam = cam_from_world * points[point_idx];
-    if (point_in_cam.norm() > options.max_visible_distance_m) continue;
-    const auto pixel =
-        ProjectToPixel(camera.model, camera.params.data(), point_in_cam);
-    if (!pixel || pixel->x() < 0 || pixel->y() < 0 ||
-        pixel->x() >= camera.width_px || pixel->y() >= camera.height_px) {
-      continue;
-    }
-    features.push_back({point_idx, pixel->cast<float>()});
-  }
-  const size_t num_kept = options.max_num_features_per_image;
-  if (features.size() > num_kept) {
-    std::nth_element(features.begin(), features.begin() + num_kept,
-                     features.end(), [&](const Feature& a, const Feature& b) {
-                       return priority[a.point_idx] < priority[b.point_idx];
-                     });
-    features.resize(num_kept);
-  }
-  std::sort(features.begin(), features.end(),
-            [](const Feature& a, const Feature& b) {
-              return a.point_idx < b.point_idx;
-            });
-  for (Feature& feature : features) {
-    feature.keypoint_px += (options.pixel_noise_px *
-                            Eigen::Vector2d(random->Normal(), random->Normal()))
-                               .cast<float>();
-  }
-  return features;
+std::string SensorName(const std::string& image_prefix) {
+  const bool is_folder = !image_prefix.empty() && image_prefix.back() == '/';
+  return image_prefix.substr(0, image_prefix.size() - (is_folder ? 1 : 0));
 }
 
 class Simulator {
  public:
-  explicit Simulator(const SimulationOptions& options)
+  Simulator(const SimulationOptions& options, const SimulationInput& input,
+            const Context& context)
       : options_(options),
-        rig_(MakeRig(options.rig)),
-        path_(MakePath(options)),
-        points_(MakePoints(options, path_)) {}
+        context_(context),
+        rig_(input.rig.empty() ? MakeRig(options.rig) : input.rig),
+        drive_(MakeDrive(options, input)) {}
 
   Simulation Run() {
     AddRig();
     AddImages();
-    SeeAllPoints();
-    AddPairs();
+    world_ = MakeWorld(options_, rig_, drive_, NumDuplicates(), context_);
+    std::optional<Vehicles> vehicles;
+    if (options_.moving_feature_ratio > 0.0) {
+      vehicles.emplace(world_->road, drive_, options_.random_seed);
+    }
+    const Detector detector(options_, rig_, *world_,
+                            vehicles ? &*vehicles : nullptr);
+    DetectFeatures(detector);
+    AddPairs(PairMaker(options_, rig_, *world_, vehicles ? &*vehicles : nullptr,
+                       detector, photographs_),
+             detector);
+    AddFeatures();
     AddGroundTruth();
     CheckConsistent(simulation_.scene);
     return std::move(simulation_);
@@ -137,224 +73,264 @@ class Simulator {
  private:
   void AddRig();
   void AddImages();
-  void SeeAllPoints();
-  std::vector<int> PointsNear(const Eigen::Vector3d& center) const;
-  void AddPairs();
-  bool ShouldMatch(const Image& image1, const Image& image2) const;
-  void AddPair(int image_idx1, int image_idx2, Random* random);
-  std::vector<Match> CommonPoints(int image_idx1, int image_idx2) const;
+  Exposure Expose(int camera, int frame) const;
+  int NumDuplicates() const;
+  void DetectFeatures(const Detector& detector);
+  void AddPairs(const PairMaker& maker, const Detector& detector);
+  std::vector<MadePair> MakePairs(const PairMaker& maker,
+                                  const std::vector<PairPlan>& plans) const;
+  void AddFeatures();
   void AddGroundTruth();
 
-  const SimulationOptions options_;
+  const SimulationOptions& options_;
+  const Context& context_;
   const std::vector<SimulatedCamera> rig_;
-  const std::vector<Rigid3> path_;
-  const std::vector<Eigen::Vector3d> points_;
-  std::vector<int> path_idx_;  // per frame: its place on the path
-  std::vector<std::vector<int>> point_idxs_;  // per image and keypoint
+  const Drive drive_;
+  std::optional<World> world_;
+  Photographs photographs_;
+  std::vector<int> drive_frames_;  // per frame of the scene, that of the drive
+  std::vector<int> sensor_idxs_;   // per camera of the rig
   Simulation simulation_;
 };
 
 void Simulator::AddRig() {
   Scene& scene = simulation_.scene;
   Rig rig{RigId(5), 0, {}};
-  for (size_t i = 0; i < rig_.size(); ++i) {
+  sensor_idxs_.resize(rig_.size());
+  for (const int i : OrderByName(rig_)) {
     const SimulatedCamera& camera = rig_[i];
-    scene.cameras.push_back({CameraId(static_cast<uint32_t>(3 * i + 4)),
+    const int idx = static_cast<int>(scene.sensors.size());
+    scene.cameras.push_back({CameraId(static_cast<uint32_t>(3 * idx + 4)),
                              camera.model, camera.width_px, camera.height_px,
                              camera.params, true});
-    const int idx = static_cast<int>(i);
-    Sensor sensor{camera.folder, 0, idx, std::nullopt};
+    Sensor sensor{SensorName(camera.image_prefix), 0, idx, std::nullopt};
     if (i == 0 || options_.extrinsics_are_known) {
       sensor.sensor_from_rig = camera.sensor_from_rig;
     }
     scene.sensors.push_back(sensor);
     rig.sensor_idxs.push_back(idx);
+    if (i == 0) rig.ref_sensor_idx = idx;
+    sensor_idxs_[i] = idx;
   }
   scene.rigs.push_back(rig);
 }
 
+Exposure Simulator::Expose(int camera, int frame) const {
+  Exposure exposure{camera, frame, drive_.TimeOfFrame(frame), {}};
+  Rigid3 rig_from_world = drive_.PoseOfFrame(frame);
+  if (options_.trigger_jitter_ms > 0.0) {
+    Random random =
+        RandomOf(options_.random_seed, Effect::kTriggerJitter, exposure.Key());
+    exposure.time_s +=
+        1e-3 * options_.trigger_jitter_ms * random.Uniform(-1.0, 1.0);
+    rig_from_world = drive_.PoseAt(exposure.time_s);
+  }
+  exposure.cam_from_world = rig_[camera].sensor_from_rig * rig_from_world;
+  return exposure;
+}
+
 void Simulator::AddImages() {
   Scene& scene = simulation_.scene;
-  Random random(options_.random_seed, kMissing);
-  std::vector<int> frame_idx_of_path(path_.size(), -1);
-  for (size_t sensor_idx = 0; sensor_idx < rig_.size(); ++sensor_idx) {
-    for (size_t path_idx = 0; path_idx < path_.size(); ++path_idx) {
+  std::vector<int> frame_idx_of_drive(drive_.num_frames(), -1);
+  for (const int camera : OrderByName(rig_)) {
+    for (int frame = 0; frame < drive_.num_frames(); ++frame) {
+      const Exposure exposure = Expose(camera, frame);
+      Random random = RandomOf(options_.random_seed, Effect::kMissingImages,
+                               exposure.Key());
       if (random.Uniform() < options_.missing_image_ratio) continue;
       char frame_name[32];
-      std::snprintf(frame_name, sizeof(frame_name), "%06zu.png", path_idx);
-      int& frame_idx = frame_idx_of_path[path_idx];
+      std::snprintf(frame_name, sizeof(frame_name), "%06d",
+                    drive_.pose_of_frame[frame]);
+      int& frame_idx = frame_idx_of_drive[frame];
       if (frame_idx < 0) {
         frame_idx = static_cast<int>(scene.frames.size());
         scene.frames.push_back(
-            {FrameId(static_cast<uint32_t>(2 * path_idx + 9)),
-             frame_name,
-             0,
-             {}});
-        path_idx_.push_back(static_cast<int>(path_idx));
+            {FrameId(static_cast<uint32_t>(2 * frame + 9)), frame_name, 0, {}});
+        drive_frames_.push_back(frame);
       }
       const int image_idx = static_cast<int>(scene.images.size());
       scene.frames[frame_idx].image_idxs.push_back(image_idx);
       scene.images.push_back(
-          {ImageId(static_cast<uint32_t>(path_idx * 8 + sensor_idx + 1)),
-           rig_[sensor_idx].folder + "/" + frame_name,
-           static_cast<int>(sensor_idx),
-           static_cast<int>(sensor_idx),
+          {ImageId(static_cast<uint32_t>(frame * rig_.size() + camera + 1)),
+           rig_[camera].image_prefix + frame_name + ".png",
+           sensor_idxs_[camera],
+           sensor_idxs_[camera],
            frame_idx,
            {}});
+      photographs_.exposures.push_back(exposure);
+      simulation_.cam_from_world.push_back(exposure.cam_from_world);
     }
   }
 }
 
-std::vector<int> Simulator::PointsNear(const Eigen::Vector3d& center) const {
-  // Points lie within this distance of the place on the path they belong to.
-  const double reach = 2.0 * options_.max_visible_distance_m + 20.0;
-  std::vector<int> candidates;
-  for (size_t i = 0; i < path_.size(); ++i) {
-    if ((path_[i].Center() - center).norm() > reach) continue;
-    const int begin = static_cast<int>(i) * options_.num_points_per_frame;
-    for (int j = 0; j < options_.num_points_per_frame; ++j) {
-      candidates.push_back(begin + j);
-    }
-  }
-  return candidates;
+int Simulator::NumDuplicates() const {
+  if (options_.duplicated_pair_ratio == 0.0) return 0;
+  const size_t num_pairs =
+      PlanNeighbors(options_, drive_, photographs_.exposures).size();
+  return static_cast<int>(std::ceil(options_.duplicated_pair_ratio *
+                                    static_cast<double>(num_pairs) /
+                                    kPairsPerDuplicate));
 }
 
-void Simulator::SeeAllPoints() {
-  Scene& scene = simulation_.scene;
-  std::vector<uint64_t> priority(points_.size());
-  Random priority_random(options_.random_seed, kPoints);
-  for (uint64_t& p : priority) p = priority_random.NextBits();
-  point_idxs_.resize(scene.images.size());
-  for (const Frame& frame : scene.frames) {
-    const int path_idx = path_idx_[&frame - scene.frames.data()];
-    const std::vector<int> candidates = PointsNear(path_[path_idx].Center());
-    for (const int image_idx : frame.image_idxs) {
-      Image& image = scene.images[image_idx];
-      Random random(options_.random_seed + kKeypoints, image.id.value());
-      const SimulatedCamera& camera = rig_[image.sensor_idx];
-      for (const Feature& feature :
-           SeePoints(options_, camera, camera.sensor_from_rig * path_[path_idx],
-                     points_, candidates, priority, &random)) {
-        image.keypoints_px.push_back(feature.keypoint_px);
-        point_idxs_[image_idx].push_back(feature.point_idx);
-      }
-    }
-  }
+void Simulator::DetectFeatures(const Detector& detector) {
+  const std::vector<Exposure>& exposures = photographs_.exposures;
+  photographs_.features.resize(exposures.size());
+  ParallelFor(
+      exposures.size(), ResolveNumThreads(context_.num_threads),
+      [&](size_t i) {
+        photographs_.features[i] = detector.Detect(exposures[i]);
+      },
+      16,
+      [&](size_t num_done) {
+        context_.ReportProgress("simulation: features", num_done,
+                                exposures.size());
+      });
 }
 
-bool Simulator::ShouldMatch(const Image& image1, const Image& image2) const {
-  if (!options_.match_different_sensors &&
-      image1.sensor_idx != image2.sensor_idx) {
-    return false;
+std::vector<MadePair> Simulator::MakePairs(
+    const PairMaker& maker, const std::vector<PairPlan>& plans) const {
+  std::vector<std::optional<MadePair>> made(plans.size());
+  ParallelFor(
+      plans.size(), ResolveNumThreads(context_.num_threads),
+      [&](size_t i) { made[i] = maker.Make(plans[i]); }, 64,
+      [&](size_t num_done) {
+        context_.ReportProgress("simulation: pairs", num_done, plans.size());
+      });
+  std::vector<MadePair> pairs;
+  for (std::optional<MadePair>& pair : made) {
+    if (pair) pairs.push_back(std::move(*pair));
   }
-  const int num_frames = options_.num_frames;
-  int gap = std::abs(path_idx_[image1.frame_idx] - path_idx_[image2.frame_idx]);
-  if (options_.path == PathPreset::kLoop) gap = std::min(gap, num_frames - gap);
-  return gap <= options_.num_matched_frames;
+  return pairs;
 }
 
-void Simulator::AddPairs() {
-  const std::vector<Image>& images = simulation_.scene.images;
-  Random random(options_.random_seed, kPairs);
-  for (size_t i = 0; i < images.size(); ++i) {
-    for (size_t j = i + 1; j < images.size(); ++j) {
-      if (!ShouldMatch(images[i], images[j])) continue;
-      AddPair(static_cast<int>(i), static_cast<int>(j), &random);
-    }
+// The numbers of wrong pairs are shares of all pairs.
+void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
+  std::vector<PairPlan> plans =
+      PlanPairs(options_, drive_, *world_, photographs_, context_);
+  std::vector<MadePair> pairs = MakePairs(maker, plans);
+  const double wrong_ratio =
+      options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
+  if (wrong_ratio >= 1.0) {
+    throw Error(
+        "isolated_wrong_pair_ratio and duplicated_pair_ratio make all pairs "
+        "wrong; lower one of them");
   }
-}
-
-std::vector<Match> Simulator::CommonPoints(int image_idx1,
-                                           int image_idx2) const {
-  const std::vector<int>& points1 = point_idxs_[image_idx1];
-  const std::vector<int>& points2 = point_idxs_[image_idx2];
-  std::vector<Match> matches;
-  for (size_t i = 0, j = 0; i < points1.size() && j < points2.size();) {
-    if (points1[i] < points2[j]) {
-      ++i;
-    } else if (points2[j] < points1[i]) {
-      ++j;
-    } else {
-      matches.push_back(
-          {static_cast<uint32_t>(i++), static_cast<uint32_t>(j++)});
-    }
-  }
-  return matches;
-}
-
-void Simulator::AddPair(int image_idx1, int image_idx2, Random* random) {
-  const Image& image1 = simulation_.scene.images[image_idx1];
-  const Image& image2 = simulation_.scene.images[image_idx2];
-  ImagePair pair;
-  pair.image_idx1 = image_idx1;
-  pair.image_idx2 = image_idx2;
-  pair.config = TwoViewConfig::kCalibrated;
-  pair.matches = CommonPoints(image_idx1, image_idx2);
-  if (static_cast<int>(pair.matches.size()) < options_.min_num_matches) return;
-
-  const auto random_vector = [random] {
-    return Eigen::Vector3d(random->Normal(), random->Normal(),
-                           random->Normal());
+  const double num_all =
+      static_cast<double>(pairs.size()) / (1.0 - wrong_ratio);
+  const auto num_of = [num_all](double ratio) {
+    return static_cast<int>(std::lround(ratio * num_all));
   };
-  const Rigid3 cam1_from_world = rig_[image1.sensor_idx].sensor_from_rig *
-                                 path_[path_idx_[image1.frame_idx]];
-  const Rigid3 cam2_from_world = rig_[image2.sensor_idx].sensor_from_rig *
-                                 path_[path_idx_[image2.frame_idx]];
-  Rigid3 cam2_from_cam1 = cam2_from_world * cam1_from_world.Inverse();
-  const auto num_keypoints2 = static_cast<uint32_t>(image2.keypoints_px.size());
-  double mismatch_ratio = options_.mismatch_ratio;
-  if (random->Uniform() < options_.wrong_pair_ratio) {
-    cam2_from_cam1 = {ExpSO3(random_vector()), random_vector()};
-    pair.matches.resize(options_.min_num_matches);
-    mismatch_ratio = 1.0;
+  const std::vector<PairPlan> duplicated =
+      PlanDuplicatedPairs(options_, *world_, photographs_, plans,
+                          num_of(options_.duplicated_pair_ratio));
+  const auto append = [&pairs](std::vector<MadePair> more) {
+    std::move(more.begin(), more.end(), std::back_inserter(pairs));
+  };
+  append(MakePairs(maker, duplicated));
+  plans.insert(plans.end(), duplicated.begin(), duplicated.end());
+  std::sort(plans.begin(), plans.end());
+  append(MakeIsolatedPairs(options_, rig_, detector, maker, plans,
+                           num_of(options_.isolated_wrong_pair_ratio), context_,
+                           &photographs_));
+  std::sort(pairs.begin(), pairs.end(),
+            [](const MadePair& a, const MadePair& b) {
+              return a.pair.image_idx1 != b.pair.image_idx1
+                         ? a.pair.image_idx1 < b.pair.image_idx1
+                         : a.pair.image_idx2 < b.pair.image_idx2;
+            });
+  for (MadePair& pair : pairs) {
+    simulation_.view_graph.pairs.push_back(std::move(pair.pair));
+    simulation_.pair_kinds.push_back(pair.kind);
+    simulation_.raw_matches.push_back(std::move(pair.raw_matches));
   }
-  for (Match& match : pair.matches) {
-    if (random->Uniform() < mismatch_ratio) {
-      match.keypoint_idx2 = random->Index(num_keypoints2);
+}
+
+void Simulator::AddFeatures() {
+  const int num_points = static_cast<int>(world_->points.size());
+  for (size_t i = 0; i < photographs_.features.size(); ++i) {
+    Features& features = photographs_.features[i];
+    for (int& identity : features.identities) {
+      if (identity >= num_points) identity = -1;
     }
+    simulation_.keypoint_points.push_back(std::move(features.identities));
+    simulation_.scene.images[i].keypoints_px = std::move(features.keypoints_px);
   }
-  const double noise = DegToRad(options_.relative_rotation_noise_deg);
-  RelativePose relative_pose{
-      cam2_from_cam1.rotation * ExpSO3(noise * random_vector()), std::nullopt};
-  if (cam2_from_cam1.translation.norm() > 1e-9) {
-    relative_pose.translation_direction =
-        cam2_from_cam1.translation.normalized();
-    pair.E = CrossMatrix(*relative_pose.translation_direction) *
-             relative_pose.cam2_from_cam1.toRotationMatrix();
+  for (const WorldPoint& point : world_->points) {
+    simulation_.world_points.push_back(point.position);
   }
-  pair.relative_pose = relative_pose;
-  simulation_.view_graph.pairs.push_back(std::move(pair));
 }
 
 void Simulator::AddGroundTruth() {
   const Scene& scene = simulation_.scene;
   Reconstruction& truth = simulation_.ground_truth;
   truth.cameras = scene.cameras;
-  for (const SimulatedCamera& camera : rig_) {
-    truth.sensor_from_rig.emplace_back(camera.sensor_from_rig);
+  truth.sensor_from_rig.resize(rig_.size());
+  for (size_t i = 0; i < rig_.size(); ++i) {
+    truth.sensor_from_rig[sensor_idxs_[i]] = rig_[i].sensor_from_rig;
   }
-  for (const int path_idx : path_idx_) {
-    truth.rig_from_world.emplace_back(path_[path_idx]);
+  for (const int frame : drive_frames_) {
+    truth.rig_from_world.emplace_back(drive_.PoseOfFrame(frame));
   }
-  std::vector<Point3D> points(points_.size());
+  std::vector<std::vector<Observation>> tracks(simulation_.world_points.size());
   for (size_t i = 0; i < scene.images.size(); ++i) {
-    for (size_t j = 0; j < point_idxs_[i].size(); ++j) {
-      points[point_idxs_[i][j]].track.push_back(
-          {static_cast<int>(i), static_cast<int>(j)});
+    const std::vector<int>& points = simulation_.keypoint_points[i];
+    for (size_t j = 0; j < points.size(); ++j) {
+      if (points[j] < 0) continue;
+      tracks[points[j]].push_back({static_cast<int>(i), static_cast<int>(j)});
     }
   }
-  for (size_t i = 0; i < points.size(); ++i) {
-    if (points[i].track.size() < 2) continue;
-    points[i].point_in_world = points_[i];
-    truth.points.push_back(std::move(points[i]));
+  for (size_t i = 0; i < tracks.size(); ++i) {
+    if (tracks[i].size() < 2) continue;
+    Point3D point;
+    point.point_in_world = simulation_.world_points[i];
+    point.track = std::move(tracks[i]);
+    truth.points.push_back(std::move(point));
   }
 }
 
 }  // namespace
 
-Simulation Simulate(const SimulationOptions& options) {
-  MGSFM_CHECK_GT(options.num_frames, 0);
-  return Simulator(options).Run();
+Simulation Simulate(const SimulationOptions& options,
+                    const SimulationInput& input, const Context& context) {
+  return Simulator(options, input, context).Run();
+}
+
+Simulation Simulate(const SimulationOptions& options,
+                    const std::vector<Rigid3>& rig_from_world_path,
+                    const Context& context) {
+  SimulationInput input;
+  input.rig_from_world_path = rig_from_world_path;
+  return Simulate(options, input, context);
+}
+
+SimulationOptions StreetSimulation(RigPreset rig) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.world = WorldPreset::kStreet;
+  options.max_visible_distance_m = 100.0;
+  options.max_num_features_per_image = 400;
+  options.clutter_ratio = 0.25;
+  options.num_matched_frames = 10;
+  options.num_matched_frames_across = 2;
+  options.max_num_loop_images = 5;
+  options.max_verification_error_px = 4.0;
+  return options;
+}
+
+SimulationOptions StandardSimulation(RigPreset rig) {
+  SimulationOptions options = StreetSimulation(rig);
+  options.pixel_noise_px = 0.7;
+  options.mismatch_ratio = 0.2;
+  options.epipolar_outlier_ratio = 0.03;
+  options.moving_feature_ratio = 0.1;
+  options.isolated_wrong_pair_ratio = 0.02;
+  return options;
+}
+
+SimulationOptions AliasedSimulation(RigPreset rig) {
+  SimulationOptions options = StandardSimulation(rig);
+  options.duplicated_pair_ratio = 0.02;
+  return options;
 }
 
 }  // namespace mgsfm

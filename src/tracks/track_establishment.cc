@@ -30,6 +30,7 @@ ObservationGroups MakeConflictFree(const Scene& scene,
   }
   std::vector<ObservationGroups> parts(with_conflict.size());
   ParallelFor(with_conflict.size(), context.num_threads, [&](size_t i) {
+    context.CheckInterrupted();
     const size_t group = with_conflict[i];
     const size_t first_match = conflicting.offsets[group];
     parts[i] = internal::SplitComponent(
@@ -67,19 +68,19 @@ TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
                             const Context& context) {
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   const internal::KeypointNodes nodes(scene);
-  MatchComponents components =
+  const MatchComponents components =
       internal::FindComponents(nodes, view_graph, pair_is_used);
+  context.CheckInterrupted();
   const ConflictingMatches conflicting = internal::GatherConflictingMatches(
       nodes, view_graph, pair_is_used, components);
-  const ObservationGroups candidates =
-      MakeConflictFree(scene, components, conflicting, options, context);
 
   TrackResult result;
-  result.estimate.tracks =
-      internal::SelectTracks(candidates, scene.images.size(), options);
-  result.estimate.components = std::move(components.groups);
+  result.estimate.candidates =
+      MakeConflictFree(scene, components, conflicting, options, context);
+  result.estimate.tracks = internal::SelectTracks(result.estimate.candidates,
+                                                  scene.images.size(), options);
   TrackSummary& summary = result.summary;
-  summary.num_components = result.estimate.components.size();
+  summary.num_components = components.groups.size();
   summary.num_components_with_conflicts = static_cast<size_t>(
       std::count(components.has_conflict.begin(), components.has_conflict.end(),
                  char{true}));

@@ -3,7 +3,9 @@
 
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/least_squares/backend.h"
 #include "translation/position_initialization.h"
 #include "translation/track_points.h"
 
@@ -13,6 +15,7 @@ struct AngleRefinementOptions {
   int max_num_iterations = 50;
   double loss_scale_rad = 0.0;
   double function_tolerance = 1e-6;
+  SolverBackend backend = SolverBackend::kNative;
 };
 
 // What both refinements need of the stages before.
@@ -31,11 +34,11 @@ struct RefinementInput {
 // b_p and baselines C_p of pairs, and terms w log(|C_p| / s_p) that keep the
 // measured lengths, which directions do not determine on straight motion.
 // Gauge: the first frame is constant; the length follows from the s_p.
-// Levenberg-Marquardt; ends when the relative decrease of the cost is below
-// function_tolerance.
+// Levenberg-Marquardt (mgsfm/least_squares/rig_solver.h); ends when the
+// relative decrease of the cost is below function_tolerance.
 SolveSummary RefineCameras(const RefinementInput& input,
                            const AngleRefinementOptions& options,
-                           Positions* positions);
+                           const Context& context, Positions* positions);
 
 // Refines them together with points p_k by eq. (18) of MGSfM,
 //
@@ -50,6 +53,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const TrackRays& rays,
                                     const std::vector<size_t>& track_idxs,
                                     const AngleRefinementOptions& options,
+                                    const Context& context,
                                     Positions* positions, TrackPoints* points);
 
 }  // namespace mgsfm

@@ -25,7 +25,7 @@ std::vector<FramePair> FramesOfPairs(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions) {
   std::vector<FramePair> pairs(motions.size());
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != PairKind::kDirection) continue;
+    if (motions[i].kind != MotionKind::kDirection) continue;
     pairs[i] = {problem.frame_idx[motions[i].image_idx1],
                 problem.frame_idx[motions[i].image_idx2]};
   }

@@ -112,11 +112,12 @@ class PositionInitializer {
   PositionInitializer(const PositionProblem& problem,
                       const std::vector<PairMotion>& motions,
                       const PairScales& scales, double min_parallax_deg,
-                      int max_num_iterations)
+                      int max_num_iterations, const Context& context)
       : problem_(problem),
         motions_(motions),
         scales_(scales),
         max_num_iterations_(max_num_iterations),
+        context_(context),
         // A baseline of this length would be seen as parallax at typical depth.
         zero_baseline_sigma_(3.0 * std::sin(DegToRad(min_parallax_deg)) *
                              std::max(scales.typical_depth, 1e-3)) {}
@@ -161,6 +162,7 @@ class PositionInitializer {
   const std::vector<PairMotion>& motions_;
   const PairScales& scales_;
   const int max_num_iterations_;
+  const Context& context_;
   const double zero_baseline_sigma_;
   bool estimate_baseline_unit_ = false;
   InitialPositions result_;
@@ -177,7 +179,7 @@ class PositionInitializer {
 void PositionInitializer::PlaceFrames() {
   UnionFind sets(problem_.num_frames);
   for (const PairMotion& motion : motions_) {
-    if (motion.kind == PairKind::kUnused) continue;
+    if (motion.kind == MotionKind::kUnused) continue;
     sets.Union(problem_.frame_idx[motion.image_idx1],
                problem_.frame_idx[motion.image_idx2]);
   }
@@ -347,11 +349,11 @@ BlockSystem PositionInitializer::AssembleData() const {
   BlockSystem system;
   for (size_t i = 0; i < motions_.size(); ++i) {
     const PairMotion& motion = motions_[i];
-    if (motion.kind == PairKind::kUnused ||
+    if (motion.kind == MotionKind::kUnused ||
         !result_.positions.IsPlaced(problem_, motion.image_idx1)) {
       continue;
     }
-    if (motion.kind == PairKind::kDirection) {
+    if (motion.kind == MotionKind::kDirection) {
       AddDirection(i, &system);
     } else {
       AddNoParallax(motion, &system);
@@ -432,6 +434,7 @@ bool PositionInitializer::Solve() {
       Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
   state_ = AdmmState();
   AdmmOptions options;
+  options.context = context_;
   options.max_num_iterations = max_num_iterations_;
   if (!op.IsPositiveDefinite()) return true;
   result_.solve = MinimizeByAdmm(op, b, system.function, options, &state_);
@@ -484,9 +487,10 @@ InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
                                      double min_parallax_deg,
-                                     int max_num_iterations) {
+                                     int max_num_iterations,
+                                     const Context& context) {
   return PositionInitializer(problem, motions, scales, min_parallax_deg,
-                             max_num_iterations)
+                             max_num_iterations, context)
       .Run();
 }
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
@@ -54,7 +55,8 @@ InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
                                      double min_parallax_deg,
-                                     int max_num_iterations);
+                                     int max_num_iterations,
+                                     const Context& context = {});
 
 // The prox of phi at v with step 1 / rho, where phi(v) = |v| for v >= bound and
 // rises with slope `steep` >= 1 below bound <= 0.

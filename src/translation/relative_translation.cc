@@ -45,13 +45,13 @@ class MotionEstimator {
   // Fills all but the images and depths.
   void Estimate(const std::optional<Vector3d>& guess, Random* random,
                 PairMotion* motion) {
-    motion->kind = PairKind::kUnused;
+    motion->kind = MotionKind::kUnused;
     if (FindDirection(guess, random)) {
-      motion->kind = PairKind::kDirection;
+      motion->kind = MotionKind::kDirection;
       motion->direction = direction_;
       motion->sigma_rad = sigma_rad_;
     } else if (10 * wide_.size() <= 4 * normals_.size()) {
-      motion->kind = PairKind::kNoParallax;
+      motion->kind = MotionKind::kNoParallax;
     }
   }
 
@@ -262,7 +262,7 @@ class PairMotionStage {
     if (pair.relative_pose && !pair.relative_pose->translation_direction) {
       // Its own rotation explains it, which is more exact than the averaged
       // one.
-      motion->kind = PairKind::kNoParallax;
+      motion->kind = MotionKind::kNoParallax;
       return;
     }
     const int i = pair.image_idx1, j = pair.image_idx2;
@@ -277,7 +277,7 @@ class PairMotionStage {
     }
     Random random(random_seed_, pair_idx);
     estimator.Estimate(guess, &random, motion);
-    if (motion->kind == PairKind::kDirection) {
+    if (motion->kind == MotionKind::kDirection) {
       CollectDepths(estimator, used, motion);
     }
   }
@@ -343,6 +343,7 @@ std::vector<PairMotion> EstimatePairMotions(
         !problem.IsUsed(pair.image_idx2)) {
       return;
     }
+    context.CheckInterrupted();
     stage.Run(pair, pair_idx, &motion);
   });
   return motions;

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-enum class PairKind {
+enum class MotionKind {
   kUnused,      // not used before, or no motion explains its matches
   kNoParallax,  // the matches agree with a rotation alone
   kDirection,   // the direction of the baseline is known
@@ -26,7 +26,7 @@ struct DepthSample {
 struct PairMotion {
   int image_idx1 = 0;
   int image_idx2 = 0;
-  PairKind kind = PairKind::kUnused;
+  MotionKind kind = MotionKind::kUnused;
   // Unit, in the world, from the centre of camera 1 to that of camera 2, and
   // its standard deviation. Only of kDirection.
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();

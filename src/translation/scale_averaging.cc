@@ -98,7 +98,7 @@ std::vector<ScaleLink> LinkPairs(const std::vector<PairMotion>& motions,
                                  int num_images, int num_threads) {
   std::vector<std::vector<MotionEnd>> ends(num_images);
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != PairKind::kDirection) continue;
+    if (motions[i].kind != MotionKind::kDirection) continue;
     ends[motions[i].image_idx1].push_back({static_cast<int>(i), 0});
     ends[motions[i].image_idx2].push_back({static_cast<int>(i), 1});
   }
@@ -220,7 +220,7 @@ void NumberGroups(const std::vector<PairMotion>& motions,
                   const ConnectedParts& parts, PairScales* scales) {
   std::vector<int> sizes(parts.num_parts, 0);
   for (size_t i = 0; i < motions.size(); ++i) {
-    sizes[parts.part[i]] += motions[i].kind == PairKind::kDirection;
+    sizes[parts.part[i]] += motions[i].kind == MotionKind::kDirection;
   }
   std::vector<int> order(parts.num_parts);
   std::iota(order.begin(), order.end(), 0);
@@ -235,7 +235,7 @@ void NumberGroups(const std::vector<PairMotion>& motions,
   }
   scales->group.assign(motions.size(), -1);
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != PairKind::kDirection) continue;
+    if (motions[i].kind != MotionKind::kDirection) continue;
     scales->group[i] = group_of_part[parts.part[i]];
   }
 }

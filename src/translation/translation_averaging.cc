@@ -130,13 +130,13 @@ void TranslationAverager::EstimatePairs() {
   TranslationSummary& summary = result_.summary;
   for (size_t i = 0; i < motions_.size(); ++i) {
     switch (motions_[i].kind) {
-      case PairKind::kDirection:
+      case MotionKind::kDirection:
         ++summary.num_pairs_used;
         break;
-      case PairKind::kNoParallax:
+      case MotionKind::kNoParallax:
         ++summary.num_pairs_without_parallax;
         break;
-      case PairKind::kUnused:
+      case MotionKind::kUnused:
         summary.num_pairs_inconsistent += rotations_.pair_is_inlier[i] != 0;
     }
   }
@@ -145,7 +145,7 @@ void TranslationAverager::EstimatePairs() {
 
 void TranslationAverager::SetAside(const std::vector<char>& is_set_aside) {
   for (size_t i = 0; i < motions_.size(); ++i) {
-    if (is_set_aside[i]) motions_[i].kind = PairKind::kUnused;
+    if (is_set_aside[i]) motions_[i].kind = MotionKind::kUnused;
   }
 }
 
@@ -154,28 +154,28 @@ void TranslationAverager::SetImpossiblePairsAside() {
   std::vector<char> has_direction(motions_.size());
   for (size_t i = 0; i < motions_.size(); ++i) {
     num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
-    has_direction[i] = motions_[i].kind == PairKind::kDirection;
+    has_direction[i] = motions_[i].kind == MotionKind::kDirection;
   }
   const std::vector<char> is_in_backbone =
       SelectBackbone(scene_, view_graph_, has_direction);
   std::vector<PairMotion> backbone = motions_;
   for (size_t i = 0; i < backbone.size(); ++i) {
     if (has_direction[i] && !is_in_backbone[i]) {
-      backbone[i].kind = PairKind::kUnused;
+      backbone[i].kind = MotionKind::kUnused;
     }
   }
-  SetAside(FindImpossiblePairs(problem_, motions_, num_matches, is_in_backbone,
-                               scales_,
-                               InitializePositions(problem_, backbone, scales_,
-                                                   options_.min_parallax_deg,
-                                                   kMaxNumBackboneIterations)));
+  SetAside(FindImpossiblePairs(
+      problem_, motions_, num_matches, is_in_backbone, scales_,
+      InitializePositions(problem_, backbone, scales_,
+                          options_.min_parallax_deg, kMaxNumBackboneIterations,
+                          context_)));
   LogTime("backbone");
 }
 
 void TranslationAverager::Initialize() {
-  initial_ =
-      InitializePositions(problem_, motions_, scales_,
-                          options_.min_parallax_deg, kMaxNumL1Iterations);
+  initial_ = InitializePositions(problem_, motions_, scales_,
+                                 options_.min_parallax_deg, kMaxNumL1Iterations,
+                                 context_);
   positions_ = initial_.positions;
   result_.summary.initialization = initial_.solve;
   result_.summary.is_metric = initial_.is_metric;
@@ -183,11 +183,14 @@ void TranslationAverager::Initialize() {
 }
 
 void TranslationAverager::RefineWithPairs() {
+  context_.CheckInterrupted();
   AngleRefinementOptions options;
   options.max_num_iterations = options_.max_num_iterations;
   options.loss_scale_rad = max_angle_rad_;
+  options.backend = options_.backend;
   Positions refined = positions_;
-  result_.summary.camera_refinement = RefineCameras(Input(), options, &refined);
+  result_.summary.camera_refinement =
+      RefineCameras(Input(), options, context_, &refined);
   if (result_.summary.camera_refinement.IsUsable()) positions_ = refined;
   LogTime("refinement of cameras");
 }
@@ -198,6 +201,7 @@ void TranslationAverager::SetContradictingPairsAside() {
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
+  context_.CheckInterrupted();
   TrackPointOptions options;
   options.max_error_rad = max_error_rad;
   options.min_angle_rad = DegToRad(options_.min_parallax_deg);
@@ -212,9 +216,11 @@ void TranslationAverager::Triangulate(double max_error_rad) {
 SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
                                                 double function_tolerance,
                                                 int max_num_iterations) {
+  context_.CheckInterrupted();
   AngleRefinementOptions options;
   options.max_num_iterations = max_num_iterations;
   options.loss_scale_rad = loss_scale_rad;
+  options.backend = options_.backend;
   options.function_tolerance = function_tolerance;
   const std::vector<size_t> selected =
       SelectTracks(rays_, points_, static_cast<int>(scene_.images.size()),
@@ -222,7 +228,7 @@ SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
   Positions refined = positions_;
   TrackPoints refined_points = points_;
   const SolveSummary summary = RefineCamerasAndPoints(
-      Input(), rays_, selected, options, &refined, &refined_points);
+      Input(), rays_, selected, options, context_, &refined, &refined_points);
   if (summary.IsUsable()) {
     positions_ = std::move(refined);
     points_ = std::move(refined_points);
@@ -272,7 +278,7 @@ void TranslationAverager::NormalizeScale() {
   double sum_expected = 0.0, sum_estimated = 0.0;
   for (size_t i = 0; i < motions_.size(); ++i) {
     const PairMotion& motion = motions_[i];
-    if (motion.kind != PairKind::kDirection ||
+    if (motion.kind != MotionKind::kDirection ||
         !positions_.IsPlaced(problem_, motion.image_idx1) ||
         !positions_.IsPlaced(problem_, motion.image_idx2)) {
       continue;

@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/error.h"
+
 namespace mgsfm {
 namespace {
 
@@ -47,6 +49,18 @@ TEST(Context, PassesProgress) {
   context.ReportProgress("pairs", 0, 9);
   context.ReportProgress("pairs", 9, 9);
   EXPECT_THAT(done, ElementsAre(0u, 9u));
+}
+
+TEST(Context, AsksWhetherToStop) {
+  Context context;
+  EXPECT_NO_THROW(context.CheckInterrupted());
+  bool shall_stop = false;
+  context.is_cancelled = [&] { return shall_stop; };
+  EXPECT_NO_THROW(context.CheckInterrupted());
+  EXPECT_NO_THROW(context.ReportProgress("pairs", 0, 9));
+  shall_stop = true;
+  EXPECT_THROW(context.CheckInterrupted(), Interrupted);
+  EXPECT_THROW(context.ReportProgress("pairs", 1, 9), Interrupted);
 }
 
 }  // namespace

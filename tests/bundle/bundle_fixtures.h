@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <vector>
 
-#include "bundle/observation_terms.h"
 #include "bundle/problem_builder.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
@@ -28,6 +27,26 @@ inline Eigen::Vector3d RandomVector(double size, Random* random) {
          Eigen::Vector3d(random->Normal(), random->Normal(), random->Normal());
 }
 
+// Where an image sees a point.
+inline Eigen::Vector3d PointInCamera(const BundleProblem& problem,
+                                     const BundleState& state, int image_idx,
+                                     const Eigen::Vector3d& point) {
+  const BundleProblem::Image& image = problem.images[image_idx];
+  const FramePose& frame = state.frames[image.frame];
+  return state.sensors[image.sensor] *
+         (frame.rig_from_world * (point - frame.center));
+}
+
+inline Eigen::Vector2d ProjectPoint(const BundleProblem& problem,
+                                    const BundleState& state, int image_idx,
+                                    const Eigen::Vector3d& point) {
+  const int camera = problem.images[image_idx].camera;
+  return ProjectToPixel(problem.cameras[camera].model,
+                        state.cameras[camera].data(),
+                        PointInCamera(problem, state, image_idx, point))
+      .value();
+}
+
 // The problem of the ground truth with exact pixels: those of a scene are
 // single precision.
 inline BuiltProblem ExactProblem(const Simulation& simulation,
@@ -35,15 +54,12 @@ inline BuiltProblem ExactProblem(const Simulation& simulation,
   BuiltProblem built = BuildProblem(simulation.scene, simulation.ground_truth,
                                     options, RefinedParts::kAll);
   BundleProblem& problem = built.problem;
-  const std::vector<ImagePose> poses = ComputeImagePoses(problem, built.state);
   for (size_t p = 0; p < problem.num_points(); ++p) {
     for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
          ++o) {
       auto& observation = problem.observations[o];
-      observation.pixel =
-          EvaluateResidual(poses[observation.image], built.state.points[p],
-                           Eigen::Vector2d::Zero())
-              .value();
+      observation.pixel = ProjectPoint(problem, built.state, observation.image,
+                                       built.state.points[p]);
     }
   }
   return built;

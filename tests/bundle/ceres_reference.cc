@@ -65,7 +65,7 @@ double SolveWithCeres(const BundleProblem& problem, BundleState* state) {
           new ReprojectionCost(new ReprojectionError{
               problem.cameras[image.camera].model,
               state->cameras[image.camera].data(), observation.pixel}),
-          new ceres::HuberLoss(problem.loss_scale_px),
+          new ceres::HuberLoss(problem.loss.scale),
           frame.rig_from_world.coeffs().data(), frame.center.data(),
           sensor.rotation.coeffs().data(), sensor.translation.data(),
           state->points[p].data());

@@ -66,7 +66,7 @@ TEST_F(EndToEnd, ThreadsDoNotChangeTheModel) {
   }
 }
 
-TEST_F(EndToEnd, NothingToReconstructIsExitCode2WithAReport) {
+TEST_F(EndToEnd, Hazard15NothingToReconstructIsExitCode2) {
   Simulate("in", "--num_matched_frames 0 --match_different_sensors false");
   const CommandOutput output = Map("in", "out");
   EXPECT_EQ(output.exit_code, 2);
@@ -75,7 +75,7 @@ TEST_F(EndToEnd, NothingToReconstructIsExitCode2WithAReport) {
   EXPECT_FALSE(Report("out").empty());
 }
 
-TEST_F(EndToEnd, BadInputIsExitCode1AndLeavesTheOutputAsItWas) {
+TEST_F(EndToEnd, Hazard15BadInputIsExitCode1) {
   Simulate("in");
   ASSERT_EQ(Map("in", "out").exit_code, 0);
   const std::string before = ReadTextFile(Path("out") + "/0/images.bin");

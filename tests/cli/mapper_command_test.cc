@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The mapper as users run it: what it reads, writes, says and leaves alone.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include <algorithm>
-#include <filesystem>
-#include <map>
 #include <nlohmann/json.hpp>
-#include <string>
 
-#include "support/subprocess.h"
+#include "cli/program_runs.h"
 
 namespace mgsfm {
 namespace {
@@ -18,21 +11,6 @@ namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::HasSubstr;
 using Json = nlohmann::json;
-using Files = std::map<std::string, std::string>;
-
-CommandOutput RunMgsfm(const std::string& arguments) {
-  return RunShell(MGSFM_EXECUTABLE " " + arguments);
-}
-
-// All files below a folder, hidden ones too, with what they hold.
-Files FilesIn(const fs::path& folder) {
-  Files files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    files[entry.path().string()] =
-        entry.is_regular_file() ? ReadTextFile(entry.path()) : "";
-  }
-  return files;
-}
 
 // A folder `in` with a simulated drive, made once for all tests, and a new
 // folder for the output of each.
@@ -88,12 +66,7 @@ class MapperCommand : public testing::Test {
   void ExpectRefused(const CommandOutput& output, const std::string& message,
                      const Files& before) const {
     EXPECT_EQ(output.exit_code, 1) << output.err;
-    // Log lines aside, one line that says what is wrong.
-    const size_t line = output.err.find("mgsfm: ");
-    ASSERT_NE(line, std::string::npos) << output.err;
-    const std::string error = output.err.substr(line);
-    EXPECT_THAT(error, HasSubstr(message));
-    EXPECT_EQ(std::count(error.begin(), error.end(), '\n'), 1) << error;
+    EXPECT_THAT(LastWord(output), HasSubstr(message)) << output.err;
     EXPECT_TRUE(FilesIn(dir_.path()) == before) << message;
   }
 

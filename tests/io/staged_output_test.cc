@@ -8,6 +8,7 @@
 #include <map>
 #include <string>
 
+#include "io/folder_lock.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 
@@ -88,6 +89,26 @@ TEST_F(StagedOutputTest, ReplacesModelsAndKeepsOtherFiles) {
                                          {"out/0_backup/images.bin", "mine"}}));
 }
 
+// A text model left beside a binary one would be read by some programs.
+TEST_F(StagedOutputTest, AModelReplacesTheFilesOfOneOnly) {
+  Put(target_ / "images.txt", "old");
+  Put(target_ / "points3D.bin", "old");
+  Put(target_ / "project.ini", "mine");
+  Put(target_ / "notes.txt", "mine");
+  Put(target_ / "0" / "images.bin", "mine");
+  Put(target_ / "1" / "photo.jpg", "mine");
+  {
+    StagedOutput output(target_, ObsoleteOutput::kModelFiles);
+    Put(output.StagingDir() / "images.bin", "new");
+    output.Commit();
+  }
+  EXPECT_EQ(FilesIn(dir_.path()), (Files{{"out/images.bin", "new"},
+                                         {"out/project.ini", "mine"},
+                                         {"out/notes.txt", "mine"},
+                                         {"out/0/images.bin", "mine"},
+                                         {"out/1/photo.jpg", "mine"}}));
+}
+
 TEST_F(StagedOutputTest, TakesTargetsInAllForms) {
   const Files expected = {{"0/images.bin", "new"}, {"report.json", "new"}};
   WriteNewModel(target_.string() + "/");
@@ -158,6 +179,46 @@ TEST_F(StagedOutputTest, RefusesAFolderThatCannotBeWritten) {
                 HasSubstr(target.string()));
   }
   fs::permissions(target_, fs::perms::owner_all);
+}
+
+// Such as a killed process leaves, in the target or beside a new one.
+TEST_F(StagedOutputTest, RemovesWhatKilledRunsLeft) {
+  const fs::path beside = dir_.path() / ".out.mgsfm-a1B2c3";
+  Put(beside / "0" / "images.bin", "half");
+  WriteNewModel(target_);
+  const Files expected = {{"out/0/images.bin", "new"},
+                          {"out/report.json", "new"}};
+  EXPECT_EQ(FilesIn(dir_.path()), expected);
+
+  Put(beside / "0" / "images.bin", "half");
+  Put(target_ / ".out.mgsfm-xxxxxx" / "0" / "images.bin", "half");
+  WriteNewModel(target_);
+  EXPECT_EQ(FilesIn(dir_.path()), expected);
+}
+
+TEST_F(StagedOutputTest, KeepsFoldersOfOthersAndOfRunningProcesses) {
+  const fs::path running = target_ / ".out.mgsfm-a1B2c3";
+  Put(running / "0" / "images.bin", "half");
+  Put(target_ / ".out.mgsfm-long_name" / "x", "mine");
+  Put(target_ / ".other.mgsfm-a1B2c3" / "x", "other");
+  fs::create_directory_symlink(dir_.path(), target_ / ".out.mgsfm-a_link");
+  const FolderLock lock(running);
+  ASSERT_EQ(lock.state(), FolderLock::State::kHeld);
+  EXPECT_EQ(FolderLock(running).state(), FolderLock::State::kBusy);
+  Files expected = FilesIn(target_);
+  WriteNewModel(target_);
+  expected["0/images.bin"] = expected["report.json"] = "new";
+  EXPECT_EQ(FilesIn(target_), expected);
+}
+
+// Its models are nowhere else.
+TEST_F(StagedOutputTest, KeepsModelsThatAKilledRunHadPutAside) {
+  const fs::path staging = target_ / ".out.mgsfm-a1B2c3";
+  Put(staging / ".replaced" / "0" / "images.bin", "old");
+  const Files before = FilesIn(dir_.path());
+  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
+              HasSubstr((staging / ".replaced").string()));
+  EXPECT_EQ(FilesIn(dir_.path()), before);
 }
 
 // A move that fails half way: what was moved before goes back.

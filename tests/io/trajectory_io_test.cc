@@ -45,7 +45,9 @@ TEST_F(TrajectoryIo, NamesFileAndLineOfBadKittiPoses) {
   for (const char* bad :
        {"1 0 0 0 0 1 0 0 0 0 1", "1 0 0 0 0 1 0 0 0 0 1 0 0",
         "1 0 0 0 0 1 0 x 0 0 1 0", "2 0 0 0 0 1 0 0 0 0 1 0",
-        "-1 0 0 0 0 1 0 0 0 0 1 0", "nan 0 0 0 0 1 0 0 0 0 1 0"}) {
+        "-1 0 0 0 0 1 0 0 0 0 1 0", "nan 0 0 0 0 1 0 0 0 0 1 0",
+        "1 0 0 nan 0 1 0 0 0 0 1 0", "1 0 0 inf 0 1 0 0 0 0 1 0",
+        "1 0 0 0 0 1 0 0 0 0 1 0 end", "1 0 0 0 0 1 0 0 0 0 1 0x"}) {
     Put(good + bad + "\n");
     EXPECT_THAT(ErrorOf([&] { ReadKittiPoses(path_); }),
                 AllOf(HasSubstr(path_.string()), HasSubstr("line 2")))
@@ -71,8 +73,10 @@ TEST_F(TrajectoryIo, ReadsTumPoses) {
 }
 
 TEST_F(TrajectoryIo, NamesFileAndLineOfBadTumPoses) {
-  for (const char* bad : {"1 0 0 0 0 0 0", "1 0 0 0 0 0 0 1 0",
-                          "1 0 0 0 0 0 0 0", "1 0 0 0 0 0 0 2", "1,0,0"}) {
+  for (const char* bad :
+       {"1 0 0 0 0 0 0", "1 0 0 0 0 0 0 1 0", "1 0 0 0 0 0 0 0",
+        "1 0 0 0 0 0 0 2", "1,0,0", "1 0 0 0 0 0 0 1 end", "nan 0 0 0 0 0 0 1",
+        "1 0 nan 0 0 0 0 1", "1 0 0 0 nan 0 0 1"}) {
     Put(std::string("0 0 0 0 0 0 0 1\n") + bad + "\n");
     EXPECT_THAT(ErrorOf([&] { ReadTumPoses(path_); }),
                 AllOf(HasSubstr(path_.string()), HasSubstr("line 2")))
@@ -95,6 +99,12 @@ TEST_F(TrajectoryIo, ReadsKittiCalibration) {
              Eigen::Vector3d(0.06, (0.7 - 0.45) / 700.0, 0.0025))
                 .norm(),
             1e-12);
+  EXPECT_THAT(ErrorOf([&] {
+                ReadKittiCalibration(
+                    Put("P0: 700 0 600 0 0 700 180 0 0 0 1 0\n"
+                        "P1: 700 0 600 x 0 700 180 0 0 0 1 0\n"));
+              }),
+              HasSubstr("line 2"));
   EXPECT_THAT(ErrorOf([&] { ReadKittiCalibration(Put("nothing: 1 2 3\n")); }),
               HasSubstr(path_.string()));
   EXPECT_THAT(ErrorOf([&] {

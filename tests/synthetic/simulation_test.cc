@@ -1,27 +1,53 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/synthetic/simulation.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <set>
 
+#include "mgsfm/base/error.h"
+#include "mgsfm/geometry/epipolar.h"
+#include "mgsfm/geometry/so3.h"
+
 namespace mgsfm {
 namespace {
 
-SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
+SimulationOptions SmallScene(RigPreset rig, PathPreset path,
+                             WorldPreset world = WorldPreset::kScatter) {
   SimulationOptions options;
   options.rig = rig;
   options.path = path;
+  options.world = world;
   options.num_frames = 12;
+  if (world == WorldPreset::kStreet) {
+    options.max_visible_distance_m = 100.0;
+    options.max_num_features_per_image = 300;
+  }
   return options;
 }
 
-class SimulationTest
-    : public testing::TestWithParam<std::tuple<RigPreset, PathPreset>> {};
+// Two keypoints show the same point of the world.
+bool IsRight(const Simulation& simulation, const ImagePair& pair,
+             const Match& match) {
+  const int point1 =
+      simulation.keypoint_points[pair.image_idx1][match.keypoint_idx1];
+  const int point2 =
+      simulation.keypoint_points[pair.image_idx2][match.keypoint_idx2];
+  return point1 >= 0 && point1 == point2;
+}
+
+class SimulationTest : public testing::TestWithParam<
+                           std::tuple<RigPreset, PathPreset, WorldPreset>> {
+ protected:
+  static Simulation Make() {
+    const auto [rig, path, world] = GetParam();
+    return Simulate(SmallScene(rig, path, world));
+  }
+};
 
 TEST_P(SimulationTest, KeypointsAreProjectionsOfTheTruth) {
-  const auto [rig, path] = GetParam();
-  const Simulation simulation = Simulate(SmallScene(rig, path));
+  const Simulation simulation = Make();
   const Scene& scene = simulation.scene;
   ASSERT_GT(simulation.ground_truth.points.size(), 100u);
   for (const Point3D& point : simulation.ground_truth.points) {
@@ -34,52 +60,57 @@ TEST_P(SimulationTest, KeypointsAreProjectionsOfTheTruth) {
       const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
                                         *cam_from_world * point.point_in_world);
       ASSERT_TRUE(pixel.has_value());
+      // The resolution of float at 1000 px is 6e-5 px.
       EXPECT_LT(
-          (pixel->cast<float>() - image.keypoints_px[o.keypoint_idx]).norm(),
-          1e-3);
+          (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm(),
+          1e-4);
     }
   }
 }
 
-TEST_P(SimulationTest, EveryImageIsMatched) {
-  const auto [rig, path] = GetParam();
-  const Simulation simulation = Simulate(SmallScene(rig, path));
+TEST_P(SimulationTest, EveryImageIsMatchedAndEveryMatchIsRight) {
+  const Simulation simulation = Make();
   std::set<int> matched;
   for (const ImagePair& pair : simulation.view_graph.pairs) {
     EXPECT_LT(pair.image_idx1, pair.image_idx2);
     matched.insert(pair.image_idx1);
     matched.insert(pair.image_idx2);
+    for (const Match& match : pair.matches) {
+      EXPECT_TRUE(IsRight(simulation, pair, match));
+    }
   }
   EXPECT_EQ(matched.size(), simulation.scene.images.size());
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    AllPresets, SimulationTest,
-    testing::Combine(testing::Values(RigPreset::kMono, RigPreset::kStereo,
-                                     RigPreset::kKitti360, RigPreset::kCube6),
-                     testing::Values(PathPreset::kLoop, PathPreset::kCurve,
-                                     PathPreset::kStraight,
-                                     PathPreset::kStanding)));
-
-TEST(SimulationTest, MatchesJoinTheSamePoint) {
-  const Simulation simulation =
-      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
-  std::set<std::pair<Observation, Observation>> joined;
-  for (const Point3D& point : simulation.ground_truth.points) {
-    for (const Observation& a : point.track) {
-      for (const Observation& b : point.track) joined.insert({a, b});
-    }
-  }
+TEST_P(SimulationTest, RelativePosesAreThoseOfTheTruth) {
+  const Simulation simulation = Make();
   for (const ImagePair& pair : simulation.view_graph.pairs) {
-    for (const Match& match : pair.matches) {
-      const Observation a{pair.image_idx1,
-                          static_cast<int>(match.keypoint_idx1)};
-      const Observation b{pair.image_idx2,
-                          static_cast<int>(match.keypoint_idx2)};
-      EXPECT_EQ(joined.count({a, b}), 1u);
+    const Rigid3 truth =
+        *simulation.ground_truth.CamFromWorld(simulation.scene,
+                                              pair.image_idx2) *
+        simulation.ground_truth.CamFromWorld(simulation.scene, pair.image_idx1)
+            ->Inverse();
+    ASSERT_TRUE(pair.relative_pose.has_value());
+    EXPECT_LT(AngleBetween(pair.relative_pose->cam2_from_cam1, truth.rotation),
+              1e-9);
+    if (!pair.relative_pose->translation_direction) {
+      EXPECT_LT(truth.translation.norm(), 1e-6);
+      continue;
     }
+    EXPECT_LT(AngleBetween(*pair.relative_pose->translation_direction,
+                           truth.translation),
+              1e-6);
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(
+    AllPresets, SimulationTest,
+    testing::Combine(
+        testing::Values(RigPreset::kMono, RigPreset::kStereo,
+                        RigPreset::kKitti360, RigPreset::kCube6),
+        testing::Values(PathPreset::kLoop, PathPreset::kCurve,
+                        PathPreset::kStraight, PathPreset::kStanding),
+        testing::Values(WorldPreset::kScatter, WorldPreset::kStreet)));
 
 TEST(SimulationTest, SeedDecidesEverything) {
   SimulationOptions options =
@@ -97,6 +128,99 @@ TEST(SimulationTest, SeedDecidesEverything) {
   }
   EXPECT_NE(a.scene.images[0].keypoints_px, c.scene.images[0].keypoints_px);
   EXPECT_LT(a.scene.images.size(), 24u);
+}
+
+TEST(SimulationTest, TakesAGivenRigWhoseReferenceIsNotTheFirstByName) {
+  SimulationInput input;
+  input.rig = MakeRig(RigPreset::kStereo);
+  input.rig[0].image_prefix = "right_";
+  input.rig[1].image_prefix = "left_";
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kMono, PathPreset::kCurve), input);
+  const Scene& scene = simulation.scene;
+  EXPECT_EQ(scene.images.front().name, "left_000000.png");
+  EXPECT_EQ(scene.sensors.front().name, "left_");
+  EXPECT_EQ(scene.rigs.front().ref_sensor_idx, 1);
+  EXPECT_LT(simulation.ground_truth.sensor_from_rig[1]->translation.norm(),
+            1e-12);
+  EXPECT_GT(simulation.ground_truth.sensor_from_rig[0]->translation.norm(),
+            0.5);
+}
+
+TEST(SimulationTest, TakesEverySoManyThPoseOfATrajectory) {
+  std::vector<Rigid3> path;
+  for (int i = 0; i < 21; ++i) {
+    path.push_back(Rigid3::FromRotationAndCenter(Eigen::Quaterniond::Identity(),
+                                                 {0.0, 0.0, 0.5 * i}));
+  }
+  SimulationOptions options =
+      SmallScene(RigPreset::kStereo, PathPreset::kCurve, WorldPreset::kStreet);
+  options.frame_step = 2;
+  const Simulation simulation = Simulate(options, path);
+  ASSERT_EQ(simulation.scene.frames.size(), 11u);
+  EXPECT_EQ(simulation.scene.frames[3].name, "000006");
+  EXPECT_LT(
+      (simulation.ground_truth.rig_from_world[3]->Center() - path[6].Center())
+          .norm(),
+      1e-12);
+}
+
+TEST(SimulationTest, TriggerJitterMovesImagesWithTheSpeedOfTheDrive) {
+  SimulationOptions options =
+      SmallScene(RigPreset::kStereo, PathPreset::kStraight);
+  options.trigger_jitter_ms = 50.0;
+  const Simulation simulation = Simulate(options);
+  double max_offset_m = 0.0;
+  for (size_t i = 0; i < simulation.scene.images.size(); ++i) {
+    const auto at_frame = simulation.ground_truth.CamFromWorld(
+        simulation.scene, static_cast<int>(i));
+    const double offset_m =
+        (at_frame->Center() - simulation.cam_from_world[i].Center()).norm();
+    // 1 m a frame, 10 frames a second.
+    EXPECT_LE(offset_m, 0.5 + 1e-9);
+    max_offset_m = std::max(max_offset_m, offset_m);
+  }
+  EXPECT_GT(max_offset_m, 0.25);
+}
+
+TEST(SimulationTest, StreetsLookTheSameWhenVisitedAgain) {
+  // Around a block and a good way further.
+  std::vector<Rigid3> path;
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 300; ++i) {
+    const double yaw = 2.0 * kPi * i / 200.0;
+    const Eigen::Quaterniond world_from_rig =
+        ExpSO3(Eigen::Vector3d(0.0, yaw, 0.0));
+    path.push_back(
+        Rigid3::FromRotationAndCenter(world_from_rig.conjugate(), center));
+    center += 1.5 * (world_from_rig * Eigen::Vector3d::UnitZ());
+  }
+  SimulationOptions options = StreetSimulation(RigPreset::kMono);
+  options.max_num_loop_images = 3;
+  const Simulation simulation = Simulate(options, path);
+  std::vector<int> num_loop_pairs(simulation.scene.images.size(), 0);
+  for (const ImagePair& pair : simulation.view_graph.pairs) {
+    const int gap = pair.image_idx2 - pair.image_idx1;
+    if (gap > options.num_matched_frames) ++num_loop_pairs[pair.image_idx2];
+  }
+  for (int i = 210; i < 300; ++i) {
+    EXPECT_GE(num_loop_pairs[i], 1) << i;
+    EXPECT_LE(num_loop_pairs[i], 3) << i;
+  }
+}
+
+TEST(SimulationTest, OptionsThatCannotBeMetTogetherAreErrors) {
+  SimulationOptions options =
+      SmallScene(RigPreset::kStereo, PathPreset::kCurve);
+  options.duplicated_pair_ratio = 0.1;
+  EXPECT_THROW(Simulate(options), Error);
+
+  SimulationInput input;
+  input.rig_from_world_path = {Rigid3(), Rigid3()};
+  input.timestamps_s = {1.0, 1.0};
+  EXPECT_THROW(Simulate({}, input), Error);
+  input.timestamps_s = {1.0};
+  EXPECT_THROW(Simulate({}, input), Error);
 }
 
 }  // namespace

@@ -44,8 +44,8 @@ TEST(RelativeTranslationTest, ExactRaysGiveTheDirection) {
   const TranslationInput input = MakeTranslationInput(Curve());
   int num_directions = 0;
   for (const PairMotion& motion : Estimate(input)) {
-    EXPECT_NE(motion.kind, PairKind::kUnused);
-    if (motion.kind != PairKind::kDirection) continue;
+    EXPECT_NE(motion.kind, MotionKind::kUnused);
+    if (motion.kind != MotionKind::kDirection) continue;
     ++num_directions;
     EXPECT_LT(AngleBetween(motion.direction, TrueBaseline(input, motion)),
               1e-7);
@@ -60,7 +60,7 @@ TEST(RelativeTranslationTest, NoiseAndMismatchesGiveHonestSigmas) {
   const TranslationInput input = MakeTranslationInput(options);
   std::vector<double> errors, ratios;
   for (const PairMotion& motion : Estimate(input)) {
-    if (motion.kind != PairKind::kDirection) continue;
+    if (motion.kind != MotionKind::kDirection) continue;
     errors.push_back(
         AngleBetween(motion.direction, TrueBaseline(input, motion)));
     ratios.push_back(errors.back() / motion.sigma_rad);
@@ -82,7 +82,7 @@ TEST(RelativeTranslationTest, StandingFramesHaveNoParallax) {
   for (const PairMotion& motion : Estimate(input)) {
     const bool is_same_place = TrueBaseline(input, motion).norm() < 1e-9;
     EXPECT_EQ(motion.kind,
-              is_same_place ? PairKind::kNoParallax : PairKind::kDirection);
+              is_same_place ? MotionKind::kNoParallax : MotionKind::kDirection);
     ++num_checked;
   }
   EXPECT_GT(num_checked, 20);
@@ -95,7 +95,7 @@ TEST(RelativeTranslationTest, WrongPairsAreNotUsed) {
   const std::vector<PairMotion> motions = Estimate(input);
   const auto num_directions = std::count_if(
       motions.begin(), motions.end(),
-      [](const PairMotion& m) { return m.kind == PairKind::kDirection; });
+      [](const PairMotion& m) { return m.kind == MotionKind::kDirection; });
   EXPECT_LT(num_directions, 0.1 * motions.size());
 }
 

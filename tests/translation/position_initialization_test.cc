@@ -53,7 +53,7 @@ struct PlainPairs {
     PairMotion motion;
     motion.image_idx1 = i;
     motion.image_idx2 = j;
-    motion.kind = PairKind::kDirection;
+    motion.kind = MotionKind::kDirection;
     motion.direction = baseline.normalized();
     motion.sigma_rad = 0.01;
     motions.push_back(motion);
@@ -122,7 +122,7 @@ TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   PairMotion still;
   still.image_idx1 = 1;
   still.image_idx2 = 2;
-  still.kind = PairKind::kNoParallax;
+  still.kind = MotionKind::kNoParallax;
   pairs.motions.push_back(still);
   pairs.scales.scale.push_back(0.0);
   pairs.scales.sigma_log.push_back(0.0);

@@ -22,6 +22,13 @@ class ContractError : public std::logic_error {
       : std::logic_error(message) {}
 };
 
+// The run was asked to stop (Context::is_cancelled). Like any exception it
+// unwinds what was begun: nothing is written.
+class Interrupted : public std::runtime_error {
+ public:
+  Interrupted() : std::runtime_error("interrupted") {}
+};
+
 namespace internal {
 
 [[noreturn]] void ThrowContractError(const char* file, int line,

@@ -8,6 +8,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/least_squares/backend.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
@@ -55,6 +56,7 @@ struct EnumTable<RefineMode> {
 };
 
 struct BundleAdjustmentOptions {
+  SolverBackend backend = SolverBackend::kNative;
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
   double loss_scale_px = 1.0;
@@ -74,10 +76,14 @@ struct BundleAdjustmentOptions {
   double min_triangulation_angle_deg = 1.0;
   double min_two_view_angle_deg = 2.0;
   int min_num_observations = 2;
+  double min_track_share = 0.5;
   int min_num_observations_per_frame = 6;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    visit("backend", self.backend, AnyValue(), "",
+          "Solver: that of this program, or Ceres with the same derivatives, "
+          "for comparison.");
     visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
           "iterations", "Most iterations of one solve.");
     visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
@@ -123,6 +129,9 @@ struct BundleAdjustmentOptions {
           "The same for points with two observations.");
     visit("min_num_observations", self.min_num_observations, AtLeast(2),
           "observations", "Points with fewer are dropped.");
+    visit("min_track_share", self.min_track_share, Between(0.0, 1.0), "",
+          "Points that fewer of the images of their track agree with are "
+          "dropped: most are on things that move.");
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
@@ -172,9 +181,11 @@ struct BundleResult {
 
 // The whole stage:
 //   1. drop gross outliers; solve with rotations and intrinsics held;
-//   2. num_rounds times: solve; triangulate all groups of `components` anew
+//   2. num_rounds times: solve; triangulate all groups of `candidates` anew
 //      with the present poses, which drops outliers, completes, merges and
-//      splits points;
+//      splits points. What less than min_track_share of a group agrees with is
+//      no point: the two cameras of a stereo pair agree on where a vehicle is,
+//      but no two frames do;
 //   3. solve to function_tolerance (the solves before end at 100 times of it);
 //   4. drop outliers, points with too little parallax, and frames that no
 //      observation is left of.
@@ -185,7 +196,7 @@ struct BundleResult {
 // such as the internal translations of a standing rig. Points that are in no
 // group only lose outliers. If a solve fails, the estimate is that before it.
 [[nodiscard]] BundleResult RefineReconstruction(
-    const Scene& scene, const ObservationGroups& components,
+    const Scene& scene, const ObservationGroups& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context);
 

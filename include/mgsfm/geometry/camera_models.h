@@ -67,6 +67,19 @@ std::optional<Eigen::Vector2d> ProjectToPixel(
     Eigen::Matrix<double, 2, 3>* jacobian_point = nullptr,
     PixelJacobianParams* jacobian_params = nullptr);
 
+// A model as plain functions, for loops over many observations. They do what
+// ProjectToPixel does, and return false where it gives nullopt. The derivatives
+// are row-major, 2 x 3 and 2 x num_params; by_params may be null.
+struct PixelProjection {
+  bool (*project)(const double* params, const double* point_in_cam,
+                  double* pixel) = nullptr;
+  bool (*linearize)(const double* params, const double* point_in_cam,
+                    double* pixel, double* by_point,
+                    double* by_params) = nullptr;
+};
+
+PixelProjection FindPixelProjection(CameraModelId model);
+
 // The unit ray in the camera frame that projects to the pixel, to 1e-10 of
 // pixel / focal length; nullopt where none does or the iteration fails.
 std::optional<Eigen::Vector3d> RayFromPixel(CameraModelId model,

@@ -87,6 +87,9 @@ struct DatabaseContents {
 [[nodiscard]] DatabaseContents ReadDatabase(const std::string& path,
                                             const Context& context);
 
+// The names of all images, in the order of their ids, read in the same way.
+[[nodiscard]] std::vector<std::string> ReadImageNames(const std::string& path);
+
 enum class DatabaseSchema {
   k38,   // COLMAP 3.8 and 3.9: without rigs and frames, which are not written
   k312,  // COLMAP 3.12 and 3.13

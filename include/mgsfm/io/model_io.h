@@ -6,15 +6,25 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/ids.h"
+#include "mgsfm/base/options.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
 enum class ModelFormat { kBinary, kText };
+
+template <>
+struct EnumTable<ModelFormat> {
+  static constexpr std::pair<std::string_view, ModelFormat> kNames[] = {
+      {"bin", ModelFormat::kBinary}, {"txt", ModelFormat::kText}};
+};
 
 // Writes a COLMAP sparse model into an existing folder: cameras, images,
 // points3D, rigs and frames, as .bin or .txt. COLMAP before 3.12 ignores the
@@ -29,7 +39,8 @@ enum class ModelFormat { kBinary, kText };
 // Throws Error, naming the file, if one cannot be written completely, and what
 // CheckFormat throws.
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
-                const Reconstruction& reconstruction, ModelFormat format);
+                const Reconstruction& reconstruction, ModelFormat format,
+                const Context& context = {});
 
 // Throws Error, naming the image, if the format cannot hold the name of one: in
 // text, names end at the first blank.

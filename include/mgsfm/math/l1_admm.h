@@ -7,6 +7,7 @@
 #include <sstream>
 #include <utility>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/summary.h"
 
@@ -62,6 +63,7 @@ struct AdmmOptions {
   double relative_tolerance = 1e-4;
   double over_relaxation = 1.6;  // in [1, 2)
   int check_interval = 10;       // iterations between tests
+  Context context;               // checked for an interruption at each test
 };
 
 // A solution, and the warm start of a next problem of the same size.
@@ -302,6 +304,7 @@ SolveSummary MinimizeByAdmm(const Operator& op, const Eigen::MatrixXd& b,
     admm.Iterate();
     const int i = ++summary.num_iterations;
     if (i % options.check_interval != 0) continue;
+    options.context.CheckInterrupted();
     ratios = admm.Ratios();
     if (!std::isfinite(ratios.primal + ratios.dual)) {
       summary.termination = Termination::kFailure;

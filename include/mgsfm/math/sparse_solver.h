@@ -4,8 +4,21 @@
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 #include <memory>
+#include <vector>
 
 namespace mgsfm {
+
+// An order of the unknowns that keeps a Cholesky factor sparse, by the better
+// of minimum degree and nested dissection, and what it costs.
+struct EliminationOrder {
+  std::vector<int> order;  // order[0] is eliminated first
+  double num_factor_entries = 0.0;
+  double num_flops = 0.0;
+};
+
+// H must be compressed; its values do not matter. Only its lower triangle,
+// diagonal included, is read.
+EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H);
 
 // Solves H X = B for a sparse, symmetric positive definite H and any number of
 // right-hand sides by Cholesky factorisation (CHOLMOD; Chen et al. 2008,
@@ -24,9 +37,14 @@ class SparseCholesky {
   SparseCholesky(SparseCholesky&&) noexcept;
   SparseCholesky& operator=(SparseCholesky&&) noexcept;
 
-  // Fill-reducing ordering and symbolic factorisation. H must be compressed
-  // and not empty.
-  void Analyze(const Eigen::SparseMatrix<double>& H);
+  enum class Order {
+    kFillReducing,
+    kGiven,  // that of the rows; for a matrix that is ordered well already
+  };
+
+  // Ordering and symbolic factorisation. H must be compressed and not empty.
+  void Analyze(const Eigen::SparseMatrix<double>& H,
+               Order order = Order::kFillReducing);
 
   // Numeric factorisation of a matrix with the pattern given to Analyze().
   // False if H is not positive definite to working precision or not finite;

@@ -41,11 +41,10 @@ struct ObservationGroups {
 };
 
 struct Tracks {
-  // All keypoints that matches connect, directly or not. May hold several
-  // keypoints of one image, that is, of several points in space.
-  ObservationGroups components;
-  // Tracks fit for averaging: at most one keypoint of an image in each,
-  // selected such that every image stays constrained.
+  // Sets of keypoints that are images of one point each, as far as matches can
+  // tell: at most one keypoint of an image in each.
+  ObservationGroups candidates;
+  // Those fit for averaging, selected such that every image stays constrained.
   ObservationGroups tracks;
 };
 

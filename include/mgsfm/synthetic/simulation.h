@@ -1,115 +1,85 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
-#include <string_view>
-#include <utility>
+#include <string>
+#include <vector>
 
-#include "mgsfm/base/options.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/synthetic/simulation_options.h"
 
 namespace mgsfm {
 
-enum class RigPreset {
-  kMono,      // one camera, looking ahead
-  kStereo,    // KITTI's: two parallel cameras 0.54 m apart, looking ahead
-  kKitti360,  // stereo ahead and two fisheyes to the sides, almost no overlap
-  kCube6,     // six fisheyes around a head, 0.1 m from its centre
+// A camera of a simulated rig.
+struct SimulatedCamera {
+  std::string image_prefix;  // "cam0/": names its images "cam0/000000.png", ...
+  CameraModelId model;
+  int width_px;
+  int height_px;
+  std::vector<double> params;
+  Rigid3 sensor_from_rig;
 };
 
-enum class PathPreset {
-  kLoop,      // a closed circle; first and last frames see the same points
-  kCurve,     // a winding, slightly hilly road
-  kStraight,  // an exactly straight line at constant orientation
-  kStanding,  // no motion at all
+// The first camera is the reference, which is at identity.
+std::vector<SimulatedCamera> MakeRig(RigPreset preset);
+
+// What takes the place of a preset, unless it is empty.
+struct SimulationInput {
+  // The first camera is the reference; of options.rig.
+  std::vector<SimulatedCamera> rig;
+  // Poses of the reference camera (z is forward, y down on the average), of
+  // which every options.frame_step-th is a frame; of options.path.
+  std::vector<Rigid3> rig_from_world_path;
+  // When; by default options.frame_rate_hz times a second.
+  std::vector<double> timestamps_s;
 };
 
-template <>
-struct EnumTable<RigPreset> {
-  static constexpr std::pair<std::string_view, RigPreset> kNames[] = {
-      {"mono", RigPreset::kMono},
-      {"stereo", RigPreset::kStereo},
-      {"kitti360", RigPreset::kKitti360},
-      {"cube6", RigPreset::kCube6}};
-};
-
-template <>
-struct EnumTable<PathPreset> {
-  static constexpr std::pair<std::string_view, PathPreset> kNames[] = {
-      {"loop", PathPreset::kLoop},
-      {"curve", PathPreset::kCurve},
-      {"straight", PathPreset::kStraight},
-      {"standing", PathPreset::kStanding}};
-};
-
-// A small world with exact ground truth, for tests and demonstrations: points
-// on both sides of, below and above a path, each visible within
-// `max_visible_distance_m`.
-struct SimulationOptions {
-  RigPreset rig = RigPreset::kStereo;
-  PathPreset path = PathPreset::kCurve;
-  int num_frames = 20;
-  double frame_spacing_m = 1.0;
-  int num_points_per_frame = 300;
-  double max_visible_distance_m = 30.0;
-  int max_num_features_per_image = 500;
-  int num_matched_frames = 3;
-  bool match_different_sensors = true;
-  int min_num_matches = 15;
-  double pixel_noise_px = 0.0;
-  double mismatch_ratio = 0.0;
-  double relative_rotation_noise_deg = 0.0;
-  double wrong_pair_ratio = 0.0;
-  double missing_image_ratio = 0.0;
-  bool extrinsics_are_known = false;  // Sensor::sensor_from_rig is given
-  uint64_t random_seed = 0;           // Context::random_seed of commands
-
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("rig", self.rig, AnyValue(), "", "Cameras and how they are mounted.");
-    visit("path", self.path, AnyValue(), "", "Where the rig moves.");
-    visit("num_frames", self.num_frames, Between(1, 100000), "frames",
-          "Instants at which all cameras take an image.");
-    visit("frame_spacing", self.frame_spacing_m, GreaterThan(0.0), "m",
-          "Distance between two frames.");
-    visit("num_points_per_frame", self.num_points_per_frame, AtLeast(1),
-          "points", "World points that are added around each frame.");
-    visit("max_visible_distance", self.max_visible_distance_m, GreaterThan(1.0),
-          "m", "Farther points are not seen.");
-    visit("max_num_features", self.max_num_features_per_image, AtLeast(1),
-          "features", "Most features of an image.");
-    visit("num_matched_frames", self.num_matched_frames, AtLeast(0), "frames",
-          "Images are matched with those of the frames up to so many later, "
-          "and across the gap of a loop.");
-    visit("match_different_sensors", self.match_different_sensors, AnyValue(),
-          "", "Match images of different cameras, too.");
-    visit("min_num_matches", self.min_num_matches, AtLeast(1), "matches",
-          "Pairs with fewer matches are left out.");
-    visit("pixel_noise", self.pixel_noise_px, AtLeast(0.0), "px",
-          "Standard deviation of each coordinate of the keypoints.");
-    visit("mismatch_ratio", self.mismatch_ratio, Between(0.0, 1.0), "",
-          "Share of wrong matches among those taken for verified.");
-    visit("relative_rotation_noise", self.relative_rotation_noise_deg,
-          AtLeast(0.0), "deg",
-          "Standard deviation of each axis of the relative rotations.");
-    visit("wrong_pair_ratio", self.wrong_pair_ratio, Between(0.0, 1.0), "",
-          "Share of pairs with a random relative pose and random matches.");
-    visit("missing_image_ratio", self.missing_image_ratio, Between(0.0, 1.0),
-          "", "Share of images that were never taken.");
-    visit("extrinsics_are_known", self.extrinsics_are_known, AnyValue(), "",
-          "Write the poses of the cameras in the rig as known.");
-  }
+enum class PairKind {
+  kTrue,                 // the relative pose is that of the two images
+  kIsolatedWrong,        // between unrelated places
+  kDuplicatedStructure,  // of a group that takes a copy for the original
+  kMovingObject,         // the motion relative to a vehicle that fills the view
 };
 
 struct Simulation {
   Scene scene;
-  ViewGraph view_graph;         // with relative_pose and E
-  Reconstruction ground_truth;  // points with their true tracks
+  // What is verified, with E and a relative_pose: the true one if there is no
+  // noise. Equal to what LoadScene makes of the database.
+  ViewGraph view_graph;
+  // Poses at the instants of the frames; the points that at least two images
+  // show, with all keypoints that show them.
+  Reconstruction ground_truth;
+
+  // Per image: the pose at its own instant, which differs from that of
+  // ground_truth by the trigger jitter.
+  std::vector<Rigid3> cam_from_world;
+  // Per image and keypoint: which of world_points it shows; -1 for clutter and
+  // for vehicles that move. The copies of a structure are other points than the
+  // originals. A match is right if and only if both keypoints show the same
+  // point.
+  std::vector<std::vector<int>> keypoint_points;
+  std::vector<Eigen::Vector3d> world_points;
+  // Per pair of the view graph.
+  std::vector<PairKind> pair_kinds;
+  std::vector<std::vector<Match>> raw_matches;  // before verification
 };
 
-// Deterministic in its options.
-Simulation Simulate(const SimulationOptions& options);
+// Deterministic in options and input, whatever context.num_threads is; of the
+// context, options.random_seed takes the place of the seed. Each effect has its
+// own random numbers, so that switching one on leaves the others as they were.
+// Throws Error for options that cannot be met together.
+Simulation Simulate(const SimulationOptions& options,
+                    const SimulationInput& input = {},
+                    const Context& context = {});
+// On a given path.
+Simulation Simulate(const SimulationOptions& options,
+                    const std::vector<Rigid3>& rig_from_world_path,
+                    const Context& context = {});
 
 }  // namespace mgsfm

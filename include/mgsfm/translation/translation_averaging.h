@@ -7,6 +7,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/least_squares/backend.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
@@ -41,6 +42,7 @@ namespace mgsfm {
 // (3 unknowns a frame), 3 and 5.
 
 struct TranslationAveragingOptions {
+  SolverBackend backend = SolverBackend::kNative;
   double min_parallax_deg = 0.3;
   double max_angle_error_deg = 0.5;
   int max_num_iterations = 50;
@@ -48,6 +50,9 @@ struct TranslationAveragingOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    visit("backend", self.backend, AnyValue(), "",
+          "Solver of refinements: that of this program, or Ceres with the same "
+          "derivatives, for comparison.");
     visit("min_parallax_deg", self.min_parallax_deg, Between(0.0, 60.0), "deg",
           "Matches with less parallax do not vote on relative translations, "
           "nor are points with less used.");

@@ -91,6 +91,12 @@ struct DistortedLens {
       const double* k, const Eigen::Vector3d& point,
       LensJacobians<kNumParams>* jacobians) {
     const std::optional<Eigen::Vector2d> m = Projection::Project(point);
+    if constexpr (kNumParams == 0) {  // no distortion
+      if (m && jacobians != nullptr) {
+        jacobians->point = Projection::Jacobian(point, *m);
+      }
+      return m;
+    }
     if (!m || !Distortion::IsInjectiveTo(k, m->norm())) return std::nullopt;
     if (jacobians == nullptr) return Distortion::Distort(k, *m, nullptr);
     DistortionJacobians<kNumParams> of_m;

@@ -1,0 +1,227 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cstdio>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "command.h"
+#include "commands.h"
+#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/io/model_io.h"
+#include "mgsfm/io/model_scene.h"
+#include "mgsfm/io/rig_config.h"
+#include "mgsfm/io/staged_output.h"
+#include "mgsfm/math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+struct BundleAdjusterOptions {
+  std::string input_path;
+  std::string output_path;
+  ModelFormat output_format = ModelFormat::kBinary;
+  bool retriangulate = false;
+  SceneLoadingOptions loading;
+  BundleAdjustmentOptions bundle_adjustment;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("input_path", self.input_path, Required(), "",
+          "Folder of the model to adjust, with or without rigs and frames. "
+          "Intrinsics count as known, as models do not say which are: they are "
+          "held unless refine_focal_length or refine_extra_params is yes. "
+          "Poses of cameras in the rig count as known if --rig_config_path "
+          "gives them.");
+    visit("output_path", self.output_path, Required(), "",
+          "Folder for the adjusted model. One that is there is replaced when "
+          "the new one is whole; it may be the input.");
+    visit("output_format", self.output_format, AnyValue(), "",
+          "Of the model: binary or text.");
+    visit("retriangulate", self.retriangulate, AnyValue(), "",
+          "Drop outliers and triangulate the points of the model anew, in "
+          "rounds, as the mapper does. Without it, one solve over all that is "
+          "there.");
+    SceneLoadingOptions::Describe(self.loading, visit);
+    visit.Group("BundleAdjustment", self.bundle_adjustment);
+  }
+};
+
+// Of all observations that their cameras can see.
+struct ReprojectionErrors {
+  size_t num_observations = 0;
+  double mean_px = 0.0;
+  double median_px = 0.0;
+};
+
+ReprojectionErrors ComputeErrors(const Scene& scene,
+                                 const Reconstruction& model) {
+  std::vector<double> errors_px;
+  for (const Point3D& point : model.points) {
+    for (const Observation& o : point.track) {
+      const auto pose = model.CamFromWorld(scene, o.image_idx);
+      if (!pose) continue;
+      const Image& image = scene.images[o.image_idx];
+      const Camera& camera = model.cameras[image.camera_idx];
+      const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
+                                        *pose * point.point_in_world);
+      if (!pixel) continue;
+      errors_px.push_back(
+          (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm());
+    }
+  }
+  ReprojectionErrors errors;
+  errors.num_observations = errors_px.size();
+  if (errors_px.empty()) return errors;
+  errors.mean_px = std::accumulate(errors_px.begin(), errors_px.end(), 0.0) /
+                   static_cast<double>(errors_px.size());
+  errors.median_px = Median(std::move(errors_px));
+  return errors;
+}
+
+// Why there is nothing to do; "" if there is.
+std::string WhyNotAdjustable(const ModelScene& input,
+                             const BundleAdjustmentOptions& options) {
+  const Scene& scene = input.scene;
+  const auto& points = input.reconstruction.points;
+  if (std::none_of(points.begin(), points.end(), [](const Point3D& point) {
+        return point.track.size() >= 2;
+      })) {
+    return "no point is seen by two images";
+  }
+  // Intrinsics are known, see MakeModelScene.
+  const bool refines_cameras =
+      options.refine_focal_length == RefineMode::kYes ||
+      options.refine_extra_params == RefineMode::kYes ||
+      options.refine_principal_point;
+  bool refines_sensors = false;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    refines_sensors |= !scene.IsReference(static_cast<int>(i)) &&
+                       (options.refine_sensor_from_rig == RefineMode::kYes ||
+                        (options.refine_sensor_from_rig == RefineMode::kAuto &&
+                         !scene.sensors[i].sensor_from_rig));
+  }
+  if (options.refine_rig_from_world || options.refine_points ||
+      refines_sensors || refines_cameras) {
+    return "";
+  }
+  return "the options hold all that could be refined";
+}
+
+ObservationGroups GroupTracks(const Reconstruction& model) {
+  ObservationGroups groups;
+  for (const Point3D& point : model.points) {
+    groups.observations.insert(groups.observations.end(), point.track.begin(),
+                               point.track.end());
+    groups.FinishGroup();
+  }
+  return groups;
+}
+
+BundleResult Adjust(const ModelScene& input,
+                    const BundleAdjusterOptions& options,
+                    const Context& context) {
+  if (!options.retriangulate) {
+    return AdjustBundle(input.scene, input.reconstruction,
+                        options.bundle_adjustment, context);
+  }
+  return RefineReconstruction(input.scene, GroupTracks(input.reconstruction),
+                              input.reconstruction, options.bundle_adjustment,
+                              context);
+}
+
+void PrintResult(const ModelScene& input, const BundleResult& result) {
+  const Reconstruction& before = input.reconstruction;
+  const Reconstruction& after = result.estimate;
+  const auto errors_before = ComputeErrors(input.scene, before);
+  const auto errors_after = ComputeErrors(input.scene, after);
+  const std::vector<SolveSummary>& solves = result.summary.solves;
+  int num_iterations = 0;
+  for (const SolveSummary& solve : solves) {
+    num_iterations += solve.num_iterations;
+  }
+  const auto num_observations = [](const ReprojectionErrors& errors) {
+    return static_cast<unsigned long>(errors.num_observations);
+  };
+  std::printf("%-22s %14s %14s\n", "", "before", "after");
+  std::printf("%-22s %14.6g %14.6g\n", "cost", solves.front().initial_cost,
+              solves.back().final_cost);
+  std::printf("%-22s %11.4f px %11.4f px\n", "reprojection, mean",
+              errors_before.mean_px, errors_after.mean_px);
+  std::printf("%-22s %11.4f px %11.4f px\n", "reprojection, median",
+              errors_before.median_px, errors_after.median_px);
+  std::printf("%-22s %14lu %14lu\n", "observations",
+              num_observations(errors_before), num_observations(errors_after));
+  std::printf("%-22s %14zu %14zu\n", "points", before.points.size(),
+              after.points.size());
+  std::printf("%-22s %14d in %zu solve%s, %s\n", "iterations", num_iterations,
+              solves.size(), solves.size() == 1 ? "" : "s",
+              std::string(TerminationName(solves.back().termination)).c_str());
+}
+
+void LogInput(const ModelScene& input, const Context& context) {
+  const Scene& scene = input.scene;
+  context.Info("rigs from " + input.rig_source + ": " +
+               std::to_string(scene.rigs.size()) + " rigs, " +
+               std::to_string(scene.frames.size()) + " frames, " +
+               std::to_string(scene.images.size()) + " images, " +
+               std::to_string(input.reconstruction.points.size()) + " points");
+}
+
+void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
+                  const Context& context) {
+  for (const DroppedFrame& dropped : summary.dropped_frames) {
+    context.Warning("frame '" + input.scene.frames[dropped.frame_idx].name +
+                    "' is left out: " + dropped.reason);
+  }
+  if (summary.num_invisible_observations > 0) {
+    context.Warning(std::to_string(summary.num_invisible_observations) +
+                    " observations have no part, as their cameras cannot see "
+                    "the points");
+  }
+}
+
+void WriteResult(const ModelScene& input, const Reconstruction& model,
+                 ModelFormat format, const Context& context,
+                 StagedOutput* output) {
+  WriteModel(output->StagingDir(), input.scene, model, format, context);
+  WriteRigConfig((output->StagingDir() / "rig_config.json").string(),
+                 input.scene, model);
+  context.CheckInterrupted();
+  output->Commit();
+}
+
+int RunBundleAdjuster(const BundleAdjusterOptions& options,
+                      const Context& context) {
+  const auto give_up = [&](const std::string& reason) {
+    context.log(LogLevel::kError, "nothing was adjusted: " + reason);
+    return kExitNotSolvable;
+  };
+  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  const ModelScene input =
+      LoadModelScene(options.input_path, options.loading, context);
+  CheckFormat(input.scene, options.output_format);
+  LogInput(input, context);
+  const std::string reason = WhyNotAdjustable(input, options.bundle_adjustment);
+  if (!reason.empty()) return give_up(reason);
+
+  const BundleResult result = Adjust(input, options, context);
+  const SolveSummary& last = result.summary.solves.back();
+  if (!last.IsUsable()) return give_up("the solve failed, " + last.message);
+  if (result.estimate.points.empty()) return give_up("all points are outliers");
+  WarnOfLosses(input, result.summary, context);
+  WriteResult(input, result.estimate, options.output_format, context, &output);
+  PrintResult(input, result);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command BundleAdjusterCommand() {
+  return MakeCommand("bundle_adjuster",
+                     "Refines a model: frames, cameras in the rig, points.",
+                     RunBundleAdjuster);
+}
+
+}  // namespace mgsfm

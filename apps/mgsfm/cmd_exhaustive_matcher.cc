@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+#include "commands.h"
+#include "matching_input.h"
+#include "mgsfm/matching/matching.h"
+
+namespace mgsfm {
+namespace {
+
+struct ExhaustiveMatcherOptions {
+  MatchingInputOptions input;
+  ExhaustiveMatchingOptions exhaustive;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    MatchingInputOptions::Describe(self.input, visit);
+    visit.Group("ExhaustiveMatching", self.exhaustive);
+  }
+};
+
+int RunExhaustiveMatcher(const ExhaustiveMatcherOptions& options,
+                         const Context& context) {
+  MatchingInput input = OpenMatchingInput(options.input, context);
+  MatchExhaustively(&input.database, input.scene, options.exhaustive,
+                    options.input.matching, context);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command ExhaustiveMatcherCommand() {
+  return MakeCommand("exhaustive_matcher", "Matches all pairs of images.",
+                     RunExhaustiveMatcher);
+}
+
+}  // namespace mgsfm

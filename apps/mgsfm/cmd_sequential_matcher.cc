@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+#include "commands.h"
+#include "matching_input.h"
+#include "mgsfm/matching/matching.h"
+
+namespace mgsfm {
+namespace {
+
+struct SequentialMatcherOptions {
+  MatchingInputOptions input;
+  SequentialMatchingOptions sequential;
+  VocabularyOptions vocabulary;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    MatchingInputOptions::Describe(self.input, visit);
+    visit.Group("SequentialMatching", self.sequential);
+    visit.Group("VocabTree", self.vocabulary);
+  }
+};
+
+int RunSequentialMatcher(const SequentialMatcherOptions& options,
+                         const Context& context) {
+  MatchingInput input = OpenMatchingInput(options.input, context);
+  MatchSequentially(&input.database, input.scene, options.sequential,
+                    options.vocabulary, options.input.matching, context);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command SequentialMatcherCommand() {
+  return MakeCommand("sequential_matcher",
+                     "Matches images of a rig that moves, and finds loops.",
+                     RunSequentialMatcher);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+#include "commands.h"
+#include "matching_input.h"
+#include "mgsfm/matching/matching.h"
+
+namespace mgsfm {
+namespace {
+
+struct VocabTreeMatcherOptions {
+  MatchingInputOptions input;
+  VocabTreeMatchingOptions retrieval;
+  VocabularyOptions vocabulary;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    MatchingInputOptions::Describe(self.input, visit);
+    visit.Group("VocabTreeMatching", self.retrieval);
+    visit.Group("VocabTree", self.vocabulary);
+  }
+};
+
+int RunVocabTreeMatcher(const VocabTreeMatcherOptions& options,
+                        const Context& context) {
+  MatchingInput input = OpenMatchingInput(options.input, context);
+  MatchByVocabulary(&input.database, input.scene, options.retrieval,
+                    options.vocabulary, options.input.matching, context);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command VocabTreeMatcherCommand() {
+  return MakeCommand("vocab_tree_matcher",
+                     "Matches the images that look most alike.",
+                     RunVocabTreeMatcher);
+}
+
+}  // namespace mgsfm

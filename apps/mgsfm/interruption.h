@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+namespace mgsfm {
+
+// Makes SIGINT, SIGTERM and SIGHUP requests to stop in good order, as
+// Context::is_cancelled reports them. Signals that the caller has set to be
+// ignored stay so (nohup, background jobs). A signal that comes two seconds
+// after the first or later ends the process at once.
+void CatchInterruptions();
+
+// The first signal that was caught, or 0.
+int InterruptionSignal();
+
+// Ends the process by that signal, as if it had not been caught: shells and
+// make stop what they run only after a command that ended so. Returns, with
+// the exit code that a shell would show, where a process cannot do that (the
+// first one of a container).
+int EndByInterruption();
+
+}  // namespace mgsfm

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "true_trajectory.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <sstream>
+#include <utility>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// An image and the pose of the trajectory that it belongs to.
+using PlacedImage = std::pair<size_t, ImagePoses>;
+
+class TrajectoryPairing {
+ public:
+  TrajectoryPairing(const NamedModel& model, const TrueTrajectory& trajectory,
+                    const std::vector<std::optional<Rigid3>>& sensor_from_ref)
+      : model_(model),
+        trajectory_(trajectory),
+        sensor_from_ref_(sensor_from_ref) {}
+
+  void AddModel() {
+    for (size_t i = 0; i < model_.scene.images.size(); ++i) {
+      const Image& image = model_.scene.images[i];
+      Add(image.name, image.sensor_idx, model_.cam_from_world[i]);
+    }
+  }
+
+  void AddMissingImages(const std::vector<std::string>& names) {
+    for (const std::string& name : names) {
+      const auto sensor_idx = model_.FindSensor(FolderOfName(name));
+      if (sensor_idx) Add(name, *sensor_idx, std::nullopt);
+    }
+  }
+
+  // Of the rig with most images.
+  void AddMissingFrames() {
+    if (images_.empty()) return;
+    std::vector<int> num_images(model_.scene.rigs.size(), 0);
+    for (const Image& image : model_.scene.images) {
+      ++num_images[model_.scene.sensors[image.sensor_idx].rig_idx];
+    }
+    const auto most = std::max_element(num_images.begin(), num_images.end());
+    const Rig& rig = model_.scene.rigs[most - num_images.begin()];
+    for (const size_t pose : PosesInGaps()) {
+      for (const int sensor_idx : rig.sensor_idxs) {
+        AddAt(pose, "", sensor_idx, std::nullopt);
+      }
+    }
+  }
+
+  std::vector<ImagePoses> TakeInOrder() {
+    std::stable_sort(images_.begin(), images_.end(),
+                     [](const PlacedImage& a, const PlacedImage& b) {
+                       return a.first < b.first;
+                     });
+    std::vector<ImagePoses> ordered;
+    for (PlacedImage& image : images_) {
+      ordered.push_back(std::move(image.second));
+    }
+    return ordered;
+  }
+
+ private:
+  void Add(const std::string& name, int sensor_idx,
+           const std::optional<Rigid3>& cam_from_model) {
+    const auto pose = trajectory_.pose_of_frame.find(StemOfName(name));
+    if (pose == trajectory_.pose_of_frame.end()) return;
+    AddAt(pose->second, name, sensor_idx, cam_from_model);
+  }
+
+  void AddAt(size_t pose, const std::string& name, int sensor_idx,
+             const std::optional<Rigid3>& cam_from_model) {
+    const std::optional<Rigid3>& sensor_from_ref = sensor_from_ref_[sensor_idx];
+    if (!sensor_from_ref) return;
+    const int rig_idx = model_.scene.sensors[sensor_idx].rig_idx;
+    images_.push_back(
+        {pose,
+         {name, model_.ref_sensor[rig_idx] == sensor_idx, cam_from_model,
+          *sensor_from_ref * trajectory_.ref_from_world[pose]}});
+  }
+
+  std::vector<size_t> PosesInGaps() const {
+    std::set<size_t> used;
+    for (const PlacedImage& image : images_) used.insert(image.first);
+    const std::vector<size_t> poses(used.begin(), used.end());
+    std::vector<size_t> steps;
+    for (size_t i = 1; i < poses.size(); ++i) {
+      steps.push_back(poses[i] - poses[i - 1]);
+    }
+    if (steps.empty()) return {};
+    std::vector<size_t> sorted = steps;
+    std::sort(sorted.begin(), sorted.end());
+    const auto median = static_cast<double>(sorted[sorted.size() / 2]);
+    std::vector<size_t> in_gaps;
+    for (size_t i = 0; i < steps.size(); ++i) {
+      const auto num_steps =
+          static_cast<size_t>(std::lround(steps[i] / median));
+      for (size_t k = 1; k < num_steps; ++k) {
+        in_gaps.push_back(poses[i] + k * steps[i] / num_steps);
+      }
+    }
+    return in_gaps;
+  }
+
+  const NamedModel& model_;
+  const TrueTrajectory& trajectory_;
+  const std::vector<std::optional<Rigid3>>& sensor_from_ref_;
+  std::vector<PlacedImage> images_;
+};
+
+}  // namespace
+
+std::optional<double> ParseNumber(const std::string& text) {
+  if (text.empty() ||
+      text.find_first_not_of("0123456789.") != std::string::npos) {
+    return std::nullopt;
+  }
+  std::istringstream stream(text);
+  stream.imbue(std::locale::classic());
+  double number = 0.0;
+  if (!(stream >> number) || !stream.eof()) return std::nullopt;
+  return number;
+}
+
+TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
+                              std::vector<Rigid3> ref_from_world,
+                              const std::string& path) {
+  const size_t num_poses = ref_from_world.size();
+  bool are_line_numbers = true;
+  for (const std::string& frame : frames) {
+    const auto number = ParseNumber(frame);
+    are_line_numbers &= number && *number < static_cast<double>(num_poses) &&
+                        *number == std::floor(*number);
+  }
+  if (!are_line_numbers && frames.size() != num_poses) {
+    throw Error("'" + path + "' has " + std::to_string(num_poses) +
+                " poses for the " + std::to_string(frames.size()) +
+                " frames of the model, whose names are not line numbers");
+  }
+  TrueTrajectory trajectory{std::move(ref_from_world), {}};
+  for (size_t i = 0; i < frames.size(); ++i) {
+    trajectory.pose_of_frame[frames[i]] =
+        are_line_numbers ? static_cast<size_t>(*ParseNumber(frames[i])) : i;
+  }
+  return trajectory;
+}
+
+TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
+                            const std::vector<TimedPose>& poses,
+                            const std::string& path) {
+  constexpr double kMinNanoseconds = 1e14;
+  std::vector<Rigid3> ref_from_world;
+  ref_from_world.reserve(poses.size());
+  for (const TimedPose& pose : poses) {
+    ref_from_world.push_back(pose.cam_from_world);
+  }
+  const bool have_times =
+      poses.size() > 1 &&
+      std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
+        return ParseNumber(frame).has_value();
+      });
+  if (!have_times) {
+    return AssignByNumber(frames, std::move(ref_from_world), path);
+  }
+  const double max_difference_s =
+      0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
+      static_cast<double>(poses.size() - 1);
+  TrueTrajectory trajectory{std::move(ref_from_world), {}};
+  for (const std::string& frame : frames) {
+    double time_s = *ParseNumber(frame);
+    if (time_s > kMinNanoseconds) time_s *= 1e-9;
+    size_t nearest = 0;
+    for (size_t i = 1; i < poses.size(); ++i) {
+      if (std::abs(poses[i].timestamp_s - time_s) <
+          std::abs(poses[nearest].timestamp_s - time_s)) {
+        nearest = i;
+      }
+    }
+    if (std::abs(poses[nearest].timestamp_s - time_s) <= max_difference_s) {
+      trajectory.pose_of_frame[frame] = nearest;
+    }
+  }
+  if (trajectory.pose_of_frame.empty()) {
+    throw Error("no time in '" + path + "' is near that of any image name");
+  }
+  return trajectory;
+}
+
+std::vector<std::string> FrameNames(const NamedModel& model,
+                                    const ImageNames& other_images) {
+  std::map<std::string, int> frame_of_name;
+  for (const Image& image : model.scene.images) {
+    const auto [other, is_new] =
+        frame_of_name.emplace(StemOfName(image.name), image.frame_idx);
+    if (is_new || other->second == image.frame_idx) continue;
+    throw Error("image '" + image.name +
+                "' is called like one of another "
+                "frame, '" +
+                model.scene.frames[other->second].name +
+                "'; choose the sequence of the true poses with --image_prefix");
+  }
+  for (const std::string& name :
+       other_images.value_or(std::vector<std::string>())) {
+    if (model.FindSensor(FolderOfName(name))) {
+      frame_of_name.emplace(StemOfName(name), -1);
+    }
+  }
+  std::vector<std::string> names;
+  for (const auto& frame : frame_of_name) names.push_back(frame.first);
+  return names;
+}
+
+std::vector<ImagePoses> PairWithTrajectory(
+    const NamedModel& model, const TrueTrajectory& trajectory,
+    const std::vector<std::optional<Rigid3>>& sensor_from_ref,
+    const ImageNames& other_images) {
+  TrajectoryPairing pairing(model, trajectory, sensor_from_ref);
+  pairing.AddModel();
+  if (other_images) {
+    pairing.AddMissingImages(*other_images);
+  } else {
+    pairing.AddMissingFrames();
+  }
+  return pairing.TakeInOrder();
+}
+
+}  // namespace mgsfm

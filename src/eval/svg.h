@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+namespace mgsfm {
+
+// A drawing of lines, marks and texts, in px from the upper left corner.
+class SvgDrawing {
+ public:
+  SvgDrawing(double width, double height);
+
+  // `style` holds attributes, e.g. "stroke='#888' stroke-width='2'".
+  void Line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
+            const std::string& style);
+  void Path(const std::vector<Eigen::Vector2d>& points,
+            const std::string& style);
+  void Dot(const Eigen::Vector2d& center, double radius,
+           const std::string& style);
+  void Cross(const Eigen::Vector2d& center, double radius,
+             const std::string& style);
+  void Frame(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
+             const std::string& style);
+  // At the start of the text, or as `style` says by text-anchor.
+  void Text(const Eigen::Vector2d& at, const std::string& text,
+            const std::string& style = "");
+
+  // What is drawn until EndClip() only shows inside a rectangle.
+  void BeginClip(const Eigen::Vector2d& corner, const Eigen::Vector2d& size);
+  void EndClip();
+
+  std::string ToString() const;
+
+ private:
+  std::string body_;
+  double width_, height_;
+  int num_clips_ = 0;
+};
+
+// With at most `digits` decimals, none of them a trailing zero; '.' whatever
+// the locale.
+std::string FormatNumber(double value, int digits);
+
+// Multiples of 1, 2 or 5 times a power of ten within [min, max]: about
+// `target` of them, at least one step.
+struct Ticks {
+  double step = 1.0;
+  int digits = 0;  // decimals that tell them apart
+  std::vector<double> values;
+};
+Ticks MakeTicks(double min, double max, int target);
+
+}  // namespace mgsfm

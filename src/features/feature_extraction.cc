@@ -1,0 +1,364 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/features/feature_extraction.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <set>
+#include <system_error>
+
+#include "features/camera_assignment.h"
+#include "features/image_file.h"
+#include "features/memory_budget.h"
+#include "features/ordered_pipeline.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Enough for all threads to go on while one large image holds up the order.
+constexpr size_t kImagesInFlightPerThread = 4;
+// Of an image, while its features are extracted; see BuildScaleSpace.
+constexpr size_t kBytesPerPixel = 200;
+
+// What the threads make of an image file; `problem` says why it is refused.
+struct ExtractedImage {
+  std::string name;
+  std::string problem;
+  int width = 0;
+  int height = 0;
+  ImageTags tags;
+  Features features;
+  bool has_mask = false;
+};
+
+[[noreturn]] void ThrowFolderError(const std::string& image_path) {
+  throw Error("there is no folder '" + image_path +
+              "' (--image_path); check the path");
+}
+
+bool IsHidden(const fs::path& path) {
+  return path.filename().string().front() == '.';
+}
+
+std::vector<std::string> ListFolder(const std::string& image_path) {
+  std::vector<std::string> names;
+  const auto options = fs::directory_options::follow_directory_symlink;
+  for (auto entry = fs::recursive_directory_iterator(image_path, options);
+       entry != fs::recursive_directory_iterator(); ++entry) {
+    if (IsHidden(entry->path())) {
+      entry.disable_recursion_pending();
+    } else if (!entry->is_directory()) {
+      names.push_back(
+          entry->path().lexically_relative(image_path).generic_string());
+    }
+  }
+  return names;
+}
+
+std::vector<std::string> ReadList(const std::string& list_path) {
+  std::ifstream file(list_path);
+  if (!file) throw Error("cannot read '" + list_path + "' (--image_list_path)");
+  std::vector<std::string> names;
+  for (std::string line; std::getline(file, line);) {
+    line.erase(line.find_last_not_of(" \t\r") + 1);
+    if (!line.empty()) names.push_back(line);
+  }
+  return names;
+}
+
+// Sorted, each once.
+std::vector<std::string> FindImages(const std::string& image_path,
+                                    const std::string& list_path) {
+  std::error_code ignored;
+  if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
+  std::vector<std::string> names =
+      list_path.empty() ? ListFolder(image_path) : ReadList(list_path);
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  if (names.empty()) {
+    throw Error(list_path.empty()
+                    ? "there are no images in '" + image_path +
+                          "' (--image_path)"
+                    : "'" + list_path + "' (--image_list_path) names no image");
+  }
+  return names;
+}
+
+// Half of the machine's.
+size_t MemoryLimit() {
+  const long num_pages = sysconf(_SC_PHYS_PAGES);
+  const long page_size = sysconf(_SC_PAGESIZE);
+  return static_cast<size_t>(std::max(1L, num_pages)) *
+         static_cast<size_t>(std::max(1L, page_size)) / 2;
+}
+
+size_t MemoryOf(const GrayImage& image, int max_image_size) {
+  const double scale = std::min(1.0, static_cast<double>(max_image_size) /
+                                         std::max(image.rows(), image.cols()));
+  return static_cast<size_t>(static_cast<double>(image.size()) * scale * scale *
+                             kBytesPerPixel);
+}
+
+// Reads images and extracts their features, for several threads.
+class ImageExtractor {
+ public:
+  ImageExtractor(const std::string& image_path,
+                 const FeatureExtractionOptions& options)
+      : image_path_(image_path),
+        options_(options),
+        memory_budget_(MemoryLimit()) {
+    const std::string& path = options.reader.camera_mask_path;
+    if (path.empty()) return;
+    try {
+      camera_mask_ = ReadMask(path);
+      if (!camera_mask_) throw Error("does not exist");
+    } catch (const Error& error) {
+      throw Error("mask '" + path + "' (--ImageReader.camera_mask_path) " +
+                  error.what());
+    }
+  }
+
+  ExtractedImage Extract(const std::string& name) const {
+    ExtractedImage image;
+    image.name = name;
+    try {
+      ImageFile file = ReadImageFile(fs::path(image_path_) / name);
+      image.width = static_cast<int>(file.gray.cols());
+      image.height = static_cast<int>(file.gray.rows());
+      image.tags = file.tags;
+      const std::vector<GrayImage> masks = MasksOf(file.gray, name);
+      image.has_mask = !masks.empty();
+      const MemoryBudget::Share share(
+          &memory_budget_, MemoryOf(file.gray, options_.sift.max_image_size));
+      image.features = ExtractSift(file.gray, options_.sift);
+      for (const GrayImage& mask : masks) ApplyMask(mask, &image.features);
+    } catch (const Error& error) {
+      image.problem = error.what();
+    } catch (const fs::filesystem_error& error) {
+      image.problem = "cannot be read: " + error.code().message();
+    }
+    return image;
+  }
+
+ private:
+  std::vector<GrayImage> MasksOf(const GrayImage& image,
+                                 const std::string& name) const;
+  static void CheckSize(const GrayImage& image, const GrayImage& mask,
+                        const std::string& path);
+  static void ApplyMask(const GrayImage& mask, Features* features);
+
+  const std::string image_path_;
+  const FeatureExtractionOptions options_;
+  std::optional<GrayImage> camera_mask_;
+  mutable MemoryBudget memory_budget_;
+};
+
+void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
+                               const std::string& path) {
+  if (mask.rows() == image.rows() && mask.cols() == image.cols()) return;
+  throw Error("has " + std::to_string(image.cols()) + " x " +
+              std::to_string(image.rows()) + " pixels, but its mask '" + path +
+              "' " + std::to_string(mask.cols()) + " x " +
+              std::to_string(mask.rows()) +
+              "; give a mask of the size of the image");
+}
+
+std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
+                                               const std::string& name) const {
+  std::vector<GrayImage> masks;
+  if (!options_.reader.mask_path.empty()) {
+    const std::string path =
+        (fs::path(options_.reader.mask_path) / (name + ".png")).string();
+    std::optional<GrayImage> mask;
+    try {
+      mask = ReadMask(path);
+    } catch (const Error& error) {
+      throw Error("has a mask '" + path + "' that " + error.what());
+    }
+    if (mask) {
+      CheckSize(image, *mask, path);
+      masks.push_back(*std::move(mask));
+    }
+  }
+  if (camera_mask_) {
+    CheckSize(image, *camera_mask_, options_.reader.camera_mask_path);
+    masks.push_back(*camera_mask_);
+  }
+  return masks;
+}
+
+void ImageExtractor::ApplyMask(const GrayImage& mask, Features* features) {
+  Eigen::Index num_kept = 0;
+  for (size_t i = 0; i < features->keypoints.size(); ++i) {
+    const FeatureKeypoint keypoint = features->keypoints[i];
+    const auto x = std::clamp<Eigen::Index>(
+        static_cast<Eigen::Index>(keypoint.x_px), 0, mask.cols() - 1);
+    const auto y = std::clamp<Eigen::Index>(
+        static_cast<Eigen::Index>(keypoint.y_px), 0, mask.rows() - 1);
+    if (mask(y, x) == 0) continue;
+    features->keypoints[num_kept] = keypoint;
+    features->descriptors.row(num_kept) =
+        features->descriptors.row(static_cast<Eigen::Index>(i)).eval();
+    ++num_kept;
+  }
+  features->keypoints.resize(static_cast<size_t>(num_kept));
+  features->descriptors.conservativeResize(num_kept, Eigen::NoChange);
+}
+
+// Adds images to the database.
+class FeatureWriter {
+ public:
+  FeatureWriter(const ImageReaderOptions& options,
+                const std::vector<std::string>& names,
+                FeatureDatabase* database, const Context& context)
+      : structure_(database->ReadStructure(context)),
+        cameras_(options, structure_, names, context),
+        database_(database),
+        context_(context) {
+    for (const ImageRow& image : structure_.images) {
+      id_of_name_.emplace(image.name, image.id);
+    }
+  }
+
+  // Of the names, those whose features are not all there.
+  std::vector<std::string> NamesToExtract(
+      const std::vector<std::string>& names) const;
+  // In one transaction; warns of those that are refused.
+  void Write(const std::vector<ExtractedImage>& images,
+             FeatureExtractionSummary* summary);
+
+ private:
+  void WriteImage(const ExtractedImage& image, CameraId camera_id);
+  // Why the image is refused, else "".
+  std::string TryToWrite(const ExtractedImage& image);
+  void Warn(const std::string& name, const std::string& problem) const {
+    context_.Warning("image '" + name + "' " + problem);
+  }
+
+  DatabaseContents structure_;
+  CameraAssignment cameras_;
+  FeatureDatabase* database_;
+  const Context& context_;
+  std::map<std::string, ImageId> id_of_name_;
+};
+
+std::vector<std::string> FeatureWriter::NamesToExtract(
+    const std::vector<std::string>& names) const {
+  const std::vector<ImageId> with_keypoints = database_->ImagesWithKeypoints();
+  const std::vector<ImageId> with_descriptors =
+      database_->ImagesWithDescriptors();
+  const auto has = [](const std::vector<ImageId>& ids, ImageId id) {
+    return std::binary_search(ids.begin(), ids.end(), id);
+  };
+  std::vector<std::string> missing;
+  for (const std::string& name : names) {
+    const auto id = id_of_name_.find(name);
+    if (id == id_of_name_.end() || !has(with_keypoints, id->second) ||
+        !has(with_descriptors, id->second)) {
+      missing.push_back(name);
+    }
+  }
+  return missing;
+}
+
+std::string FeatureWriter::TryToWrite(const ExtractedImage& image) {
+  if (!image.problem.empty()) return image.problem;
+  CameraAssignment::Result found = cameras_.Find(
+      image.name, image.width, image.height, image.tags.focal_length_px);
+  if (!found.problem.empty()) return found.problem;
+  if (found.is_new) {
+    found.camera.id = database_->AddCamera(found.camera);
+    cameras_.Add(image.name, found.camera);
+  }
+  WriteImage(image, found.camera.id);
+  return "";
+}
+
+void FeatureWriter::WriteImage(const ExtractedImage& image,
+                               CameraId camera_id) {
+  const auto known = id_of_name_.find(image.name);
+  const ImageId id = known != id_of_name_.end()
+                         ? known->second
+                         : database_->AddImage(image.name, camera_id);
+  if (known == id_of_name_.end() && !structure_.frames.empty()) {
+    database_->AddSingleImageFrame(id, camera_id);
+  }
+  database_->WriteKeypoints(id, image.features.keypoints);
+  database_->WriteDescriptors(id, image.features.descriptors);
+  if (image.tags.position_wgs84) {
+    database_->WritePosePrior({id, PosePriorRow::CoordinateSystem::kWgs84,
+                               *image.tags.position_wgs84, std::nullopt});
+  }
+}
+
+void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
+                          FeatureExtractionSummary* summary) {
+  DatabaseTransaction transaction(database_);
+  for (const ExtractedImage& image : images) {
+    const std::string problem = TryToWrite(image);
+    if (!problem.empty()) {
+      Warn(image.name, "is left out: it " + problem);
+      ++summary->num_refused;
+      continue;
+    }
+    const size_t num_features = image.features.keypoints.size();
+    if (num_features == 0) Warn(image.name, "has no features");
+    ++summary->num_extracted;
+    summary->num_features += num_features;
+  }
+  transaction.Commit();
+}
+
+}  // namespace
+
+FeatureExtractionSummary ExtractFeatures(
+    const std::string& image_path, const FeatureExtractionOptions& options,
+    FeatureDatabase* database, const Context& context) {
+  const Timer timer;
+  const std::vector<std::string> names =
+      FindImages(image_path, options.image_list_path);
+  FeatureWriter writer(options.reader, names, database, context);
+  const std::vector<std::string> missing = writer.NamesToExtract(names);
+  FeatureExtractionSummary summary;
+  summary.num_images = names.size();
+  summary.num_present = names.size() - missing.size();
+
+  const QuietImageLibraries quiet;
+  const ImageExtractor extractor(image_path, options);
+  bool has_mask = false;
+  {
+    const auto num_threads = static_cast<size_t>(context.num_threads);
+    OrderedPipeline<ExtractedImage> pipeline(
+        missing.size(), context.num_threads,
+        kImagesInFlightPerThread * num_threads,
+        [&](size_t i) { return extractor.Extract(missing[i]); });
+    size_t num_done = 0;
+    while (num_done < missing.size()) {
+      context.ReportProgress("extracting features", num_done, missing.size());
+      const std::vector<ExtractedImage> images = pipeline.Take();
+      if (!images.empty()) writer.Write(images, &summary);
+      for (const ExtractedImage& image : images) has_mask |= image.has_mask;
+      num_done += images.size();
+    }
+  }
+  if (!options.reader.mask_path.empty() && !missing.empty() && !has_mask) {
+    context.Warning("no image has a mask in '" + options.reader.mask_path +
+                    "' (--ImageReader.mask_path); the mask of a/b.jpg is "
+                    "a/b.jpg.png");
+  }
+  if (summary.num_present + summary.num_extracted == 0) {
+    throw Error("none of the " + std::to_string(names.size()) + " files in '" +
+                image_path + "' can be used; see the warnings");
+  }
+  summary.seconds = timer.Seconds();
+  return summary;
+}
+
+}  // namespace mgsfm

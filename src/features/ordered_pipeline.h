@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace mgsfm {
+
+// Results of produce(0), produce(1), ... made by several threads and taken by
+// one in this order. At most `max_in_flight` are begun and not yet taken.
+template <class Result>
+class OrderedPipeline {
+ public:
+  OrderedPipeline(size_t size, int num_threads, size_t max_in_flight,
+                  std::function<Result(size_t)> produce)
+      : size_(size), max_in_flight_(max_in_flight), produce_(produce) {
+    const auto num_workers = std::min<size_t>(size, std::max(1, num_threads));
+    for (size_t i = 0; i < num_workers; ++i) {
+      workers_.emplace_back([this] { Work(); });
+    }
+  }
+
+  // Begins nothing more and waits for what is begun.
+  ~OrderedPipeline() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      next_ = size_;
+    }
+    changed_.notify_all();
+    for (std::thread& worker : workers_) worker.join();
+  }
+  OrderedPipeline(const OrderedPipeline&) = delete;
+  OrderedPipeline& operator=(const OrderedPipeline&) = delete;
+
+  // All that come next and are ready; waits for the first, but not for long, so
+  // there may be none. Rethrows what produce() threw.
+  std::vector<Result> Take() {
+    constexpr std::chrono::milliseconds kMaxWait(100);
+    std::unique_lock<std::mutex> lock(mutex_);
+    changed_.wait_for(lock, kMaxWait, [this] {
+      return !slots_.empty() && slots_.front().IsDone();
+    });
+    std::vector<Result> results;
+    while (!slots_.empty() && slots_.front().IsDone()) {
+      if (slots_.front().exception) {
+        std::rethrow_exception(slots_.front().exception);
+      }
+      results.push_back(*std::move(slots_.front().result));
+      slots_.pop_front();
+      ++num_taken_;
+    }
+    lock.unlock();
+    changed_.notify_all();
+    return results;
+  }
+
+ private:
+  struct Slot {
+    std::optional<Result> result;
+    std::exception_ptr exception;
+    bool IsDone() const { return result.has_value() || exception; }
+  };
+
+  void Work() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [this] {
+        return next_ >= size_ || next_ < num_taken_ + max_in_flight_;
+      });
+      if (next_ >= size_) return;
+      const size_t i = next_++;
+      slots_.emplace_back();
+      lock.unlock();
+      Slot slot = Produce(i);
+      lock.lock();
+      slots_[i - num_taken_] = std::move(slot);
+      changed_.notify_all();
+    }
+  }
+
+  Slot Produce(size_t i) const {
+    Slot slot;
+    try {
+      slot.result = produce_(i);
+    } catch (...) {
+      slot.exception = std::current_exception();
+    }
+    return slot;
+  }
+
+  const size_t size_;
+  const size_t max_in_flight_;
+  const std::function<Result(size_t)> produce_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::deque<Slot> slots_;  // [0] is the first that is not taken
+  size_t next_ = 0;
+  size_t num_taken_ = 0;
+  std::vector<std::thread> workers_;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,215 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "features/scale_space.h"
+
+#include <Eigen/LU>
+#include <array>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+
+namespace mgsfm {
+namespace {
+
+constexpr double kBaseSigma = 1.6;
+// What lens and sensor blur, in pixels of the image.
+constexpr double kImageSigma = 0.5;
+// Smaller images have no neighbourhood worth describing.
+constexpr int kMinOctaveSize = 8;
+// Pixels need less contrast than the refined extremum, which lies above them.
+constexpr float kPixelThresholdFactor = 0.8f;
+constexpr int kMaxRefinementSteps = 5;
+constexpr double kMaxStep = 0.6;    // beyond, the next pixel is nearer
+constexpr double kMaxOffset = 1.5;  // beyond, the quadratic means nothing
+
+using DogTriple = std::array<const cv::Mat*, 3>;
+
+// Pixel 2 i is pixel i; those between are the mean of their neighbours.
+cv::Mat DoubleSize(const cv::Mat& image) {
+  cv::Mat doubled(2 * image.rows, 2 * image.cols, CV_32F);
+  for (int y = 0; y < doubled.rows; ++y) {
+    const float* above = image.ptr<float>(y / 2);
+    const float* below =
+        image.ptr<float>(std::min((y + 1) / 2, image.rows - 1));
+    float* row = doubled.ptr<float>(y);
+    for (int x = 0; x < image.cols; ++x) {
+      const int next = std::min(x + 1, image.cols - 1);
+      row[2 * x] = 0.5f * (above[x] + below[x]);
+      row[2 * x + 1] =
+          0.25f * (above[x] + below[x] + above[next] + below[next]);
+    }
+  }
+  return doubled;
+}
+
+cv::Mat HalveSize(const cv::Mat& image) {
+  cv::Mat halved((image.rows + 1) / 2, (image.cols + 1) / 2, CV_32F);
+  for (int y = 0; y < halved.rows; ++y) {
+    const float* source = image.ptr<float>(2 * y);
+    float* row = halved.ptr<float>(y);
+    for (int x = 0; x < halved.cols; ++x) row[x] = source[2 * x];
+  }
+  return halved;
+}
+
+// From blur `sigma1` to `sigma2`.
+cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
+  const double sigma = std::sqrt(sigma2 * sigma2 - sigma1 * sigma1);
+  cv::Mat blurred;
+  cv::GaussianBlur(image, blurred, cv::Size(), sigma, sigma,
+                   cv::BORDER_REPLICATE);
+  return blurred;
+}
+
+// Is the value of D at `center` above all its neighbours, with sign -1 below?
+bool IsExtremum(const std::array<const float*, 3>& center, ptrdiff_t stride,
+                float sign) {
+  const float value = sign * center[1][0];
+  for (const int s : {1, 0, 2}) {
+    for (ptrdiff_t dy = -stride; dy <= stride; dy += stride) {
+      for (ptrdiff_t dx = -1; dx <= 1; ++dx) {
+        const bool is_center = s == 1 && dy == 0 && dx == 0;
+        if (!is_center && sign * center[s][dy + dx] >= value) return false;
+      }
+    }
+  }
+  return true;
+}
+
+// D and its derivatives by x, y and scale at a pixel.
+struct Quadratic {
+  double value = 0.0;
+  Eigen::Vector3d gradient;
+  Eigen::Matrix3d hessian;
+};
+
+Quadratic FitQuadratic(const DogTriple& dogs, int x, int y) {
+  const auto at = [&](int dx, int dy, int ds) {
+    return static_cast<double>(dogs[1 + ds]->at<float>(y + dy, x + dx));
+  };
+  Quadratic q;
+  q.value = at(0, 0, 0);
+  q.gradient << 0.5 * (at(1, 0, 0) - at(-1, 0, 0)),
+      0.5 * (at(0, 1, 0) - at(0, -1, 0)), 0.5 * (at(0, 0, 1) - at(0, 0, -1));
+  const double dxx = at(1, 0, 0) + at(-1, 0, 0) - 2.0 * q.value;
+  const double dyy = at(0, 1, 0) + at(0, -1, 0) - 2.0 * q.value;
+  const double dss = at(0, 0, 1) + at(0, 0, -1) - 2.0 * q.value;
+  const double dxy =
+      0.25 * (at(1, 1, 0) + at(-1, -1, 0) - at(-1, 1, 0) - at(1, -1, 0));
+  const double dxs =
+      0.25 * (at(1, 0, 1) + at(-1, 0, -1) - at(-1, 0, 1) - at(1, 0, -1));
+  const double dys =
+      0.25 * (at(0, 1, 1) + at(0, -1, -1) - at(0, -1, 1) - at(0, 1, -1));
+  q.hessian << dxx, dxy, dxs, dxy, dyy, dys, dxs, dys, dss;
+  return q;
+}
+
+bool IsEdge(const Eigen::Matrix3d& hessian, double edge_threshold) {
+  const double trace = hessian(0, 0) + hessian(1, 1);
+  const double determinant = hessian.topLeftCorner<2, 2>().determinant();
+  const double limit =
+      (edge_threshold + 1.0) * (edge_threshold + 1.0) / edge_threshold;
+  return !(determinant > 0.0) || trace * trace >= limit * determinant;
+}
+
+// The extremum near a pixel; false if there is none worth keeping.
+bool Refine(const DogTriple& dogs, int x, int y, const SiftOptions& options,
+            ScaleSpacePoint* point) {
+  const int width = dogs[1]->cols;
+  const int height = dogs[1]->rows;
+  Quadratic q;
+  Eigen::Vector3d offset;
+  for (int step = 0; step < kMaxRefinementSteps; ++step) {
+    q = FitQuadratic(dogs, x, y);
+    offset = -q.hessian.fullPivLu().solve(q.gradient);
+    const int dx = (offset.x() > kMaxStep && x < width - 2) -
+                   (offset.x() < -kMaxStep && x > 1);
+    const int dy = (offset.y() > kMaxStep && y < height - 2) -
+                   (offset.y() < -kMaxStep && y > 1);
+    if (dx == 0 && dy == 0) break;
+    x += dx;
+    y += dy;
+  }
+  const double contrast = std::abs(q.value + 0.5 * q.gradient.dot(offset));
+  if (!(offset.cwiseAbs().maxCoeff() < kMaxOffset) ||
+      !(contrast > options.peak_threshold) ||
+      IsEdge(q.hessian, options.edge_threshold)) {
+    return false;
+  }
+  const double x_refined = x + offset.x();
+  const double y_refined = y + offset.y();
+  const double level = point->level + offset.z();
+  point->x = static_cast<float>(x_refined);
+  point->y = static_cast<float>(y_refined);
+  point->sigma =
+      static_cast<float>(LevelSigma(level, options.octave_resolution));
+  point->contrast = static_cast<float>(contrast);
+  return x_refined >= 0.0 && x_refined <= width - 1 && y_refined >= 0.0 &&
+         y_refined <= height - 1 && level >= 0.0 &&
+         level <= options.octave_resolution + 1;
+}
+
+void DetectExtrema(const DogTriple& dogs, int octave_idx, int level,
+                   const SiftOptions& options,
+                   std::vector<ScaleSpacePoint>* points) {
+  const auto threshold =
+      kPixelThresholdFactor * static_cast<float>(options.peak_threshold);
+  const auto stride = static_cast<ptrdiff_t>(dogs[1]->step1());
+  for (int y = 1; y + 1 < dogs[1]->rows; ++y) {
+    std::array<const float*, 3> rows;
+    for (int s = 0; s < 3; ++s) rows[s] = dogs[s]->ptr<float>(y);
+    for (int x = 1; x + 1 < dogs[1]->cols; ++x) {
+      const float value = rows[1][x];
+      if (std::abs(value) < threshold) continue;
+      const std::array<const float*, 3> center = {rows[0] + x, rows[1] + x,
+                                                  rows[2] + x};
+      if (!IsExtremum(center, stride, value > 0.0f ? 1.0f : -1.0f)) continue;
+      ScaleSpacePoint point;
+      point.octave_idx = octave_idx;
+      point.level = level;
+      if (Refine(dogs, x, y, options, &point)) points->push_back(point);
+    }
+  }
+}
+
+// Blurs, detects, and leaves the levels that are needed in the end. Returns the
+// level from which the next octave is made.
+cv::Mat ProcessOctave(const cv::Mat& base, const SiftOptions& options,
+                      ScaleSpace* space) {
+  const int resolution = options.octave_resolution;
+  const auto octave_idx = static_cast<int>(space->octaves.size()) - 1;
+  std::vector<cv::Mat>& levels = space->octaves.back().levels;
+  std::array<cv::Mat, 3> dogs;
+  levels.assign(resolution + 3, cv::Mat());
+  levels[0] = base;
+  for (int k = 1; k < resolution + 3; ++k) {
+    levels[k] = Blur(levels[k - 1], LevelSigma(k - 1, resolution),
+                     LevelSigma(k, resolution));
+    std::swap(dogs[0], dogs[1]);
+    std::swap(dogs[1], dogs[2]);
+    cv::subtract(levels[k], levels[k - 1], dogs[2]);
+    if (k < 3) continue;
+    DetectExtrema({&dogs[0], &dogs[1], &dogs[2]}, octave_idx, k - 2, options,
+                  &space->points);
+  }
+  levels.resize(resolution + 1);
+  levels[0].release();
+  return levels[resolution];
+}
+
+}  // namespace
+
+double LevelSigma(double level, int octave_resolution) {
+  return kBaseSigma * std::exp2(level / octave_resolution);
+}
+
+ScaleSpace BuildScaleSpace(const cv::Mat& image, const SiftOptions& options) {
+  ScaleSpace space;
+  cv::Mat base = Blur(DoubleSize(image), 2.0 * kImageSigma, kBaseSigma);
+  for (int i = 0; i < options.num_octaves; ++i) {
+    if (std::min(base.rows, base.cols) < kMinOctaveSize) break;
+    space.octaves.push_back({i - 1, {}});
+    base = HalveSize(ProcessOctave(base, options, &space));
+  }
+  return space;
+}
+
+}  // namespace mgsfm

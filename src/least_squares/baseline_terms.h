@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "least_squares/chunk_workspace.h"
+#include "least_squares/image_poses.h"
+#include "least_squares/rig_structure.h"
+#include "mgsfm/least_squares/rig_problem.h"
+
+namespace mgsfm {
+
+// The residual of a term and its derivative by the baseline; only the first
+// `size` rows are used.
+struct BaselineResidual {
+  int size = 0;
+  Eigen::Vector3d value = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d by_baseline = Eigen::Matrix3d::Zero();
+};
+
+BaselineResidual EvaluateBaselineTerm(const BaselineTerm& term,
+                                      const Eigen::Vector3d& baseline);
+
+// The terms of a chunk: their cost, and what they add to the local system.
+double CostOfTerms(const RigProblemBase& problem, const RigStructure& structure,
+                   const ChunkRanges& chunk,
+                   const std::vector<ImagePose>& poses);
+void AddTermsToSystem(const RigProblemBase& problem,
+                      const RigStructure& structure, const ChunkRanges& chunk,
+                      const std::vector<ImagePose>& poses,
+                      ChunkWorkspace* workspace);
+// Adds their J^T W J times the images' changes to workspace->product; only
+// shifts count.
+void MultiplyTerms(const RigProblemBase& problem, const RigStructure& structure,
+                   const ChunkRanges& chunk,
+                   const std::vector<ImagePose>& poses,
+                   const std::vector<ImageTwist>& twists,
+                   ChunkWorkspace* workspace);
+
+}  // namespace mgsfm

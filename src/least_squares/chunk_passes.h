@@ -1,0 +1,305 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <limits>
+
+#include "least_squares/chunk_kernels.h"
+
+// Passes over the points of a chunk, compiled for any x86-64 and for those with
+// AVX2 and FMA, which is chosen when the program runs.
+#if defined(__x86_64__) && defined(__GNUC__)
+#define MGSFM_TARGET_AVX2 __attribute__((target("avx2,fma")))
+#else
+#define MGSFM_TARGET_AVX2
+#endif
+
+namespace mgsfm {
+
+inline bool HasAvx2() {
+#if defined(__x86_64__) && defined(__GNUC__)
+  static const bool has_avx2 =
+      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  return has_avx2;
+#else
+  return false;
+#endif
+}
+
+// Linearises at a state, eliminates the points, and leaves in the workspace
+// what the chunk adds to the reduced system, but for its images.
+template <class R>
+struct LinearizeOutput {
+  std::vector<PointHessian>& hessians;
+  std::vector<Eigen::Vector3d>& gradients;
+  // y, P and K of all observations, for MultiplyChunk; may be empty.
+  std::vector<double>& kept;
+  size_t kept_size = 0;
+};
+
+template <class R, int N>
+MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
+                                            const ChunkRanges& chunk,
+                                            const LinearizeOutput<R>& out,
+                                            ChunkWorkspace* w) {
+  for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+    double* kept =
+        out.kept.empty()
+            ? nullptr
+            : out.kept.data() + out.kept_size * in.structure.point_begin[p];
+    if (!LinearizePoint<R, N>(in, chunk, p, &out.hessians[p],
+                              out.gradients[p].data(), kept, out.kept_size,
+                              w)) {
+      return false;
+    }
+    if (!in.problem.points_are_free) continue;
+    EliminatePoint<N>(FactorPoint(out.hessians[p], in.lambda),
+                      out.gradients[p].data(), w);
+  }
+  return true;
+}
+
+template <class R, int N>
+bool LinearizeChunkAny(const PassInput<R>& in, const ChunkRanges& chunk,
+                       const LinearizeOutput<R>& out, ChunkWorkspace* w) {
+  return LinearizeChunkBody<R, N>(in, chunk, out, w);
+}
+template <class R, int N>
+MGSFM_TARGET_AVX2 bool LinearizeChunkAvx2(const PassInput<R>& in,
+                                          const ChunkRanges& chunk,
+                                          const LinearizeOutput<R>& out,
+                                          ChunkWorkspace* w) {
+  return LinearizeChunkBody<R, N>(in, chunk, out, w);
+}
+
+// A step of all unknowns but the points, per image.
+struct ImageSteps {
+  std::vector<ImageTwist> twists;
+  // Changes of the parameters that are free, by camera.
+  std::vector<std::array<double, kMaxNumCameraParams>> params;
+};
+
+// u (kDim) = [turn, shift, free parameters] step.
+template <int kDim>
+MGSFM_ALWAYS_INLINE void ApplyStep(const double* y, const double* P,
+                                   const double* K, int num_free,
+                                   const ImageTwist& twist,
+                                   const double* params, double* u) {
+  const double* w = twist.turn;
+  const double dx[3] = {w[1] * y[2] - w[2] * y[1] + twist.shift[0],
+                        w[2] * y[0] - w[0] * y[2] + twist.shift[1],
+                        w[0] * y[1] - w[1] * y[0] + twist.shift[2]};
+  for (int k = 0; k < kDim; ++k) {
+    u[k] = P[3 * k] * dx[0] + P[3 * k + 1] * dx[1] + P[3 * k + 2] * dx[2];
+    for (int i = 0; i < num_free; ++i) u[k] += K[k * num_free + i] * params[i];
+  }
+}
+
+// b += (P S R)^T u.
+template <int kDim>
+MGSFM_ALWAYS_INLINE void AddToPoint(const ImagePose& pose, const double* P,
+                                    const double* u, double* b) {
+  double f[3] = {0.0, 0.0, 0.0};
+  for (int k = 0; k < kDim; ++k) {
+    for (int i = 0; i < 3; ++i) f[i] += P[3 * k + i] * u[k];
+  }
+  const double* m = pose.cam_from_world;
+  for (int i = 0; i < 3; ++i) {
+    b[i] += m[i] * f[0] + m[3 + i] * f[1] + m[6 + i] * f[2];
+  }
+}
+
+// The cost of the observations of a point; infinite if one is not defined.
+template <class R>
+MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
+                                       const RigStructure& s,
+                                       const ChunkRanges& chunk,
+                                       const std::vector<double>& measured,
+                                       const std::vector<ImagePose>& poses,
+                                       size_t p, const double* point) {
+  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  double cost = 0.0;
+  for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
+    const ImagePose& pose = poses[images[s.observation_image[k]].image];
+    double y[3], x[3], r[R::kDim];
+    TransformPoint(pose, point, y, x);
+    if (!R::Evaluate(pose, x, measured.data() + R::kDim * k, r)) {
+      return std::numeric_limits<double>::infinity();
+    }
+    double squared = 0.0;
+    for (int i = 0; i < R::kDim; ++i) squared += r[i] * r[i];
+    cost += 0.5 * problem.loss.Cost(squared);
+  }
+  return cost;
+}
+
+// Sums over a chunk.
+struct StepSums {
+  double cost = 0.0;              // of the new state
+  double decrease = 0.0;          // lambda d^T D d - g^T d of points
+  double squared_step = 0.0;      // of points
+  double squared_position = 0.0;  // of points, before
+};
+
+template <class R>
+struct StepInput {
+  const std::vector<PointHessian>& hessians;
+  const std::vector<Eigen::Vector3d>& gradients;
+  const ImageSteps& steps;
+  const std::vector<ImagePose>& new_poses;
+};
+
+// -(V + lambda D)^-1 (g + W z).
+template <class R>
+MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
+                                     const StepInput<R>& step,
+                                     const ChunkRanges& chunk, size_t p,
+                                     double* d) {
+  constexpr int kDim = R::kDim;
+  const RigStructure& s = in.structure;
+  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  double b[3] = {step.gradients[p][0], step.gradients[p][1],
+                 step.gradients[p][2]};
+  ObservationTerms<kDim> o;
+  for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
+    const int image = images[s.observation_image[k]].image;
+    const ImagePose& pose = in.poses[image];
+    if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
+                                 in.measured.data() + kDim * k, &o)) {
+      continue;
+    }
+    const int num_free = R::kHasCamera ? pose.num_free_params : 0;
+    const double* params =
+        num_free > 0 ? step.steps.params[in.problem.images[image].camera].data()
+                     : nullptr;
+    double u[kDim];
+    ApplyStep<kDim>(o.y, o.P, o.K, num_free, step.steps.twists[image], params,
+                    u);
+    AddToPoint<kDim>(pose, o.P, u, b);
+  }
+  const PointFactor f = FactorPoint(step.hessians[p], in.lambda);
+  SolveLower(f, b);
+  SolveUpper(f, b);
+  for (int i = 0; i < 3; ++i) d[i] = -b[i];
+}
+
+// Moves the points, given the step of everything else, and evaluates the cost.
+template <class R>
+MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
+    const PassInput<R>& in, const StepInput<R>& step, const ChunkRanges& chunk,
+    std::vector<Eigen::Vector3d>* new_points) {
+  StepSums sums;
+  for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+    double d[3] = {0.0, 0.0, 0.0};
+    if (in.problem.points_are_free) StepOfPoint(in, step, chunk, p, d);
+    const double* old_point = in.points[p].data();
+    double* point = (*new_points)[p].data();
+    const double* v = step.hessians[p].values;
+    const double diagonal[3] = {v[0], v[2], v[5]};
+    for (int i = 0; i < 3; ++i) {
+      sums.decrease += d[i] * (in.lambda * ClampDiagonal(diagonal[i]) * d[i] -
+                               step.gradients[p][i]);
+      sums.squared_step += d[i] * d[i];
+      sums.squared_position += old_point[i] * old_point[i];
+    }
+    double cost = 0.0;
+    for (double fraction = 1.0; fraction >= 0.0;
+         fraction = fraction > 0.25 ? 0.5 * fraction : fraction - 0.25) {
+      for (int i = 0; i < 3; ++i) point[i] = old_point[i] + fraction * d[i];
+      cost = CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
+                            step.new_poses, p, point);
+      if (std::isfinite(cost)) break;
+    }
+    sums.cost += cost;
+  }
+  return sums;
+}
+
+template <class R>
+StepSums StepChunkAny(const PassInput<R>& in, const StepInput<R>& step,
+                      const ChunkRanges& chunk,
+                      std::vector<Eigen::Vector3d>* new_points) {
+  return StepChunkBody(in, step, chunk, new_points);
+}
+template <class R>
+MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
+    const PassInput<R>& in, const StepInput<R>& step, const ChunkRanges& chunk,
+    std::vector<Eigen::Vector3d>* new_points) {
+  return StepChunkBody(in, step, chunk, new_points);
+}
+
+// Leaves in the workspace, per image, the products of its columns with
+// (I - J (V + lambda D)^-1 J^T) times the images' changes: the product of the
+// reduced matrix, without its damping, with a vector.
+template <class R, int N>
+MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
+                                           const LinearizeOutput<R>& linear,
+                                           const ImageSteps& steps,
+                                           const ChunkRanges& chunk,
+                                           ChunkWorkspace* w) {
+  constexpr int kDim = R::kDim;
+  const RigStructure& s = in.structure;
+  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+    double a[3] = {0.0, 0.0, 0.0};
+    for (int half = 0; half < 2; ++half) {
+      double b[3] = {0.0, 0.0, 0.0};
+      for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
+        const int i = s.observation_image[k];
+        const int image = images[i].image;
+        const ImagePose& pose = in.poses[image];
+        const double* y = linear.kept.data() + linear.kept_size * k;
+        const double* P = y + 3;
+        const double* K = P + 3 * kDim;
+        const int num_free = R::kHasCamera ? pose.num_free_params : 0;
+        const double* params =
+            num_free > 0 ? steps.params[in.problem.images[image].camera].data()
+                         : nullptr;
+        double u[kDim];
+        ApplyStep<kDim>(y, P, K, num_free, steps.twists[image], params, u);
+        if (half == 0) {
+          AddToPoint<kDim>(pose, P, u, b);
+          continue;
+        }
+        if (w->image_num_columns[i] == 0) continue;
+        double J[3 * kDim], Q[3 * kDim];
+        MultiplyRows<kDim>(P, 3, pose.cam_from_world, 3, J);
+        if (N == 6) TurnRows<kDim>(y, P, 3, Q);
+        double* sums = w->image_gradients.data() + kMaxNumImageColumns * i;
+        for (int d = 0; d < kDim; ++d) {
+          const double rest = u[d] - J[3 * d] * a[0] - J[3 * d + 1] * a[1] -
+                              J[3 * d + 2] * a[2];
+          for (int c = 0; c < 3; ++c) {
+            if (N == 6) sums[c] += Q[3 * d + c] * rest;
+            sums[N - 3 + c] += P[3 * d + c] * rest;
+          }
+          for (int c = 0; c < num_free; ++c) {
+            sums[N + c] += K[d * num_free + c] * rest;
+          }
+        }
+      }
+      if (half == 1 || !in.problem.points_are_free) continue;
+      const PointFactor f = FactorPoint(linear.hessians[p], in.lambda);
+      SolveLower(f, b);
+      SolveUpper(f, b);
+      for (int i = 0; i < 3; ++i) a[i] = b[i];
+    }
+  }
+}
+
+template <class R, int N>
+void MultiplyChunkAny(const PassInput<R>& in, const LinearizeOutput<R>& linear,
+                      const ImageSteps& steps, const ChunkRanges& chunk,
+                      ChunkWorkspace* w) {
+  MultiplyChunkBody<R, N>(in, linear, steps, chunk, w);
+}
+template <class R, int N>
+MGSFM_TARGET_AVX2 void MultiplyChunkAvx2(const PassInput<R>& in,
+                                         const LinearizeOutput<R>& linear,
+                                         const ImageSteps& steps,
+                                         const ChunkRanges& chunk,
+                                         ChunkWorkspace* w) {
+  MultiplyChunkBody<R, N>(in, linear, steps, chunk, w);
+}
+
+}  // namespace mgsfm

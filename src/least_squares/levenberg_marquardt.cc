@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "least_squares/levenberg_marquardt.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace mgsfm {
+namespace {
+
+constexpr double kMinRatio = 1e-3;
+constexpr double kRoundOff = 1e-14;
+constexpr double kFirstLambda = 1e-4;
+constexpr double kMinLambda = 1e-16;
+constexpr double kMaxLambda = 1e16;
+
+class LevenbergMarquardt {
+ public:
+  LevenbergMarquardt(const RigSolverOptions& options, int max_num_iterations,
+                     const Context& context, DampedProblem* problem)
+      : options_(options),
+        max_num_iterations_(max_num_iterations),
+        context_(context),
+        problem_(*problem) {}
+
+  SolveSummary Run() {
+    Start();
+    while (!is_done_ && summary_.num_iterations < max_num_iterations_) {
+      context_.CheckInterrupted();
+      ++summary_.num_iterations;
+      if (!problem_.Linearize(lambda_)) {
+        Finish(Termination::kFailure, "A derivative is not finite.");
+      } else if (!problem_.Solve()) {
+        Reject();
+      } else {
+        Judge(problem_.TryStep());
+      }
+    }
+    summary_.final_cost = cost_;
+    return summary_;
+  }
+
+ private:
+  void Start() {
+    cost_ = problem_.Cost();
+    summary_.initial_cost = cost_;
+    summary_.termination = Termination::kMaxIterations;
+    summary_.message = "Reached the largest number of iterations.";
+    if (!std::isfinite(cost_)) {
+      Finish(Termination::kFailure, "The start has no finite cost.");
+    } else if (cost_ == 0.0) {
+      Finish(Termination::kConverged, "The start is optimal.");
+    }
+  }
+
+  void Judge(const TrialStep& step) {
+    const double decrease = cost_ - step.new_cost;
+    const double tolerance = options_.parameter_tolerance;
+    if (step.step_norm <= tolerance * (step.state_norm + tolerance)) {
+      Finish(Termination::kConverged, "The step is small.");
+    } else if (decrease > kMinRatio * step.predicted_decrease &&
+               decrease > 0.0) {
+      Accept(step.new_cost, decrease / step.predicted_decrease);
+    } else if (step.predicted_decrease <= kRoundOff * cost_) {
+      Finish(Termination::kConverged, "No step lowers the cost.");
+    } else {
+      Reject();
+    }
+  }
+
+  void Accept(double new_cost, double ratio) {
+    const bool is_converged =
+        cost_ - new_cost <= options_.function_tolerance * cost_;
+    problem_.AcceptStep();
+    cost_ = new_cost;
+    const double t = 2.0 * ratio - 1.0;
+    lambda_ =
+        std::max(kMinLambda, lambda_ * std::max(1.0 / 3.0, 1.0 - t * t * t));
+    lambda_growth_ = 2.0;
+    if (is_converged || cost_ == 0.0) {
+      Finish(Termination::kConverged, "The cost hardly changes.");
+    }
+  }
+
+  void Reject() {
+    lambda_ *= lambda_growth_;
+    lambda_growth_ *= 2.0;
+    if (lambda_ > kMaxLambda) {
+      Finish(Termination::kFailure, "No damping gives a step.");
+    }
+  }
+
+  void Finish(Termination termination, const char* message) {
+    summary_.termination = termination;
+    summary_.message = message;
+    is_done_ = true;
+  }
+
+  const RigSolverOptions& options_;
+  const int max_num_iterations_;
+  const Context& context_;
+  DampedProblem& problem_;
+  double cost_ = 0.0;
+  double lambda_ = kFirstLambda;
+  double lambda_growth_ = 2.0;
+  bool is_done_ = false;
+  SolveSummary summary_;
+};
+
+}  // namespace
+
+SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
+                                          int max_num_iterations,
+                                          const Context& context,
+                                          DampedProblem* problem) {
+  return LevenbergMarquardt(options, max_num_iterations, context, problem)
+      .Run();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+
+#include "least_squares/image_poses.h"
+#include "mgsfm/least_squares/rig_problem.h"
+#include "mgsfm/math/robust_loss.h"
+
+// Functions of hot loops are inlined into loops that are compiled more than
+// once, for different processors.
+#define MGSFM_ALWAYS_INLINE inline __attribute__((always_inline))
+
+namespace mgsfm {
+
+// The kinds of residuals r of a point at x in the camera of an image. A kind is
+// a struct with
+//   Observation  what is in the problem
+//   kDim         size of the residual
+//   kHasCamera   whether there are parameters
+//   Measured()   kDim values that Evaluate and Linearize need
+//   Evaluate()   r; false where it is not defined
+//   Linearize()  also P = dr/dx, kDim x 3, and K = dr/d(free parameters),
+//                both row-major; K only if there are any
+struct PixelResidual {
+  using Observation = PixelObservation;
+  static constexpr int kDim = 2;
+  static constexpr bool kHasCamera = true;
+
+  static const double* Measured(const Observation& o) { return o.pixel.data(); }
+
+  static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose& pose,
+                                           const double* x,
+                                           const double* measured, double* r) {
+    if (!pose.projection.project(pose.params, x, r)) return false;
+    r[0] -= measured[0];
+    r[1] -= measured[1];
+    return true;
+  }
+
+  static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
+                                            const double* x,
+                                            const double* measured, double* r,
+                                            double* P, double* K) {
+    double all[2 * kMaxNumCameraParams];
+    const int num_free = pose.num_free_params;
+    if (!pose.projection.linearize(pose.params, x, r, P,
+                                   num_free > 0 ? all : nullptr)) {
+      return false;
+    }
+    r[0] -= measured[0];
+    r[1] -= measured[1];
+    for (int i = 0; i < num_free; ++i) {
+      K[i] = all[pose.free_params[i]];
+      K[num_free + i] = all[pose.num_params + pose.free_params[i]];
+    }
+    return true;
+  }
+};
+
+struct RayResidual {
+  using Observation = RayObservation;
+  static constexpr int kDim = 3;
+  static constexpr bool kHasCamera = false;
+
+  static const double* Measured(const Observation& o) { return o.ray.data(); }
+
+  static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
+                                           const double* measured, double* r) {
+    const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    if (!(norm > 1e-150)) return false;
+    for (int i = 0; i < 3; ++i) r[i] = x[i] / norm - measured[i];
+    return true;
+  }
+
+  static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose&, const double* x,
+                                            const double* measured, double* r,
+                                            double* P, double*) {
+    const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+    if (!(norm > 1e-150)) return false;
+    const double inverse = 1.0 / norm;
+    const double u[3] = {x[0] * inverse, x[1] * inverse, x[2] * inverse};
+    for (int i = 0; i < 3; ++i) {
+      r[i] = u[i] - measured[i];
+      for (int j = 0; j < 3; ++j) {
+        P[3 * i + j] = ((i == j ? 1.0 : 0.0) - u[i] * u[j]) * inverse;
+      }
+    }
+    return true;
+  }
+};
+
+// rho'(s); without its cost for the usual losses.
+MGSFM_ALWAYS_INLINE double LossWeight(const RobustLoss& loss, double s) {
+  switch (loss.type) {
+    case RobustLossType::kTrivial:
+      return 1.0;
+    case RobustLossType::kHuber:
+      return s <= loss.scale * loss.scale ? 1.0 : loss.scale / std::sqrt(s);
+    case RobustLossType::kCauchy:
+      return 1.0 / (1.0 + s / (loss.scale * loss.scale));
+    default:
+      return loss.Weight(s);
+  }
+}
+
+}  // namespace mgsfm

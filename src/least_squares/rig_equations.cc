@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "least_squares/rig_equations.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <utility>
+
+#include "least_squares/baseline_terms.h"
+#include "least_squares/conjugate_gradient.h"
+#include "least_squares/linear_terms.h"
+#include "mgsfm/base/parallel.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+// Inexact steps converge almost as fast as exact ones.
+constexpr double kConjugateGradientTolerance = 1e-2;
+constexpr int kMaxNumConjugateGradients = 500;
+
+}  // namespace
+
+RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
+                                   std::vector<int> image_of_observation,
+                                   ReducedSolver solver, const Context& context)
+    : problem_(problem),
+      context_(context),
+      structure_(problem, std::move(image_of_observation), solver,
+                 context.num_threads),
+      chunks_(structure_, context.num_threads),
+      chunk_costs_(structure_.chunks.size()),
+      chunk_sums_(structure_.chunks.size()),
+      matrix_(structure_.pattern.MakeMatrix()) {
+  const size_t num_points = problem.num_points();
+  points_.resize(num_points);
+  trial_points_.resize(num_points);
+  point_hessians_.resize(num_points);
+  point_gradients_.resize(num_points);
+  steps_.twists.resize(problem.images.size());
+  steps_.params.resize(problem.cameras.size());
+  const int num_unknowns = structure_.num_unknowns;
+  for (Eigen::VectorXd* v :
+       {&gradient_, &correction_, &diagonal_, &rhs_, &step_, &residual_}) {
+    v->setZero(num_unknowns);
+  }
+  diagonal_position_.resize(num_unknowns);
+  for (size_t b = 0; b < structure_.block_size.size(); ++b) {
+    const int rank = structure_.block_rank[b];
+    const auto [position, stride] = structure_.pattern.Find(rank, rank);
+    for (int i = 0; i < structure_.block_size[b]; ++i) {
+      diagonal_position_[structure_.block_first[b] + i] =
+          position + static_cast<size_t>(i) * stride + i;
+    }
+  }
+  if (num_unknowns > 0) {
+    solver_.Analyze(matrix_, SparseCholesky::Order::kGiven);
+  }
+}
+
+void RigEquationsBase::SetState(const RigState& state) {
+  state_.frames = state.frames;
+  state_.sensors = state.sensors;
+  state_.cameras = state.cameras;
+  trial_state_ = state_;
+  for (size_t p = 0; p < points_.size(); ++p) {
+    points_[p] = state.points[structure_.point_order[p]];
+  }
+  ComputeImagePoses(problem_, state_, &poses_);
+}
+
+void RigEquationsBase::GetState(RigState* state) const {
+  state->frames = state_.frames;
+  state->sensors = state_.sensors;
+  state->cameras = state_.cameras;
+  for (size_t p = 0; p < points_.size(); ++p) {
+    state->points[structure_.point_order[p]] = points_[p];
+  }
+}
+
+double RigEquationsBase::Cost() {
+  ParallelFor(
+      chunk_costs_.size(), context_.num_threads,
+      [this](size_t c) {
+        const ChunkRanges& chunk = structure_.chunks[c];
+        chunk_costs_[c] = CostOfChunk(chunk) +
+                          CostOfTerms(problem_, structure_, chunk, poses_);
+      },
+      1);
+  double cost = CostOfLinearTerms(problem_, state_);
+  for (const double chunk_cost : chunk_costs_) cost += chunk_cost;
+  return cost;
+}
+
+bool RigEquationsBase::Linearize(double lambda) {
+  lambda_ = lambda;
+  std::fill_n(matrix_.valuePtr(), matrix_.nonZeros(), 0.0);
+  gradient_.setZero();
+  correction_.setZero();
+  diagonal_.setZero();
+  std::atomic<bool> is_valid{true};
+  chunks_.Run(
+      [&](size_t c, ChunkWorkspace* workspace) {
+        const ChunkRanges& chunk = structure_.chunks[c];
+        workspace->Start(problem_, structure_, chunk, poses_);
+        if (!LinearizeChunk(chunk, workspace)) is_valid = false;
+        AddImagesToSystem(problem_, structure_, chunk, poses_, workspace);
+        AddTermsToSystem(problem_, structure_, chunk, poses_, workspace);
+      },
+      [&](size_t c, ChunkWorkspace* workspace) {
+        MergeSystem(structure_.chunks[c], *workspace);
+      });
+  AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
+                 &matrix_);
+  DampMatrix();
+  return is_valid && gradient_.allFinite() && diagonal_.allFinite();
+}
+
+void RigEquationsBase::MergeSystem(const ChunkRanges& chunk,
+                                   const ChunkWorkspace& w) {
+  const double* from = w.pair_values.data();
+  for (size_t k = chunk.pairs.begin; k < chunk.pairs.end; ++k) {
+    const ChunkPair& pair = structure_.chunk_pairs[k];
+    const int rows = w.block_size[pair.row];
+    const int columns = w.block_size[pair.column];
+    double* to = matrix_.valuePtr() + pair.position;
+    for (int j = 0; j < columns; ++j, from += rows, to += pair.stride) {
+      for (int i = 0; i < rows; ++i) to[i] += from[i];
+    }
+  }
+  for (size_t b = 0; b < chunk.blocks.size(); ++b) {
+    const int block = structure_.chunk_blocks[chunk.blocks.begin + b];
+    const int to = structure_.block_first[block];
+    const int size = structure_.block_size[block];
+    const auto add = [&](const std::vector<double>& part,
+                         Eigen::VectorXd* sums) {
+      sums->segment(to, size) += Eigen::Map<const Eigen::VectorXd>(
+          part.data() + w.block_first[b], size);
+    };
+    add(w.gradient, &gradient_);
+    add(w.correction, &correction_);
+    add(w.diagonal, &diagonal_);
+  }
+}
+
+void RigEquationsBase::DampMatrix() {
+  double* values = matrix_.valuePtr();
+  for (Eigen::Index i = 0; i < diagonal_.size(); ++i) {
+    // A held coordinate has a zero row and column.
+    values[diagonal_position_[i]] +=
+        diagonal_[i] > 0.0 ? lambda_ * ClampDiagonal(diagonal_[i]) : 1.0;
+  }
+}
+
+bool RigEquationsBase::Solve() {
+  if (structure_.num_unknowns == 0) return true;
+  rhs_ = correction_ - gradient_;
+  if (!solver_.Factorize(matrix_)) return false;
+  if (structure_.is_iterative) return SolveByConjugateGradients();
+  solver_.Solve(rhs_, step_);
+  return step_.allFinite();
+}
+
+bool RigEquationsBase::SolveByConjugateGradients() {
+  return SolveByConjugateGradient(
+      rhs_, kConjugateGradientTolerance, kMaxNumConjugateGradients,
+      [this](const Eigen::VectorXd& x, Eigen::VectorXd* y) {
+        context_.CheckInterrupted();
+        Multiply(x, y);
+      },
+      [this](const Eigen::VectorXd& r, Eigen::VectorXd* z) {
+        solver_.Solve(r, *z);
+      },
+      &step_, &residual_);
+}
+
+void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
+  SetImageSteps(x);
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    (*y)[i] = diagonal_[i] > 0.0 ? lambda_ * ClampDiagonal(diagonal_[i]) * x[i]
+                                 : x[i];
+  }
+  chunks_.Run(
+      [&](size_t c, ChunkWorkspace* workspace) {
+        const ChunkRanges& chunk = structure_.chunks[c];
+        workspace->Start(problem_, structure_, chunk, poses_);
+        MultiplyChunk(chunk, workspace);
+        AddImageVectors(problem_, structure_, chunk, poses_, workspace);
+        MultiplyTerms(problem_, structure_, chunk, poses_, steps_.twists,
+                      workspace);
+      },
+      [&](size_t c, ChunkWorkspace* workspace) {
+        const IndexRange& blocks = structure_.chunks[c].blocks;
+        for (size_t b = 0; b < blocks.size(); ++b) {
+          const int block = structure_.chunk_blocks[blocks.begin + b];
+          const int size = structure_.block_size[block];
+          y->segment(structure_.block_first[block], size) +=
+              Eigen::VectorXd::Map(
+                  workspace->product.data() + workspace->block_first[b], size);
+        }
+      });
+  MultiplyLinearTerms(problem_, structure_, x, y);
+}
+
+PoseVector RigEquationsBase::PosePart(const Eigen::VectorXd& z,
+                                      int block) const {
+  PoseVector part = PoseVector::Zero();
+  if (block >= 0) {
+    part.tail(structure_.pose_size) =
+        z.segment(structure_.block_first[block], structure_.pose_size);
+  }
+  return part;
+}
+
+PoseVector RigEquationsBase::PoseStep(int block) const {
+  return PosePart(step_, block);
+}
+
+void RigEquationsBase::SetImageSteps(const Eigen::VectorXd& z) {
+  for (size_t i = 0; i < poses_.size(); ++i) {
+    const RigProblemBase::Image& image = problem_.images[i];
+    steps_.twists[i] = ComputeImageTwist(
+        poses_[i], PosePart(z, structure_.frame_block[image.frame]),
+        PosePart(z, structure_.sensor_block[image.sensor]));
+  }
+  for (size_t i = 0; i < steps_.params.size(); ++i) {
+    const int block = structure_.camera_block[i];
+    if (block < 0) {
+      steps_.params[i].fill(0.0);
+    } else {
+      std::copy_n(z.data() + structure_.block_first[block],
+                  structure_.block_size[block], steps_.params[i].begin());
+    }
+  }
+}
+
+void RigEquationsBase::MoveBlocks() {
+  for (size_t i = 0; i < state_.frames.size(); ++i) {
+    if (structure_.frame_block[i] < 0) continue;
+    const PoseVector d = PoseStep(structure_.frame_block[i]);
+    FramePose pose = state_.frames[i];
+    if (structure_.pose_size == 6) {
+      pose.rig_from_world =
+          (ExpSO3(d.head<3>()) * pose.rig_from_world).normalized();
+    }
+    pose.center += d.tail<3>();
+    trial_state_.frames[i] = pose;
+  }
+  for (size_t i = 0; i < state_.sensors.size(); ++i) {
+    if (structure_.sensor_block[i] < 0) continue;
+    const PoseVector d = PoseStep(structure_.sensor_block[i]);
+    Rigid3 pose = state_.sensors[i];
+    if (structure_.pose_size == 6) {
+      pose.rotation = (ExpSO3(d.head<3>()) * pose.rotation).normalized();
+    }
+    pose.translation += d.tail<3>();
+    trial_state_.sensors[i] = pose;
+  }
+  for (size_t i = 0; i < state_.cameras.size(); ++i) {
+    trial_state_.cameras[i] = state_.cameras[i];
+    if (structure_.camera_block[i] < 0) continue;
+    const std::vector<int>& params = problem_.cameras[i].free_params;
+    for (size_t k = 0; k < params.size(); ++k) {
+      trial_state_.cameras[i][params[k]] += steps_.params[i][k];
+    }
+  }
+}
+
+double RigEquationsBase::SquaredStateLength() const {
+  double length = 0.0;
+  for (size_t i = 0; i < state_.frames.size(); ++i) {
+    if (structure_.frame_block[i] < 0) continue;
+    length += 1.0 + state_.frames[i].center.squaredNorm();
+  }
+  for (size_t i = 0; i < state_.sensors.size(); ++i) {
+    if (structure_.sensor_block[i] < 0) continue;
+    length += 1.0 + state_.sensors[i].translation.squaredNorm();
+  }
+  return length;
+}
+
+TrialStep RigEquationsBase::TryStep() {
+  SetImageSteps(step_);
+  MoveBlocks();
+  ComputeImagePoses(problem_, trial_state_, &trial_poses_);
+  ParallelFor(
+      chunk_sums_.size(), context_.num_threads,
+      [this](size_t c) {
+        const ChunkRanges& chunk = structure_.chunks[c];
+        chunk_sums_[c] = StepChunk(chunk);
+        chunk_sums_[c].cost +=
+            CostOfTerms(problem_, structure_, chunk, trial_poses_);
+      },
+      1);
+  TrialStep step;
+  step.new_cost = CostOfLinearTerms(problem_, trial_state_);
+  // With (1), the model cost g^T d + d^T N d / 2 is (g^T d - lambda d^T D d)/2,
+  // less half of d^T r if r is left of the reduced equations.
+  double decrease = step_.dot(residual_);
+  for (Eigen::Index i = 0; i < step_.size(); ++i) {
+    decrease += step_[i] * (lambda_ * ClampDiagonal(diagonal_[i]) * step_[i] -
+                            gradient_[i]);
+  }
+  double squared_state = SquaredStateLength();
+  double squared_step = step_.squaredNorm();
+  for (const StepSums& sums : chunk_sums_) {
+    step.new_cost += sums.cost;
+    decrease += sums.decrease;
+    squared_step += sums.squared_step;
+    squared_state += sums.squared_position;
+  }
+  step.predicted_decrease = 0.5 * decrease;
+  step.step_norm = std::sqrt(squared_step);
+  step.state_norm = std::sqrt(squared_state);
+  return step;
+}
+
+void RigEquationsBase::AcceptStep() {
+  std::swap(state_, trial_state_);
+  std::swap(points_, trial_points_);
+  std::swap(poses_, trial_poses_);
+}
+
+}  // namespace mgsfm

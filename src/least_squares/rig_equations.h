@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "least_squares/chunk_passes.h"
+#include "least_squares/chunk_workspace.h"
+#include "least_squares/levenberg_marquardt.h"
+#include "least_squares/rig_structure.h"
+#include "mgsfm/least_squares/rig_problem.h"
+#include "mgsfm/math/sparse_solver.h"
+
+namespace mgsfm {
+
+// The damped normal equations of a rig problem,
+//
+//   [ H    W^T ] [dz]     [g_z]
+//   [ W    V   ] [dp] = - [g_p],   H += lambda D_z,  V += lambda D_p,       (1)
+//
+// with residuals weighted by rho' (iteratively re-weighted least squares), D
+// the diagonal of the undamped matrix within [1e-6, 1e32], and V block-diagonal
+// over the points. Points are eliminated first:
+//
+//   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
+//
+// One pass over the observations linearises and eliminates, another steps and
+// evaluates the new cost; derivatives are computed in both, as that is faster
+// than to keep them, and W is never stored. The reduced matrix is factorised
+// (CHOLMOD), or, if that is too expensive, only multiplied with vectors.
+class RigEquationsBase : public DampedProblem {
+ public:
+  RigEquationsBase(const RigProblemBase& problem,
+                   std::vector<int> image_of_observation, ReducedSolver solver,
+                   const Context& context);
+
+  // Takes a copy of a state as the present one, and gives it back.
+  void SetState(const RigState& state);
+  void GetState(RigState* state) const;
+
+  double Cost() override;
+  bool Linearize(double lambda) override;
+  bool Solve() override;
+  TrialStep TryStep() override;
+  void AcceptStep() override;
+
+  const RigStructure& structure() const { return structure_; }
+  const Eigen::VectorXd& step() const { return step_; }
+  // Changes of frame, sensor or camera block that the last step asks for.
+  PoseVector PoseStep(int block) const;
+  // Points of the present state and after TryStep(), in the structure's order.
+  const std::vector<Eigen::Vector3d>& points() const { return points_; }
+  const std::vector<Eigen::Vector3d>& trial_points() const {
+    return trial_points_;
+  }
+
+ protected:
+  // The passes over one chunk; see chunk_passes.h.
+  virtual double CostOfChunk(const ChunkRanges& chunk) const = 0;
+  virtual bool LinearizeChunk(const ChunkRanges& chunk,
+                              ChunkWorkspace* workspace) = 0;
+  virtual StepSums StepChunk(const ChunkRanges& chunk) = 0;
+  virtual void MultiplyChunk(const ChunkRanges& chunk,
+                             ChunkWorkspace* workspace) = 0;
+
+  const RigProblemBase& problem_;
+  const Context context_;
+  RigStructure structure_;
+  double lambda_ = 0.0;
+  std::vector<Eigen::Vector3d> points_, trial_points_;
+  std::vector<ImagePose> poses_, trial_poses_;
+  std::vector<PointHessian> point_hessians_;      // V without damping
+  std::vector<Eigen::Vector3d> point_gradients_;  // g_p
+  ImageSteps steps_;
+
+ private:
+  void MergeSystem(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
+  void DampMatrix();
+  bool SolveByConjugateGradients();
+  void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
+  void SetImageSteps(const Eigen::VectorXd& z);
+  PoseVector PosePart(const Eigen::VectorXd& z, int block) const;
+  void MoveBlocks();
+  double SquaredStateLength() const;
+
+  RigState state_, trial_state_;  // without points
+  OrderedChunks chunks_;
+  std::vector<double> chunk_costs_;
+  std::vector<StepSums> chunk_sums_;
+  Eigen::SparseMatrix<double> matrix_;
+  std::vector<size_t> diagonal_position_;  // in its values
+  SparseCholesky solver_;
+  Eigen::VectorXd gradient_;    // g_z
+  Eigen::VectorXd correction_;  // W^T V^-1 g_p
+  Eigen::VectorXd diagonal_;    // of H, 0 for held coordinates
+  Eigen::VectorXd rhs_, step_;
+  Eigen::VectorXd residual_;  // of the reduced equations, if iterative
+};
+
+// For one kind of residual; see residuals.h.
+template <class R>
+class RigEquations : public RigEquationsBase {
+ public:
+  using Problem = RigProblem<typename R::Observation>;
+
+  RigEquations(const Problem& problem, ReducedSolver solver,
+               const Context& context)
+      : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
+    measured_.reserve(R::kDim * problem.observations.size());
+    for (const uint32_t o : structure_.observation_order) {
+      const double* values = R::Measured(problem.observations[o]);
+      measured_.insert(measured_.end(), values, values + R::kDim);
+    }
+    structure_.observation_order = {};
+    if (!structure_.is_iterative) return;
+    int num_params = 0;
+    for (const RigProblemBase::Camera& camera : problem.cameras) {
+      num_params =
+          std::max(num_params, static_cast<int>(camera.free_params.size()));
+    }
+    kept_size_ = 3 + R::kDim * (3 + num_params);
+    kept_.resize(kept_size_ * problem.observations.size());
+  }
+
+ protected:
+  double CostOfChunk(const ChunkRanges& chunk) const override {
+    double cost = 0.0;
+    for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+      cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, poses_, p,
+                             points_[p].data());
+    }
+    return cost;
+  }
+
+  bool LinearizeChunk(const ChunkRanges& chunk,
+                      ChunkWorkspace* workspace) override {
+    const auto function =
+        structure_.pose_size == 6
+            ? (HasAvx2() ? LinearizeChunkAvx2<R, 6> : LinearizeChunkAny<R, 6>)
+            : (HasAvx2() ? LinearizeChunkAvx2<R, 3> : LinearizeChunkAny<R, 3>);
+    return function(Input(), chunk, Output(), workspace);
+  }
+
+  StepSums StepChunk(const ChunkRanges& chunk) override {
+    const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
+    const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
+                               trial_poses_};
+    return function(Input(), step, chunk, &trial_points_);
+  }
+
+  void MultiplyChunk(const ChunkRanges& chunk,
+                     ChunkWorkspace* workspace) override {
+    const auto function =
+        structure_.pose_size == 6
+            ? (HasAvx2() ? MultiplyChunkAvx2<R, 6> : MultiplyChunkAny<R, 6>)
+            : (HasAvx2() ? MultiplyChunkAvx2<R, 3> : MultiplyChunkAny<R, 3>);
+    function(Input(), Output(), steps_, chunk, workspace);
+  }
+
+ private:
+  static std::vector<int> ImagesOf(const Problem& problem) {
+    std::vector<int> images;
+    images.reserve(problem.observations.size());
+    for (const auto& o : problem.observations) images.push_back(o.image);
+    return images;
+  }
+  PassInput<R> Input() const {
+    return {problem_, structure_, measured_, poses_, points_, lambda_};
+  }
+  LinearizeOutput<R> Output() {
+    return {point_hessians_, point_gradients_, kept_, kept_size_};
+  }
+
+  std::vector<double> measured_;
+  std::vector<double> kept_;
+  size_t kept_size_ = 0;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/least_squares/rig_solver.h"
+
+#include <limits>
+#include <optional>
+
+#include "least_squares/ceres_backend.h"
+#include "least_squares/levenberg_marquardt.h"
+#include "least_squares/residuals.h"
+#include "least_squares/rig_equations.h"
+
+namespace mgsfm {
+namespace {
+
+template <class Observation>
+struct ResidualOf;
+template <>
+struct ResidualOf<PixelObservation> {
+  using Type = PixelResidual;
+};
+template <>
+struct ResidualOf<RayObservation> {
+  using Type = RayResidual;
+};
+
+}  // namespace
+
+template <class Observation>
+struct RigSolver<Observation>::Impl {
+  using Residual = typename ResidualOf<Observation>::Type;
+
+  Impl(const RigProblem<Observation>& problem_,
+       const RigSolverOptions& options_, const Context& context_)
+      : problem(problem_), options(options_), context(context_) {
+    if (options.backend == SolverBackend::kNative) {
+      equations.emplace(problem, options.reduced_solver, context);
+    }
+  }
+
+  const RigProblem<Observation>& problem;
+  const RigSolverOptions options;
+  const Context context;
+  std::optional<RigEquations<Residual>> equations;
+};
+
+template <class Observation>
+RigSolver<Observation>::RigSolver(const RigProblem<Observation>& problem,
+                                  const RigSolverOptions& options,
+                                  const Context& context)
+    : impl_(std::make_unique<Impl>(problem, options, context)) {}
+
+template <class Observation>
+RigSolver<Observation>::~RigSolver() = default;
+
+template <class Observation>
+SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
+                                           RigState* state) {
+  if (!impl_->equations) {
+    return SolveByCeres<typename Impl::Residual>(
+        impl_->problem, impl_->options, max_num_iterations,
+        impl_->context.num_threads, state);
+  }
+  impl_->equations->SetState(*state);
+  const SolveSummary summary = MinimizeByLevenbergMarquardt(
+      impl_->options, max_num_iterations, impl_->context, &*impl_->equations);
+  if (summary.IsUsable()) impl_->equations->GetState(state);
+  return summary;
+}
+
+template <class Observation>
+double RigCost(const RigProblem<Observation>& problem, const RigState& state,
+               int num_threads) {
+  using R = typename ResidualOf<Observation>::Type;
+  Context context;
+  context.num_threads = num_threads;
+  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  equations.SetState(state);
+  return equations.Cost();
+}
+
+template class RigSolver<PixelObservation>;
+template class RigSolver<RayObservation>;
+template double RigCost(const RigProblem<PixelObservation>&, const RigState&,
+                        int);
+template double RigCost(const RigProblem<RayObservation>&, const RigState&,
+                        int);
+
+}  // namespace mgsfm

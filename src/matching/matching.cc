@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/matching/matching.h"
+
+#include <algorithm>
+#include <fstream>
+#include <optional>
+#include <utility>
+
+#include "matching/database_words.h"
+#include "matching/pair_lists.h"
+#include "matching/scene_pairs.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/matching/match_list.h"
+
+namespace mgsfm {
+namespace {
+
+PairMatchingSummary operator+(const PairMatchingSummary& a,
+                              const PairMatchingSummary& b) {
+  return {a.num_pairs + b.num_pairs, a.num_done + b.num_done,
+          a.num_verified + b.num_verified};
+}
+
+// Runs a matcher on lists of pairs and reports on them.
+class Run {
+ public:
+  Run(FeatureDatabase* database, const Scene& scene,
+      const PairMatchingOptions& options, const Context& context)
+      : matcher_(database, scene, options, context), context_(context) {}
+
+  void Match(const ImagePairList& pairs, const char* stage,
+             const ProgressSpan& span = {}) {
+    summary_ = summary_ + matcher_.Run(pairs, stage, span);
+  }
+
+  // Logs what was done; `name` names the pairs.
+  PairMatchingSummary Finish(const std::string& name) const {
+    const size_t num_new = summary_.num_pairs - summary_.num_done;
+    const double seconds = std::max(timer_.Seconds(), 1e-3);
+    context_.Info(
+        name + ": " + std::to_string(summary_.num_verified) + " of " +
+        std::to_string(summary_.num_pairs) + " pairs verified, " +
+        std::to_string(summary_.num_done) + " were in the database, " +
+        std::to_string(std::lround(num_new / seconds)) + " new ones a second");
+    return summary_;
+  }
+
+  const PairMatcher& matcher() const { return matcher_; }
+
+ private:
+  PairMatcher matcher_;
+  const Context& context_;
+  PairMatchingSummary summary_;
+  Timer timer_;
+};
+
+ImagePairList Without(const ImagePairList& pairs, const ImagePairList& others) {
+  ImagePairList left;
+  std::set_difference(pairs.begin(), pairs.end(), others.begin(), others.end(),
+                      std::back_inserter(left));
+  return left;
+}
+
+ImagePairList Join(const ImagePairList& pairs, const ImagePairList& others) {
+  ImagePairList all;
+  std::set_union(pairs.begin(), pairs.end(), others.begin(), others.end(),
+                 std::back_inserter(all));
+  return all;
+}
+
+// The pairs that two blocks of images, or one, make.
+ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
+  ImagePairList pairs;
+  for (int i = begin1; i < end1; ++i) {
+    for (int j = std::max(begin2, i + 1); j < end2; ++j)
+      pairs.push_back({i, j});
+  }
+  return pairs;
+}
+
+ImagePairList RetrievedPairs(const FeatureDatabase& database,
+                             const Scene& scene,
+                             const std::vector<FrameSequence>& sequences,
+                             const VocabularyOptions& vocabulary,
+                             int max_num_features,
+                             const FrameRetrievalOptions& options,
+                             const Context& context) {
+  const internal::ImageWords words = internal::FindImageWords(
+      database, scene, vocabulary, max_num_features, context);
+  const WordIndex index(words.num_words, words.images);
+  return RetrievePairs(sequences, words.images, index, options, context);
+}
+
+// In metres, or the unit of the database.
+std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
+    const FeatureDatabase& database, const Scene& scene, bool is_gps) {
+  using CoordinateSystem = PosePriorRow::CoordinateSystem;
+  const internal::ImageIdxs image_idxs(scene);
+  std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
+  std::optional<Eigen::Vector3d> origin;
+  for (const PosePriorRow& prior : database.ReadPosePriors()) {
+    const auto image_idx = image_idxs.Find(prior.image_id);
+    if (!image_idx) continue;
+    const bool is_wgs84 =
+        prior.coordinate_system == CoordinateSystem::kWgs84 ||
+        (prior.coordinate_system == CoordinateSystem::kUndefined && is_gps);
+    if (is_wgs84 && !origin) origin = prior.position;
+    positions[*image_idx] =
+        is_wgs84 ? EastNorthUp(prior.position, *origin) : prior.position;
+  }
+  return positions;
+}
+
+// Throws Error before anything is written.
+void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
+                        const std::vector<ListedMatches>& lists) {
+  std::vector<std::optional<size_t>> num_keypoints(scene.images.size());
+  const auto count = [&](int image_idx) {
+    auto& number = num_keypoints[image_idx];
+    if (!number) {
+      number = database.ReadKeypoints(scene.images[image_idx].id).size();
+    }
+    return *number;
+  };
+  for (const ListedMatches& list : lists) {
+    const auto [idx1, idx2] = list.images;
+    internal::CheckMatches(list.matches, count(idx1), count(idx2),
+                           scene.images[idx1].name, scene.images[idx2].name);
+  }
+}
+
+// Writes those whose pair has no row yet.
+void WriteListedMatches(const Scene& scene,
+                        const std::vector<ListedMatches>& lists,
+                        MatchListType type, FeatureDatabase* database) {
+  DatabaseTransaction transaction(database);
+  for (const ListedMatches& list : lists) {
+    const ImageId id1 = scene.images[list.images.image_idx1].id;
+    const ImageId id2 = scene.images[list.images.image_idx2].id;
+    if (!database->HasMatches(id1, id2)) {
+      database->WriteMatches(id1, id2, list.matches);
+    }
+    if (type == MatchListType::kInliers &&
+        !database->HasTwoViewGeometry(id1, id2)) {
+      ImagePair pair;
+      pair.config = TwoViewConfig::kUncalibrated;
+      pair.matches = list.matches;
+      database->WriteTwoViewGeometry(
+          internal::MakeTwoViewRow(scene, list.images, pair));
+    }
+  }
+  transaction.Commit();
+}
+
+}  // namespace
+
+PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
+                                      const Scene& scene,
+                                      const ExhaustiveMatchingOptions& options,
+                                      const PairMatchingOptions& matching,
+                                      const Context& context) {
+  Run run(database, scene, matching, context);
+  const int num_images = static_cast<int>(scene.images.size());
+  ProgressSpan span{0, scene.images.size() * (scene.images.size() - 1) / 2};
+  for (int i = 0; i < num_images; i += options.block_size) {
+    const int end_i = std::min(i + options.block_size, num_images);
+    for (int j = i; j < num_images; j += options.block_size) {
+      const int end_j = std::min(j + options.block_size, num_images);
+      const ImagePairList pairs = BlockPairs(i, end_i, j, end_j);
+      run.Match(pairs, "exhaustive matching", span);
+      span.num_before += pairs.size();
+    }
+  }
+  return run.Finish("exhaustive matching");
+}
+
+PairMatchingSummary MatchSequentially(FeatureDatabase* database,
+                                      const Scene& scene,
+                                      const SequentialMatchingOptions& options,
+                                      const VocabularyOptions& vocabulary,
+                                      const PairMatchingOptions& matching,
+                                      const Context& context) {
+  const std::vector<FrameSequence> sequences = MakeFrameSequences(scene);
+  Run run(database, scene, matching, context);
+  ImagePairList done = Join(SameSensorPairs(sequences, options.pairs),
+                            ProbePairs(sequences, options.pairs));
+  run.Match(done, "sequential matching");
+  const ImagePairList overlapping = Without(
+      OverlappingSensorPairs(
+          sequences, options.pairs,
+          [&](const auto& pair) { return run.matcher().IsVerified(pair); }),
+      done);
+  run.Match(overlapping, "matching of cameras that overlap");
+  PairMatchingSummary summary = run.Finish("sequential matching");
+  if (!options.loop_detection) return summary;
+
+  done = Join(done, overlapping);
+  const FrameRetrievalOptions retrieval{
+      options.loop_detection_period, options.loop_detection_num_images,
+      options.loop_detection_num_images_after_verification,
+      2 * options.pairs.overlap + 1};
+  const ImagePairList loops =
+      Without(RetrievedPairs(*database, scene, sequences, vocabulary,
+                             options.loop_detection_max_num_features, retrieval,
+                             context),
+              done);
+  Run loop_run(database, scene, matching, context);
+  loop_run.Match(loops, "loop detection");
+  return summary + loop_run.Finish("loop detection");
+}
+
+PairMatchingSummary MatchByVocabulary(FeatureDatabase* database,
+                                      const Scene& scene,
+                                      const VocabTreeMatchingOptions& options,
+                                      const VocabularyOptions& vocabulary,
+                                      const PairMatchingOptions& matching,
+                                      const Context& context) {
+  FrameRetrievalOptions retrieval;
+  retrieval.num_images = options.num_images;
+  retrieval.num_images_after_verification =
+      options.num_images_after_verification;
+  const ImagePairList pairs =
+      RetrievedPairs(*database, scene, MakeFrameSequences(scene), vocabulary,
+                     options.max_num_features, retrieval, context);
+  Run run(database, scene, matching, context);
+  run.Match(pairs, "vocabulary tree matching");
+  return run.Finish("vocabulary tree matching");
+}
+
+PairMatchingSummary MatchSpatially(FeatureDatabase* database,
+                                   const Scene& scene,
+                                   const SpatialMatchingOptions& options,
+                                   const PairMatchingOptions& matching,
+                                   const Context& context) {
+  const auto positions = ReadPositions(*database, scene, options.is_gps);
+  if (std::none_of(positions.begin(), positions.end(),
+                   [](const auto& position) { return position.has_value(); })) {
+    throw Error("database '" + database->path() +
+                "' has no positions of images (pose_priors), which the images "
+                "had in their EXIF data; use another matcher");
+  }
+  Run run(database, scene, matching, context);
+  run.Match(SpatialPairs(scene, positions, options, context),
+            "spatial matching");
+  return run.Finish("spatial matching");
+}
+
+PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
+                                  const std::string& match_list_path,
+                                  MatchListType type,
+                                  const PairMatchingOptions& matching,
+                                  const Context& context) {
+  std::ifstream file(match_list_path);
+  if (!file) throw Error("cannot read '" + match_list_path + "'");
+  std::vector<std::string> names;
+  for (const Image& image : scene.images) names.push_back(image.name);
+  ImagePairList pairs;
+  if (type == MatchListType::kPairs) {
+    pairs = ReadPairList(file, match_list_path, names);
+  } else {
+    const auto lists = ReadMatchList(file, match_list_path, names);
+    CheckListedMatches(*database, scene, lists);
+    WriteListedMatches(scene, lists, type, database);
+    for (const ListedMatches& list : lists) pairs.push_back(list.images);
+  }
+  Run run(database, scene, matching, context);
+  run.Match(pairs, "matching of the list");
+  return run.Finish("matching of the list");
+}
+
+}  // namespace mgsfm

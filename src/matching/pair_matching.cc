@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/matching/pair_matching.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "matching/feature_cache.h"
+#include "matching/scene_pairs.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/parallel.h"
+
+namespace mgsfm {
+namespace {
+
+// What an interrupted run loses at most: seconds.
+constexpr size_t kMaxBatchSize = 256;
+
+}  // namespace
+
+struct PairMatcher::Result {
+  bool has_new_matches = false;
+  std::vector<Match> matches;
+  ImagePair verified;
+};
+
+PairMatcher::PairMatcher(FeatureDatabase* database, const Scene& scene,
+                         const PairMatchingOptions& options,
+                         const Context& context)
+    : database_(database),
+      scene_(scene),
+      options_(options),
+      context_(context),
+      cache_(std::make_unique<internal::FeatureCache>(
+          *database, scene,
+          static_cast<size_t>(options.cache_size_mib) << 20)) {
+  const internal::ImageIdxs image_idxs(scene);
+  for (const PairCount& row : database->CountMatches()) {
+    if (const auto pair = image_idxs.Find(row)) matched_.insert(*pair);
+  }
+  for (const PairCount& row : database->CountInlierMatches()) {
+    if (const auto pair = image_idxs.Find(row)) {
+      num_inliers_[*pair] = row.num_matches;
+    }
+  }
+}
+
+PairMatcher::~PairMatcher() = default;
+
+bool PairMatcher::IsVerified(const ImageIdxPair& pair) const {
+  const auto found = num_inliers_.find(pair);
+  return found != num_inliers_.end() &&
+         found->second >=
+             static_cast<size_t>(options_.two_view_geometry.min_num_inliers);
+}
+
+PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
+                                     std::string_view stage,
+                                     const ProgressSpan& span) {
+  ImagePairList todo;
+  for (const ImageIdxPair& pair : pairs) {
+    if (num_inliers_.count(pair) == 0) todo.push_back(pair);
+  }
+  const size_t num_done = pairs.size() - todo.size();
+  const size_t total = span.total > 0 ? span.total : pairs.size();
+  const auto report = [&](size_t num_new) {
+    context_.ReportProgress(stage, span.num_before + num_done + num_new, total);
+  };
+  report(0);
+  for (size_t next = 0; next < todo.size();) {
+    const size_t begin = next;
+    const std::vector<ImageIdxPair> batch = NextBatch(todo, &next);
+    std::vector<Result> results(batch.size());
+    // The database is read by this thread only.
+    for (size_t i = 0; i < batch.size(); ++i) {
+      results[i].has_new_matches = matched_.count(batch[i]) == 0;
+      if (results[i].has_new_matches) continue;
+      results[i].matches =
+          internal::ReadMatchesOfPair(*database_, scene_, batch[i]);
+    }
+    ParallelFor(
+        batch.size(), context_.num_threads,
+        [&](size_t i) {
+          const bool has_matches = !results[i].has_new_matches;
+          results[i] =
+              MatchPair(batch[i], std::move(results[i].matches), has_matches);
+        },
+        1, [&](size_t num_matched) { report(begin + num_matched); });
+    Write(batch, results);
+    report(next);
+  }
+  PairMatchingSummary summary{pairs.size(), num_done, 0};
+  for (const ImageIdxPair& pair : pairs) {
+    summary.num_verified += IsVerified(pair) ? 1 : 0;
+  }
+  return summary;
+}
+
+// As many pairs as have room in the cache together.
+std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
+                                                 size_t* next) {
+  std::vector<ImageIdxPair> batch;
+  cache_->StartBatch();
+  while (*next < pairs.size() && batch.size() < kMaxBatchSize) {
+    const ImageIdxPair& pair = pairs[*next];
+    if (!batch.empty() && (!cache_->HasRoomFor(pair.image_idx1) ||
+                           !cache_->HasRoomFor(pair.image_idx2))) {
+      break;
+    }
+    cache_->AddToBatch(pair.image_idx1);
+    cache_->AddToBatch(pair.image_idx2);
+    batch.push_back(pair);
+    ++*next;
+  }
+  cache_->ComputeRays(context_);
+  return batch;
+}
+
+PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
+                                           std::vector<Match> matches,
+                                           bool has_matches) const {
+  const Image& image1 = scene_.images[pair.image_idx1];
+  const Image& image2 = scene_.images[pair.image_idx2];
+  const auto& features1 = cache_->Get(pair.image_idx1);
+  const auto& features2 = cache_->Get(pair.image_idx2);
+  if (has_matches) {
+    internal::CheckMatches(matches, features1.keypoints_px.size(),
+                           features2.keypoints_px.size(), image1.name,
+                           image2.name);
+  } else {
+    matches = MatchDescriptors(features1.Descriptors(), features2.Descriptors(),
+                               options_.matching);
+  }
+  ImagePair verified = VerifyPair(
+      features1.View(scene_.cameras[image1.camera_idx]),
+      features2.View(scene_.cameras[image2.camera_idx]), matches,
+      options_.two_view_geometry,
+      Random(PairSeed(image1.name, image2.name, context_.random_seed)));
+  return {!has_matches, std::move(matches), std::move(verified)};
+}
+
+void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
+                        const std::vector<Result>& results) {
+  DatabaseTransaction transaction(database_);
+  for (size_t i = 0; i < batch.size(); ++i) {
+    const Result& result = results[i];
+    if (result.has_new_matches) {
+      database_->WriteMatches(scene_.images[batch[i].image_idx1].id,
+                              scene_.images[batch[i].image_idx2].id,
+                              result.matches);
+    }
+    database_->WriteTwoViewGeometry(
+        internal::MakeTwoViewRow(scene_, batch[i], result.verified));
+  }
+  transaction.Commit();
+  for (size_t i = 0; i < batch.size(); ++i) {
+    matched_.insert(batch[i]);
+    num_inliers_[batch[i]] = results[i].verified.matches.size();
+  }
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,331 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "matching/ray_models.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace mgsfm::internal {
+namespace {
+
+constexpr int kNumLocalSteps = 2;
+
+using Vector9d = Eigen::Matrix<double, 9, 1>;
+using Matrix9d = Eigen::Matrix<double, 9, 9>;
+
+// Row-major, as the rows of the linear systems are built.
+Eigen::Matrix3d ToMatrix(const Vector9d& m) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
+      m.data());
+}
+
+// The unit vector x that minimises x^T A x.
+Vector9d SmallestEigenvector(const Matrix9d& A) {
+  return Eigen::SelfAdjointEigenSolver<Matrix9d>(A).eigenvectors().col(0);
+}
+
+Vector9d EpipolarRow(const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2) {
+  Vector9d row;
+  row << ray2.x() * ray1, ray2.y() * ray1, ray2.z() * ray1;
+  return row;
+}
+
+// e and s of r^2 = e^2 / s.
+struct FundamentalTerms {
+  double e;
+  double s;
+
+  FundamentalTerms(const Eigen::Matrix3d& F, const Eigen::Vector3d& ray1,
+                   const Eigen::Vector3d& ray2) {
+    const Eigen::Vector3d line2 = F * ray1;
+    e = ray2.dot(line2);
+    s = line2.squaredNorm() + (F.transpose() * ray2).squaredNorm() -
+        2.0 * e * e;
+  }
+  double SquaredError() const { return e * e / std::max(s, 1e-14); }
+};
+
+// Real roots of c[0] + c[1] x + c[2] x^2 + c[3] x^3.
+int SolveCubic(const std::array<double, 4>& c, std::array<double, 3>* roots) {
+  const double scale = std::abs(c[0]) + std::abs(c[1]) + std::abs(c[2]);
+  if (std::abs(c[3]) <= 1e-12 * scale || c[3] == 0.0) return 0;
+  const double a = c[2] / c[3], b = c[1] / c[3], d = c[0] / c[3];
+  const double q = (a * a - 3.0 * b) / 9.0;
+  const double r = (2.0 * a * a * a - 9.0 * a * b + 27.0 * d) / 54.0;
+  if (r * r < q * q * q) {
+    const double angle = std::acos(r / std::sqrt(q * q * q));
+    constexpr double kThird = 2.0943951023931953;  // of a turn
+    for (int k = 0; k < 3; ++k) {
+      (*roots)[k] =
+          -2.0 * std::sqrt(q) * std::cos(angle / 3.0 + k * kThird) - a / 3.0;
+    }
+    return 3;
+  }
+  const double u =
+      -std::copysign(std::cbrt(std::abs(r) + std::sqrt(r * r - q * q * q)), r);
+  (*roots)[0] = u + (u == 0.0 ? 0.0 : q / u) - a / 3.0;
+  return 1;
+}
+
+struct FundamentalProblem {
+  using Model = Eigen::Matrix3d;
+  static constexpr int kSampleSize = 7;
+
+  const RayMatches& matches;
+  double max_squared_error;
+
+  double SquaredError(const Model& F, size_t i) const {
+    return FundamentalTerms(F, matches.rays1[i], matches.rays2[i])
+        .SquaredError();
+  }
+
+  // x F1 + (1 - x) F2 with det = 0, F1 and F2 spanning the kernel.
+  int Solve(const std::array<size_t, 7>& sample,
+            std::array<Model, 3>* models) const {
+    Eigen::Matrix<double, 7, 9> rows;
+    for (int i = 0; i < 7; ++i) {
+      rows.row(i) =
+          EpipolarRow(matches.rays1[sample[i]], matches.rays2[sample[i]])
+              .transpose();
+    }
+    const Eigen::FullPivLU<Eigen::Matrix<double, 7, 9>> lu(rows);
+    if (lu.dimensionOfKernel() != 2) return 0;
+    const Eigen::Matrix<double, 9, Eigen::Dynamic> kernel = lu.kernel();
+    const Eigen::Matrix3d F1 = ToMatrix(kernel.col(0).normalized());
+    const Eigen::Matrix3d F2 = ToMatrix(kernel.col(1).normalized());
+    // The cubic through four of its values.
+    const auto det = [&](double x) -> double {
+      return (x * F1 + (1.0 - x) * F2).determinant();
+    };
+    const double at_0 = det(0.0), at_1 = det(1.0), at_m1 = det(-1.0);
+    const double c3 = (F1 - F2).determinant();
+    const double c2 = 0.5 * (at_1 + at_m1) - at_0;
+    const double c1 = 0.5 * (at_1 - at_m1) - c3;
+    std::array<double, 3> roots;
+    const int num_roots = SolveCubic({at_0, c1, c2, c3}, &roots);
+    for (int k = 0; k < num_roots; ++k) {
+      (*models)[k] = (roots[k] * F1 + (1.0 - roots[k]) * F2).normalized();
+    }
+    return num_roots;
+  }
+
+  // Least squares of e / sqrt(s) with s of the step before, then rank 2.
+  std::optional<Model> Refine(const Model& start) const {
+    Model F = start;
+    for (int step = 0; step < kNumLocalSteps; ++step) {
+      Matrix9d A = Matrix9d::Zero();
+      int num_inliers = 0;
+      for (size_t i = 0; i < matches.size(); ++i) {
+        const FundamentalTerms terms(F, matches.rays1[i], matches.rays2[i]);
+        if (terms.SquaredError() > max_squared_error) continue;
+        const Vector9d row = EpipolarRow(matches.rays1[i], matches.rays2[i]);
+        A.selfadjointView<Eigen::Lower>().rankUpdate(
+            row, 1.0 / std::max(terms.s, 1e-14));
+        ++num_inliers;
+      }
+      if (num_inliers < 8) return std::nullopt;
+      const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
+          ToMatrix(SmallestEigenvector(A)),
+          Eigen::ComputeFullU | Eigen::ComputeFullV);
+      Eigen::Vector3d values = svd.singularValues();
+      values.z() = 0.0;
+      F = svd.matrixU() * values.asDiagonal() * svd.matrixV().transpose();
+    }
+    return F;
+  }
+};
+
+struct HomographyProblem {
+  using Model = Eigen::Matrix3d;
+  static constexpr int kSampleSize = 4;
+
+  const RayMatches& matches;
+  double max_squared_error;
+
+  // The basis of three rays in which the fourth is (1, 1, 1), of each image.
+  int Solve(const std::array<size_t, 4>& sample,
+            std::array<Model, 3>* models) const {
+    const auto basis = [&](const std::vector<Eigen::Vector3d>& rays) {
+      Eigen::Matrix3d m;
+      for (int k = 0; k < 3; ++k) m.col(k) = rays[sample[k]];
+      return Eigen::Matrix3d(m * (m.inverse() * rays[sample[3]]).asDiagonal());
+    };
+    const Eigen::Matrix3d H =
+        basis(matches.rays2) * basis(matches.rays1).inverse();
+    const double norm = H.norm();
+    if (!std::isfinite(norm) || norm == 0.0) return 0;
+    (*models)[0] = H / norm;
+    return 1;
+  }
+
+  std::optional<Model> Refine(const Model& start) const {
+    Model H = start;
+    for (int step = 0; step < kNumLocalSteps; ++step) {
+      const HomographyTest test(H);
+      Matrix9d A = Matrix9d::Zero();
+      int num_inliers = 0;
+      for (size_t i = 0; i < matches.size(); ++i) {
+        const Eigen::Vector3d& ray1 = matches.rays1[i];
+        const Eigen::Vector3d& ray2 = matches.rays2[i];
+        if (test.SquaredError(ray1, ray2) > max_squared_error) continue;
+        AddEquations(ray1, ray2, 1.0 / (H * ray1).squaredNorm(), &A);
+        ++num_inliers;
+      }
+      if (num_inliers < 5) return std::nullopt;
+      H = ToMatrix(SmallestEigenvector(A));
+      if (Orientation(H) < 0.0) H = -H;
+    }
+    return H;
+  }
+
+  double Orientation(const Model& H) const {
+    double sum = 0.0;
+    for (size_t i = 0; i < matches.size(); ++i) {
+      sum += matches.rays2[i].dot(H * matches.rays1[i]);
+    }
+    return sum;
+  }
+
+  // The two components of H f1 normal to f2.
+  static void AddEquations(const Eigen::Vector3d& ray1,
+                           const Eigen::Vector3d& ray2, double weight,
+                           Matrix9d* A) {
+    const Eigen::Vector3d u = ray2.unitOrthogonal();
+    for (const Eigen::Vector3d& normal : {u, Eigen::Vector3d(ray2.cross(u))}) {
+      A->selfadjointView<Eigen::Lower>().rankUpdate(EpipolarRow(ray1, normal),
+                                                    weight);
+    }
+  }
+};
+
+PoseScore ScoreModel(const FundamentalProblem& problem,
+                     const Eigen::Matrix3d& F, double max_cost) {
+  PoseScore score;
+  for (size_t i = 0; i < problem.matches.size(); ++i) {
+    const double error = problem.SquaredError(F, i);
+    const bool is_inlier = error <= problem.max_squared_error;
+    score.cost += is_inlier ? error : problem.max_squared_error;
+    score.num_inliers += is_inlier ? 1 : 0;
+    if (score.cost > max_cost) break;
+  }
+  return score;
+}
+
+PoseScore ScoreModel(const HomographyProblem& problem, const Eigen::Matrix3d& H,
+                     double max_cost) {
+  const HomographyTest test(H);
+  PoseScore score;
+  for (size_t i = 0; i < problem.matches.size(); ++i) {
+    const double error =
+        test.SquaredError(problem.matches.rays1[i], problem.matches.rays2[i]);
+    const bool is_inlier = error <= problem.max_squared_error;
+    score.cost += is_inlier ? error : problem.max_squared_error;
+    score.num_inliers += is_inlier ? 1 : 0;
+    if (score.cost > max_cost) break;
+  }
+  return score;
+}
+
+template <int kSize>
+std::array<size_t, kSize> DrawSample(size_t size, Random* random) {
+  std::array<size_t, kSize> sample;
+  for (int i = 0; i < kSize;) {
+    sample[i] = random->Index(static_cast<uint32_t>(size));
+    const auto end = sample.begin() + i;
+    if (std::find(sample.begin(), end, sample[i]) == end) ++i;
+  }
+  return sample;
+}
+
+template <class Problem>
+std::optional<typename Problem::Model> RunRansac(const Problem& problem,
+                                                 const RansacOptions& options,
+                                                 Random* random) {
+  constexpr int kSampleSize = Problem::kSampleSize;
+  const size_t size = problem.matches.size();
+  if (size <= kSampleSize) return std::nullopt;
+  typename Problem::Model best;
+  PoseScore best_score{std::numeric_limits<double>::infinity(), 0};
+  const auto keep_if_better = [&](const typename Problem::Model& model) {
+    const PoseScore score = ScoreModel(problem, model, best_score.cost);
+    if (!(score.cost < best_score.cost)) return false;
+    best = model;
+    best_score = score;
+    return true;
+  };
+  int num_trials = options.max_num_trials;
+  std::array<typename Problem::Model, 3> models;
+  for (int trial = 0; trial < num_trials; ++trial) {
+    const int num_models =
+        problem.Solve(DrawSample<kSampleSize>(size, random), &models);
+    bool is_better = false;
+    for (int k = 0; k < num_models; ++k) {
+      is_better = keep_if_better(models[k]) || is_better;
+    }
+    if (!is_better) continue;
+    if (const auto refined = problem.Refine(best)) keep_if_better(*refined);
+    num_trials = RequiredNumTrials(
+        options, static_cast<double>(best_score.num_inliers) / size,
+        kSampleSize);
+  }
+  if (best_score.num_inliers <= kSampleSize) return std::nullopt;
+  return best;
+}
+
+}  // namespace
+
+int RequiredNumTrials(const RansacOptions& options, double inlier_ratio,
+                      int sample_size) {
+  const double success = std::pow(inlier_ratio, sample_size);
+  double num_trials = options.max_num_trials;
+  if (success > 1.0 - 1e-12) {
+    num_trials = 1.0;
+  } else if (success > 1e-12) {
+    num_trials = std::min(
+        num_trials,
+        std::ceil(std::log(1.0 - options.confidence) / std::log1p(-success)));
+  }
+  return std::min(
+      std::max(static_cast<int>(num_trials), options.min_num_trials),
+      options.max_num_trials);
+}
+
+std::optional<Eigen::Matrix3d> EstimateFundamental(const RayMatches& matches,
+                                                   const RansacOptions& options,
+                                                   Random* random) {
+  return RunRansac(FundamentalProblem{matches, options.max_error_rad *
+                                                   options.max_error_rad},
+                   options, random);
+}
+
+bool IsFundamentalInlier(const Eigen::Matrix3d& F, const Eigen::Vector3d& ray1,
+                         const Eigen::Vector3d& ray2, double max_error_rad) {
+  return FundamentalTerms(F, ray1, ray2).SquaredError() <=
+         max_error_rad * max_error_rad;
+}
+
+std::optional<Eigen::Matrix3d> EstimateHomography(const RayMatches& matches,
+                                                  const RansacOptions& options,
+                                                  Random* random) {
+  return RunRansac(
+      HomographyProblem{matches, options.max_error_rad * options.max_error_rad},
+      options, random);
+}
+
+HomographyTest::HomographyTest(const Eigen::Matrix3d& H)
+    : H_(H), inverse_(H.inverse()) {}
+
+double HomographyTest::SquaredError(const Eigen::Vector3d& ray1,
+                                    const Eigen::Vector3d& ray2) const {
+  const double forward = ((H_ * ray1).normalized() - ray2).squaredNorm();
+  const double backward = ((inverse_ * ray2).normalized() - ray1).squaredNorm();
+  // In this order a singular H, whose inverse is not finite, has no inliers.
+  return std::max(backward, forward);
+}
+
+}  // namespace mgsfm::internal

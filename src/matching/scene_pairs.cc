@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "matching/scene_pairs.h"
+
+#include <algorithm>
+#include <tuple>
+
+#include "matching/pair_lists.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm::internal {
+
+ImageIdxs::ImageIdxs(const Scene& scene) {
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    idxs_.emplace(scene.images[i].id, static_cast<int>(i));
+  }
+}
+
+std::optional<int> ImageIdxs::Find(ImageId id) const {
+  const auto found = idxs_.find(id);
+  if (found == idxs_.end()) return std::nullopt;
+  return found->second;
+}
+
+std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
+  const auto image1 = Find(row.image_id1);
+  const auto image2 = Find(row.image_id2);
+  if (!image1 || !image2) return std::nullopt;
+  return MakePair(*image1, *image2);
+}
+
+std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
+                                     const Scene& scene,
+                                     const ImageIdxPair& pair) {
+  std::vector<Match> matches = database.ReadMatches(
+      scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
+  std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
+    return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
+           std::tie(b.keypoint_idx1, b.keypoint_idx2);
+  });
+  return matches;
+}
+
+void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
+                  size_t num_keypoints2, const std::string& image_name1,
+                  const std::string& image_name2) {
+  for (const Match& match : matches) {
+    if (match.keypoint_idx1 < num_keypoints1 &&
+        match.keypoint_idx2 < num_keypoints2) {
+      continue;
+    }
+    throw Error("the matches of '" + image_name1 + "' and '" + image_name2 +
+                "' name keypoint " + std::to_string(match.keypoint_idx1) +
+                " of " + std::to_string(num_keypoints1) + " and " +
+                std::to_string(match.keypoint_idx2) + " of " +
+                std::to_string(num_keypoints2) +
+                "; they are not of these features, remove them");
+  }
+}
+
+TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
+                                  const ImagePair& verified) {
+  TwoViewGeometryRow row{scene.images[pair.image_idx1].id,
+                         scene.images[pair.image_idx2].id,
+                         verified.config,
+                         verified.F,
+                         verified.E,
+                         verified.H,
+                         std::nullopt,
+                         verified.matches};
+  if (verified.relative_pose) {
+    row.cam2_from_cam1 =
+        Rigid3{verified.relative_pose->cam2_from_cam1,
+               verified.relative_pose->translation_direction.value_or(
+                   Eigen::Vector3d::Zero())};
+  }
+  return row;
+}
+
+}  // namespace mgsfm::internal

@@ -1,0 +1,360 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/matching/two_view_verification.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <utility>
+
+#include "matching/ray_models.h"
+#include "matching/watermark.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/epipolar.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kMaxNumRotationTrials = 200;
+// Share of a homography's inliers that a rotation must explain alone.
+constexpr double kMinRotationRatio = 0.95;
+constexpr int kNumPolishIterations = 10;
+constexpr double kPolishCostTolerance = 1e-4;
+// Inliers on which a homography is estimated; more do not change whether it
+// explains them.
+constexpr size_t kMaxNumHomographyMatches = 256;
+
+bool IsPinhole(const Camera& camera) {
+  return camera.model == CameraModelId::kSimplePinhole ||
+         camera.model == CameraModelId::kPinhole;
+}
+
+// A pinhole with some distortion, for which F in pixels nearly holds.
+bool IsPerspective(const Camera& camera) {
+  switch (camera.model) {
+    case CameraModelId::kSimplePinhole:
+    case CameraModelId::kPinhole:
+    case CameraModelId::kSimpleRadial:
+    case CameraModelId::kRadial:
+    case CameraModelId::kOpenCV:
+    case CameraModelId::kFullOpenCV:
+      return true;
+    default:
+      return false;
+  }
+}
+
+// The part of the intrinsics that is linear in pixels, where there is one.
+Eigen::Matrix3d LinearPart(const Camera& camera) {
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  if (!IsPerspective(camera)) return K;
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  K(0, 0) = camera.params[info.focal_length_idxs.front()];
+  K(1, 1) = camera.params[info.focal_length_idxs.back()];
+  K(0, 2) = camera.params[info.principal_point_idxs.front()];
+  K(1, 2) = camera.params[info.principal_point_idxs.back()];
+  return K;
+}
+
+double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
+  return 0.5 / PixelsPerRadian(camera1.model, camera1.params.data()) +
+         0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
+}
+
+// x2^T A x1 in pixels of what is f2^T A f1 on rays, and likewise x2 ~ A x1.
+Eigen::Matrix3d FundamentalInPixels(const Eigen::Matrix3d& F,
+                                    const Eigen::Matrix3d& K1,
+                                    const Eigen::Matrix3d& K2) {
+  return (K2.inverse().transpose() * F * K1.inverse()).normalized();
+}
+Eigen::Matrix3d HomographyInPixels(const Eigen::Matrix3d& H,
+                                   const Eigen::Matrix3d& K1,
+                                   const Eigen::Matrix3d& K2) {
+  return (K2 * H * K1.inverse()).normalized();
+}
+
+class PairVerifier {
+ public:
+  PairVerifier(const VerificationView& view1, const VerificationView& view2,
+               const std::vector<Match>& matches,
+               const TwoViewGeometryOptions& options, Random* random)
+      : view1_(view1),
+        view2_(view2),
+        matches_(matches),
+        options_(options),
+        random_(random),
+        K1_(LinearPart(*view1.camera)),
+        K2_(LinearPart(*view2.camera)),
+        max_error_(options.max_error *
+                   RadiansPerPixel(*view1.camera, *view2.camera)) {
+    ransac_.max_error_rad = max_error_;
+    ransac_.confidence = options.confidence;
+  }
+
+  ImagePair Verify() {
+    pair_.config = TwoViewConfig::kDegenerate;
+    const bool is_calibrated = IsCalibrated();
+    GatherRays(is_calibrated);
+    if (HasEnough(rays_.size())) {
+      LimitTrials();
+      is_calibrated ? VerifyCalibrated() : VerifyUncalibrated();
+    }
+    if (pair_.config != TwoViewConfig::kDegenerate &&
+        options_.detect_watermark &&
+        internal::IsWatermark(view1_, view2_, pair_.matches, options_,
+                              random_)) {
+      pair_.config = TwoViewConfig::kWatermark;
+    }
+    return std::move(pair_);
+  }
+
+ private:
+  bool IsCalibrated() const {
+    const Camera& camera1 = *view1_.camera;
+    const Camera& camera2 = *view2_.camera;
+    const bool is_trusted =
+        camera1.has_prior_focal_length && camera2.has_prior_focal_length;
+    return is_trusted || !IsPerspective(camera1) || !IsPerspective(camera2);
+  }
+
+  void GatherRays(bool is_calibrated) {
+    const Eigen::Matrix3d inverse_K1 = K1_.inverse();
+    const Eigen::Matrix3d inverse_K2 = K2_.inverse();
+    const auto linear_ray = [](const Eigen::Matrix3d& inverse_K,
+                               const Eigen::Vector2f& point) {
+      return Eigen::Vector3d(inverse_K * point.cast<double>().homogeneous())
+          .normalized();
+    };
+    rays_.Reserve(matches_.size());
+    positions_.reserve(matches_.size());
+    for (size_t i = 0; i < matches_.size(); ++i) {
+      const auto [idx1, idx2] = matches_[i];
+      if (!is_calibrated) {
+        rays_.Add(linear_ray(inverse_K1, (*view1_.keypoints_px)[idx1]),
+                  linear_ray(inverse_K2, (*view2_.keypoints_px)[idx2]));
+      } else if ((*view1_.rays)[idx1].squaredNorm() > 0.5 &&
+                 (*view2_.rays)[idx2].squaredNorm() > 0.5) {
+        rays_.Add((*view1_.rays)[idx1], (*view2_.rays)[idx2]);
+      } else {
+        continue;
+      }
+      positions_.push_back(i);
+    }
+  }
+
+  double MinInlierRatio() const {
+    return std::max(options_.min_inlier_ratio,
+                    options_.min_num_inliers /
+                        std::max(1.0, static_cast<double>(matches_.size())));
+  }
+
+  bool HasEnough(size_t num_inliers) const {
+    return num_inliers >= static_cast<size_t>(options_.min_num_inliers) &&
+           static_cast<double>(num_inliers) >=
+               options_.min_inlier_ratio * static_cast<double>(matches_.size());
+  }
+
+  // Pairs with fewer inliers are given up anyway.
+  void LimitTrials() {
+    const double min_ratio =
+        std::min(1.0, MinInlierRatio() * static_cast<double>(matches_.size()) /
+                          static_cast<double>(rays_.size()));
+    const int sample_size = IsCalibrated() ? 5 : 7;
+    ransac_.max_num_trials = options_.max_num_trials;
+    ransac_.max_num_trials =
+        internal::RequiredNumTrials(ransac_, min_ratio, sample_size);
+  }
+
+  using InlierTest =
+      std::function<bool(const Eigen::Vector3d&, const Eigen::Vector3d&)>;
+
+  std::vector<size_t> Inliers(const InlierTest& is_inlier) const {
+    std::vector<size_t> inliers;
+    for (size_t i = 0; i < rays_.size(); ++i) {
+      if (is_inlier(rays_.rays1[i], rays_.rays2[i])) inliers.push_back(i);
+    }
+    return inliers;
+  }
+
+  RayMatches RaysOf(const std::vector<size_t>& inliers) const {
+    RayMatches rays;
+    rays.Reserve(inliers.size());
+    for (const size_t i : inliers) rays.Add(rays_.rays1[i], rays_.rays2[i]);
+    return rays;
+  }
+
+  void Accept(TwoViewConfig config, const std::vector<size_t>& inliers) {
+    pair_.config = config;
+    pair_.matches.reserve(inliers.size());
+    for (const size_t i : inliers) {
+      pair_.matches.push_back(matches_[positions_[i]]);
+    }
+  }
+
+  std::vector<size_t> InliersOf(const Rigid3& pose) const {
+    return Inliers([&](const auto& ray1, const auto& ray2) {
+      return IsInlier(pose, ray1, ray2, max_error_);
+    });
+  }
+
+  // Of a rotation alone.
+  std::vector<size_t> InliersOfRotation(const Eigen::Quaterniond& rotation) {
+    return Inliers([&](const auto& ray1, const auto& ray2) {
+      return IsRotationInlier(rotation, ray1, ray2, max_error_);
+    });
+  }
+
+  std::optional<Eigen::Quaterniond> EstimateRotationOnly() {
+    RansacOptions ransac = ransac_;
+    ransac.max_num_trials =
+        std::min(ransac_.max_num_trials, kMaxNumRotationTrials);
+    return EstimateRotation(rays_, ransac, random_);
+  }
+
+  // The pose after more steps on its inliers, if that has as many.
+  void Polish(Rigid3* pose, std::vector<size_t>* inliers) const {
+    PoseRefinementOptions refinement;
+    refinement.loss_scale_rad = 0.25 * max_error_;
+    refinement.max_num_iterations = kNumPolishIterations;
+    refinement.relative_cost_tolerance = kPolishCostTolerance;
+    Rigid3 refined = *pose;
+    if (!RefineRelativePose(RaysOf(*inliers), refinement, &refined)
+             .IsUsable()) {
+      return;
+    }
+    std::vector<size_t> refined_inliers = InliersOf(refined);
+    if (refined_inliers.size() < inliers->size()) return;
+    *pose = refined;
+    *inliers = std::move(refined_inliers);
+  }
+
+  // The homography is estimated on inliers only, so few trials find one that
+  // explains enough of them.
+  std::vector<size_t> InliersOfHomography(const std::vector<size_t>& inliers,
+                                          std::optional<Eigen::Matrix3d>* H) {
+    RansacOptions ransac = ransac_;
+    ransac.max_num_trials =
+        internal::RequiredNumTrials(ransac_, options_.max_H_inlier_ratio, 4);
+    std::vector<size_t> sample = inliers;
+    if (sample.size() > kMaxNumHomographyMatches) {
+      sample.resize(kMaxNumHomographyMatches);
+      for (size_t i = 0; i < sample.size(); ++i) {
+        sample[i] = inliers[i * inliers.size() / sample.size()];
+      }
+    }
+    *H = internal::EstimateHomography(RaysOf(sample), ransac, random_);
+    if (!*H) return {};
+    const internal::HomographyTest test(**H);
+    return Inliers([&](const auto& ray1, const auto& ray2) {
+      return test.SquaredError(ray1, ray2) <= max_error_ * max_error_;
+    });
+  }
+
+  bool Explains(const std::vector<size_t>& homography_inliers,
+                const std::vector<size_t>& inliers) const {
+    return static_cast<double>(homography_inliers.size()) >
+           options_.max_H_inlier_ratio * static_cast<double>(inliers.size());
+  }
+
+  void VerifyCalibrated() {
+    std::vector<size_t> inliers;
+    auto pose = EstimateRelativePose(rays_, ransac_, random_);
+    if (pose) {
+      inliers = InliersOf(*pose);
+      Polish(&*pose, &inliers);
+    }
+    // Samples of matches without parallax may be degenerate.
+    std::optional<Eigen::Quaterniond> rotation;
+    if (!HasEnough(inliers.size())) {
+      rotation = EstimateRotationOnly();
+      if (!rotation) return;
+      pose.reset();
+      inliers = InliersOfRotation(*rotation);
+      if (!HasEnough(inliers.size())) return;
+    }
+    std::optional<Eigen::Matrix3d> H;
+    const std::vector<size_t> homography_inliers =
+        InliersOfHomography(inliers, &H);
+    const bool has_homography = Explains(homography_inliers, inliers);
+    if (has_homography && !rotation) rotation = EstimateRotationOnly();
+    if (rotation && (!pose || IsRotationEnough(InliersOfRotation(*rotation),
+                                               homography_inliers))) {
+      Accept(TwoViewConfig::kPanoramic, inliers);
+      pair_.relative_pose = RelativePose{*rotation, std::nullopt};
+    } else {
+      Accept(
+          has_homography ? TwoViewConfig::kPlanar : TwoViewConfig::kCalibrated,
+          inliers);
+      pair_.relative_pose = RelativePose{pose->rotation, pose->translation};
+      pair_.E = EssentialFromPose(*pose);
+    }
+    if (!IsPinhole(*view1_.camera) || !IsPinhole(*view2_.camera)) return;
+    if (pair_.E) pair_.F = FundamentalInPixels(*pair_.E, K1_, K2_);
+    if (has_homography) pair_.H = HomographyInPixels(*H, K1_, K2_);
+  }
+
+  static bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
+                               const std::vector<size_t>& homography_inliers) {
+    return static_cast<double>(rotation_inliers.size()) >=
+           kMinRotationRatio * static_cast<double>(homography_inliers.size());
+  }
+
+  void VerifyUncalibrated() {
+    const auto F = internal::EstimateFundamental(rays_, ransac_, random_);
+    std::vector<size_t> inliers;
+    if (F) {
+      inliers = Inliers([&](const auto& ray1, const auto& ray2) {
+        return internal::IsFundamentalInlier(*F, ray1, ray2, max_error_);
+      });
+    }
+    if (!HasEnough(inliers.size())) return;
+    std::optional<Eigen::Matrix3d> H;
+    const std::vector<size_t> homography_inliers =
+        InliersOfHomography(inliers, &H);
+    const bool has_homography = Explains(homography_inliers, inliers);
+    Accept(has_homography ? TwoViewConfig::kPlanarOrPanoramic
+                          : TwoViewConfig::kUncalibrated,
+           inliers);
+    pair_.F = FundamentalInPixels(*F, K1_, K2_);
+    if (has_homography) pair_.H = HomographyInPixels(*H, K1_, K2_);
+  }
+
+  const VerificationView& view1_;
+  const VerificationView& view2_;
+  const std::vector<Match>& matches_;
+  const TwoViewGeometryOptions& options_;
+  Random* random_;
+  const Eigen::Matrix3d K1_;
+  const Eigen::Matrix3d K2_;
+  const double max_error_;  // radians
+  RansacOptions ransac_;
+  RayMatches rays_;
+  std::vector<size_t> positions_;  // in matches_
+  ImagePair pair_;
+};
+
+}  // namespace
+
+ImagePair VerifyPair(const VerificationView& view1,
+                     const VerificationView& view2,
+                     const std::vector<Match>& matches,
+                     const TwoViewGeometryOptions& options, Random random) {
+  return PairVerifier(view1, view2, matches, options, &random).Verify();
+}
+
+uint64_t PairSeed(const std::string& image_name1,
+                  const std::string& image_name2, uint64_t random_seed) {
+  // FNV-1a.
+  uint64_t hash = 0xcbf29ce484222325ull;
+  const auto add = [&](unsigned char byte) {
+    hash = (hash ^ byte) * 0x100000001b3ull;
+  };
+  for (const char c : image_name1) add(static_cast<unsigned char>(c));
+  add(0);
+  for (const char c : image_name2) add(static_cast<unsigned char>(c));
+  return Random(random_seed, hash).NextBits();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "synthetic/detection.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "synthetic/random_streams.h"
+
+namespace mgsfm {
+namespace {
+
+// Features are not found at more grazing angles, as cosine of the angle to the
+// normal.
+constexpr double kMinCosToNormal = 0.06;
+
+// One number per image and point, so that it depends on nothing else.
+Random RandomOfFeature(uint64_t seed, Effect effect, const Exposure& exposure,
+                       int identity) {
+  const uint64_t of_image = RandomOf(seed, effect, exposure.Key()).NextBits();
+  return Random(of_image, static_cast<uint64_t>(identity));
+}
+
+}  // namespace
+
+Detector::Detector(const SimulationOptions& options,
+                   const std::vector<SimulatedCamera>& rig, const World& world,
+                   const Vehicles* vehicles)
+    : options_(options), rig_(rig), world_(world), vehicles_(vehicles) {
+  int identity = static_cast<int>(world.points.size());
+  const size_t num_vehicles = vehicles == nullptr ? 0 : vehicles->size();
+  for (size_t i = 0; i < num_vehicles; ++i) {
+    vehicle_offsets_.push_back(identity);
+    identity += static_cast<int>(vehicles->Points(static_cast<int>(i)).size());
+  }
+}
+
+int Detector::VehicleOf(int identity) const {
+  if (identity == kClutter) return -1;
+  const auto after = std::upper_bound(vehicle_offsets_.begin(),
+                                      vehicle_offsets_.end(), identity);
+  return static_cast<int>(after - vehicle_offsets_.begin()) - 1;
+}
+
+Features Detector::Detect(const Exposure& exposure) const {
+  const auto share = [this](double ratio) {
+    return static_cast<int>(
+        std::lround(ratio * options_.max_num_features_per_image));
+  };
+  const int num_clutter = share(options_.clutter_ratio);
+  const int max_num_moving = share(options_.moving_feature_ratio);
+  const int num_free = options_.max_num_features_per_image - num_clutter;
+  Features moving;
+  if (max_num_moving > 0) {
+    AppendStrongest(exposure, std::min(max_num_moving, num_free),
+                    SeeVehicles(exposure), &moving);
+  }
+  Features features;
+  AppendStrongest(exposure, num_free - moving.size(), SeePoints(exposure),
+                  &features);
+  const auto append = [](auto* all, const auto& more) {
+    all->insert(all->end(), more.begin(), more.end());
+  };
+  append(&features.identities, moving.identities);
+  append(&features.keypoints_px, moving.keypoints_px);
+  append(&features.rays, moving.rays);
+  AppendClutter(exposure, num_clutter, &features);
+  return features;
+}
+
+double Detector::DistanceScale(int camera) const {
+  if (!world_.distances_scale) return 1.0;
+  return kReferenceFocal_px /
+         PixelsPerRadian(rig_[camera].model, rig_[camera].params.data());
+}
+
+bool Detector::Project(const Exposure& exposure,
+                       const Eigen::Vector3d& point_in_world,
+                       Eigen::Vector2d* pixel) const {
+  const SimulatedCamera& camera = rig_[exposure.camera];
+  const auto projected =
+      ProjectToPixel(camera.model, camera.params.data(),
+                     exposure.cam_from_world * point_in_world);
+  if (!projected || projected->x() < 0 || projected->y() < 0 ||
+      projected->x() >= camera.width_px || projected->y() >= camera.height_px) {
+    return false;
+  }
+  *pixel = *projected;
+  return true;
+}
+
+std::vector<Detector::Candidate> Detector::SeePoints(
+    const Exposure& exposure) const {
+  const Eigen::Vector3d center = exposure.cam_from_world.Center();
+  const Eigen::Vector3d center_in_level =
+      world_.road.level_from_world() * center;
+  const double scale = DistanceScale(exposure.camera);
+  const uint64_t seed =
+      RandomOf(options_.random_seed, Effect::kDetection, exposure.Key())
+          .NextBits();
+  std::vector<Candidate> candidates;
+  const auto look = [&](int identity) {
+    const WorldPoint& point = world_.points[identity];
+    const Eigen::Vector3d view = center - point.position;
+    const double distance = view.norm();
+    if (distance * scale < point.min_distance_m ||
+        distance * scale > point.max_distance_m ||
+        view.dot(point.best_view) < point.min_cos_turn * distance) {
+      return;
+    }
+    if (point.normal != Eigen::Vector3d::Zero() &&
+        view.dot(point.normal) < kMinCosToNormal * distance) {
+      return;
+    }
+    if (point.repeatability < 1.0 &&
+        Random(seed, identity).Uniform() > point.repeatability) {
+      return;
+    }
+    Candidate candidate{identity, point.strength, {}};
+    if (!Project(exposure, point.position, &candidate.pixel)) return;
+    if (world_.IsHidden(point.position, center)) return;
+    candidates.push_back(candidate);
+  };
+  world_.index.ForEachNear(center_in_level.head<2>(), scale, look);
+  return candidates;
+}
+
+std::vector<Detector::Candidate> Detector::SeeVehicles(
+    const Exposure& exposure) const {
+  const double scale = DistanceScale(exposure.camera);
+  const Eigen::Vector3d center = exposure.cam_from_world.Center();
+  const uint64_t seed =
+      RandomOf(options_.random_seed, Effect::kVehicleDetection, exposure.Key())
+          .NextBits();
+  std::vector<Candidate> candidates;
+  for (size_t i = 0; i < vehicles_->size(); ++i) {
+    const int vehicle = static_cast<int>(i);
+    if (!vehicles_->IsThere(vehicle, exposure.time_s)) continue;
+    const Rigid3 world_from_vehicle =
+        vehicles_->WorldFromVehicle(vehicle, exposure.time_s);
+    int identity = vehicle_offsets_[i] - 1;
+    for (const VehiclePoint& point : vehicles_->Points(vehicle)) {
+      ++identity;
+      const Eigen::Vector3d position = world_from_vehicle * point.position;
+      const Eigen::Vector3d view = center - position;
+      const double distance = view.norm();
+      if (distance * scale < point.min_distance_m ||
+          distance * scale > point.max_distance_m ||
+          view.dot(world_from_vehicle.rotation * point.normal) <
+              kMinCosToNormal * distance ||
+          Random(seed, identity).Uniform() > options_.repeatability) {
+        continue;
+      }
+      Candidate candidate{identity, point.strength, {}};
+      if (Project(exposure, position, &candidate.pixel)) {
+        candidates.push_back(candidate);
+      }
+    }
+  }
+  return candidates;
+}
+
+void Detector::AppendStrongest(const Exposure& exposure,
+                               size_t max_num_features,
+                               std::vector<Candidate> candidates,
+                               Features* features) const {
+  if (candidates.size() > max_num_features) {
+    std::nth_element(
+        candidates.begin(), candidates.begin() + max_num_features,
+        candidates.end(), [](const Candidate& a, const Candidate& b) {
+          return a.strength != b.strength ? a.strength > b.strength
+                                          : a.identity < b.identity;
+        });
+    candidates.resize(max_num_features);
+  }
+  std::sort(candidates.begin(), candidates.end(),
+            [](const Candidate& a, const Candidate& b) {
+              return a.identity < b.identity;
+            });
+  for (const Candidate& candidate : candidates) {
+    Eigen::Vector2d pixel = candidate.pixel;
+    if (options_.pixel_noise_px > 0.0) {
+      Random random = RandomOfFeature(options_.random_seed, Effect::kPixelNoise,
+                                      exposure, candidate.identity);
+      pixel.x() += options_.pixel_noise_px * random.Normal();
+      pixel.y() += options_.pixel_noise_px * random.Normal();
+    }
+    Append(exposure.camera, candidate.identity, pixel, features);
+  }
+}
+
+void Detector::AppendClutter(const Exposure& exposure, int num_features,
+                             Features* features) const {
+  const SimulatedCamera& camera = rig_[exposure.camera];
+  Random random =
+      RandomOf(options_.random_seed, Effect::kClutter, exposure.Key());
+  for (int i = 0; i < num_features; ++i) {
+    const double x = random.Uniform(0.0, camera.width_px);
+    const double y = random.Uniform(0.0, camera.height_px);
+    Append(exposure.camera, kClutter, {x, y}, features);
+  }
+}
+
+bool Detector::Append(int camera_number, int identity,
+                      const Eigen::Vector2d& pixel, Features* features) const {
+  const SimulatedCamera& camera = rig_[camera_number];
+  const Eigen::Vector2f keypoint = pixel.cast<float>();
+  const auto ray =
+      RayFromPixel(camera.model, camera.params.data(), keypoint.cast<double>());
+  if (!ray) return false;
+  features->identities.push_back(identity);
+  features->keypoints_px.push_back(keypoint);
+  features->rays.push_back(*ray);
+  return true;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/synthetic/simulation.h"
+
+namespace mgsfm {
+
+// How the rig moves: poses at increasing times, and which of them are frames.
+struct Drive {
+  std::vector<Rigid3> rig_from_world;
+  std::vector<double> times_s;
+  std::vector<int> pose_of_frame;
+  bool is_closed = false;  // the first frame comes after the last one again
+
+  // With constant velocity between two poses and beyond the ends.
+  Rigid3 PoseAt(double time_s) const;
+  int num_frames() const { return static_cast<int>(pose_of_frame.size()); }
+  const Rigid3& PoseOfFrame(int frame) const {
+    return rig_from_world[pose_of_frame[frame]];
+  }
+  double TimeOfFrame(int frame) const { return times_s[pose_of_frame[frame]]; }
+};
+
+// The path of `input`, or else of `options`. Throws Error for times that do not
+// increase or do not fit the poses.
+Drive MakeDrive(const SimulationOptions& options, const SimulationInput& input);
+
+}  // namespace mgsfm

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "synthetic/pair_selection.h"
+
+namespace mgsfm {
+
+struct MadePair {
+  ImagePair pair;
+  PairKind kind;
+  std::vector<Match> raw_matches;
+};
+
+// Matches and verifies images: from what both show, with mismatches and
+// outliers, to what passes for verified, with an estimate of the relative pose.
+class PairMaker {
+ public:
+  // All arguments must stay alive.
+  PairMaker(const SimulationOptions& options,
+            const std::vector<SimulatedCamera>& rig, const World& world,
+            const Vehicles* vehicles, const Detector& detector,
+            const Photographs& photographs);
+
+  // nullopt if too little is in common, or too little of it passes.
+  std::optional<MadePair> Make(const PairPlan& plan) const;
+
+  // The same for matches that follow a relative pose of any kind.
+  std::optional<MadePair> Verify(int image1, int image2, PairKind kind,
+                                 const Rigid3& cam2_from_cam1,
+                                 std::vector<Match> raw_matches) const;
+
+  // As an angle, for both images alike.
+  double ErrorInRadians(int image1, int image2, double error_px) const;
+
+ private:
+  struct Hypothesis {
+    PairKind kind;
+    Rigid3 cam2_from_cam1;
+    std::vector<Match> inliers;
+  };
+
+  Rigid3 RelativePose(const PairPlan& plan) const;
+  std::vector<Match> Correspondences(const PairPlan& plan) const;
+  int AppearanceOf(int identity, int duplicate, bool is_copy) const;
+  void AddMismatches(const PairPlan& plan, std::vector<Match>* matches) const;
+  void MoveAlongEpipolarLines(const PairPlan& plan,
+                              const Rigid3& cam2_from_cam1,
+                              std::vector<Match>* matches) const;
+  std::optional<MadePair> MakeRandomPair(const PairPlan& plan,
+                                         std::vector<Match> matches) const;
+  bool Passes(const Rigid3& cam2_from_cam1, int image1, int image2,
+              const Match& match, double max_error_rad) const;
+  std::vector<Match> Inliers(const Rigid3& cam2_from_cam1, int image1,
+                             int image2,
+                             const std::vector<Match>& matches) const;
+  std::optional<Hypothesis> MotionOfVehicle(
+      int image1, int image2, const std::vector<Match>& matches) const;
+  MadePair Finish(int image1, int image2, Hypothesis hypothesis) const;
+  Rigid3 Estimate(int image1, int image2, const Hypothesis& hypothesis) const;
+  bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
+  uint64_t KeyOf(int image1, int image2) const;
+  const Eigen::Vector3d& Ray1(int image, const Match& match) const {
+    return photographs_.features[image].rays[match.keypoint_idx1];
+  }
+  const Eigen::Vector3d& Ray2(int image, const Match& match) const {
+    return photographs_.features[image].rays[match.keypoint_idx2];
+  }
+
+  const SimulationOptions& options_;
+  const std::vector<SimulatedCamera>& rig_;
+  const World& world_;
+  const Vehicles* vehicles_;
+  const Detector& detector_;
+  const Photographs& photographs_;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+
+// What is drawn at random. Each has numbers of its own, so that switching one
+// effect on leaves all others as they were.
+enum class Effect : uint64_t {
+  kFacades,
+  kStreetFurniture,
+  kPoints,
+  kDuplicates,
+  kDetection,
+  kPixelNoise,
+  kClutter,
+  kVehicles,
+  kVehicleDetection,
+  kMissingImages,
+  kTriggerJitter,
+  kMismatches,
+  kEpipolarOutliers,
+  kPairEstimates,
+  kRandomPairs,
+  kIsolatedPairs,
+};
+
+// A seed for all items of an effect: Random(EffectSeed(...), item).
+inline uint64_t EffectSeed(uint64_t seed, Effect effect) {
+  return Random(seed, static_cast<uint64_t>(effect) + 1).NextBits();
+}
+
+inline Random RandomOf(uint64_t seed, Effect effect, uint64_t item = 0) {
+  return Random(EffectSeed(seed, effect), item);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// A mapper that is told to stop, or killed.
+#include <fcntl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <csignal>
+#include <sstream>
+#include <vector>
+
+#include "cli/program_runs.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+// The program, running beside the test, and what it says.
+class RunningProgram {
+ public:
+  explicit RunningProgram(std::vector<std::string> arguments) {
+    int ends[2];
+    MGSFM_CHECK(pipe2(ends, O_CLOEXEC) == 0);
+    arguments.insert(arguments.begin(), MGSFM_EXECUTABLE);
+    std::vector<char*> argv;
+    for (std::string& argument : arguments) argv.push_back(argument.data());
+    argv.push_back(nullptr);
+    pid_ = fork();
+    MGSFM_CHECK(pid_ >= 0);
+    if (pid_ == 0) {
+      dup2(ends[1], STDERR_FILENO);
+      execv(argv[0], argv.data());
+      _exit(127);
+    }
+    close(ends[1]);
+    from_program_ = ends[0];
+  }
+  ~RunningProgram() {
+    if (is_running_) kill(pid_, SIGKILL);
+    End();
+    close(from_program_);
+  }
+  RunningProgram(const RunningProgram&) = delete;
+  RunningProgram& operator=(const RunningProgram&) = delete;
+
+  void WaitUntilItSays(const std::string& text) {
+    while (output_.err.find(text) == std::string::npos && Read()) {
+    }
+    EXPECT_THAT(output_.err, HasSubstr(text));
+  }
+  void Send(int signal) const { kill(pid_, signal); }
+
+  // Waits for it; exit codes are those of a shell.
+  CommandOutput End() {
+    while (Read()) {
+    }
+    if (is_running_) {
+      int status = 0;
+      waitpid(pid_, &status, 0);
+      is_running_ = false;
+      output_.exit_code =
+          WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+      ended_by_signal_ = WIFSIGNALED(status);
+    }
+    return output_;
+  }
+  bool EndedBySignal() const { return ended_by_signal_; }
+
+ private:
+  bool Read() {
+    char buffer[4096];
+    ssize_t size = 0;
+    do {
+      size = read(from_program_, buffer, sizeof(buffer));
+    } while (size < 0 && errno == EINTR);
+    if (size <= 0) return false;
+    output_.err.append(buffer, static_cast<size_t>(size));
+    return true;
+  }
+
+  pid_t pid_ = -1;
+  int from_program_ = -1;
+  bool is_running_ = true;
+  bool ended_by_signal_ = false;
+  CommandOutput output_;
+};
+
+// A mapper that colours points from large images, which keeps it busy for a
+// second at its end; and an earlier output.
+class Interruption : public testing::Test {
+ protected:
+  Interruption() {
+    fs::copy_file(DemoDatabase(), Path("in.db"));
+    fs::create_directories(Out() + "/0");
+    WriteTextFile(Out() + "/0/images.bin", "earlier");
+    PutImages();
+  }
+
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  std::string Out() const { return Path("out"); }
+
+  // One picture under the names of all images.
+  void PutImages() const {
+    constexpr int kSize = 2000;
+    std::ostringstream ppm;
+    ppm << "P6 " << kSize << ' ' << kSize << " 255\n"
+        << std::string(size_t{3} * kSize * kSize, '\x7f');
+    WriteTextFile(Path("picture.ppm"), ppm.str());
+    for (int sensor = 0; sensor < 4; ++sensor) {
+      const fs::path folder =
+          dir_.path() / "images" / ("cam" + std::to_string(sensor));
+      fs::create_directories(folder);
+      for (int frame = 0; frame < 24; ++frame) {
+        const std::string number = std::to_string(frame);
+        const std::string name =
+            std::string(6 - number.size(), '0') + number + ".png";
+        fs::create_symlink(Path("picture.ppm"), folder / name);
+      }
+    }
+  }
+
+  std::vector<std::string> MapperArguments() const {
+    return {"mapper", "--database_path", Path("in.db"),  "--output_path",
+            Out(),    "--image_path",    Path("images"), "--num_threads",
+            "1",      "--log_level",     "debug"};
+  }
+
+  void ExpectStopped(int signal, const std::string& when) const {
+    const Files before = FilesIn(dir_.path());
+    RunningProgram mapper(MapperArguments());
+    mapper.WaitUntilItSays(when);
+    mapper.Send(signal);
+    const CommandOutput output = mapper.End();
+    EXPECT_EQ(output.exit_code, 128 + signal) << when << output.err;
+    EXPECT_TRUE(mapper.EndedBySignal());
+    EXPECT_THAT(LastWord(output),
+                AllOf(HasSubstr("stopped by signal " + std::to_string(signal)),
+                      HasSubstr("nothing was written")));
+    EXPECT_TRUE(FilesIn(dir_.path()) == before) << when;
+  }
+
+  const TempDir dir_;
+};
+
+constexpr const char* kStages[] = {"reading started",
+                                   "rays started",
+                                   "view graph started",
+                                   "rotation averaging started",
+                                   "tracks started",
+                                   "translation averaging started",
+                                   "bundle adjustment started",
+                                   "writing started"};
+
+TEST_F(Interruption, SigintInEachStageLeavesEverythingAsItWas) {
+  for (const char* stage : kStages) ExpectStopped(SIGINT, stage);
+}
+
+TEST_F(Interruption, SigtermInEachStageLeavesEverythingAsItWas) {
+  for (const char* stage : kStages) ExpectStopped(SIGTERM, stage);
+}
+
+TEST_F(Interruption, SighupIsNoDifferent) {
+  ExpectStopped(SIGHUP, "view graph started");
+}
+
+// As `timeout` and a terminal do at times.
+TEST_F(Interruption, TheSameSignalTwiceAtATime) {
+  RunningProgram mapper(MapperArguments());
+  mapper.WaitUntilItSays("view graph started");
+  for (int i = 0; i < 3; ++i) mapper.Send(SIGTERM);
+  EXPECT_EQ(mapper.End().exit_code, 128 + SIGTERM);
+  EXPECT_EQ(std::distance(fs::directory_iterator(Out()), {}), 1);
+}
+
+// As nohup does.
+TEST_F(Interruption, SignalsThatTheCallerIgnoresStayIgnored) {
+  std::signal(SIGHUP, SIG_IGN);
+  {
+    RunningProgram mapper(MapperArguments());
+    mapper.WaitUntilItSays("view graph started");
+    mapper.Send(SIGHUP);
+    EXPECT_EQ(mapper.End().exit_code, 0);
+  }
+  std::signal(SIGHUP, SIG_DFL);
+}
+
+TEST_F(Interruption, AReaderOfTheLogThatGoesAwayDoesNotMatter) {
+  const CommandOutput output =
+      RunShell(MGSFM_EXECUTABLE " mapper --database_path " + Path("in.db") +
+               " --output_path " + Out() + " --log_level debug 2>&1 | head -1");
+  EXPECT_EQ(output.exit_code, 0);
+  EXPECT_TRUE(fs::exists(Out() + "/report.json"));
+}
+
+// A killed run leaves its hidden folder; the next one clears it away.
+TEST_F(Interruption, WhatAKilledRunLeavesIsRemovedByTheNextOne) {
+  for (const bool is_new : {false, true}) {
+    if (is_new) fs::remove_all(Out());
+    const size_t num_before = FilesIn(dir_.path()).size();
+    {
+      RunningProgram mapper(MapperArguments());
+      mapper.WaitUntilItSays("tracks started");
+      mapper.Send(SIGKILL);
+      EXPECT_EQ(mapper.End().exit_code, 128 + SIGKILL);
+    }
+    EXPECT_EQ(FilesIn(dir_.path()).size(), num_before + 1);
+    const CommandOutput output = RunMgsfm(
+        "mapper --database_path " + Path("in.db") + " --output_path " + Out());
+    EXPECT_EQ(output.exit_code, 0) << output.err;
+    for (const auto& file : FilesIn(dir_.path())) {
+      EXPECT_EQ(file.first.find(".mgsfm-"), std::string::npos) << file.first;
+    }
+  }
+}
+
+// The folder of a run that goes on is left alone.
+TEST_F(Interruption, TwoRunsWithOneOutputDoNotDisturbEachOther) {
+  RunningProgram mapper(MapperArguments());
+  mapper.WaitUntilItSays("view graph started");
+  EXPECT_EQ(RunMgsfm("mapper --database_path " + Path("in.db") +
+                     " --output_path " + Out())
+                .exit_code,
+            0);
+  const CommandOutput output = mapper.End();
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_TRUE(fs::exists(Out() + "/0/points3D.bin"));
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// From a model back to the scene and reconstruction it was written from.
+#include "mgsfm/io/model_scene.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "io/test_database.h"
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/io/rig_config.h"
+#include "mgsfm/synthetic/simulation.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+Simulation SmallDrive(double missing_image_ratio = 0.0) {
+  SimulationOptions options;
+  options.rig = RigPreset::kKitti360;
+  options.num_frames = 6;
+  options.num_points_per_frame = 40;
+  options.max_num_features_per_image = 30;
+  options.missing_image_ratio = missing_image_ratio;
+  return Simulate(options);
+}
+
+Model Written(const Simulation& simulation) {
+  const TempDir dir;
+  WriteModel(dir.path(), simulation.scene, simulation.ground_truth,
+             ModelFormat::kBinary);
+  return ReadModel(dir.path());
+}
+
+// As COLMAP 3.8 has it.
+Model WithoutTables(Model model) {
+  model.poses.rigs.clear();
+  model.poses.frames.clear();
+  return model;
+}
+
+ModelScene Load(const Model& model, const std::string& rig_name_rule = "auto") {
+  SceneLoadingOptions options;
+  options.rig_name_rule = rig_name_rule;
+  return MakeModelScene(model, "folder", options, Context());
+}
+
+std::string ErrorOfLoading(const Model& model) {
+  return ErrorOf([&] { (void)Load(model); });
+}
+
+void ExpectSamePose(const Rigid3& a, const Rigid3& b) {
+  EXPECT_LT(AngleBetween(a.rotation, b.rotation), 1e-7);
+  EXPECT_LT((a.translation - b.translation).norm(), 1e-9);
+}
+
+void ExpectSamePoses(const ModelScene& loaded, const Simulation& simulation) {
+  const Reconstruction& truth = simulation.ground_truth;
+  ASSERT_EQ(loaded.scene.sensors.size(), truth.sensor_from_rig.size());
+  ASSERT_EQ(loaded.scene.frames.size(), truth.rig_from_world.size());
+  for (size_t i = 0; i < truth.sensor_from_rig.size(); ++i) {
+    ExpectSamePose(*loaded.reconstruction.sensor_from_rig[i],
+                   *truth.sensor_from_rig[i]);
+  }
+  for (size_t i = 0; i < truth.rig_from_world.size(); ++i) {
+    ExpectSamePose(*loaded.reconstruction.rig_from_world[i],
+                   *truth.rig_from_world[i]);
+  }
+}
+
+TEST(ModelSceneTest, HoldsWhatWasWritten) {
+  const Simulation simulation = SmallDrive(0.2);
+  const ModelScene loaded = Load(Written(simulation));
+  CheckConsistent(loaded.scene);
+  EXPECT_THAT(loaded.rig_source, HasSubstr("of the model"));
+  ExpectSamePoses(loaded, simulation);
+  ASSERT_EQ(loaded.scene.images.size(), simulation.scene.images.size());
+  for (size_t i = 0; i < loaded.scene.images.size(); ++i) {
+    const Image& image = simulation.scene.images[i];
+    EXPECT_EQ(loaded.scene.images[i].name, image.name);
+    EXPECT_EQ(loaded.scene.images[i].keypoints_px, image.keypoints_px);
+    EXPECT_EQ(loaded.scene.images[i].frame_idx, image.frame_idx);
+    EXPECT_EQ(loaded.scene.images[i].sensor_idx, image.sensor_idx);
+  }
+  const auto& points = simulation.ground_truth.points;
+  ASSERT_EQ(loaded.reconstruction.points.size(), points.size());
+  for (size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(loaded.reconstruction.points[i].point_in_world,
+              points[i].point_in_world);
+    EXPECT_EQ(loaded.reconstruction.points[i].track, points[i].track);
+  }
+}
+
+// A model is an estimate, but for intrinsics, of which it says nothing.
+TEST(ModelSceneTest, IntrinsicsAreKnownAndPosesInTheRigAreNot) {
+  const ModelScene loaded = Load(Written(SmallDrive()));
+  for (const Camera& camera : loaded.scene.cameras) {
+    EXPECT_TRUE(camera.has_prior_focal_length);
+  }
+  for (size_t i = 0; i < loaded.scene.sensors.size(); ++i) {
+    EXPECT_EQ(loaded.scene.sensors[i].sensor_from_rig.has_value(),
+              loaded.scene.IsReference(static_cast<int>(i)));
+  }
+}
+
+TEST(ModelSceneTest, RigConfigurationGivesKnownPoses) {
+  const Simulation simulation = SmallDrive();
+  const TempDir dir;
+  const std::string path = (dir.path() / "rig_config.json").string();
+  WriteRigConfig(path, simulation.scene, simulation.ground_truth);
+  SceneLoadingOptions options;
+  options.rig_config_path = path;
+  const ModelScene loaded =
+      MakeModelScene(Written(simulation), "folder", options, Context());
+  for (const Sensor& sensor : loaded.scene.sensors) {
+    EXPECT_TRUE(sensor.sensor_from_rig.has_value());
+  }
+  ExpectSamePoses(loaded, simulation);
+}
+
+TEST(ModelSceneTest, ModelsWithoutTablesGetRigsFromNames) {
+  const Simulation simulation = SmallDrive(0.3);
+  const ModelScene loaded = Load(WithoutTables(Written(simulation)));
+  EXPECT_EQ(loaded.rig_source, "image names");
+  EXPECT_EQ(loaded.scene.rigs.size(), 1u);
+  for (size_t i = 0; i < simulation.scene.images.size(); ++i) {
+    const int idx = static_cast<int>(i);
+    const auto pose = loaded.reconstruction.CamFromWorld(loaded.scene, idx);
+    ASSERT_TRUE(pose.has_value());
+    ExpectSamePose(
+        *pose, *simulation.ground_truth.CamFromWorld(simulation.scene, idx));
+  }
+}
+
+// COLMAP 3.8 places images one by one, and some of them wrongly.
+TEST(ModelSceneTest, FewWrongImagesDoNotMoveTheRig) {
+  const Simulation simulation = SmallDrive();
+  Model model = WithoutTables(Written(simulation));
+  for (size_t i = 0; i < model.poses.images.size(); ++i) {
+    ModelImage& image = model.poses.images[i];
+    if (image.name.find("000002") == std::string::npos) continue;
+    image.cam_from_world =
+        Rigid3{ExpSO3({0.1, 0.3 + 0.1 * static_cast<double>(i), 0.0}),
+               {1.0, 2.0, 0.1 * static_cast<double>(i)}} *
+        image.cam_from_world;
+  }
+  const ModelScene loaded = Load(model);
+  for (size_t i = 0; i < loaded.scene.sensors.size(); ++i) {
+    ExpectSamePose(*loaded.reconstruction.sensor_from_rig[i],
+                   *simulation.ground_truth.sensor_from_rig[i]);
+  }
+}
+
+TEST(ModelSceneTest, TablesThatLeaveOutAnImageAreNotUsed) {
+  Model model = Written(SmallDrive());
+  model.poses.frames.pop_back();
+  EXPECT_EQ(Load(model).rig_source, "image names");
+}
+
+TEST(ModelSceneTest, FramesMayNameImagesThatTheModelLacks) {
+  const Simulation simulation = SmallDrive();
+  Model model = Written(simulation);
+  model.poses.frames[0].image_ids.emplace_back(999);
+  ExpectSamePoses(Load(model), simulation);
+}
+
+TEST(ModelSceneTest, SingleImagesOnRequest) {
+  const ModelScene loaded = Load(Written(SmallDrive()), "none");
+  EXPECT_EQ(loaded.scene.frames.size(), loaded.scene.images.size());
+  EXPECT_EQ(loaded.scene.rigs.size(), loaded.scene.cameras.size());
+}
+
+TEST(ModelSceneTest, EmptyModelIsAnError) {
+  EXPECT_THAT(ErrorOfLoading(Model()), HasSubstr("model 'folder': it has no"));
+}
+
+TEST(ModelSceneTest, ImageThatContradictsItsFrameIsNamed) {
+  Model model = Written(SmallDrive());
+  model.poses.images[7].cam_from_world.translation.x() += 0.1;
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr("model 'folder'"),
+                    HasSubstr("'" + model.poses.images[7].name + "'"),
+                    HasSubstr("--rig_name_rule")));
+}
+
+TEST(ModelSceneTest, ImagesOfOneNameThatDoNotMoveTogetherAreNoRig) {
+  Model model = WithoutTables(Written(SmallDrive()));
+  Random random(2);
+  for (ModelImage& image : model.poses.images) {
+    image.cam_from_world.rotation =
+        ExpSO3({random.Normal(), random.Normal(), random.Normal()});
+  }
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr("'cam1'"), HasSubstr("--rig_name_rule none")));
+  EXPECT_EQ(Load(model, "none").scene.frames.size(), model.poses.images.size());
+}
+
+TEST(ModelSceneTest, SensorThatNothingPlacesIsNamed) {
+  const Simulation simulation = SmallDrive();
+  const TempDir dir;
+  const std::string path = (dir.path() / "rig_config.json").string();
+  std::vector<RigConfig> rigs(1);
+  for (const char* prefix : {"cam0/", "cam1/", "cam2/", "cam3/"}) {
+    rigs[0].cameras.push_back({prefix, rigs[0].cameras.empty(), {}, {}, {}});
+  }
+  WriteRigConfig(path, rigs);
+  Model model = Written(simulation);
+  // cam3 took its images at other instants than all others.
+  for (ModelImage& image : model.poses.images) {
+    if (image.name.substr(0, 5) == "cam3/") image.name.insert(5, "late");
+  }
+  SceneLoadingOptions options;
+  options.rig_config_path = path;
+  EXPECT_THAT(ErrorOf([&] {
+                (void)MakeModelScene(model, "folder", options, Context());
+              }),
+              AllOf(HasSubstr("'cam3'"), HasSubstr("--rig_config_path")));
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <vector>
+
+#include "geometry/test_cameras.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/least_squares/rig_problem.h"
+
+namespace mgsfm {
+
+inline Context Threads(int num_threads) {
+  Context context;
+  context.num_threads = num_threads;
+  return context;
+}
+
+inline Eigen::Vector3d RandomVector(double size, Random* random) {
+  return size *
+         Eigen::Vector3d(random->Normal(), random->Normal(), random->Normal());
+}
+
+// A drive of a rig past a cloud of points.
+struct RigSceneOptions {
+  std::vector<TestCamera> cameras;  // one for each sensor
+  int num_frames = 6;
+  int num_points = 60;
+  int num_frames_of_point = 4;  // in a row; all sensors
+  bool rotations_are_free = true;
+  bool sensors_are_free = true;  // but the first
+  bool params_are_free = false;
+  bool points_are_free = true;
+  double noise_px = 0.0;
+  uint64_t seed = 1;
+};
+
+template <class Observation>
+struct RigScene {
+  RigProblem<Observation> problem;
+  RigState truth;
+};
+
+inline PoseMask MakeMask(bool turns, bool shifts) {
+  PoseMask mask;
+  mask << (turns ? 1 : 0), (turns ? 1 : 0), (turns ? 1 : 0), (shifts ? 1 : 0),
+      (shifts ? 1 : 0), (shifts ? 1 : 0);
+  return mask;
+}
+
+inline Eigen::Vector3d PointInCamera(const RigProblemBase& problem,
+                                     const RigState& state, int image_idx,
+                                     const Eigen::Vector3d& point) {
+  const RigProblemBase::Image& image = problem.images[image_idx];
+  const FramePose& frame = state.frames[image.frame];
+  return state.sensors[image.sensor] *
+         (frame.rig_from_world * (point - frame.center));
+}
+
+inline void AddPosesAndImages(const RigSceneOptions& options, Random* random,
+                              RigProblemBase* problem, RigState* state) {
+  const bool turns = options.rotations_are_free;
+  for (int f = 0; f < options.num_frames; ++f) {
+    FramePose frame;
+    frame.rig_from_world = ExpSO3(RandomVector(0.05, random));
+    frame.center =
+        Eigen::Vector3d(0.5 * f, 0.0, 0.0) + RandomVector(0.1, random);
+    state->frames.push_back(frame);
+    problem->frame_masks.push_back(MakeMask(turns && f > 0, f > 0));
+  }
+  // The scale: one coordinate of one frame.
+  problem->frame_masks.back()[3] = 0.0;
+  for (size_t s = 0; s < options.cameras.size(); ++s) {
+    const bool is_free = options.sensors_are_free && s > 0;
+    state->sensors.push_back(
+        {Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()});
+    if (s > 0) {
+      state->sensors[s] = {ExpSO3(RandomVector(0.05, random)),
+                           RandomVector(0.3, random)};
+    }
+    problem->sensor_masks.push_back(MakeMask(turns && is_free, is_free));
+    for (int f = 0; f < options.num_frames; ++f) {
+      problem->images.push_back({f, static_cast<int>(s), static_cast<int>(s)});
+    }
+    const TestCamera& camera = options.cameras[s];
+    CameraParams params{};
+    std::copy(camera.params.begin(), camera.params.end(), params.begin());
+    state->cameras.push_back(params);
+    RigProblemBase::Camera free{camera.model, {}};
+    for (size_t i = 0; options.params_are_free && i < camera.params.size();
+         ++i) {
+      free.free_params.push_back(static_cast<int>(i));
+      // Some are not observable here.
+      problem->priors.push_back({static_cast<int>(s), static_cast<int>(i),
+                                 camera.params[i] * (1.0 + 1e-3),
+                                 0.01 * (std::abs(camera.params[i]) + 0.01)});
+    }
+    problem->cameras.push_back(free);
+  }
+  problem->points_are_free = options.points_are_free;
+}
+
+// Calls function(image, x) for all sensors of some frames in a row, and
+// finishes the point. The point is ahead of the middle one.
+template <class Function>
+void AddPoints(const RigSceneOptions& options, Random* random,
+               RigProblemBase* problem, RigState* state,
+               const Function& function) {
+  size_t num_observations = 0;
+  for (int p = 0; p < options.num_points; ++p) {
+    const int first = static_cast<int>(
+        p % (options.num_frames - options.num_frames_of_point + 1));
+    const int middle = first + options.num_frames_of_point / 2;
+    state->points.push_back(state->frames[middle].center +
+                            Eigen::Vector3d(random->Uniform() * 4.0 - 2.0,
+                                            random->Uniform() * 4.0 - 2.0,
+                                            4.0 + 4.0 * random->Uniform()));
+    // Not in the order of frames.
+    for (size_t s = 0; s < options.cameras.size(); ++s) {
+      for (int f = first; f < first + options.num_frames_of_point; ++f) {
+        const int image = static_cast<int>(s) * options.num_frames + f;
+        num_observations += function(
+            image, PointInCamera(*problem, *state, image, state->points[p]));
+      }
+    }
+    problem->point_begin.push_back(num_observations);
+  }
+}
+
+inline RigScene<PixelObservation> MakePixelScene(
+    const RigSceneOptions& options) {
+  RigScene<PixelObservation> scene;
+  Random random(options.seed);
+  AddPosesAndImages(options, &random, &scene.problem, &scene.truth);
+  AddPoints(options, &random, &scene.problem, &scene.truth,
+            [&](int image, const Eigen::Vector3d& x) {
+              const int camera = scene.problem.images[image].camera;
+              auto pixel =
+                  ProjectToPixel(scene.problem.cameras[camera].model,
+                                 scene.truth.cameras[camera].data(), x);
+              if (!pixel) return false;
+              *pixel += options.noise_px *
+                        Eigen::Vector2d(random.Normal(), random.Normal());
+              scene.problem.observations.push_back({image, *pixel});
+              return true;
+            });
+  return scene;
+}
+
+// With rays, held rotations, and terms of all kinds between images.
+inline RigScene<RayObservation> MakeRayScene(RigSceneOptions options,
+                                             double noise) {
+  RigScene<RayObservation> scene;
+  RigProblem<RayObservation>& problem = scene.problem;
+  options.rotations_are_free = false;
+  options.params_are_free = false;
+  Random random(options.seed);
+  AddPosesAndImages(options, &random, &problem, &scene.truth);
+  problem.loss = {RobustLossType::kCauchy, 0.02};
+  AddPoints(
+      options, &random, &problem, &scene.truth,
+      [&](int image, const Eigen::Vector3d& x) {
+        problem.observations.push_back(
+            {image,
+             (x.normalized() + RandomVector(noise, &random)).normalized()});
+        return true;
+      });
+  const auto center = [&](int image) -> Eigen::Vector3d {
+    const Rigid3& sensor = scene.truth.sensors[problem.images[image].sensor];
+    const FramePose& frame = scene.truth.frames[problem.images[image].frame];
+    return frame.center + frame.rig_from_world.conjugate() * sensor.Center();
+  };
+  const int num_images = static_cast<int>(problem.images.size());
+  for (int i = 0; i < 4 * num_images; ++i) {
+    BaselineTerm term;
+    term.kind = static_cast<BaselineTerm::Kind>(i % 3);
+    term.image1 = i % num_images;
+    term.image2 = (5 * i + 3) % num_images;
+    if (term.image1 == term.image2) continue;
+    const Eigen::Vector3d baseline = center(term.image2) - center(term.image1);
+    term.direction =
+        (baseline.normalized() + RandomVector(noise, &random)).normalized();
+    term.length = baseline.norm() * (1.0 + noise * random.Normal());
+    term.min_length = 1e-4 * term.length;
+    term.weight = term.kind == BaselineTerm::Kind::kZero ? 1e-4 : 0.3;
+    problem.baselines.push_back(term);
+  }
+  LinearTerm term;
+  for (int s = 0; s < static_cast<int>(options.cameras.size()); ++s) {
+    term.parts.push_back({false, s, RandomVector(1.0, &random)});
+  }
+  term.parts.push_back({true, 1, RandomVector(1.0, &random)});
+  term.weight = 0.1;
+  problem.linear_terms.push_back(term);
+  problem.cameras.clear();
+  scene.truth.cameras.clear();
+  for (RigProblemBase::Image& image : problem.images) image.camera = -1;
+  return scene;
+}
+
+// Moves all that is free by normal noise.
+inline void Perturb(const RigProblemBase& problem, double size, Random* random,
+                    RigState* state) {
+  const auto masked = [&](const PoseMask& mask) {
+    PoseVector v;
+    v << RandomVector(0.2 * size, random), RandomVector(size, random);
+    return PoseVector(v.cwiseProduct(mask));
+  };
+  for (size_t i = 0; i < state->frames.size(); ++i) {
+    const PoseVector d = masked(problem.frame_masks[i]);
+    FramePose& pose = state->frames[i];
+    pose.rig_from_world = ExpSO3(d.head<3>()) * pose.rig_from_world;
+    pose.center += d.tail<3>();
+  }
+  for (size_t i = 0; i < state->sensors.size(); ++i) {
+    const PoseVector d = masked(problem.sensor_masks[i]);
+    state->sensors[i].rotation =
+        ExpSO3(d.head<3>()) * state->sensors[i].rotation;
+    state->sensors[i].translation += d.tail<3>();
+  }
+  if (!problem.points_are_free) return;
+  for (Eigen::Vector3d& point : state->points) {
+    point += RandomVector(size, random);
+  }
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/matching/match_list.h"
+
+#include <gtest/gtest.h>
+
+#include <sstream>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+const std::vector<std::string> kNames = {"a/1.png", "a/2.png", "b c/1.png",
+                                         "b c/2.png"};
+
+ImagePairList Pairs(const std::string& text) {
+  std::istringstream stream(text);
+  return ReadPairList(stream, "pairs.txt", kNames);
+}
+
+std::vector<ListedMatches> Matches(const std::string& text) {
+  std::istringstream stream(text);
+  return ReadMatchList(stream, "matches.txt", kNames);
+}
+
+template <class Function>
+std::string ErrorOf(const Function& function) {
+  try {
+    function();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(PairList, IsSortedAndWithoutRepetition) {
+  EXPECT_EQ(Pairs("# pairs\n"
+                  "a/2.png a/1.png\r\n"
+                  "\n"
+                  "  a/1.png\tb c/2.png  \n"
+                  "a/1.png a/2.png\n"
+                  "b c/1.png b c/2.png"),
+            (ImagePairList{{0, 1}, {0, 3}, {2, 3}}));
+  EXPECT_TRUE(Pairs("").empty());
+}
+
+TEST(PairList, ErrorsNameTheLine) {
+  EXPECT_EQ(ErrorOf([] { Pairs("a/1.png a/2.png\na/1.png c/9.png\n"); }),
+            "pairs.txt, line 2: 'a/1.png c/9.png' is not a pair of images of "
+            "the database; names are relative to the image folder");
+  EXPECT_NE(ErrorOf([] { Pairs("a/1.png"); }), "");
+  EXPECT_NE(ErrorOf([] { Pairs("a/1.png a/1.png"); }), "");
+  EXPECT_NE(ErrorOf([] {
+              std::istringstream stream("x x x");
+              ReadPairList(stream, "", {"x", "x x"});
+            }),
+            "");
+}
+
+TEST(MatchList, MatchesFollowTheOrderOfImages) {
+  const auto lists = Matches(
+      "b c/1.png a/1.png\n"
+      "0 7\n"
+      "5 3\n"
+      "\n"
+      "\n"
+      "a/1.png a/2.png\n"
+      "# a comment\n"
+      "1  2\n"
+      "\n"
+      "a/2.png b c/2.png\n");
+  ASSERT_EQ(lists.size(), 3u);
+  EXPECT_EQ(lists[0].images, (ImageIdxPair{0, 1}));
+  ASSERT_EQ(lists[0].matches.size(), 1u);
+  EXPECT_EQ(lists[0].matches[0].keypoint_idx1, 1u);
+  EXPECT_EQ(lists[0].matches[0].keypoint_idx2, 2u);
+  EXPECT_EQ(lists[1].images, (ImageIdxPair{0, 2}));
+  ASSERT_EQ(lists[1].matches.size(), 2u);
+  EXPECT_EQ(lists[1].matches[0].keypoint_idx1, 7u);
+  EXPECT_EQ(lists[1].matches[0].keypoint_idx2, 0u);
+  EXPECT_TRUE(lists[2].matches.empty());
+}
+
+TEST(MatchList, ErrorsNameTheLine) {
+  EXPECT_EQ(ErrorOf([] { Matches("a/1.png a/2.png\n0 1\n2 x\n"); }),
+            "matches.txt, line 3: '2 x' is not a match, two numbers of "
+            "keypoints");
+  for (const char* match : {"1", "1 2 3", "-1 2", "1.5 2", "99999999999 1"}) {
+    EXPECT_NE(ErrorOf([&] {
+                Matches(std::string("a/1.png a/2.png\n") + match + "\n");
+              }),
+              "")
+        << match;
+  }
+  EXPECT_NE(ErrorOf([] { Matches("a/1.png a/2.png\n\na/2.png a/1.png\n"); }),
+            "");
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+struct Distribution {
+  double mean = 0.0;
+  double percentile10 = 0.0;
+  double median = 0.0;
+  double percentile90 = 0.0;
+};
+
+Distribution Summarize(std::vector<double> values);
+
+// What verified matches are like, whether they are simulated or real.
+struct MatchStatistics {
+  size_t num_images = 0;
+  size_t num_pairs = 0;
+  Distribution keypoints_per_image;
+  Distribution pairs_per_image;
+  Distribution inliers_per_pair;
+  double inlier_share = 0.0;       // matches of a pair per keypoint
+  Distribution track_length;       // keypoints that matches join
+  double track_share_from3 = 0.0;  // of tracks, those of 3 images or more
+  double tracked_share = 0.0;      // keypoints in tracks
+  Distribution parallax_deg;       // of matches, without the rotation
+  // Against true poses: of the matches, those farther than 4 px from the
+  // epipolar geometry, and the error of the others.
+  double outlier_share = 0.0;
+  Distribution error_px;
+};
+
+MatchStatistics ComputeMatchStatistics(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<Rigid3>& true_cam_from_world);
+
+// Rows of a table in Markdown, one column for each of the statistics.
+std::string ToMarkdown(const std::vector<std::string>& titles,
+                       const std::vector<MatchStatistics>& statistics);
+
+}  // namespace mgsfm
