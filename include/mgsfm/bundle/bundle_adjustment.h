@@ -76,7 +76,7 @@ struct BundleAdjustmentOptions {
   double min_triangulation_angle_deg = 1.0;
   double min_two_view_angle_deg = 2.0;
   int min_num_observations = 2;
-  double min_track_share = 0.5;
+  double min_track_share = 0.75;
   int min_num_observations_per_frame = 6;
 
   template <class Self, class Visitor>
