@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
+#include <map>
 #include <tuple>
 #include <utility>
 
@@ -47,6 +48,9 @@ class BackboneSelector {
     return scene_.images[view_graph_.pairs[i].image_idx2].frame_idx;
   }
   bool IsBetweenFrames(size_t i) const { return Frame1(i) != Frame2(i); }
+  std::pair<int, int> Frames(size_t i) const {
+    return std::minmax(Frame1(i), Frame2(i));
+  }
   bool LeavesPart(size_t i) {
     return is_used_[i] && parts_.Find(Frame1(i)) != parts_.Find(Frame2(i));
   }
@@ -55,20 +59,22 @@ class BackboneSelector {
     parts_.Union(Frame1(i), Frame2(i));
   }
 
+  // All pairs of two frames have the strength of the frames.
   void ComputeStrengths() {
-    const std::vector<ImagePair>& pairs = view_graph_.pairs;
-    std::vector<size_t> most(scene_.images.size(), 1);
-    for (size_t i = 0; i < pairs.size(); ++i) {
+    std::map<std::pair<int, int>, size_t> num_matches;  // by frames
+    for (size_t i = 0; i < strengths_.size(); ++i) {
       if (!is_used_[i] || !IsBetweenFrames(i)) continue;
-      for (const int image : {pairs[i].image_idx1, pairs[i].image_idx2}) {
-        most[image] = std::max(most[image], pairs[i].matches.size());
-      }
+      num_matches[Frames(i)] += view_graph_.pairs[i].matches.size();
     }
-    for (size_t i = 0; i < pairs.size(); ++i) {
+    std::vector<size_t> most(scene_.frames.size(), 1);
+    for (const auto& [frames, num] : num_matches) {
+      most[frames.first] = std::max(most[frames.first], num);
+      most[frames.second] = std::max(most[frames.second], num);
+    }
+    for (size_t i = 0; i < strengths_.size(); ++i) {
       if (!is_used_[i] || !IsBetweenFrames(i)) continue;
-      const size_t best =
-          std::min(most[pairs[i].image_idx1], most[pairs[i].image_idx2]);
-      strengths_[i] = static_cast<double>(pairs[i].matches.size()) / best;
+      const size_t best = std::min(most[Frame1(i)], most[Frame2(i)]);
+      strengths_[i] = static_cast<double>(num_matches[Frames(i)]) / best;
     }
   }
 

@@ -15,11 +15,13 @@ namespace mgsfm {
 // only these. So a first estimate is made from the backbone alone, and pairs
 // that its drift cannot explain are left out of the second.
 //
-// The strength of a pair of images of different frames is the number of its
-// matches over that of the best such pair of either image, whichever gives
-// more. Pairs are in the backbone that are stronger than 0.6, or in one frame,
-// or needed to connect its parts: of the pairs that leave a part, those with at
-// least half the strength of the strongest.
+// The strength of two frames is the number of matches of all their pairs over
+// that of the best partner of either frame, whichever gives more: the cameras
+// of a rig vote together, and a pair that is wrong by itself stands alone
+// against all pairs of two neighbours. Pairs are in the backbone whose frames
+// are stronger than 0.6, or in one frame, or needed to connect its parts: of
+// the pairs that leave a part, those with at least half the strength of the
+// strongest.
 //
 // Per pair; false where pair_is_used is.
 std::vector<char> SelectBackbone(const Scene& scene,
