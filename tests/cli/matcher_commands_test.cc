@@ -176,7 +176,7 @@ TEST_F(MatcherCommands, OptionsAreThoseOfColmap) {
   for (const auto& [command, options] : names) {
     const std::string help = RunMgsfm(command + " --help").out;
     for (const std::string& option : options) {
-      EXPECT_THAT(help, HasSubstr("--" + option + " ")) << command;
+      EXPECT_THAT(help, HasSubstr("--" + option + "\n")) << command;
     }
   }
 }
