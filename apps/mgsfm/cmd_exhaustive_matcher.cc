@@ -29,8 +29,9 @@ int RunExhaustiveMatcher(const ExhaustiveMatcherOptions& options,
 }  // namespace
 
 Command ExhaustiveMatcherCommand() {
-  return MakeCommand("exhaustive_matcher", "Matches all pairs of images.",
-                     RunExhaustiveMatcher);
+  return MakeCommandThatGoesOn("exhaustive_matcher",
+                               "Matches all pairs of images.",
+                               RunExhaustiveMatcher);
 }
 
 }  // namespace mgsfm

@@ -34,9 +34,9 @@ int RunMatchesImporter(const MatchesImporterOptions& options,
 }  // namespace
 
 Command MatchesImporterCommand() {
-  return MakeCommand("matches_importer",
-                     "Matches pairs, or verifies matches, of a text file.",
-                     RunMatchesImporter);
+  return MakeCommandThatGoesOn(
+      "matches_importer", "Matches pairs, or verifies matches, of a text file.",
+      RunMatchesImporter);
 }
 
 }  // namespace mgsfm

@@ -31,9 +31,10 @@ int RunSequentialMatcher(const SequentialMatcherOptions& options,
 }  // namespace
 
 Command SequentialMatcherCommand() {
-  return MakeCommand("sequential_matcher",
-                     "Matches images of a rig that moves, and finds loops.",
-                     RunSequentialMatcher);
+  return MakeCommandThatGoesOn(
+      "sequential_matcher",
+      "Matches images of a rig that moves, and finds loops.",
+      RunSequentialMatcher);
 }
 
 }  // namespace mgsfm

@@ -29,8 +29,9 @@ int RunSpatialMatcher(const SpatialMatcherOptions& options,
 }  // namespace
 
 Command SpatialMatcherCommand() {
-  return MakeCommand("spatial_matcher", "Matches images taken near each other.",
-                     RunSpatialMatcher);
+  return MakeCommandThatGoesOn("spatial_matcher",
+                               "Matches images taken near each other.",
+                               RunSpatialMatcher);
 }
 
 }  // namespace mgsfm

@@ -31,9 +31,9 @@ int RunVocabTreeMatcher(const VocabTreeMatcherOptions& options,
 }  // namespace
 
 Command VocabTreeMatcherCommand() {
-  return MakeCommand("vocab_tree_matcher",
-                     "Matches the images that look most alike.",
-                     RunVocabTreeMatcher);
+  return MakeCommandThatGoesOn("vocab_tree_matcher",
+                               "Matches the images that look most alike.",
+                               RunVocabTreeMatcher);
 }
 
 }  // namespace mgsfm

@@ -10,36 +10,6 @@ namespace {
 
 constexpr int kNumLocalIterations = 5;
 
-// Different positions below `size`, which is at least kNum.
-template <size_t kNum>
-std::array<size_t, kNum> DrawSample(size_t size, Random* random) {
-  std::array<size_t, kNum> sample;
-  for (size_t i = 0; i < kNum;) {
-    sample[i] = random->Index(static_cast<uint32_t>(size));
-    const auto end = sample.begin() + i;
-    if (std::find(sample.begin(), end, sample[i]) == end) ++i;
-  }
-  return sample;
-}
-
-// Trials after which a sample of `sample_size` inliers was drawn with the
-// wanted confidence.
-int RequiredTrials(const RansacOptions& options, double inlier_ratio,
-                   int sample_size) {
-  const double success = std::pow(inlier_ratio, sample_size);
-  int num_trials = options.max_num_trials;
-  if (success > 1.0 - 1e-12) {
-    num_trials = 1;
-  } else if (success > 1e-12) {
-    const double trials =
-        std::log(1.0 - options.confidence) / std::log1p(-success);
-    num_trials =
-        static_cast<int>(std::min<double>(num_trials, std::ceil(trials)));
-  }
-  return std::min(std::max(num_trials, options.min_num_trials),
-                  options.max_num_trials);
-}
-
 // The truncated squared Sampson errors without regard to the side, given up
 // above `max_cost`. |E| = sqrt 2.
 double ScoreEssential(const RayMatches& matches, const Eigen::Matrix3d& E,
@@ -174,7 +144,7 @@ std::optional<Model> RunRansac(const RayMatches& matches,
     best = *scored;
     const double inlier_ratio =
         static_cast<double>(best.score.num_inliers) / matches.size();
-    num_trials = RequiredTrials(options, inlier_ratio, kSampleSize);
+    num_trials = RequiredNumTrials(options, inlier_ratio, kSampleSize);
   }
   if (best.score.num_inliers < kSampleSize) return std::nullopt;
   return best.model;

@@ -88,6 +88,9 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
         1, [&](size_t num_matched) { report(begin + num_matched); });
     Write(batch, results);
     report(next);
+    context_.Debug(std::string(stage) + ": " +
+                   std::to_string(span.num_before + num_done + next) + " of " +
+                   std::to_string(total) + " pairs in the database");
   }
   PairMatchingSummary summary{pairs.size(), num_done, 0};
   for (const ImageIdxPair& pair : pairs) {

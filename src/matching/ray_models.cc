@@ -231,17 +231,6 @@ PoseScore ScoreModel(const HomographyProblem& problem, const Eigen::Matrix3d& H,
   return score;
 }
 
-template <int kSize>
-std::array<size_t, kSize> DrawSample(size_t size, Random* random) {
-  std::array<size_t, kSize> sample;
-  for (int i = 0; i < kSize;) {
-    sample[i] = random->Index(static_cast<uint32_t>(size));
-    const auto end = sample.begin() + i;
-    if (std::find(sample.begin(), end, sample[i]) == end) ++i;
-  }
-  return sample;
-}
-
 template <class Problem>
 std::optional<typename Problem::Model> RunRansac(const Problem& problem,
                                                  const RansacOptions& options,
@@ -278,22 +267,6 @@ std::optional<typename Problem::Model> RunRansac(const Problem& problem,
 }
 
 }  // namespace
-
-int RequiredNumTrials(const RansacOptions& options, double inlier_ratio,
-                      int sample_size) {
-  const double success = std::pow(inlier_ratio, sample_size);
-  double num_trials = options.max_num_trials;
-  if (success > 1.0 - 1e-12) {
-    num_trials = 1.0;
-  } else if (success > 1e-12) {
-    num_trials = std::min(
-        num_trials,
-        std::ceil(std::log(1.0 - options.confidence) / std::log1p(-success)));
-  }
-  return std::min(
-      std::max(static_cast<int>(num_trials), options.min_num_trials),
-      options.max_num_trials);
-}
 
 std::optional<Eigen::Matrix3d> EstimateFundamental(const RayMatches& matches,
                                                    const RansacOptions& options,

@@ -12,11 +12,6 @@ namespace mgsfm::internal {
 // Two-view models on unit rays that are not poses, by LO-RANSAC as
 // EstimateRelativePose. Errors are angles in radians.
 
-// Trials that draw a sample without outliers with the confidence of the
-// options, within its limits.
-int RequiredNumTrials(const RansacOptions& options, double inlier_ratio,
-                      int sample_size);
-
 // f2^T F f1 = 0 with F of rank 2, for cameras with unknown intrinsics whose
 // rays are linear in pixels. First-order distance of both rays to the
 // constraint, as SampsonAngle:

@@ -163,8 +163,7 @@ class PairVerifier {
                           static_cast<double>(rays_.size()));
     const int sample_size = IsCalibrated() ? 5 : 7;
     ransac_.max_num_trials = options_.max_num_trials;
-    ransac_.max_num_trials =
-        internal::RequiredNumTrials(ransac_, min_ratio, sample_size);
+    ransac_.max_num_trials = RequiredNumTrials(ransac_, min_ratio, sample_size);
   }
 
   using InlierTest =
@@ -236,7 +235,7 @@ class PairVerifier {
                                           std::optional<Eigen::Matrix3d>* H) {
     RansacOptions ransac = ransac_;
     ransac.max_num_trials =
-        internal::RequiredNumTrials(ransac_, options_.max_H_inlier_ratio, 4);
+        RequiredNumTrials(ransac_, options_.max_H_inlier_ratio, 4);
     std::vector<size_t> sample = inliers;
     if (sample.size() > kMaxNumHomographyMatches) {
       sample.resize(kMaxNumHomographyMatches);

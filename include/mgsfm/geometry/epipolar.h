@@ -9,6 +9,7 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/geometry/ransac.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
@@ -162,13 +163,6 @@ Eigen::Vector3d FitDirection(const RayMatches& matches,
 int SolveFivePoint(const std::array<Eigen::Vector3d, 5>& rays1,
                    const std::array<Eigen::Vector3d, 5>& rays2,
                    std::array<Eigen::Matrix3d, 10>* essentials);
-
-struct RansacOptions {
-  double max_error_rad = 2e-3;
-  double confidence = 0.9999;  // of having drawn one sample without outliers
-  int min_num_trials = 20;
-  int max_num_trials = 5000;
-};
 
 // LO-RANSAC: five-point samples, PoseScore, and refinement on the inliers of
 // every new best pose; as many trials as the inliers found so far ask for.

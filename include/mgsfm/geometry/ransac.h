@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+
+// What all random sample consensus has in common.
+
+struct RansacOptions {
+  double max_error_rad = 2e-3;
+  double confidence = 0.9999;  // of having drawn one sample without outliers
+  int min_num_trials = 20;
+  int max_num_trials = 5000;
+};
+
+// Trials n after which a sample of `sample_size` inliers was drawn with the
+// wanted confidence, 1 - (1 - inlier_ratio^sample_size)^n >= confidence, within
+// the limits of the options.
+int RequiredNumTrials(const RansacOptions& options, double inlier_ratio,
+                      int sample_size);
+
+// Different positions below `size`, which is at least kSize.
+template <size_t kSize>
+std::array<size_t, kSize> DrawSample(size_t size, Random* random) {
+  std::array<size_t, kSize> sample;
+  for (size_t i = 0; i < kSize;) {
+    sample[i] = random->Index(static_cast<uint32_t>(size));
+    const auto end = sample.begin() + i;
+    if (std::find(sample.begin(), end, sample[i]) == end) ++i;
+  }
+  return sample;
+}
+
+}  // namespace mgsfm
