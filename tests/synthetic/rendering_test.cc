@@ -32,6 +32,8 @@ class RenderingTest : public testing::TestWithParam<CameraModelId> {
     options_.num_frames = 4;
     options_.random_seed = 3;
     input_.rig = {SmallCamera(GetParam())};
+    // Without the edge that darkens the image, wherever a point is seen.
+    rendering_.max_view_angle_deg = 180.0;
     simulation_ = SimulateWithoutFeatures(options_, input_);
     drive_ = MakeDrive(options_, input_);
     road_.emplace(drive_, kRoadExtension_m);
