@@ -1,15 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 
 #include "command.h"
 #include "commands.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database.h"
+#include "mgsfm/io/image_writing.h"
 #include "mgsfm/io/model_io.h"
+#include "mgsfm/io/output_file.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/staged_output.h"
 #include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/synthetic/rendering.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
@@ -17,6 +21,7 @@ namespace {
 
 enum class SimulationPreset { kSmall, kStreet, kStandard, kAliased };
 enum class TrajectoryFormat { kKitti, kTum };
+enum class ImageFormat { kPng, kJpeg };
 
 }  // namespace
 
@@ -36,6 +41,12 @@ struct EnumTable<SimulationPreset> {
 };
 
 template <>
+struct EnumTable<ImageFormat> {
+  static constexpr std::pair<std::string_view, ImageFormat> kNames[] = {
+      {"png", ImageFormat::kPng}, {"jpg", ImageFormat::kJpeg}};
+};
+
+template <>
 struct EnumTable<TrajectoryFormat> {
   static constexpr std::pair<std::string_view, TrajectoryFormat> kNames[] = {
       {"kitti", TrajectoryFormat::kKitti}, {"tum", TrajectoryFormat::kTum}};
@@ -45,7 +56,7 @@ namespace {
 
 constexpr char kName[] = "simulate";
 constexpr char kSummary[] =
-    "Writes a database of a simulated drive, and its truth.";
+    "Writes a database or images of a simulated drive, and its truth.";
 
 struct SimulateCommandOptions {
   std::string output_path;
@@ -54,12 +65,18 @@ struct SimulateCommandOptions {
   TrajectoryFormat trajectory_format = TrajectoryFormat::kKitti;
   std::string rig_config_path;
   DatabaseSchema database_schema = DatabaseSchema::k38;
+  bool render = false;
+  double render_scale = 1.0;
+  ImageFormat render_format = ImageFormat::kPng;
+  int render_jpeg_quality = 95;
+  RenderingOptions rendering;
   SimulationOptions simulation;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("output_path", self.output_path, Required(), "",
-          "Folder for database.db and the ground truth, a model in `truth`.");
+          "Folder for database.db or images, and the ground truth, a model in "
+          "`truth`.");
     visit("preset", self.preset, AnyValue(), "",
           "Defaults of what follows. small: a few exact frames, as shown. "
           "street: a realistic street without noise. standard: the same with "
@@ -75,7 +92,24 @@ struct SimulateCommandOptions {
           "for the centres of the images.");
     visit("database_schema", self.database_schema, AnyValue(), "",
           "COLMAP version whose tables are written; 3.8 has no rigs.");
+    DescribeRendering(self, visit);
     SimulationOptions::Describe(self.simulation, visit);
+  }
+
+ private:
+  template <class Self, class Visitor>
+  static void DescribeRendering(Self& self, Visitor& visit) {
+    visit("render", self.render, AnyValue(), "",
+          "Instead of a database, write images of a textured street, whatever "
+          "`world` is, and cameras.txt for --ImageReader.camera_params_path. "
+          "Options of features, matches and vehicles have no effect.");
+    visit("render_scale", self.render_scale, GreaterThan(0.0), "",
+          "Size of the images, as a factor to those of the rig.");
+    visit("render_format", self.render_format, AnyValue(), "",
+          "File format of the images.");
+    visit("render_jpeg_quality", self.render_jpeg_quality, Between(1, 100), "",
+          "Of jpg: 100 is the best.");
+    RenderingOptions::Describe(self.rendering, visit);
   }
 };
 
@@ -146,7 +180,88 @@ SimulationInput ReadInput(const SimulateCommandOptions& options) {
   return input;
 }
 
+void WriteTruth(const Simulation& simulation,
+                const std::filesystem::path& truth_path,
+                const Context& context) {
+  std::filesystem::create_directory(truth_path);
+  WriteModel(truth_path, simulation.scene, simulation.ground_truth,
+             ModelFormat::kBinary, context);
+  WriteRigConfig((truth_path / "rig_config.json").string(), simulation.scene,
+                 simulation.ground_truth);
+}
+
+// A line for each folder of images, as feature_extractor reads it.
+std::string CameraLines(const Scene& scene) {
+  std::string lines;
+  for (const Sensor& sensor : scene.sensors) {
+    const Camera& camera = scene.cameras[sensor.camera_idx];
+    lines +=
+        sensor.name + " " +
+        std::string(FindCameraModel(static_cast<int32_t>(camera.model))->name) +
+        " " + std::to_string(camera.width_px) + " " +
+        std::to_string(camera.height_px);
+    for (const double param : camera.params) {
+      char text[32];
+      std::snprintf(text, sizeof(text), " %.17g", param);
+      lines += text;
+    }
+    lines += "\n";
+  }
+  return lines;
+}
+
+void RenderImages(const SimulateCommandOptions& options,
+                  const StreetRenderer& renderer, const Simulation& simulation,
+                  const std::filesystem::path& image_path,
+                  const Context& context) {
+  const std::vector<Image>& images = simulation.scene.images;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const std::filesystem::path path = image_path / images[i].name;
+    std::filesystem::create_directories(path.parent_path());
+    const ColorImage image = renderer.Render(
+        images[i].camera_idx, simulation.cam_from_world[i], context);
+    WriteColorImage(path, image.width_px, image.height_px, image.rgb,
+                    options.render_jpeg_quality);
+    context.ReportProgress("simulation: images", i + 1, images.size());
+  }
+}
+
+int RunRender(const SimulateCommandOptions& options, const Context& context) {
+  const std::filesystem::path output_path = options.output_path;
+  if (std::filesystem::exists(output_path / "images")) {
+    throw Error("'" + (output_path / "images").string() +
+                "' exists already; name a new folder");
+  }
+  StagedOutput output(output_path);
+  SimulationOptions simulation_options = options.simulation;
+  simulation_options.random_seed = context.random_seed;
+  SimulationInput input = ReadInput(options);
+  input.rig =
+      ScaledRig(input.rig.empty() ? MakeRig(simulation_options.rig) : input.rig,
+                options.render_scale);
+  Simulation simulation =
+      SimulateWithoutFeatures(simulation_options, input, context);
+  if (options.render_format == ImageFormat::kJpeg) {
+    for (Image& image : simulation.scene.images) {
+      image.name =
+          std::filesystem::path(image.name).replace_extension(".jpg").string();
+    }
+  }
+  const StreetRenderer renderer(simulation_options, input,
+                                simulation.scene.cameras, options.rendering,
+                                context);
+  RenderImages(options, renderer, simulation, output.StagingDir() / "images",
+               context);
+  WriteFile(output.StagingDir() / "cameras.txt", CameraLines(simulation.scene));
+  WriteTruth(simulation, output.StagingDir() / "truth", context);
+  output.Commit();
+  context.Info("wrote " + std::to_string(simulation.scene.images.size()) +
+               " images, cameras.txt and truth");
+  return kExitSuccess;
+}
+
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
+  if (options.render) return RunRender(options, context);
   const std::filesystem::path output_path = options.output_path;
   if (std::filesystem::exists(output_path / "database.db")) {
     throw Error("'" + (output_path / "database.db").string() +
@@ -162,12 +277,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   WriteDatabase((output.StagingDir() / "database.db").string(),
                 MakeDatabaseContents(simulation.scene, simulation.view_graph),
                 options.database_schema);
-  const std::filesystem::path truth_path = output.StagingDir() / "truth";
-  std::filesystem::create_directory(truth_path);
-  WriteModel(truth_path, simulation.scene, simulation.ground_truth,
-             ModelFormat::kBinary, context);
-  WriteRigConfig((truth_path / "rig_config.json").string(), simulation.scene,
-                 simulation.ground_truth);
+  WriteTruth(simulation, output.StagingDir() / "truth", context);
   output.Commit();
   context.Info("wrote database.db (" +
                std::to_string(simulation.scene.images.size()) + " images, " +

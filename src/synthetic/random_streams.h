@@ -26,6 +26,7 @@ enum class Effect : uint64_t {
   kPairEstimates,
   kRandomPairs,
   kIsolatedPairs,
+  kTextures,
 };
 
 // A seed for all items of an effect: Random(EffectSeed(...), item).

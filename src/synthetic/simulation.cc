@@ -65,7 +65,16 @@ class Simulator {
                        detector, photographs_),
              detector);
     AddFeatures();
-    AddGroundTruth();
+    AddTruePoses();
+    AddTruePoints();
+    CheckConsistent(simulation_.scene);
+    return std::move(simulation_);
+  }
+
+  Simulation RunWithoutFeatures() {
+    AddRig();
+    AddImages();
+    AddTruePoses();
     CheckConsistent(simulation_.scene);
     return std::move(simulation_);
   }
@@ -80,7 +89,8 @@ class Simulator {
   std::vector<MadePair> MakePairs(const PairMaker& maker,
                                   const std::vector<PairPlan>& plans) const;
   void AddFeatures();
-  void AddGroundTruth();
+  void AddTruePoses();
+  void AddTruePoints();
 
   const SimulationOptions& options_;
   const Context& context_;
@@ -260,10 +270,9 @@ void Simulator::AddFeatures() {
   }
 }
 
-void Simulator::AddGroundTruth() {
-  const Scene& scene = simulation_.scene;
+void Simulator::AddTruePoses() {
   Reconstruction& truth = simulation_.ground_truth;
-  truth.cameras = scene.cameras;
+  truth.cameras = simulation_.scene.cameras;
   truth.sensor_from_rig.resize(rig_.size());
   for (size_t i = 0; i < rig_.size(); ++i) {
     truth.sensor_from_rig[sensor_idxs_[i]] = rig_[i].sensor_from_rig;
@@ -271,6 +280,11 @@ void Simulator::AddGroundTruth() {
   for (const int frame : drive_frames_) {
     truth.rig_from_world.emplace_back(drive_.PoseOfFrame(frame));
   }
+}
+
+void Simulator::AddTruePoints() {
+  const Scene& scene = simulation_.scene;
+  Reconstruction& truth = simulation_.ground_truth;
   std::vector<std::vector<Observation>> tracks(simulation_.world_points.size());
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const std::vector<int>& points = simulation_.keypoint_points[i];
@@ -293,6 +307,12 @@ void Simulator::AddGroundTruth() {
 Simulation Simulate(const SimulationOptions& options,
                     const SimulationInput& input, const Context& context) {
   return Simulator(options, input, context).Run();
+}
+
+Simulation SimulateWithoutFeatures(const SimulationOptions& options,
+                                   const SimulationInput& input,
+                                   const Context& context) {
+  return Simulator(options, input, context).RunWithoutFeatures();
 }
 
 Simulation Simulate(const SimulationOptions& options,

@@ -14,7 +14,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kRoadExtension_m = 120;
 // A surface this near to a point does not hide it: the point is on it.
 constexpr double kSurfaceMargin_m = 0.5;
 constexpr double kSmallestReach_m = 12.5;

@@ -33,6 +33,8 @@ struct WorldPoint {
 };
 
 constexpr double kReferenceFocal_px = 707.0912;
+// The road goes on for so long beyond both ends of the drive.
+constexpr int kRoadExtension_m = 120;
 
 // Points by their reach, so that few have to be looked at.
 class PointIndex {

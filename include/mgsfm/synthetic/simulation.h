@@ -82,4 +82,10 @@ Simulation Simulate(const SimulationOptions& options,
                     const std::vector<Rigid3>& rig_from_world_path,
                     const Context& context = {});
 
+// The same images, poses and instants, without features, points and pairs: what
+// images are rendered for.
+Simulation SimulateWithoutFeatures(const SimulationOptions& options,
+                                   const SimulationInput& input = {},
+                                   const Context& context = {});
+
 }  // namespace mgsfm
