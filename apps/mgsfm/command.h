@@ -54,7 +54,7 @@ enum ExitCode : int {
   kExitNotSolvable = 2,    // good input that held nothing to reconstruct
   kExitInternalError = 3,  // a defect of mgsfm, or out of memory
   // A run that a signal stopped ends by that signal, so that shells see 128
-  // plus its number; nothing was written.
+  // plus its number; nothing was written, but by commands that go on.
 };
 
 struct Command {
@@ -65,6 +65,9 @@ struct Command {
   std::function<int(const std::vector<std::string>&)> run;
   // Calls the function with all options at their defaults.
   std::function<void(const std::function<void(const OptionList&)>&)> list;
+  // A run that was stopped leaves what it has done so far, and the next one
+  // goes on from there.
+  bool goes_on = false;
 };
 
 template <>
@@ -144,6 +147,16 @@ Command MakeCommand(const std::string& name, const std::string& summary,
         use_options(ListOptions(&options));
       };
   return {name, summary, run_with, list};
+}
+
+// The same for a command that goes on where an interrupted run stopped.
+template <class Options>
+Command MakeCommandThatGoesOn(const std::string& name,
+                              const std::string& summary,
+                              int (*run)(const Options&, const Context&)) {
+  Command command = MakeCommand(name, summary, run);
+  command.goes_on = true;
+  return command;
 }
 
 }  // namespace mgsfm

@@ -19,6 +19,8 @@ std::vector<Command> AllCommands() {
           BundleAdjusterCommand(),
           ModelEvaluatorCommand(),
           SimulateCommand(),
+          FeatureExtractorCommand(),
+          RigConfiguratorCommand(),
           ExhaustiveMatcherCommand(),
           SequentialMatcherCommand(),
           VocabTreeMatcherCommand(),
@@ -57,12 +59,26 @@ void PrintUsage() {
                "stopped by a signal: 128 + its number, as 130 for Ctrl-C.\n";
 }
 
+int EndInterrupted(const Command& command) {
+  std::fprintf(stderr, "mgsfm: stopped by signal %d (%s); %s\n",
+               InterruptionSignal(), strsignal(InterruptionSignal()),
+               command.goes_on
+                   ? "what was done is kept, and the same command goes on"
+                   : "nothing was written");
+  return EndByInterruption();
+}
+
 int RunCommand(const std::string& name,
                const std::vector<std::string>& arguments) {
   std::vector<std::string> names;
   for (const Command& command : AllCommands()) {
-    if (command.name == name) return command.run(arguments);
     names.push_back(command.name);
+    if (command.name != name) continue;
+    try {
+      return command.run(arguments);
+    } catch (const Interrupted&) {
+      return EndInterrupted(command);
+    }
   }
   throw Error("unknown command '" + name + "'" + SuggestName(name, names) +
               "; mgsfm --help lists all");
@@ -119,11 +135,6 @@ int main(int argc, char** argv) {
   std::signal(SIGXFSZ, SIG_IGN);
   try {
     return mgsfm::Run(std::vector<std::string>(argv + 1, argv + argc));
-  } catch (const mgsfm::Interrupted&) {
-    std::fprintf(
-        stderr, "mgsfm: stopped by signal %d (%s); nothing was written\n",
-        mgsfm::InterruptionSignal(), strsignal(mgsfm::InterruptionSignal()));
-    return mgsfm::EndByInterruption();
   } catch (const mgsfm::Error& error) {
     return PrintError(error.what(), mgsfm::kExitBadInput);
   } catch (const std::filesystem::filesystem_error& error) {
