@@ -104,7 +104,7 @@ TEST_F(BadImagesTest, TruncatedJpeg) {
     Truncate("bad.jpg", part);
     std::filesystem::remove(DatabasePath());
     warnings_.clear();
-    ExpectRefused("bad.jpg", "");
+    ExpectRefused("bad.jpg", "is truncated");
   }
 }
 
@@ -114,7 +114,7 @@ TEST_F(BadImagesTest, TruncatedPng) {
     Truncate("bad.png", part);
     std::filesystem::remove(DatabasePath());
     warnings_.clear();
-    ExpectRefused("bad.png", "damaged");
+    ExpectRefused("bad.png", "is truncated");
   }
 }
 
