@@ -8,9 +8,11 @@ namespace mgsfm {
 // One per file cmd_*.cc.
 Command BundleAdjusterCommand();
 Command ExhaustiveMatcherCommand();
+Command FeatureExtractorCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();
+Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();
 Command SimulateCommand();
 Command SpatialMatcherCommand();

@@ -19,6 +19,8 @@ std::vector<Command> AllCommands() {
           BundleAdjusterCommand(),
           ModelEvaluatorCommand(),
           SimulateCommand(),
+          FeatureExtractorCommand(),
+          RigConfiguratorCommand(),
           ExhaustiveMatcherCommand(),
           SequentialMatcherCommand(),
           VocabTreeMatcherCommand(),

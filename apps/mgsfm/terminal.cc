@@ -49,10 +49,10 @@ class Terminal {
     since_shown_ = Timer();
     const double seconds = since_stage_start_.Seconds();
     const double num_left = static_cast<double>(progress.total - progress.done);
-    const double seconds_left =
-        seconds * num_left / static_cast<double>(progress.done);
-    std::fprintf(stderr, "\r\033[K%s: %zu of %zu, %.0f s left", stage_.c_str(),
-                 progress.done, progress.total, seconds_left);
+    const double per_second = static_cast<double>(progress.done) / seconds;
+    std::fprintf(stderr, "\r\033[K%s: %zu of %zu, %.3g/s, %.0f s left",
+                 stage_.c_str(), progress.done, progress.total, per_second,
+                 num_left / per_second);
     std::fflush(stderr);
     progress_is_shown_ = true;
   }

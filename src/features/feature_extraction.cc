@@ -133,8 +133,8 @@ class ImageExtractor {
       image.width = static_cast<int>(file.gray.cols());
       image.height = static_cast<int>(file.gray.rows());
       image.tags = file.tags;
-      const std::vector<GrayImage> masks = MasksOf(file.gray, name);
-      image.has_mask = !masks.empty();
+      const std::vector<GrayImage> masks =
+          MasksOf(file.gray, name, &image.has_mask);
       const MemoryBudget::Share share(
           &memory_budget_, MemoryOf(file.gray, options_.sift.max_image_size));
       image.features = ExtractSift(file.gray, options_.sift);
@@ -148,8 +148,9 @@ class ImageExtractor {
   }
 
  private:
+  // `has_mask` tells whether mask_path has one, be it good or bad.
   std::vector<GrayImage> MasksOf(const GrayImage& image,
-                                 const std::string& name) const;
+                                 const std::string& name, bool* has_mask) const;
   static void CheckSize(const GrayImage& image, const GrayImage& mask,
                         const std::string& path);
   static void ApplyMask(const GrayImage& mask, Features* features);
@@ -171,11 +172,13 @@ void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
 }
 
 std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
-                                               const std::string& name) const {
+                                               const std::string& name,
+                                               bool* has_mask) const {
   std::vector<GrayImage> masks;
   if (!options_.reader.mask_path.empty()) {
     const std::string path =
         (fs::path(options_.reader.mask_path) / (name + ".png")).string();
+    *has_mask = fs::exists(path);
     std::optional<GrayImage> mask;
     try {
       mask = ReadMask(path);

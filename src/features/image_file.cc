@@ -53,6 +53,26 @@ bool IsCompleteJpeg(const std::vector<uint8_t>& file) {
   return false;
 }
 
+bool IsPng(const std::vector<uint8_t>& file) {
+  constexpr uint8_t kSignature[] = {0x89, 'P',  'N',  'G',
+                                    0x0d, 0x0a, 0x1a, 0x0a};
+  return file.size() >= sizeof(kSignature) &&
+         std::memcmp(file.data(), kSignature, sizeof(kSignature)) == 0;
+}
+
+// Does it go on to its last chunk? A file is the signature and chunks: length
+// (most significant byte first), type, data, and 4 bytes of checksum.
+bool IsCompletePng(const std::vector<uint8_t>& file) {
+  size_t i = 8;
+  while (i + 12 <= file.size()) {
+    size_t length = 0;
+    for (size_t k = 0; k < 4; ++k) length = length << 8 | file[i + k];
+    if (std::memcmp(file.data() + i + 4, "IEND", 4) == 0) return true;
+    i += 12 + length;
+  }
+  return false;
+}
+
 // The brightest pixel of what has more than 8 bits becomes 255.
 cv::Mat To8Bits(const cv::Mat& image) {
   if (image.depth() == CV_8U) return image;
@@ -64,7 +84,8 @@ cv::Mat To8Bits(const cv::Mat& image) {
 }
 
 GrayImage Decode(const std::vector<uint8_t>& file) {
-  if (IsJpeg(file) && !IsCompleteJpeg(file)) {
+  if ((IsJpeg(file) && !IsCompleteJpeg(file)) ||
+      (IsPng(file) && !IsCompletePng(file))) {
     throw Error(std::string("is truncated") + kCopyAgain);
   }
   cv::Mat image;

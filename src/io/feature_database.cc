@@ -2,7 +2,6 @@
 #include "mgsfm/io/feature_database.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <filesystem>
 #include <limits>
@@ -14,6 +13,7 @@
 #include "io/database_reader.h"
 #include "io/database_rows.h"
 #include "io/database_schema.h"
+#include "io/feature_keypoints.h"
 #include "io/sqlite_database.h"
 #include "mgsfm/base/error.h"
 
@@ -61,20 +61,6 @@ SqliteDatabase OpenOrThrow(const std::string& path,
 }
 
 }  // namespace
-
-FeatureKeypoint FeatureKeypoint::FromScale(float x_px, float y_px,
-                                           float scale_px,
-                                           float orientation_rad) {
-  const float c = scale_px * std::cos(orientation_rad);
-  const float s = scale_px * std::sin(orientation_rad);
-  return {x_px, y_px, c, -s, s, c};
-}
-
-float FeatureKeypoint::ScalePx() const {
-  return 0.5f * (std::hypot(a11, a21) + std::hypot(a12, a22));
-}
-
-float FeatureKeypoint::OrientationRad() const { return std::atan2(a21, a11); }
 
 class FeatureDatabase::Impl {
  public:
@@ -387,24 +373,8 @@ std::vector<FeatureKeypoint> FeatureDatabase::ReadKeypoints(
       "SELECT image_id, rows, cols, data FROM keypoints WHERE image_id = ?1",
       image_id.value());
   if (!row.Step()) return {};
-  const KeypointBlob blob = DecodeKeypoints(
-      row, path(), "the keypoints of " + impl_->ImageName(image_id));
-  std::vector<FeatureKeypoint> keypoints(blob.rows);
-  for (size_t i = 0; i < blob.rows; ++i) {
-    float values[6] = {};
-    std::memcpy(values, blob.data + i * blob.cols * sizeof(float),
-                blob.cols * sizeof(float));
-    keypoints[i].x_px = values[0];
-    keypoints[i].y_px = values[1];
-    if (blob.cols == 4) {
-      keypoints[i] = FeatureKeypoint::FromScale(values[0], values[1], values[2],
-                                                values[3]);
-    } else if (blob.cols == 6) {
-      keypoints[i] = {values[0], values[1], values[2],
-                      values[3], values[4], values[5]};
-    }
-  }
-  return keypoints;
+  return MakeFeatureKeypoints(DecodeKeypoints(
+      row, path(), "the keypoints of " + impl_->ImageName(image_id)));
 }
 
 DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {

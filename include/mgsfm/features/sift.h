@@ -50,16 +50,19 @@ struct Features {
 };
 
 // SIFT (Lowe, Distinctive image features from scale-invariant keypoints, IJCV
-// 2004), by OpenCV, with the conventions of COLMAP: the centre of the first
-// pixel is (0.5, 0.5); descriptors are L1-root normalised (Arandjelovic,
-// Zisserman, Three things everyone should know to improve object retrieval,
-// CVPR 2012), v_i = min(255, round(512 sqrt(d_i / |d|_1))), in the order of
-// Lowe's, which is COLMAP's, too.
+// 2004) with the conventions of COLMAP: the centre of the first pixel is
+// (0.5, 0.5); the first octave is the image at twice its size; the scale of a
+// keypoint is the sigma of its level; descriptors are L1-root normalised
+// (Arandjelovic, Zisserman, Three things everyone should know to improve object
+// retrieval, CVPR 2012), v_i = min(255, round(512 sqrt(d_i / |d|_1))), in the
+// order of Lowe's, which is COLMAP's, too.
 //
-// OpenCV 4.6 places what it finds in the doubled image a quarter of a pixel too
-// far to the right and below, and halves images of odd size inexactly; both are
-// made good for. Features are sorted by descending scale. The result does not
-// depend on the number of threads. About 60 bytes of memory per pixel.
+// Written anew rather than taken from OpenCV, whose pyramid shifts keypoints by
+// a quarter of a pixel and halves images of odd size inexactly; a rotated
+// copy of an image then shows them half a pixel off. Filters are OpenCV's.
+//
+// Features are sorted by descending scale. Runs in the calling thread. Takes up
+// to 200 bytes of memory per pixel.
 Features ExtractSift(const GrayImage& image, const SiftOptions& options);
 
 }  // namespace mgsfm

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <string>
+
+#include "command.h"
+#include "commands.h"
+#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/rig_configuration.h"
+
+namespace mgsfm {
+namespace {
+
+struct RigConfiguratorOptions {
+  std::string database_path;
+  SceneLoadingOptions rigs;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("database_path", self.database_path, Required(), "",
+          "COLMAP database. Its rigs and frames are replaced; features and "
+          "matches stay.");
+    SceneLoadingOptions::Describe(self.rigs, visit);
+  }
+};
+
+int RunRigConfigurator(const RigConfiguratorOptions& options,
+                       const Context& context) {
+  FeatureDatabase database(options.database_path,
+                           FeatureDatabase::OpenMode::kExisting);
+  const RigConfigurationSummary summary =
+      ConfigureRigs(options.rigs, &database, context);
+  context.Info("rigs from " + summary.rig_source + ": " +
+               std::to_string(summary.num_rigs) + " rigs of " +
+               std::to_string(summary.num_sensors) + " cameras, " +
+               std::to_string(summary.num_frames) + " frames, " +
+               std::to_string(summary.num_images) + " images");
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command RigConfiguratorCommand() {
+  return MakeCommand("rig_configurator",
+                     "Tells a database which cameras are rigs.",
+                     RunRigConfigurator);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gmock/gmock.h>
+
+#include "features/extraction_fixture.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::HasSubstr;
+
+void AppendShort(int value, std::string* bytes) {
+  *bytes += static_cast<char>(value & 255);
+  *bytes += static_cast<char>(value >> 8 & 255);
+}
+
+// An uncompressed TIFF file of four inks (TIFF 6.0, section 16) of which only
+// black, the last, is used.
+std::string CmykTiff(const GrayImage& gray) {
+  constexpr int kShort = 3;
+  constexpr int kLong = 4;
+  constexpr int kInks = 5;
+  const auto width = static_cast<int>(gray.cols());
+  const auto height = static_cast<int>(gray.rows());
+  constexpr int kNumEntries = 10;
+  constexpr int kBitsBegin = 8 + 2 + 12 * kNumEntries + 4;
+  constexpr int kPixelsBegin = kBitsBegin + 8;
+  const int entries[kNumEntries][4] = {{256, kShort, 1, width},
+                                       {257, kShort, 1, height},
+                                       {258, kShort, 4, kBitsBegin},
+                                       {259, kShort, 1, 1},
+                                       {262, kShort, 1, kInks},
+                                       {273, kLong, 1, kPixelsBegin},
+                                       {277, kShort, 1, 4},
+                                       {278, kShort, 1, height},
+                                       {279, kLong, 1, 4 * width * height},
+                                       {284, kShort, 1, 1}};
+  std::string bytes = "II";
+  AppendShort(42, &bytes);
+  AppendShort(8, &bytes);
+  AppendShort(0, &bytes);
+  AppendShort(kNumEntries, &bytes);
+  for (const auto& entry : entries) {
+    AppendShort(entry[0], &bytes);
+    AppendShort(entry[1], &bytes);
+    AppendShort(entry[2], &bytes);
+    AppendShort(0, &bytes);
+    AppendShort(entry[3], &bytes);
+    AppendShort(entry[3] >> 16, &bytes);
+  }
+  bytes.append(4, '\0');
+  for (int i = 0; i < 4; ++i) AppendShort(8, &bytes);
+  for (Eigen::Index i = 0; i < gray.size(); ++i) {
+    bytes.append(3, '\0');
+    bytes += static_cast<char>(255 - gray.data()[i]);
+  }
+  return bytes;
+}
+
+class BadImagesTest : public ExtractionTest {
+ protected:
+  BadImagesTest() { WriteBlobs("good.png", 1); }
+
+  // The image is refused with a warning that names it and says why; the good
+  // one is done all the same.
+  void ExpectRefused(const std::string& name, const std::string& why,
+                     const FeatureExtractionOptions& options = {}) {
+    const FeatureExtractionSummary summary = Extract(options);
+    EXPECT_EQ(summary.num_refused, 1u);
+    EXPECT_EQ(warnings_.size(), 1u);
+    EXPECT_TRUE(IsWarned(name, why)) << testing::PrintToString(warnings_);
+    const auto images = Images();
+    EXPECT_EQ(images.size(), 1u);
+    EXPECT_EQ(images.count("good.png"), 1u);
+    EXPECT_EQ(Structure().cameras.size(), 1u);
+  }
+  // Keeps the first part of the file only.
+  void Truncate(const std::string& name, double part) const {
+    const auto size = std::filesystem::file_size(ImagePath(name));
+    std::filesystem::resize_file(
+        ImagePath(name),
+        static_cast<uintmax_t>(part * static_cast<double>(size)));
+  }
+};
+
+TEST_F(BadImagesTest, ZeroBytes) {
+  WriteTextFile(ImagePath("bad.jpg"), "");
+  ExpectRefused("bad.jpg", "is empty");
+}
+
+TEST_F(BadImagesTest, Text) {
+  WriteTextFile(ImagePath("notes.txt"), "no image\n");
+  ExpectRefused("notes.txt", "is no image");
+}
+
+TEST_F(BadImagesTest, TextNamedAsImage) {
+  WriteTextFile(ImagePath("bad.png"), std::string(5000, 'x'));
+  ExpectRefused("bad.png", "is no image");
+}
+
+TEST_F(BadImagesTest, TruncatedJpeg) {
+  for (const double part : {0.99, 0.5, 0.05}) {
+    WriteBlobs("bad.jpg", 2);
+    Truncate("bad.jpg", part);
+    std::filesystem::remove(DatabasePath());
+    warnings_.clear();
+    ExpectRefused("bad.jpg", "is truncated");
+  }
+}
+
+TEST_F(BadImagesTest, TruncatedPng) {
+  for (const double part : {0.9, 0.5, 0.05}) {
+    WriteBlobs("bad.png", 2);
+    Truncate("bad.png", part);
+    std::filesystem::remove(DatabasePath());
+    warnings_.clear();
+    ExpectRefused("bad.png", "is truncated");
+  }
+}
+
+TEST_F(BadImagesTest, OtherSizeThanItsCamera) {
+  WriteBlobs("later.png", 2, 121, 90);
+  ExpectRefused("later.png", "has 121 x 90 pixels, but its camera 120 x 90");
+}
+
+TEST_F(BadImagesTest, MaskOfOtherSize) {
+  WriteBlobs("later.png", 2);
+  std::filesystem::create_directories(dir_.path() / "masks");
+  cv::imwrite((dir_.path() / "masks/later.png.png").string(),
+              cv::Mat(90, 100, CV_8U, cv::Scalar(255)));
+  FeatureExtractionOptions options;
+  options.reader.mask_path = (dir_.path() / "masks").string();
+  ExpectRefused("later.png", "100 x 90", options);
+}
+
+TEST_F(BadImagesTest, MaskThatIsNoImage) {
+  WriteBlobs("later.png", 2);
+  std::filesystem::create_directories(dir_.path() / "masks");
+  WriteTextFile(dir_.path() / "masks/later.png.png", "no image");
+  FeatureExtractionOptions options;
+  options.reader.mask_path = (dir_.path() / "masks").string();
+  ExpectRefused("later.png", "has a mask", options);
+}
+
+TEST_F(BadImagesTest, NoMaskAtAll) {
+  FeatureExtractionOptions options;
+  options.reader.mask_path = (dir_.path() / "nowhere").string();
+  Extract(options);
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_THAT(warnings_[0], HasSubstr("no image has a mask"));
+}
+
+// Kept, as COLMAP does, but said.
+TEST_F(BadImagesTest, NoFeatures) {
+  WriteImage("flat.png", cv::Mat(90, 120, CV_8U, cv::Scalar(99)));
+  EXPECT_EQ(Extract().num_extracted, 2u);
+  EXPECT_TRUE(IsWarned("flat.png", "has no features"));
+  EXPECT_TRUE(Images().at("flat.png").keypoints.empty());
+  EXPECT_EQ(Extract().num_present, 2u);
+}
+
+// Depth and colours make no difference to what is seen.
+TEST_F(BadImagesTest, SixteenBitsAndColoursAreUnderstood) {
+  GrayImage gray = RenderBlobs(RandomBlobs(80, 120, 90, 1), 120, 90);
+  gray(0, 0) = 255;  // the brightest
+  cv::Mat image(90, 120, CV_8U);
+  std::copy_n(gray.data(), gray.size(), image.data);
+  WriteImage("good.png", image);
+  cv::Mat deep;
+  image.convertTo(deep, CV_16U, 257.0);
+  WriteImage("deep.png", deep);
+  cv::Mat colour;
+  cv::merge(std::vector<cv::Mat>{image, image, image}, colour);
+  WriteImage("colour.png", colour);
+  cv::merge(std::vector<cv::Mat>{image, image, image, image}, colour);
+  WriteImage("transparent.png", colour);
+  WriteTextFile(ImagePath("cmyk.tif"), CmykTiff(gray));
+  Extract();
+  EXPECT_TRUE(warnings_.empty()) << testing::PrintToString(warnings_);
+  const auto images = Images();
+  const size_t num = images.at("good.png").keypoints.size();
+  for (const char* name : {"deep.png", "colour.png", "transparent.png"}) {
+    EXPECT_EQ(images.at(name).descriptors, images.at("good.png").descriptors)
+        << name;
+  }
+  EXPECT_NEAR(static_cast<double>(images.at("cmyk.tif").keypoints.size()),
+              static_cast<double>(num), 0.2 * static_cast<double>(num));
+}
+
+TEST_F(BadImagesTest, NothingToUseIsAnError) {
+  std::filesystem::remove(ImagePath("good.png"));
+  EXPECT_THROW(Extract(), Error);  // an empty folder
+  WriteTextFile(ImagePath("notes.txt"), "no image\n");
+  EXPECT_THROW(Extract(), Error);
+  std::filesystem::remove_all(ImagePath(""));
+  EXPECT_THROW(Extract(), Error);  // no folder
+}
+
+}  // namespace
+}  // namespace mgsfm
