@@ -4,7 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
-#include <string>
+#include <cmath>
+#include <functional>
 #include <vector>
 
 #include "least_squares/chunk_kernels.h"
@@ -98,11 +99,65 @@ TEST_P(CameraModelTest, StepSolvesTheFullEquations) {
   }
 }
 
+// A way to move the state, and the column of derivatives that belongs to it.
+struct Column {
+  std::function<void(double, RigState*)> move;
+  Eigen::Vector2d expected;
+};
+
+std::vector<Column> PoseColumns(const RigProblemBase::Image& image, size_t p,
+                                const ObservationRows<2, 6>& rows) {
+  std::vector<Column> columns;
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = Eigen::Vector3d::Unit(i);
+    const int frame = image.frame, sensor = image.sensor;
+    columns.push_back({[=](double h, RigState* s) { s->points[p] += h * axis; },
+                       {rows.point[i], rows.point[3 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         Eigen::Quaterniond& q =
+                             s->frames[frame].rig_from_world;
+                         q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
+                       },
+                       {rows.frame[i], rows.frame[6 + i]}});
+    columns.push_back(
+        {[=](double h, RigState* s) { s->frames[frame].center += h * axis; },
+         {rows.frame[3 + i], rows.frame[9 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         Eigen::Quaterniond& q = s->sensors[sensor].rotation;
+                         q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
+                       },
+                       {rows.image[i], rows.image[6 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         s->sensors[sensor].translation += h * axis;
+                       },
+                       {rows.image[3 + i], rows.image[9 + i]}});
+  }
+  return columns;
+}
+
+void ExpectDerivatives(const RigScene<PixelObservation>& scene,
+                       const PixelObservation& o, size_t p,
+                       const std::vector<Column>& columns) {
+  constexpr double kStep = 1e-6;
+  for (const Column& column : columns) {
+    RigState before = scene.truth, after = scene.truth;
+    column.move(-kStep, &before);
+    column.move(kStep, &after);
+    const Eigen::Vector2d difference =
+        (ObservationResidual(scene.problem, after, o, after.points[p]) -
+         ObservationResidual(scene.problem, before, o, before.points[p])) /
+        (2.0 * kStep);
+    EXPECT_LT((difference - column.expected).norm(),
+              2e-6 * (1.0 + difference.norm()));
+  }
+}
+
 // Rows of derivatives of single observations against differences.
 TEST_P(CameraModelTest, RowsAreDerivatives) {
-  const Freedom freedom{"Everything", true, true, true};
-  const RigScene<PixelObservation> scene =
-      MakePixelScene(SmallScene({GetParam()}, freedom));
+  RigSceneOptions options =
+      SmallScene({GetParam()}, Freedom{"Everything", true, true, true});
+  options.num_points = 8;
+  const RigScene<PixelObservation> scene = MakePixelScene(options);
   const RigProblem<PixelObservation>& problem = scene.problem;
   std::vector<ImagePose> poses;
   ComputeImagePoses(problem, scene.truth, &poses);
@@ -110,58 +165,21 @@ TEST_P(CameraModelTest, RowsAreDerivatives) {
     for (size_t k = problem.point_begin[p]; k < problem.point_begin[p + 1];
          ++k) {
       const PixelObservation& o = problem.observations[k];
-      const int image = o.image;
-      const RigProblemBase::Image& parts = problem.images[image];
+      const ImagePose& pose = poses[o.image];
       ObservationTerms<2> terms;
       ASSERT_TRUE(LinearizeObservation<PixelResidual>(
-          {RobustLossType::kTrivial, 1.0}, poses[image],
-          scene.truth.points[p].data(), o.pixel.data(), &terms));
+          {RobustLossType::kTrivial, 1.0}, pose, scene.truth.points[p].data(),
+          o.pixel.data(), &terms));
       ObservationRows<2, 6> rows;
-      ComputeRows<2, 6>(poses[image], terms, &rows);
-      const auto expect_column = [&](const auto& move, double h, double row0,
-                                     double row1) {
-        RigState before = scene.truth, after = scene.truth;
-        move(-h, &before);
-        move(h, &after);
-        const Eigen::Vector2d difference =
-            (ObservationResidual(problem, after, o, after.points[p]) -
-             ObservationResidual(problem, before, o, before.points[p])) /
-            (2.0 * h);
-        EXPECT_LT((difference - Eigen::Vector2d(row0, row1)).norm(),
-                  1e-6 * (1.0 + difference.norm()));
-      };
-      for (int i = 0; i < 3; ++i) {
-        const Eigen::Vector3d axis = Eigen::Vector3d::Unit(i);
-        expect_column([&](double h, RigState* s) { s->points[p] += h * axis; },
-                      1e-5, rows.point[i], rows.point[3 + i]);
-        expect_column(
-            [&](double h, RigState* s) {
-              auto& q = s->frames[parts.frame].rig_from_world;
-              q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
-            },
-            1e-5, rows.frame[i], rows.frame[6 + i]);
-        expect_column(
-            [&](double h, RigState* s) {
-              s->frames[parts.frame].center += h * axis;
-            },
-            1e-5, rows.frame[3 + i], rows.frame[9 + i]);
-        expect_column(
-            [&](double h, RigState* s) {
-              auto& q = s->sensors[parts.sensor].rotation;
-              q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
-            },
-            1e-5, rows.image[i], rows.image[6 + i]);
-        expect_column(
-            [&](double h, RigState* s) {
-              s->sensors[parts.sensor].translation += h * axis;
-            },
-            1e-5, rows.image[3 + i], rows.image[9 + i]);
+      ComputeRows<2, 6>(pose, terms, &rows);
+      std::vector<Column> columns =
+          PoseColumns(problem.images[o.image], p, rows);
+      for (int i = 0; i < pose.num_free_params; ++i) {
+        columns.push_back(
+            {[i](double h, RigState* s) { s->cameras[0][i] += h; },
+             {terms.K[i], terms.K[pose.num_free_params + i]}});
       }
-      const int num_free = poses[image].num_free_params;
-      for (int i = 0; i < num_free; ++i) {
-        expect_column([&](double h, RigState* s) { s->cameras[0][i] += h; },
-                      1e-6, terms.K[i], terms.K[num_free + i]);
-      }
+      ExpectDerivatives(scene, o, p, columns);
     }
   }
 }
