@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Runs the mapper's stages up to bundle adjustment, on a database or on a
+// simulated drive, and solves the bundle problem with the native solver, with
+// Ceres and the same analytic derivatives, and with the six-block formulation
+// of six_block_bundle.h. Prints a table, and writes it as JSON.
+#include <cstdio>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bundle/point_filters.h"
+#include "bundle/problem_builder.h"
+#include "command.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/io/output_file.h"
+#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/least_squares/rig_solver.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/synthetic/simulation.h"
+#include "solver/six_block_bundle.h"
+
+namespace mgsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+struct BenchmarkOptions {
+  std::string name;
+  std::string database_path;
+  std::string trajectory_path;
+  std::string json_path;
+  double start_max_error_px = 16.0;
+  double function_tolerance = 1e-9;
+  int max_num_iterations = 100;
+  SimulationOptions simulation = StandardSimulation(RigPreset::kStereo);
+  MapperOptions mapper;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("name", self.name, AnyValue(), "",
+          "What the run is called in its output.");
+    visit("database_path", self.database_path, AnyValue(), "",
+          "Database with verified matches, instead of a simulation.");
+    visit("trajectory_path", self.trajectory_path, AnyValue(), "",
+          "Poses in KITTI's format, instead of Simulation.path.");
+    visit("json_path", self.json_path, AnyValue(), "",
+          "File for all numbers of the run.");
+    visit("start_max_error", self.start_max_error_px, GreaterThan(0.0), "px",
+          "Observations with larger errors at the start are left out.");
+    visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
+          "A solve ends when the cost changes by less than this part.");
+    visit("max_num_iterations", self.max_num_iterations, AtLeast(2),
+          "iterations", "Most iterations of one solve.");
+    visit.Group("Simulation", self.simulation);
+    visit.Group("Mapper", self.mapper);
+  }
+};
+
+struct Input {
+  Scene scene;
+  ViewGraph view_graph;
+};
+
+Input MakeInput(const BenchmarkOptions& options, const Context& context) {
+  if (!options.database_path.empty()) {
+    LoadedScene loaded =
+        LoadScene(options.database_path, SceneLoadingOptions(), context);
+    return {std::move(loaded.scene), std::move(loaded.view_graph)};
+  }
+  SimulationOptions simulation_options = options.simulation;
+  simulation_options.random_seed = context.random_seed;
+  SimulationInput input;
+  if (!options.trajectory_path.empty()) {
+    input.rig_from_world_path = ReadKittiPoses(options.trajectory_path);
+  }
+  Simulation simulation = Simulate(simulation_options, input, context);
+  return {std::move(simulation.scene), std::move(simulation.view_graph)};
+}
+
+// Where bundle adjustment starts.
+Reconstruction RunStages(const Input& input, const MapperOptions& options,
+                         const Context& context) {
+  const Scene& scene = input.scene;
+  const Bearings bearings = ComputeBearings(scene, context.num_threads);
+  const ViewGraphResult view_graph = EstimateViewGraph(
+      scene, bearings, input.view_graph, options.view_graph, context);
+  const RotationResult rotation = AverageRotations(
+      scene, view_graph.estimate, options.rotation_averaging, context);
+  const TrackResult tracks = EstablishTracks(scene, view_graph.estimate,
+                                             rotation.estimate.pair_is_inlier,
+                                             options.tracks, context);
+  const TranslationResult translation = AverageTranslations(
+      scene, bearings, view_graph.estimate, rotation.estimate,
+      tracks.estimate.tracks, options.translation_averaging, context);
+  return JoinEstimates(scene, rotation.estimate, translation.estimate,
+                       tracks.estimate.tracks);
+}
+
+// One way to solve: a solve of so many iterations at most, and its seconds.
+struct Contender {
+  std::string name;
+  std::function<SolveSummary(int, RigState*, double*)> solve;
+};
+
+struct Measurement {
+  SolveSummary summary;
+  double seconds = 0.0;
+  double seconds_per_iteration = 0.0;
+};
+
+// The seconds of an iteration are those beyond a solve of one iteration, over
+// the iterations beyond it; so what is made once does not count.
+Measurement Measure(const Contender& contender, int max_num_iterations,
+                    const RigState& start) {
+  RigState state = start;
+  double first = 0.0;
+  const SolveSummary one = contender.solve(1, &state, &first);
+  state = start;
+  Measurement m;
+  m.summary = contender.solve(max_num_iterations, &state, &m.seconds);
+  const int more = m.summary.num_iterations - one.num_iterations;
+  m.seconds_per_iteration = more > 0 ? (m.seconds - first) / more : 0.0;
+  return m;
+}
+
+std::vector<Contender> MakeContenders(const BundleProblem& problem,
+                                      const BenchmarkOptions& options,
+                                      const Context& context) {
+  const auto rig_solver = [&problem, &options, &context](
+                              SolverBackend backend, int max_num_iterations,
+                              RigState* state, double* seconds) {
+    RigSolverOptions solver_options;
+    solver_options.backend = backend;
+    solver_options.function_tolerance = options.function_tolerance;
+    solver_options.max_num_iterations = max_num_iterations;
+    const Timer timer;
+    const SolveSummary summary =
+        SolveRigProblem(problem, solver_options, context, state);
+    *seconds = timer.Seconds();
+    return summary;
+  };
+  return {{"native",
+           [rig_solver](int n, RigState* state, double* seconds) {
+             return rig_solver(SolverBackend::kNative, n, state, seconds);
+           }},
+          {"ceres analytic",
+           [rig_solver](int n, RigState* state, double* seconds) {
+             return rig_solver(SolverBackend::kCeres, n, state, seconds);
+           }},
+          {"ceres six blocks", [&problem, &options, &context](
+                                   int n, RigState* state, double* seconds) {
+             return SolveSixBlockBundle(problem, n, options.function_tolerance,
+                                        context.num_threads, state, seconds);
+           }}};
+}
+
+Json ToJson(const Measurement& m, const Measurement& native) {
+  return {{"seconds", m.seconds},
+          {"num_iterations", m.summary.num_iterations},
+          {"seconds_per_iteration", m.seconds_per_iteration},
+          {"iteration_ratio",
+           m.seconds_per_iteration / native.seconds_per_iteration},
+          {"initial_cost", m.summary.initial_cost},
+          {"final_cost", m.summary.final_cost},
+          {"relative_cost_difference",
+           m.summary.final_cost / native.summary.final_cost - 1.0},
+          {"termination", TerminationName(m.summary.termination)}};
+}
+
+void PrintLine(const std::string& name, const Json& line) {
+  std::printf("%-18s %8.2f %6d %12.5f %8.2f %20.8f %12.2e\n", name.c_str(),
+              line["seconds"].get<double>(), line["num_iterations"].get<int>(),
+              line["seconds_per_iteration"].get<double>(),
+              line["iteration_ratio"].get<double>(),
+              line["final_cost"].get<double>(),
+              line["relative_cost_difference"].get<double>());
+  std::fflush(stdout);
+}
+
+int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
+  const Input input = MakeInput(options, context);
+  Reconstruction start = RunStages(input, options.mapper, context);
+  PointFilterOptions filter;
+  filter.max_error_px = options.start_max_error_px;
+  filter.min_angle_rad =
+      options.mapper.bundle_adjustment.min_triangulation_angle_deg *
+      (EIGEN_PI / 180.0);
+  FilterPoints(input.scene, filter, context.num_threads, &start);
+  const BuiltProblem built = BuildProblem(
+      input.scene, start, options.mapper.bundle_adjustment, RefinedParts::kAll);
+  std::printf("%s: %zu images, %zu points, %zu observations, %d threads\n",
+              options.name.c_str(), built.problem.images.size(),
+              built.problem.num_points(), built.problem.observations.size(),
+              context.num_threads);
+  std::printf("%-18s %8s %6s %12s %8s %20s %12s\n", "solver", "seconds", "iter",
+              "s/iter", "ratio", "final cost", "difference");
+  Json json = {{"name", options.name},
+               {"num_threads", context.num_threads},
+               {"num_images", built.problem.images.size()},
+               {"num_points", built.problem.num_points()},
+               {"num_observations", built.problem.observations.size()},
+               {"solvers", Json::object()}};
+  Measurement native;
+  for (const Contender& contender :
+       MakeContenders(built.problem, options, context)) {
+    const Measurement m =
+        Measure(contender, options.max_num_iterations, built.state);
+    if (contender.name == "native") native = m;
+    json["solvers"][contender.name] = ToJson(m, native);
+    PrintLine(contender.name, json["solvers"][contender.name]);
+  }
+  if (!options.json_path.empty()) {
+    WriteFile(options.json_path, json.dump(2) + "\n");
+  }
+  return kExitSuccess;
+}
+
+}  // namespace
+}  // namespace mgsfm
+
+int main(int argc, char** argv) {
+  try {
+    return mgsfm::MakeCommand("solver_benchmark",
+                              "Compares solvers of bundle adjustment.",
+                              mgsfm::RunBenchmark)
+        .run(std::vector<std::string>(argv + 1, argv + argc));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "mgsfm_solver_benchmark: %s\n", error.what());
+    return mgsfm::kExitBadInput;
+  }
+}

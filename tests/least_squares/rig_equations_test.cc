@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "least_squares/rig_equations.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include "least_squares/chunk_kernels.h"
+#include "least_squares/dense_equations.h"
+#include "least_squares/rig_fixtures.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr double kLambda = 1e-3;
+
+// What of a problem may change.
+struct Freedom {
+  const char* label;
+  bool rotations = true;
+  bool sensors = true;
+  bool params = false;
+  bool points = true;
+};
+
+std::vector<Freedom> AllFreedoms() {
+  return {{"Frames", true, false},
+          {"FramesAndSensors", true, true},
+          {"Intrinsics", true, false, true},
+          {"Everything", true, true, true},
+          {"Translations", false, true},
+          {"TranslationsAndIntrinsics", false, false, true},
+          {"HeldPoints", true, true, true, false}};
+}
+
+RigSceneOptions SmallScene(const std::vector<TestCamera>& cameras,
+                           const Freedom& freedom) {
+  RigSceneOptions options;
+  options.cameras = cameras;
+  options.num_points = 24;
+  options.rotations_are_free = freedom.rotations;
+  options.sensors_are_free = freedom.sensors;
+  options.params_are_free = freedom.params;
+  options.points_are_free = freedom.points;
+  options.noise_px = 1.0;
+  return options;
+}
+
+// Compares a step, the decrease it promises and the cost it leads to with those
+// of the dense equations. Differences are measured in the norm of the
+// equations, in which all units are one.
+template <class R>
+void ExpectStepOfDenseEquations(
+    const RigProblem<typename R::Observation>& problem, const RigState& state) {
+  RigEquations<R> equations(problem, ReducedSolver::kDirect, Threads(2));
+  equations.SetState(state);
+  const RigStructure& s = equations.structure();
+  const DenseEquations dense = MakeDenseEquations(problem, s, state);
+  const Eigen::MatrixXd damped = dense.Damped(kLambda);
+  const Eigen::VectorXd expected = damped.ldlt().solve(-dense.gradient);
+
+  EXPECT_NEAR(equations.Cost(), dense.cost, 1e-10 * dense.cost);
+  ASSERT_TRUE(equations.Linearize(kLambda));
+  ASSERT_TRUE(equations.Solve());
+  const TrialStep trial = equations.TryStep();
+  Eigen::VectorXd step(expected.size());
+  step.head(s.num_unknowns) = equations.step();
+  for (size_t p = 0; p < problem.num_points() && problem.points_are_free; ++p) {
+    step.segment<3>(s.num_unknowns + 3 * s.point_order[p]) =
+        equations.trial_points()[p] - equations.points()[p];
+  }
+  const Eigen::VectorXd error = step - expected;
+  EXPECT_LT(std::sqrt(error.dot(damped * error)),
+            2e-6 * std::sqrt(expected.dot(damped * expected)));
+  const double predicted = -dense.gradient.dot(expected) -
+                           0.5 * expected.dot(dense.hessian * expected);
+  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
+  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
+  const double new_cost = CostOfResiduals(
+      problem.loss, AllResiduals(problem, Moved(problem, s, state, step)));
+  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+}
+
+class CameraModelTest : public testing::TestWithParam<TestCamera> {};
+
+TEST_P(CameraModelTest, StepSolvesTheFullEquations) {
+  for (const Freedom& freedom : AllFreedoms()) {
+    SCOPED_TRACE(freedom.label);
+    RigScene<PixelObservation> scene =
+        MakePixelScene(SmallScene({GetParam(), GetParam()}, freedom));
+    ASSERT_GT(scene.problem.observations.size(), 60u);
+    RigState state = scene.truth;
+    Random random(3);
+    Perturb(scene.problem, 2e-3, &random, &state);
+    ExpectStepOfDenseEquations<PixelResidual>(scene.problem, state);
+  }
+}
+
+// A way to move the state, and the column of derivatives that belongs to it.
+struct Column {
+  std::function<void(double, RigState*)> move;
+  Eigen::Vector2d expected;
+};
+
+std::vector<Column> PoseColumns(const RigProblemBase::Image& image, size_t p,
+                                const ObservationRows<2, 6>& rows) {
+  std::vector<Column> columns;
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d axis = Eigen::Vector3d::Unit(i);
+    const int frame = image.frame, sensor = image.sensor;
+    columns.push_back({[=](double h, RigState* s) { s->points[p] += h * axis; },
+                       {rows.point[i], rows.point[3 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         Eigen::Quaterniond& q =
+                             s->frames[frame].rig_from_world;
+                         q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
+                       },
+                       {rows.frame[i], rows.frame[6 + i]}});
+    columns.push_back(
+        {[=](double h, RigState* s) { s->frames[frame].center += h * axis; },
+         {rows.frame[3 + i], rows.frame[9 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         Eigen::Quaterniond& q = s->sensors[sensor].rotation;
+                         q = ExpSO3(Eigen::Vector3d(h * axis)) * q;
+                       },
+                       {rows.image[i], rows.image[6 + i]}});
+    columns.push_back({[=](double h, RigState* s) {
+                         s->sensors[sensor].translation += h * axis;
+                       },
+                       {rows.image[3 + i], rows.image[9 + i]}});
+  }
+  return columns;
+}
+
+void ExpectDerivatives(const RigScene<PixelObservation>& scene,
+                       const PixelObservation& o, size_t p,
+                       const std::vector<Column>& columns) {
+  constexpr double kStep = 1e-6;
+  for (const Column& column : columns) {
+    RigState before = scene.truth, after = scene.truth;
+    column.move(-kStep, &before);
+    column.move(kStep, &after);
+    const Eigen::Vector2d difference =
+        (ObservationResidual(scene.problem, after, o, after.points[p]) -
+         ObservationResidual(scene.problem, before, o, before.points[p])) /
+        (2.0 * kStep);
+    EXPECT_LT((difference - column.expected).norm(),
+              2e-6 * (1.0 + difference.norm()));
+  }
+}
+
+// Rows of derivatives of single observations against differences.
+TEST_P(CameraModelTest, RowsAreDerivatives) {
+  RigSceneOptions options =
+      SmallScene({GetParam()}, Freedom{"Everything", true, true, true});
+  options.num_points = 8;
+  const RigScene<PixelObservation> scene = MakePixelScene(options);
+  const RigProblem<PixelObservation>& problem = scene.problem;
+  std::vector<ImagePose> poses;
+  ComputeImagePoses(problem, scene.truth, &poses);
+  for (size_t p = 0; p < problem.num_points(); ++p) {
+    for (size_t k = problem.point_begin[p]; k < problem.point_begin[p + 1];
+         ++k) {
+      const PixelObservation& o = problem.observations[k];
+      const ImagePose& pose = poses[o.image];
+      ObservationTerms<2> terms;
+      ASSERT_TRUE(LinearizeObservation<PixelResidual>(
+          {RobustLossType::kTrivial, 1.0}, pose, scene.truth.points[p].data(),
+          o.pixel.data(), &terms));
+      ObservationRows<2, 6> rows;
+      ComputeRows<2, 6>(pose, terms, &rows);
+      std::vector<Column> columns =
+          PoseColumns(problem.images[o.image], p, rows);
+      for (int i = 0; i < pose.num_free_params; ++i) {
+        columns.push_back(
+            {[i](double h, RigState* s) { s->cameras[0][i] += h; },
+             {terms.K[i], terms.K[pose.num_free_params + i]}});
+      }
+      ExpectDerivatives(scene, o, p, columns);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Models, CameraModelTest, testing::ValuesIn(AllTestCameras()),
+    [](const testing::TestParamInfo<TestCamera>& camera_info) {
+      return camera_info.param.label;
+    });
+
+TEST(RigEquationsTest, RaysAndBaselinesSolveTheFullEquations) {
+  for (const bool sensors : {false, true}) {
+    for (const bool points : {false, true}) {
+      SCOPED_TRACE(testing::Message() << sensors << points);
+      const Freedom freedom{"", false, sensors, false, points};
+      const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
+      RigScene<RayObservation> scene =
+          MakeRayScene(SmallScene(cameras, freedom), 0.01);
+      RigState state = scene.truth;
+      Random random(4);
+      Perturb(scene.problem, 5e-3, &random, &state);
+      ExpectStepOfDenseEquations<RayResidual>(scene.problem, state);
+    }
+  }
+}
+
+TEST(RigEquationsTest, RaysWithFreeRotationsSolveTheFullEquations) {
+  RigSceneOptions options = SmallScene(
+      {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, Freedom{""});
+  const RigScene<PixelObservation> pixels = MakePixelScene(options);
+  RigProblem<RayObservation> problem;
+  static_cast<RigProblemBase&>(problem) = pixels.problem;
+  problem.loss = {RobustLossType::kHuber, 0.01};
+  Random random(5);
+  for (size_t p = 0; p < problem.num_points(); ++p) {
+    for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
+         ++o) {
+      const int image = pixels.problem.observations[o].image;
+      const Eigen::Vector3d x =
+          PointInCamera(problem, pixels.truth, image, pixels.truth.points[p]);
+      problem.observations.push_back(
+          {image, (x.normalized() + RandomVector(0.01, &random)).normalized()});
+    }
+  }
+  ExpectStepOfDenseEquations<RayResidual>(problem, pixels.truth);
+}
+
+// Rotations that only the problem knows, instead of the state's.
+TEST(RigEquationsTest, HeldRotationsMayBeTheProblems) {
+  const Freedom freedom{"", false, true};
+  const std::vector<TestCamera> cameras(2, PerspectiveTestCameras()[0]);
+  RigScene<RayObservation> scene =
+      MakeRayScene(SmallScene(cameras, freedom), 0.01);
+  RigProblem<RayObservation> held = scene.problem;
+  for (const RigProblemBase::Image& image : held.images) {
+    held.held_cam_from_world.push_back(
+        (scene.truth.sensors[image.sensor].rotation *
+         scene.truth.frames[image.frame].rig_from_world)
+            .toRotationMatrix());
+  }
+  RigEquations<RayResidual> by_state(scene.problem, ReducedSolver::kDirect,
+                                     Threads(1));
+  RigEquations<RayResidual> by_problem(held, ReducedSolver::kDirect,
+                                       Threads(1));
+  for (auto* equations : {&by_state, &by_problem}) {
+    equations->SetState(scene.truth);
+    ASSERT_TRUE(equations->Linearize(kLambda));
+    ASSERT_TRUE(equations->Solve());
+  }
+  EXPECT_LT((by_state.step() - by_problem.step()).norm(),
+            1e-9 * by_state.step().norm());
+}
+
+TEST(RigEquationsTest, EveryLossWeighsAsItsDerivativeDoes) {
+  for (const auto type :
+       {RobustLossType::kTrivial, RobustLossType::kHuber,
+        RobustLossType::kSoftL1, RobustLossType::kLHalf,
+        RobustLossType::kCauchy, RobustLossType::kGemanMcClure}) {
+    SCOPED_TRACE(static_cast<int>(type));
+    RigScene<PixelObservation> scene =
+        MakePixelScene(SmallScene({PerspectiveTestCameras()[0]}, Freedom{""}));
+    scene.problem.loss = {type, 1.3};
+    ExpectStepOfDenseEquations<PixelResidual>(scene.problem, scene.truth);
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm
