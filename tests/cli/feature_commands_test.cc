@@ -96,7 +96,7 @@ TEST_F(FeatureCommandsTest, NamesBadImagesAndGoesOn) {
 
 TEST_F(FeatureCommandsTest, BadUseLeavesNoDatabase) {
   WriteDrive(1);
-  for (const std::string& more :
+  for (const char* const more :
        {"--ImageReader.camera_model NONE", "--image_list_path /nowhere",
         "--image_path /nowhere", "--ImageReader.camera_mask_path /nowhere"}) {
     const CommandOutput output = RunMgsfm(ExtractorLine(more));
