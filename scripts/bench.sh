@@ -41,7 +41,9 @@ run() {
   local name=$1
   shift
   "$program" --name "$name" --json_path "$parts/$name.json" \
-    --num_threads "$threads" --log_level warning "$@"
+    --num_threads "$threads" --log_level warning --max_num_iterations 60 \
+    --Mapper.BundleAdjustment.refine_focal_length no \
+    --Mapper.BundleAdjustment.refine_extra_params no "$@"
 }
 if [ -e "$data/kitti06_stereo/database.db" ]; then
   run kitti06_stereo --database_path "$data/kitti06_stereo/database.db"
