@@ -132,8 +132,8 @@ SolveSummary SolveSixBlockBundle(const RigProblem<PixelObservation>& problem,
                               ? Termination::kConverged
                               : Termination::kMaxIterations;
   }
-  summary.num_iterations =
-      result.num_successful_steps + result.num_unsuccessful_steps;
+  // The first one listed is the start.
+  summary.num_iterations = static_cast<int>(result.iterations.size()) - 1;
   summary.initial_cost = result.initial_cost;
   summary.final_cost = result.final_cost;
   summary.message = result.message;

@@ -463,8 +463,9 @@ SolveSummary SolveByCeres(const RigProblem<typename R::Observation>& problem,
   RigState solved = *state;
   CeresRigProblem<R> ceres_problem(problem, &solved);
   const ceres::Solver::Summary result = ceres_problem.Solve(ceres_options);
+  // The first one listed is the start.
   summary.num_iterations =
-      result.num_successful_steps + result.num_unsuccessful_steps;
+      std::max(0, static_cast<int>(result.iterations.size()) - 1);
   summary.initial_cost = result.initial_cost;
   summary.final_cost = result.final_cost;
   summary.message = result.message;

@@ -13,12 +13,6 @@
 namespace mgsfm {
 namespace {
 
-Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
-
 SimulationOptions NoisyScene(RigPreset rig, PathPreset path) {
   SimulationOptions options = SmallScene(rig, path);
   options.pixel_noise_px = 0.5;

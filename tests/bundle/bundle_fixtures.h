@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "bundle/problem_builder.h"
+#include "least_squares/rig_fixtures.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
@@ -20,21 +21,6 @@ inline SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
   options.num_points_per_frame = 80;
   options.max_num_features_per_image = 150;
   return options;
-}
-
-inline Eigen::Vector3d RandomVector(double size, Random* random) {
-  return size *
-         Eigen::Vector3d(random->Normal(), random->Normal(), random->Normal());
-}
-
-// Where an image sees a point.
-inline Eigen::Vector3d PointInCamera(const BundleProblem& problem,
-                                     const BundleState& state, int image_idx,
-                                     const Eigen::Vector3d& point) {
-  const BundleProblem::Image& image = problem.images[image_idx];
-  const FramePose& frame = state.frames[image.frame];
-  return state.sensors[image.sensor] *
-         (frame.rig_from_world * (point - frame.center));
 }
 
 inline Eigen::Vector2d ProjectPoint(const BundleProblem& problem,
@@ -82,38 +68,7 @@ inline ObservationGroups GroupTracks(const Reconstruction& reconstruction,
   return groups;
 }
 
-// Moves all that is free by normal noise of relative size `size`.
-inline void Perturb(const BundleProblem& problem, double size, Random* random,
-                    BundleState* state) {
-  const auto masked = [&](const PoseMask& mask, double rotation,
-                          double translation) {
-    PoseVector v;
-    v << RandomVector(rotation, random), RandomVector(translation, random);
-    return PoseVector(v.cwiseProduct(mask));
-  };
-  for (size_t i = 0; i < state->frames.size(); ++i) {
-    const PoseVector d = masked(problem.frame_masks[i], 0.1 * size, size);
-    FramePose& pose = state->frames[i];
-    pose.rig_from_world = ExpSO3(d.head<3>()) * pose.rig_from_world;
-    pose.center += d.tail<3>();
-  }
-  for (size_t i = 0; i < state->sensors.size(); ++i) {
-    const PoseVector d = masked(problem.sensor_masks[i], 0.1 * size, size);
-    state->sensors[i].rotation =
-        ExpSO3(d.head<3>()) * state->sensors[i].rotation;
-    state->sensors[i].translation += d.tail<3>();
-  }
-  for (size_t i = 0; i < state->cameras.size(); ++i) {
-    for (const int param : problem.cameras[i].free_params) {
-      state->cameras[i][param] *= 1.0 + 0.1 * size * random->Normal();
-    }
-  }
-  for (Eigen::Vector3d& point : state->points) {
-    point += RandomVector(size, random);
-  }
-}
-
-// The same for a reconstruction, without intrinsics.
+// Perturb() for a reconstruction, without intrinsics.
 inline Reconstruction Perturbed(const Scene& scene,
                                 const Reconstruction& reconstruction,
                                 double size, uint64_t seed) {

@@ -28,12 +28,6 @@ RigSolverOptions TightTolerances() {
   return options;
 }
 
-Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
-
 // The largest difference in pose of any image. The gauge must be the same.
 double MaxPoseDifference(const BundleProblem& problem, const BundleState& a,
                          const BundleState& b) {

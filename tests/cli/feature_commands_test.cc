@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <csignal>
-
 #include "cli/program_runs.h"
 #include "features/blob_images.h"
 #include "mgsfm/io/feature_database.h"
@@ -96,7 +94,7 @@ TEST_F(FeatureCommandsTest, NamesBadImagesAndGoesOn) {
 
 TEST_F(FeatureCommandsTest, BadUseLeavesNoDatabase) {
   WriteDrive(1);
-  for (const char* const more :
+  for (const std::string more :
        {"--ImageReader.camera_model NONE", "--image_list_path /nowhere",
         "--image_path /nowhere", "--ImageReader.camera_mask_path /nowhere"}) {
     const CommandOutput output = RunMgsfm(ExtractorLine(more));

@@ -57,6 +57,76 @@ std::string CmykTiff(const GrayImage& gray) {
   return bytes;
 }
 
+// Appends bits, the most significant first, with a zero after each 0xff.
+class JpegBits {
+ public:
+  explicit JpegBits(std::string* bytes) : bytes_(bytes) {}
+  void Add(int value, int num_bits) {
+    for (int i = num_bits - 1; i >= 0; --i) {
+      byte_ = byte_ << 1 | (value >> i & 1);
+      if (++num_bits_ < 8) continue;
+      *bytes_ += static_cast<char>(byte_);
+      if (byte_ == 0xff) *bytes_ += '\0';
+      byte_ = num_bits_ = 0;
+    }
+  }
+  void Finish() {
+    while (num_bits_ > 0) Add(1, 1);
+  }
+
+ private:
+  std::string* bytes_;
+  int byte_ = 0;
+  int num_bits_ = 0;
+};
+
+void AppendBytes(const std::vector<int>& values, std::string* bytes) {
+  for (const int value : values) *bytes += static_cast<char>(value);
+}
+
+// A baseline JPEG file of four components (ITU-T T.81) in which each 8 x 8
+// block has one value, a pixel of `gray` for the last and 255 for the others:
+// inverted CMYK, as is usual. Only constant terms are coded, their lengths by
+// codes of 4 bits; the code of the end of a block is 0.
+std::string CmykJpeg(const GrayImage& gray) {
+  const auto width = 8 * static_cast<int>(gray.cols());
+  const auto height = 8 * static_cast<int>(gray.rows());
+  std::string bytes;
+  AppendBytes({0xff, 0xd8, 0xff, 0xdb, 0, 67, 0}, &bytes);
+  AppendBytes(std::vector<int>(64, 1), &bytes);
+  AppendBytes(
+      {0xff,       0xc0,        0, 20,   8,    height >> 8, height & 255,
+       width >> 8, width & 255, 4, 1,    0x11, 0,           2,
+       0x11,       0,           3, 0x11, 0,    4,           0x11,
+       0},
+      &bytes);
+  AppendBytes({0xff, 0xc4, 0, 31, 0, 0, 0, 0, 12, 0, 0, 0, 0, 0, 0,  0, 0,
+               0,    0,    0, 0,  0, 1, 2, 3, 4,  5, 6, 7, 8, 9, 10, 11},
+              &bytes);
+  AppendBytes({0xff, 0xc4, 0, 20, 0x10, 1, 0, 0, 0, 0, 0,
+               0,    0,    0, 0,  0,    0, 0, 0, 0, 0, 0},
+              &bytes);
+  AppendBytes({0xff, 0xda, 0, 14, 4, 1, 0, 2, 0, 3, 0, 4, 0, 0, 63, 0}, &bytes);
+  JpegBits bits(&bytes);
+  int before[4] = {};
+  for (Eigen::Index i = 0; i < gray.size(); ++i) {
+    for (int component = 0; component < 4; ++component) {
+      const int value = component == 3 ? gray.data()[i] : 255;
+      const int constant = 8 * (value - 128);
+      const int change = constant - before[component];
+      before[component] = constant;
+      int length = 0;
+      while (std::abs(change) >> length != 0) ++length;
+      bits.Add(length, 4);
+      bits.Add(change < 0 ? change + (1 << length) - 1 : change, length);
+      bits.Add(0, 1);
+    }
+  }
+  bits.Finish();
+  AppendBytes({0xff, 0xd9}, &bytes);
+  return bytes;
+}
+
 class BadImagesTest : public ExtractionTest {
  protected:
   BadImagesTest() { WriteBlobs("good.png", 1); }
@@ -185,6 +255,30 @@ TEST_F(BadImagesTest, SixteenBitsAndColoursAreUnderstood) {
   }
   EXPECT_NEAR(static_cast<double>(images.at("cmyk.tif").keypoints.size()),
               static_cast<double>(num), 0.2 * static_cast<double>(num));
+}
+
+TEST_F(BadImagesTest, CmykJpegIsUnderstood) {
+  GrayImage small(20, 30);
+  Random random(4);
+  for (auto& pixel : small.reshaped()) {
+    pixel = static_cast<uint8_t>(random.Index(256));
+  }
+  cv::Mat image(160, 240, CV_8U);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      image.at<uint8_t>(y, x) = small(y / 8, x / 8);
+    }
+  }
+  WriteImage("cam/gray.png", image);
+  WriteTextFile(ImagePath("cam/cmyk.jpg"), CmykJpeg(small));
+  Extract();
+  EXPECT_TRUE(warnings_.empty()) << testing::PrintToString(warnings_);
+  const auto images = Images();
+  const auto num =
+      static_cast<double>(images.at("cam/gray.png").keypoints.size());
+  EXPECT_GT(num, 50.0);
+  EXPECT_NEAR(static_cast<double>(images.at("cam/cmyk.jpg").keypoints.size()),
+              num, 0.1 * num);
 }
 
 TEST_F(BadImagesTest, NothingToUseIsAnError) {

@@ -202,12 +202,12 @@ inline RigScene<RayObservation> MakeRayScene(RigSceneOptions options,
   return scene;
 }
 
-// Moves all that is free by normal noise.
+// Moves all that is free by normal noise of relative size `size`.
 inline void Perturb(const RigProblemBase& problem, double size, Random* random,
                     RigState* state) {
   const auto masked = [&](const PoseMask& mask) {
     PoseVector v;
-    v << RandomVector(0.2 * size, random), RandomVector(size, random);
+    v << RandomVector(0.1 * size, random), RandomVector(size, random);
     return PoseVector(v.cwiseProduct(mask));
   };
   for (size_t i = 0; i < state->frames.size(); ++i) {
@@ -221,6 +221,11 @@ inline void Perturb(const RigProblemBase& problem, double size, Random* random,
     state->sensors[i].rotation =
         ExpSO3(d.head<3>()) * state->sensors[i].rotation;
     state->sensors[i].translation += d.tail<3>();
+  }
+  for (size_t i = 0; i < state->cameras.size(); ++i) {
+    for (const int param : problem.cameras[i].free_params) {
+      state->cameras[i][param] *= 1.0 + 0.1 * size * random->Normal();
+    }
   }
   if (!problem.points_are_free) return;
   for (Eigen::Vector3d& point : state->points) {
