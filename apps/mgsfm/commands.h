@@ -6,6 +6,7 @@
 namespace mgsfm {
 
 // One per file cmd_*.cc.
+Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
 Command ExhaustiveMatcherCommand();
 Command FeatureExtractorCommand();

@@ -15,7 +15,8 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {MapperCommand(),
+  return {AutomaticReconstructorCommand(),
+          MapperCommand(),
           BundleAdjusterCommand(),
           ModelEvaluatorCommand(),
           SimulateCommand(),

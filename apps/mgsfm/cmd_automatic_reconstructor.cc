@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <filesystem>
+#include <string>
+
+#include "command.h"
+#include "commands.h"
+#include "extraction_run.h"
+#include "mapper_run.h"
+#include "matching_input.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/matching/matching.h"
+
+namespace mgsfm {
+namespace {
+
+// How the images were taken, by COLMAP's name for it.
+enum class DataType { kVideo, kIndividual };
+
+}  // namespace
+
+template <>
+struct EnumTable<DataType> {
+  static constexpr std::pair<std::string_view, DataType> kNames[] = {
+      {"video", DataType::kVideo}, {"individual", DataType::kIndividual}};
+};
+
+namespace {
+
+struct AutomaticReconstructorOptions {
+  std::string workspace_path;
+  std::string image_path;
+  DataType data_type = DataType::kVideo;
+  ModelFormat output_format = ModelFormat::kBinary;
+  FeatureExtractionOptions extraction;
+  SceneLoadingOptions loading;
+  PairMatchingOptions matching;
+  SequentialMatchingOptions sequential;
+  ExhaustiveMatchingOptions exhaustive;
+  VocabularyOptions vocabulary;
+  MapperOptions mapper;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("workspace_path", self.workspace_path, Required(), "",
+          "Folder for database.db and the models in `sparse`; made if there "
+          "is none. What its database has already is not done again.");
+    visit("image_path", self.image_path, Required(), "",
+          "Folder of images, with a folder for each camera of the rig.");
+    visit("data_type", self.data_type, AnyValue(), "",
+          "video: in the order of their names, matched with their neighbours "
+          "and where loops close. individual: each is matched with each.");
+    visit("output_format", self.output_format, AnyValue(), "",
+          "Of the models: binary or text.");
+    FeatureExtractionOptions::Describe(self.extraction, visit);
+    SceneLoadingOptions::Describe(self.loading, visit);
+    PairMatchingOptions::Describe(self.matching, visit);
+    visit.Group("SequentialMatching", self.sequential);
+    visit.Group("ExhaustiveMatching", self.exhaustive);
+    visit.Group("VocabTree", self.vocabulary);
+    MapperOptions::Describe(self.mapper, visit);
+  }
+};
+
+void Match(const std::string& database_path,
+           const AutomaticReconstructorOptions& options,
+           const Context& context) {
+  MatchingInput input = OpenMatchingInput(
+      {database_path, options.loading, options.matching}, context);
+  if (options.data_type == DataType::kVideo) {
+    MatchSequentially(&input.database, input.scene, options.sequential,
+                      options.vocabulary, options.matching, context);
+  } else {
+    MatchExhaustively(&input.database, input.scene, options.exhaustive,
+                      options.matching, context);
+  }
+}
+
+int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
+                              const Context& context) {
+  if (!std::filesystem::is_directory(options.image_path)) {
+    throw Error("--image_path '" + options.image_path + "' is no folder");
+  }
+  const std::filesystem::path workspace = options.workspace_path;
+  std::error_code error;
+  std::filesystem::create_directories(workspace, error);
+  if (!std::filesystem::is_directory(workspace)) {
+    throw Error("--workspace_path '" + options.workspace_path +
+                "' cannot be made: " + error.message());
+  }
+  const std::string database_path = (workspace / "database.db").string();
+  ExtractInto(database_path, options.image_path, options.extraction, context);
+  Match(database_path, options, context);
+  return MapDatabase(
+      {database_path, (workspace / "sparse").string(), options.image_path,
+       options.output_format, options.loading, options.mapper,
+       OptionsToJsonOf(options)},
+      context);
+}
+
+}  // namespace
+
+Command AutomaticReconstructorCommand() {
+  return MakeCommandThatGoesOn(
+      "automatic_reconstructor",
+      "From folders of images to models: features, matches, mapper.",
+      RunAutomaticReconstructor);
+}
+
+}  // namespace mgsfm

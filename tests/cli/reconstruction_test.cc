@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// From the images in data/rendered_rig to a model, through the built program.
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "cli/program_runs.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::HasSubstr;
+
+class ReconstructionTest : public testing::Test {
+ protected:
+  // The first frames of the two cameras that look ahead.
+  void SetUp() override {
+    const std::filesystem::path data = MGSFM_SOURCE_DIR "/data/rendered_rig";
+    for (const char* const camera : {"front_left", "front_right"}) {
+      std::filesystem::create_directories(Path("images") / camera);
+      for (const auto& entry :
+           std::filesystem::directory_iterator(data / "images" / camera)) {
+        const auto name = entry.path().filename();
+        if (name.stem().string() >= "000008") continue;
+        std::filesystem::copy(entry.path(), Path("images") / camera / name);
+      }
+    }
+    line_ = "automatic_reconstructor --image_path " + Path("images").string() +
+            " --workspace_path " + Path("work").string() +
+            " --ImageReader.camera_params_path " +
+            (data / "cameras.txt").string() + " ";
+    truth_ = (data / "truth").string();
+  }
+  std::filesystem::path Path(const std::string& name) const {
+    return dir_.path() / name;
+  }
+
+  TempDir dir_;
+  std::string line_, truth_;
+};
+
+TEST_F(ReconstructionTest, ImagesGiveTheRigAndItsPath) {
+  const CommandOutput first = RunMgsfm(line_);
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  const std::string json_path = Path("errors.json").string();
+  const CommandOutput evaluated = RunMgsfm(
+      "model_evaluator --input_path " + Path("work/sparse/0").string() +
+      " --gt_path " + truth_ + " --json " + json_path);
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  const auto errors = nlohmann::json::parse(ReadTextFile(json_path));
+  EXPECT_EQ(errors.at("num_registered"), 16) << errors;
+  EXPECT_LT(errors.at("position_m").at("mean"), 0.02) << errors;
+  EXPECT_LT(errors.at("sensors").at(0).at("rotation_deg"), 0.2) << errors;
+
+  // What the database has is not done again.
+  const CommandOutput again = RunMgsfm(line_ + "--data_type individual");
+  EXPECT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_THAT(again.err, HasSubstr("16 images had features before"));
+}
+
+TEST_F(ReconstructionTest, BadUseIsNamed) {
+  std::filesystem::remove_all(Path("images"));
+  const CommandOutput output = RunMgsfm(line_);
+  EXPECT_EQ(output.exit_code, 1);
+  EXPECT_THAT(output.err, HasSubstr("--image_path"));
+  EXPECT_FALSE(std::filesystem::exists(Path("work")));
+}
+
+}  // namespace
+}  // namespace mgsfm
