@@ -3,7 +3,8 @@
 # Installs the Debian 12 packages that mgsfm needs; does nothing if all are
 # there.
 #   scripts/setup.sh        to build, run and test
-#   scripts/setup.sh --dev  and to check format, lint and COLMAP compatibility
+#   scripts/setup.sh --dev  and to check format, lint and COLMAP compatibility,
+#                           and for the tables of scripts/bench.sh
 set -euo pipefail
 
 packages=(
@@ -15,7 +16,7 @@ packages=(
 )
 case "${1:-}" in
   "") ;;
-  --dev) packages+=(clang-format clang-tidy colmap) ;;
+  --dev) packages+=(clang-format clang-tidy colmap python3) ;;
   *) echo "usage: scripts/setup.sh [--dev]" >&2; exit 1 ;;
 esac
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
-#include <map>
 #include <tuple>
 #include <utility>
 
@@ -61,20 +60,28 @@ class BackboneSelector {
 
   // All pairs of two frames have the strength of the frames.
   void ComputeStrengths() {
-    std::map<std::pair<int, int>, size_t> num_matches;  // by frames
+    using FramePair = std::pair<int, int>;
+    std::vector<std::pair<FramePair, size_t>> order;  // pairs, by frames
     for (size_t i = 0; i < strengths_.size(); ++i) {
-      if (!is_used_[i] || !IsBetweenFrames(i)) continue;
-      num_matches[Frames(i)] += view_graph_.pairs[i].matches.size();
+      if (is_used_[i] && IsBetweenFrames(i)) order.emplace_back(Frames(i), i);
     }
+    std::sort(order.begin(), order.end());
     std::vector<size_t> most(scene_.frames.size(), 1);
-    for (const auto& [frames, num] : num_matches) {
-      most[frames.first] = std::max(most[frames.first], num);
-      most[frames.second] = std::max(most[frames.second], num);
+    std::vector<size_t> num_matches(strengths_.size(), 0);  // of the frames
+    for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
+      size_t num = 0;
+      for (; end < order.size() && order[end].first == order[begin].first;
+           ++end) {
+        num += view_graph_.pairs[order[end].second].matches.size();
+      }
+      for (size_t k = begin; k < end; ++k) num_matches[order[k].second] = num;
+      const auto [frame1, frame2] = order[begin].first;
+      most[frame1] = std::max(most[frame1], num);
+      most[frame2] = std::max(most[frame2], num);
     }
-    for (size_t i = 0; i < strengths_.size(); ++i) {
-      if (!is_used_[i] || !IsBetweenFrames(i)) continue;
-      const size_t best = std::min(most[Frame1(i)], most[Frame2(i)]);
-      strengths_[i] = static_cast<double>(num_matches[Frames(i)]) / best;
+    for (const auto& [frames, i] : order) {
+      const size_t best = std::min(most[frames.first], most[frames.second]);
+      strengths_[i] = static_cast<double>(num_matches[i]) / best;
     }
   }
 
