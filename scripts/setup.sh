@@ -9,7 +9,8 @@ set -euo pipefail
 
 packages=(
   cmake ninja-build g++ ccache
-  libeigen3-dev libceres-dev libsuitesparse-dev libsqlite3-dev
+  libeigen3-dev libceres-dev libsuitesparse-dev libopenblas0-serial
+  libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
   libopencv-imgproc-dev libexiv2-dev
   libgtest-dev libgmock-dev

@@ -126,9 +126,9 @@ BundleResult Adjust(const ModelScene& input,
     return AdjustBundle(input.scene, input.reconstruction,
                         options.bundle_adjustment, context);
   }
-  return RefineReconstruction(input.scene, GroupTracks(input.reconstruction),
-                              input.reconstruction, options.bundle_adjustment,
-                              context);
+  return RefineReconstruction(
+      input.scene, FixedCandidates(GroupTracks(input.reconstruction)),
+      input.reconstruction, options.bundle_adjustment, context);
 }
 
 void PrintResult(const ModelScene& input, const BundleResult& result) {

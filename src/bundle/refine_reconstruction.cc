@@ -15,7 +15,7 @@ namespace {
 
 class ReconstructionRefiner {
  public:
-  ReconstructionRefiner(const Scene& scene, const ObservationGroups& candidates,
+  ReconstructionRefiner(const Scene& scene, const CandidateSource& candidates,
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
                         const Context& context)
@@ -66,7 +66,7 @@ class ReconstructionRefiner {
   PointFilterOptions FilterOptions(const BundleRound& round) const;
 
   const Scene& scene_;
-  const ObservationGroups& candidates_;
+  const CandidateSource& candidates_;
   const Reconstruction& initial_;
   const BundleAdjustmentOptions& options_;
   const Context& context_;
@@ -142,14 +142,16 @@ PointFilterOptions ReconstructionRefiner::FilterOptions(
   filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
   filter.min_group_share = options_.min_track_share;
+  filter.sigma_px = round.max_error_px / options_.error_sigma_factor;
+  filter.point_sigma_factor = options_.point_sigma_factor;
   return filter;
 }
 
 void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
   context_.CheckInterrupted();
   const BundleRound round = StartRound(num_rounds_left);
-  Retriangulate(scene_, candidates_, FilterOptions(round), context_.num_threads,
-                &result_.estimate);
+  Retriangulate(scene_, candidates_(result_.estimate, round.max_error_px),
+                FilterOptions(round), context_.num_threads, &result_.estimate);
   FinishRound(round);
 }
 
@@ -178,7 +180,7 @@ void ReconstructionRefiner::DropFramesWithoutObservations() {
 }  // namespace
 
 BundleResult RefineReconstruction(const Scene& scene,
-                                  const ObservationGroups& candidates,
+                                  const CandidateSource& candidates,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context) {

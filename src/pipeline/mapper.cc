@@ -54,19 +54,27 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
   return selected;
 }
 
-// Tracks without the matches of pairs that turned out to contradict the others,
-// so that copies of a structure are not one.
-ObservationGroups EstablishCandidatesAnew(
-    const Scene& scene, const ViewGraph& view_graph,
-    const RotationEstimate& rotations,
-    const std::vector<char>& pair_contradicts, const TrackOptions& options,
-    const Context& context) {
+// Tracks of the matches that the model does not contradict, without the pairs
+// that turned out to contradict the others, so that neither wrong matches nor
+// copies of a structure join what is not one.
+CandidateSource MakeCandidateSource(const Scene& scene,
+                                    const ViewGraph& view_graph,
+                                    const RotationEstimate& rotations,
+                                    const std::vector<char>& pair_contradicts,
+                                    const MapperOptions& options,
+                                    const Context& context) {
   std::vector<char> pair_is_used = rotations.pair_is_inlier;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
     if (pair_contradicts[i]) pair_is_used[i] = false;
   }
-  return EstablishTracks(scene, view_graph, pair_is_used, options, context)
-      .estimate.candidates;
+  return [&, pair_is_used](const Reconstruction& model, double max_error_px) {
+    return EstablishTracks(scene, view_graph,
+                           SelectConsistentMatches(
+                               scene, view_graph, pair_is_used, model,
+                               max_error_px, options.match_selection, context),
+                           options.tracks, context)
+        .estimate.candidates;
+  };
 }
 
 // Pairs of the part that its rotations or positions contradict.
@@ -112,8 +120,8 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
-  TrackResult tracks = Timed("tracks", context, &model.times, [&] {
-    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
+  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
+    return EstablishTracks(scene, view_graph, {rotations.pair_is_inlier, {}},
                            options.tracks, context);
   });
   model.tracks = tracks.summary;
@@ -128,15 +136,12 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   model.suspicious_groups = FindSuspiciousGroups(scene, view_graph, rotations,
                                                  translation.pair_contradicts);
   WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
-  if (model.translation.num_pairs_contradicting > 0) {
-    tracks.estimate.candidates = EstablishCandidatesAnew(
-        scene, view_graph, rotations, translation.pair_contradicts,
-        options.tracks, context);
-  }
 
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
-        scene, tracks.estimate.candidates,
+        scene,
+        MakeCandidateSource(scene, view_graph, rotations,
+                            translation.pair_contradicts, options, context),
         JoinEstimates(scene, rotations, translation.estimate,
                       tracks.estimate.tracks),
         options.bundle_adjustment, context);

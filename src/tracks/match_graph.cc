@@ -13,13 +13,18 @@ namespace {
 // Calls function(node1, node2, num_matches_of_the_pair) for all used matches.
 template <class Function>
 void ForEachMatch(const KeypointNodes& nodes, const ViewGraph& view_graph,
-                  const std::vector<char>& pair_is_used,
-                  const Function& function) {
+                  const MatchSelection& selection, const Function& function) {
+  const bool has_all_matches = selection.match_is_used.empty();
+  size_t next = 0;
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    if (!pair_is_used[i]) continue;
     const ImagePair& pair = view_graph.pairs[i];
+    const size_t first = next;
+    next += pair.matches.size();
+    if (!selection.pair_is_used[i]) continue;
     const uint32_t num_matches = static_cast<uint32_t>(pair.matches.size());
-    for (const Match& match : pair.matches) {
+    for (size_t k = first; k < next; ++k) {
+      if (!has_all_matches && !selection.match_is_used[k]) continue;
+      const Match& match = pair.matches[k - first];
       function(nodes.NodeOf(pair.image_idx1, match.keypoint_idx1),
                nodes.NodeOf(pair.image_idx2, match.keypoint_idx2), num_matches);
     }
@@ -54,9 +59,9 @@ KeypointNodes::KeypointNodes(const Scene& scene) {
 
 MatchComponents FindComponents(const KeypointNodes& nodes,
                                const ViewGraph& view_graph,
-                               const std::vector<char>& pair_is_used) {
+                               const MatchSelection& selection) {
   UnionFind union_find(nodes.size());
-  ForEachMatch(nodes, view_graph, pair_is_used,
+  ForEachMatch(nodes, view_graph, selection,
                [&](uint32_t node1, uint32_t node2, uint32_t) {
                  union_find.Union(node1, node2);
                });
@@ -102,14 +107,15 @@ MatchComponents FindComponents(const KeypointNodes& nodes,
   return components;
 }
 
-ConflictingMatches GatherConflictingMatches(
-    const KeypointNodes& nodes, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used, const MatchComponents& components) {
+ConflictingMatches GatherConflictingMatches(const KeypointNodes& nodes,
+                                            const ViewGraph& view_graph,
+                                            const MatchSelection& selection,
+                                            const MatchComponents& components) {
   const auto& component_of_node = components.component_of_node;
   const auto& position_of_node = components.position_of_node;
   ConflictingMatches result;
   result.offsets.assign(components.groups.size() + 1, 0);
-  ForEachMatch(nodes, view_graph, pair_is_used,
+  ForEachMatch(nodes, view_graph, selection,
                [&](uint32_t node1, uint32_t, uint32_t) {
                  const uint32_t component = component_of_node[node1];
                  if (!components.has_conflict[component]) return;
@@ -121,7 +127,7 @@ ConflictingMatches GatherConflictingMatches(
   result.matches.resize(result.offsets.back());
   std::vector<size_t> next(result.offsets.begin(), result.offsets.end() - 1);
   ForEachMatch(
-      nodes, view_graph, pair_is_used,
+      nodes, view_graph, selection,
       [&](uint32_t node1, uint32_t node2, uint32_t num_matches) {
         const uint32_t component = component_of_node[node1];
         if (!components.has_conflict[component]) return;

@@ -8,6 +8,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/tracks/match_selection.h"
 
 namespace mgsfm::internal {
 
@@ -43,7 +44,7 @@ struct MatchComponents {
 
 MatchComponents FindComponents(const KeypointNodes& nodes,
                                const ViewGraph& view_graph,
-                               const std::vector<char>& pair_is_used);
+                               const MatchSelection& selection);
 
 // A match within a component, by positions in its group, first < second.
 struct ComponentMatch {
@@ -59,8 +60,9 @@ struct ConflictingMatches {
   std::vector<size_t> offsets;
 };
 
-ConflictingMatches GatherConflictingMatches(
-    const KeypointNodes& nodes, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used, const MatchComponents& components);
+ConflictingMatches GatherConflictingMatches(const KeypointNodes& nodes,
+                                            const ViewGraph& view_graph,
+                                            const MatchSelection& selection,
+                                            const MatchComponents& components);
 
 }  // namespace mgsfm::internal

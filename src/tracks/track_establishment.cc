@@ -63,16 +63,16 @@ ObservationGroups MakeConflictFree(const Scene& scene,
 }  // namespace
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
-                            const std::vector<char>& pair_is_used,
+                            const MatchSelection& selection,
                             const TrackOptions& options,
                             const Context& context) {
-  MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
+  MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
   const internal::KeypointNodes nodes(scene);
   const MatchComponents components =
-      internal::FindComponents(nodes, view_graph, pair_is_used);
+      internal::FindComponents(nodes, view_graph, selection);
   context.CheckInterrupted();
   const ConflictingMatches conflicting = internal::GatherConflictingMatches(
-      nodes, view_graph, pair_is_used, components);
+      nodes, view_graph, selection, components);
 
   TrackResult result;
   result.estimate.candidates =

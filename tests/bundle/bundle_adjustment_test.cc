@@ -98,8 +98,8 @@ TEST_P(BundleAdjustmentTest, WholeStageRecoversTheTruthFromRoughPoses) {
   const Reconstruction initial =
       Perturbed(simulation.scene, simulation.ground_truth, 0.05, 13);
   const BundleResult result = RefineReconstruction(
-      simulation.scene, GroupTracks(simulation.ground_truth), initial,
-      BundleAdjustmentOptions(), Threads(2));
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
+      initial, BundleAdjustmentOptions(), Threads(2));
   for (const SolveSummary& solve : result.summary.solves) {
     EXPECT_TRUE(solve.IsUsable()) << solve.message;
     EXPECT_LE(solve.final_cost, solve.initial_cost);
@@ -122,8 +122,9 @@ TEST_P(BundleAdjustmentTest, ThreadsDoNotChangeABit) {
       Perturbed(simulation.scene, simulation.ground_truth, 0.02, 14);
   const ObservationGroups groups = GroupTracks(simulation.ground_truth, 2);
   const auto refine = [&](int num_threads) {
-    return RefineReconstruction(simulation.scene, groups, initial,
-                                BundleAdjustmentOptions(), Threads(num_threads))
+    return RefineReconstruction(simulation.scene, FixedCandidates(groups),
+                                initial, BundleAdjustmentOptions(),
+                                Threads(num_threads))
         .estimate;
   };
   const Reconstruction one = refine(1);
@@ -142,7 +143,7 @@ TEST(RefineReconstructionTest, ExactDataKeepAllWithParallax) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
   const BundleResult result = RefineReconstruction(
-      simulation.scene, GroupTracks(simulation.ground_truth),
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
       Perturbed(simulation.scene, simulation.ground_truth, 0.02, 21),
       BundleAdjustmentOptions(), Threads(2));
   for (const SolveSummary& solve : result.summary.solves) {
@@ -170,7 +171,7 @@ TEST(RefineReconstructionTest, OutliersAreRemoved) {
     }
   }
   const BundleResult result = RefineReconstruction(
-      simulation.scene, GroupTracks(simulation.ground_truth),
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
       Perturbed(simulation.scene, simulation.ground_truth, 0.02, 16),
       BundleAdjustmentOptions(), Threads(2));
   int num_wrong = 0;
@@ -204,7 +205,7 @@ TEST(RefineReconstructionTest, FramesAndSensorsWithoutObservations) {
                 track.end());
   }
   const BundleResult result = RefineReconstruction(
-      simulation.scene, GroupTracks(simulation.ground_truth),
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
       simulation.ground_truth, BundleAdjustmentOptions(), Threads(2));
   ASSERT_EQ(result.summary.dropped_frames.size(), 1u);
   EXPECT_EQ(result.summary.dropped_frames[0].frame_idx, 4);
@@ -222,7 +223,7 @@ TEST(RefineReconstructionTest, NothingToRefine) {
   Reconstruction initial = simulation.ground_truth;
   initial.points.clear();
   const BundleResult result =
-      RefineReconstruction(simulation.scene, ObservationGroups(), initial,
+      RefineReconstruction(simulation.scene, FixedCandidates({}), initial,
                            BundleAdjustmentOptions(), Threads(1));
   EXPECT_EQ(result.summary.dropped_frames.size(),
             simulation.scene.frames.size());
@@ -233,7 +234,7 @@ TEST(RefineReconstructionTest, PointsWithoutGroupsAreKept) {
   const Simulation simulation =
       Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));
   const BundleResult result = RefineReconstruction(
-      simulation.scene, ObservationGroups(), simulation.ground_truth,
+      simulation.scene, FixedCandidates({}), simulation.ground_truth,
       BundleAdjustmentOptions(), Threads(1));
   EXPECT_GT(result.estimate.points.size(),
             simulation.ground_truth.points.size() / 2);

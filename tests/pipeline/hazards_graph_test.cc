@@ -271,7 +271,7 @@ TEST(Hazards, Hazard22VeryLongChainOfMatches) {
     view_graph.pairs.push_back(std::move(pair));
   }
   const TrackResult result = EstablishTracks(
-      scene, view_graph, std::vector<char>(view_graph.pairs.size(), 1),
+      scene, view_graph, {std::vector<char>(view_graph.pairs.size(), 1), {}},
       TrackOptions(), Context());
   ASSERT_EQ(result.summary.num_components, 1u);
   EXPECT_EQ(result.estimate.candidates.length(0), size_t{kNumImages});

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -71,6 +72,7 @@ struct BundleAdjustmentOptions {
 
   int num_rounds = 3;
   double error_sigma_factor = 4.0;
+  double point_sigma_factor = 3.0;
   double min_max_error_px = 0.5;
   double max_max_error_px = 4.0;
   double min_triangulation_angle_deg = 1.0;
@@ -116,6 +118,11 @@ struct BundleAdjustmentOptions {
     visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
           "Observations with more than so many robust standard deviations of "
           "reprojection error are outliers.");
+    visit(
+        "point_sigma_factor", self.point_sigma_factor, AtLeast(0.0), "",
+        "Points whose squared errors together exceed their expectation by "
+        "more than so many standard deviations are dropped: what moves slowly "
+        "relative to the rig has no gross error anywhere; 0 keeps them.");
     visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
           "Reprojection errors up to this are never outliers.");
     visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
@@ -179,9 +186,23 @@ struct BundleResult {
                                         const BundleAdjustmentOptions& options,
                                         const Context& context);
 
+// Groups of keypoints that may be images of one point, at most one keypoint of
+// an image in each, as far as a model can tell whose observations have errors
+// up to max_error_px.
+using CandidateSource = std::function<ObservationGroups(
+    const Reconstruction& model, double max_error_px)>;
+
+// The same groups for every model.
+inline CandidateSource FixedCandidates(ObservationGroups groups) {
+  return [groups = std::move(groups)](const Reconstruction&, double) {
+    return groups;
+  };
+}
+
 // The whole stage:
 //   1. drop gross outliers; solve with rotations and intrinsics held;
-//   2. num_rounds times: solve; triangulate all groups of `candidates` anew
+//   2. num_rounds times: solve; triangulate all groups that `candidates`
+//      gives anew
 //      with the present poses, which drops outliers, completes, merges and
 //      splits points. What less than min_track_share of a group agrees with is
 //      no point: the two cameras of a stereo pair agree on where a vehicle is,
@@ -196,7 +217,7 @@ struct BundleResult {
 // such as the internal translations of a standing rig. Points that are in no
 // group only lose outliers. If a solve fails, the estimate is that before it.
 [[nodiscard]] BundleResult RefineReconstruction(
-    const Scene& scene, const ObservationGroups& candidates,
+    const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context);
 

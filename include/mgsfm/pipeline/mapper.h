@@ -32,6 +32,7 @@ struct MapperOptions {
   ViewGraphOptions view_graph;
   RotationAveragingOptions rotation_averaging;
   TrackOptions tracks;
+  MatchSelectionOptions match_selection;
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
 
@@ -42,6 +43,7 @@ struct MapperOptions {
     visit.Group("ViewGraph", self.view_graph);
     visit.Group("RotationAveraging", self.rotation_averaging);
     visit.Group("Tracks", self.tracks);
+    visit.Group("MatchSelection", self.match_selection);
     visit.Group("TranslationAveraging", self.translation_averaging);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
   }

@@ -8,6 +8,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/tracks/match_selection.h"
 
 namespace mgsfm {
 
@@ -65,10 +66,10 @@ struct TrackResult {
 // matches; a conflicting component of n keypoints and m matches costs
 // O(m log m + m n) at worst.
 //
-// Uses the matches of the pairs with pair_is_used[pair_idx].
+// Uses the matches of the selection.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
-                                          const std::vector<char>& pair_is_used,
+                                          const MatchSelection& selection,
                                           const TrackOptions& options,
                                           const Context& context);
 
