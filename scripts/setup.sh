@@ -12,7 +12,7 @@ packages=(
   libeigen3-dev libceres-dev libsuitesparse-dev libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
   libopencv-imgproc-dev libexiv2-dev
-  libgtest-dev libgmock-dev
+  libgtest-dev libgmock-dev libbenchmark-dev
 )
 case "${1:-}" in
   "") ;;
