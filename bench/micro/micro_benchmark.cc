@@ -7,8 +7,8 @@
 #include <cstdio>
 #include <string>
 
+#include "machine_limits.h"
 #include "micro/groups.h"
-#include "micro/machine_limits.h"
 
 namespace {
 

@@ -7,10 +7,10 @@
 #include "least_squares/residuals.h"
 #include "least_squares/rig_equations.h"
 #include "least_squares/rig_fixtures.h"
+#include "machine_limits.h"
 #include "mgsfm/math/sparse_solver.h"
 #include "micro/camera_of_model.h"
 #include "micro/groups.h"
-#include "micro/machine_limits.h"
 #include "solver/pass_cost.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "micro/machine_limits.h"
+#include "machine_limits.h"
 
 #include <algorithm>
 #include <cstddef>
