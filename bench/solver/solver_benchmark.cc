@@ -19,6 +19,7 @@
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/scene_loading.h"
 #include "mgsfm/least_squares/rig_solver.h"
+#include "mgsfm/math/sparse_solver.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "simulated_run.h"
 #include "solver/pass_cost.h"
@@ -176,12 +177,16 @@ Json WorkToJson(const BundleProblem& problem, double seconds_per_iteration,
   const RigStructure structure(problem, std::move(images), ReducedSolver::kAuto,
                                context.num_threads);
   const PassCost cost = CountPassCost(problem, structure);
+  const EliminationOrder order =
+      FindEliminationOrder(structure.pattern.MakeMatrix());
   const MachineLimits& limits = MeasuredMachineLimits();
   const auto num = static_cast<double>(problem.observations.size());
   return {{"flops_per_observation", cost.Flops() / num},
           {"bytes_per_observation", cost.Bytes() / num},
           {"is_iterative", structure.is_iterative},
           {"num_unknowns", structure.num_unknowns},
+          {"factor_flops", order.num_flops},
+          {"factor_entries", order.num_factor_entries},
           {"copied_bytes_per_second", limits.copied_bytes_per_second},
           {"flops_per_second", limits.flops_per_second},
           {"share_of_copy", cost.Bytes() / seconds_per_iteration /
@@ -195,7 +200,7 @@ void PrintWork(const Json& work) {
   std::printf(
       "native: %.0f flops and %.0f bytes an observation and iteration, %.1f %% "
       "of multiply-adds and %.1f %% of copying (%.1f Gflop/s a thread, %.1f "
-      "GB/s), %d unknowns, reduced equations %s\n",
+      "GB/s), %d unknowns, reduced equations %s, %.3g flops for their factor\n",
       work["flops_per_observation"].get<double>(),
       work["bytes_per_observation"].get<double>(),
       100.0 * work["share_of_multiply_add"].get<double>(),
@@ -203,7 +208,8 @@ void PrintWork(const Json& work) {
       1e-9 * work["flops_per_second"].get<double>(),
       1e-9 * work["copied_bytes_per_second"].get<double>(),
       work["num_unknowns"].get<int>(),
-      work["is_iterative"].get<bool>() ? "iterative" : "factorised");
+      work["is_iterative"].get<bool>() ? "iterative" : "factorised",
+      work["factor_flops"].get<double>());
 }
 
 int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
