@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "geometry/epipolar_linearization.h"
 #include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
@@ -281,7 +282,7 @@ TEST(EpipolarTest, FivePointFindsThePoseAndOnlyEssentialsThroughTheMatches) {
 // defined.
 TEST(EpipolarTest, SumsAreThoseOfSingleMatches) {
   Random random(23);
-  const Rigid3 pose = RandomRelativePose(&random);
+  const Rigid3 pose = RandomPose(&random);
   const double scale = 1e-2;
   const Eigen::Vector3d& t = pose.translation;
   Eigen::Matrix<double, 3, 2> basis;
