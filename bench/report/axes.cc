@@ -71,7 +71,7 @@ void DrawXLabel(const Axes& axes, const std::string& label,
 }
 
 void DrawFrame(const Axes& axes, SvgDrawing* drawing) {
-  drawing->Frame(axes.corner, axes.size, "fill='none' stroke='#444'");
+  drawing->Frame(axes.corner, axes.size, "stroke='#444'");
 }
 
 }  // namespace mgsfm

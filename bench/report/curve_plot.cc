@@ -53,7 +53,7 @@ void DrawCurve(const Axes& axes, const Curve& curve, bool is_log,
     const double median = Median(y);
     places.push_back(axes.Place(x, is_log ? std::log10(median) : median));
   }
-  drawing->Path(places, "fill='none' stroke='" + color + "' stroke-width='2'" +
+  drawing->Path(places, "stroke='" + color + "' stroke-width='2'" +
                             (is_dashed ? " stroke-dasharray='5 4'" : ""));
   if (is_dashed) return;
   for (const Eigen::Vector2d& place : places) {

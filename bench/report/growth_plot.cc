@@ -52,8 +52,7 @@ void Draw(const Axes& axes, const Curve& curve, SvgDrawing* drawing) {
   for (const Eigen::Vector2d& point : curve.points) {
     places.push_back(axes.Place(point.x(), point.y()));
   }
-  drawing->Path(places,
-                "fill='none' stroke-width='2' stroke='" + curve.color + "'");
+  drawing->Path(places, "stroke-width='2' stroke='" + curve.color + "'");
   for (const Eigen::Vector2d& place : places) {
     drawing->Dot(place, 3.0, "fill='" + curve.color + "'");
   }
