@@ -2,8 +2,6 @@
 // Simulates a drive, runs the mapper on it, in memory, and compares it with the
 // two oracles of oracle/oracle.h. Prints a line, and writes all numbers as
 // JSON.
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -12,43 +10,17 @@
 
 #include "command.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/timer.h"
+#include "mgsfm/base/stage_time.h"
 #include "mgsfm/io/output_file.h"
-#include "mgsfm/io/trajectory_io.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "oracle/oracle.h"
+#include "simulated_run.h"
 
 namespace mgsfm {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-struct BenchmarkOptions {
-  std::string name;
-  std::string trajectory_path;
-  std::string json_path;
-  SimulationOptions simulation = StandardSimulation(RigPreset::kStereo);
-  MapperOptions mapper;
-
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("name", self.name, AnyValue(), "",
-          "What the run is called in its output.");
-    visit("trajectory_path", self.trajectory_path, AnyValue(), "",
-          "Poses in KITTI's format, instead of Simulation.path.");
-    visit("json_path", self.json_path, AnyValue(), "",
-          "File for all numbers of the run.");
-    visit.Group("Simulation", self.simulation);
-    visit.Group("Mapper", self.mapper);
-  }
-};
-
-double PeakMemoryMib() {
-  rusage usage{};
-  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
-}
 
 Json ToJson(const std::optional<ErrorStatistics>& statistics) {
   if (!statistics) return nullptr;
@@ -162,15 +134,9 @@ void AddComparison(const OracleComparison& comparison, const MapperModel& model,
   (*json)["full_oracle_ratio"] = comparison.FullOracleRatio();
 }
 
-int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
-  SimulationOptions simulation_options = options.simulation;
-  simulation_options.random_seed = context.random_seed;
-  SimulationInput input;
-  if (!options.trajectory_path.empty()) {
-    input.rig_from_world_path = ReadKittiPoses(options.trajectory_path);
-  }
+int RunBenchmark(const SimulatedRunOptions& options, const Context& context) {
   const Timer simulating;
-  const Simulation simulation = Simulate(simulation_options, input, context);
+  const Simulation simulation = SimulateRun(options, context);
   Json json = {{"name", options.name},
                {"options", Json::parse(OptionsToJsonOf(options))},
                {"random_seed", context.random_seed},

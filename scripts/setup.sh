@@ -13,7 +13,7 @@ packages=(
   libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
   libopencv-imgproc-dev libexiv2-dev
-  libgtest-dev libgmock-dev
+  libgtest-dev libgmock-dev libbenchmark-dev
 )
 case "${1:-}" in
   "") ;;

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mapper_run.h"
 
-#include <sys/resource.h>
-
 #include <filesystem>
 
 #include "command.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/timer.h"
+#include "mgsfm/base/stage_time.h"
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
@@ -16,12 +14,6 @@
 
 namespace mgsfm {
 namespace {
-
-double PeakMemoryMib() {
-  rusage usage{};
-  if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;
-}
 
 void CheckPaths(const MapperRun& run) {
   if (!run.image_path.empty() &&
@@ -86,22 +78,22 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.database_path = run.database_path;
   description.options_json = run.options_json;
 
-  const Timer reading;
+  const StageTimer reading;
   const LoadedScene loaded = LoadScene(run.database_path, run.loading, context);
   CheckFormat(loaded.scene, run.output_format);
   description.rig_source = loaded.rig_source;
-  description.times.push_back({"reading", reading.Seconds()});
+  description.times.push_back(reading.Stop("reading"));
   LogInput(loaded, context);
 
   MapperResult result =
       RunMapper(loaded.scene, loaded.view_graph, run.mapper, context);
   context.Debug("writing started");
-  const Timer writing;
+  const StageTimer writing;
   if (!run.image_path.empty()) {
     Color(loaded.scene, run.image_path, context, &result);
   }
   WriteModels(loaded, result, run.output_format, output.StagingDir(), context);
-  description.times.push_back({"writing", writing.Seconds()});
+  description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",

@@ -10,6 +10,7 @@
 
 #include "eval/svg.h"
 #include "mgsfm/math/statistics.h"
+#include "report/axes.h"
 
 namespace mgsfm {
 namespace {
@@ -19,8 +20,6 @@ constexpr double kHeight = 560.0;
 constexpr double kLeft = 80.0;
 constexpr double kPlotWidth = 400.0;
 constexpr const char* kColors[] = {"#1f77b4", "#d62728", "#2ca02c", "#9467bd"};
-constexpr const char* kGrid = "stroke='#ddd'";
-constexpr const char* kMiddle = "text-anchor='middle'";
 
 // y over x, by x.
 using Curve = std::map<double, std::vector<double>>;
@@ -47,20 +46,6 @@ std::vector<Series> GroupByRig(const std::vector<BenchmarkRun>& runs,
   return sorted;
 }
 
-// From values to places on the drawing.
-struct Axes {
-  Eigen::AlignedBox2d values;  // y as drawn, maybe a logarithm
-  Eigen::Vector2d corner;      // upper left
-  Eigen::Vector2d size;
-
-  Eigen::Vector2d Place(double x, double y) const {
-    const Eigen::Vector2d part =
-        (Eigen::Vector2d(x, y) - values.min()).cwiseQuotient(values.sizes());
-    return {corner.x() + part.x() * size.x(),
-            corner.y() + (1.0 - part.y()) * size.y()};
-  }
-};
-
 void DrawCurve(const Axes& axes, const Curve& curve, bool is_log,
                const std::string& color, bool is_dashed, SvgDrawing* drawing) {
   std::vector<Eigen::Vector2d> places;
@@ -68,7 +53,7 @@ void DrawCurve(const Axes& axes, const Curve& curve, bool is_log,
     const double median = Median(y);
     places.push_back(axes.Place(x, is_log ? std::log10(median) : median));
   }
-  drawing->Path(places, "fill='none' stroke='" + color + "' stroke-width='2'" +
+  drawing->Path(places, "stroke='" + color + "' stroke-width='2'" +
                             (is_dashed ? " stroke-dasharray='5 4'" : ""));
   if (is_dashed) return;
   for (const Eigen::Vector2d& place : places) {
@@ -80,38 +65,10 @@ void DrawXAxis(const Axes& axes, const CurveOptions& options,
                SvgDrawing* drawing) {
   const Ticks ticks =
       MakeTicks(axes.values.min().x(), axes.values.max().x(), 8);
-  const double bottom = axes.corner.y() + axes.size.y();
   for (const double x : ticks.values) {
-    const double place = axes.Place(x, 0.0).x();
-    drawing->Line({place, axes.corner.y()}, {place, bottom}, kGrid);
-    drawing->Text({place, bottom + 18.0}, FormatNumber(x, ticks.digits),
-                  kMiddle);
+    DrawXTick(axes, x, FormatNumber(x, ticks.digits), drawing);
   }
-  drawing->Text({axes.corner.x() + 0.5 * axes.size.x(), bottom + 38.0},
-                options.x_label, kMiddle);
-}
-
-void DrawYTick(const Axes& axes, double y, const std::string& label,
-               SvgDrawing* drawing) {
-  const double place = axes.Place(0.0, y).y();
-  drawing->Line({axes.corner.x(), place},
-                {axes.corner.x() + axes.size.x(), place}, kGrid);
-  if (label.empty()) return;
-  drawing->Text({axes.corner.x() - 6.0, place + 4.0}, label,
-                "text-anchor='end'");
-}
-
-// Powers of ten, with lines at twice and five times of them.
-void DrawLogYAxis(const Axes& axes, SvgDrawing* drawing) {
-  const double min = axes.values.min().y(), max = axes.values.max().y();
-  for (int power = static_cast<int>(std::floor(min)); power <= max; ++power) {
-    for (const int multiple : {1, 2, 5}) {
-      const double y = power + std::log10(multiple);
-      if (y < min - 1e-9 || y > max + 1e-9) continue;
-      const int digits = std::max(0, -power);
-      DrawYTick(axes, y, FormatNumber(std::pow(10.0, y), digits), drawing);
-    }
-  }
+  DrawXLabel(axes, options.x_label, drawing);
 }
 
 // Of the logarithms of all errors.
@@ -184,7 +141,7 @@ std::string CurvesToSvg(const std::vector<BenchmarkRun>& runs,
   }
   for (const Axes* axes : {&errors, &shares}) {
     DrawXAxis(*axes, options, &drawing);
-    drawing.Frame(axes->corner, axes->size, "fill='none' stroke='#444'");
+    DrawFrame(*axes, &drawing);
   }
   for (size_t i = 0; i < all.size(); ++i) {
     const std::string color = kColors[i % std::size(kColors)];

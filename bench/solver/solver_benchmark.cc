@@ -13,14 +13,16 @@
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "command.h"
+#include "machine_limits.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/timer.h"
+#include "mgsfm/base/stage_time.h"
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/scene_loading.h"
-#include "mgsfm/io/trajectory_io.h"
 #include "mgsfm/least_squares/rig_solver.h"
+#include "mgsfm/math/sparse_solver.h"
 #include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/simulation.h"
+#include "simulated_run.h"
+#include "solver/pass_cost.h"
 #include "solver/six_block_bundle.h"
 
 namespace mgsfm {
@@ -29,34 +31,23 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 struct BenchmarkOptions {
-  std::string name;
+  SimulatedRunOptions run;
   std::string database_path;
-  std::string trajectory_path;
-  std::string json_path;
   double start_max_error_px = 16.0;
   double function_tolerance = 1e-9;
   int max_num_iterations = 100;
-  SimulationOptions simulation = StandardSimulation(RigPreset::kStereo);
-  MapperOptions mapper;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
-    visit("name", self.name, AnyValue(), "",
-          "What the run is called in its output.");
+    SimulatedRunOptions::Describe(self.run, visit);
     visit("database_path", self.database_path, AnyValue(), "",
           "Database with verified matches, instead of a simulation.");
-    visit("trajectory_path", self.trajectory_path, AnyValue(), "",
-          "Poses in KITTI's format, instead of Simulation.path.");
-    visit("json_path", self.json_path, AnyValue(), "",
-          "File for all numbers of the run.");
     visit("start_max_error", self.start_max_error_px, GreaterThan(0.0), "px",
           "Observations with larger errors at the start are left out.");
     visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
           "A solve ends when the cost changes by less than this part.");
     visit("max_num_iterations", self.max_num_iterations, AtLeast(2),
           "iterations", "Most iterations of one solve.");
-    visit.Group("Simulation", self.simulation);
-    visit.Group("Mapper", self.mapper);
   }
 };
 
@@ -71,13 +62,7 @@ Input MakeInput(const BenchmarkOptions& options, const Context& context) {
         LoadScene(options.database_path, SceneLoadingOptions(), context);
     return {std::move(loaded.scene), std::move(loaded.view_graph)};
   }
-  SimulationOptions simulation_options = options.simulation;
-  simulation_options.random_seed = context.random_seed;
-  SimulationInput input;
-  if (!options.trajectory_path.empty()) {
-    input.rig_from_world_path = ReadKittiPoses(options.trajectory_path);
-  }
-  Simulation simulation = Simulate(simulation_options, input, context);
+  Simulation simulation = SimulateRun(options.run, context);
   return {std::move(simulation.scene), std::move(simulation.view_graph)};
 }
 
@@ -181,24 +166,71 @@ void PrintLine(const std::string& name, const Json& line) {
   std::fflush(stdout);
 }
 
+// Operations and bytes of an iteration of the native solver, for each
+// observation, and which parts these are of what the machine can do.
+Json WorkToJson(const BundleProblem& problem, double seconds_per_iteration,
+                const Context& context) {
+  std::vector<int> images;
+  for (const PixelObservation& o : problem.observations) {
+    images.push_back(o.image);
+  }
+  const RigStructure structure(problem, std::move(images), ReducedSolver::kAuto,
+                               context.num_threads);
+  const PassCost cost = CountPassCost(problem, structure);
+  const EliminationOrder order =
+      FindEliminationOrder(structure.pattern.MakeMatrix());
+  const MachineLimits& limits = MeasuredMachineLimits();
+  const auto num = static_cast<double>(problem.observations.size());
+  return {{"flops_per_observation", cost.Flops() / num},
+          {"bytes_per_observation", cost.Bytes() / num},
+          {"is_iterative", structure.is_iterative},
+          {"num_unknowns", structure.num_unknowns},
+          {"factor_flops", order.num_flops},
+          {"factor_entries", order.num_factor_entries},
+          {"copied_bytes_per_second", limits.copied_bytes_per_second},
+          {"flops_per_second", limits.flops_per_second},
+          {"share_of_copy", cost.Bytes() / seconds_per_iteration /
+                                limits.copied_bytes_per_second},
+          {"share_of_multiply_add",
+           cost.Flops() / seconds_per_iteration /
+               (context.num_threads * limits.flops_per_second)}};
+}
+
+void PrintWork(const Json& work) {
+  std::printf(
+      "native: %.0f flops and %.0f bytes an observation and iteration, %.1f %% "
+      "of multiply-adds and %.1f %% of copying (%.1f Gflop/s a thread, %.1f "
+      "GB/s), %d unknowns, reduced equations %s, %.3g flops for their factor\n",
+      work["flops_per_observation"].get<double>(),
+      work["bytes_per_observation"].get<double>(),
+      100.0 * work["share_of_multiply_add"].get<double>(),
+      100.0 * work["share_of_copy"].get<double>(),
+      1e-9 * work["flops_per_second"].get<double>(),
+      1e-9 * work["copied_bytes_per_second"].get<double>(),
+      work["num_unknowns"].get<int>(),
+      work["is_iterative"].get<bool>() ? "iterative" : "factorised",
+      work["factor_flops"].get<double>());
+}
+
 int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
   const Input input = MakeInput(options, context);
-  Reconstruction start = RunStages(input, options.mapper, context);
+  Reconstruction start = RunStages(input, options.run.mapper, context);
   PointFilterOptions filter;
   filter.max_error_px = options.start_max_error_px;
   filter.min_angle_rad =
-      options.mapper.bundle_adjustment.min_triangulation_angle_deg *
+      options.run.mapper.bundle_adjustment.min_triangulation_angle_deg *
       (EIGEN_PI / 180.0);
   FilterPoints(input.scene, filter, context.num_threads, &start);
-  const BuiltProblem built = BuildProblem(
-      input.scene, start, options.mapper.bundle_adjustment, RefinedParts::kAll);
+  const BuiltProblem built =
+      BuildProblem(input.scene, start, options.run.mapper.bundle_adjustment,
+                   RefinedParts::kAll);
   std::printf("%s: %zu images, %zu points, %zu observations, %d threads\n",
-              options.name.c_str(), built.problem.images.size(),
+              options.run.name.c_str(), built.problem.images.size(),
               built.problem.num_points(), built.problem.observations.size(),
               context.num_threads);
   std::printf("%-18s %8s %6s %12s %8s %20s %12s\n", "solver", "seconds", "iter",
               "s/iter", "ratio", "final cost", "difference");
-  Json json = {{"name", options.name},
+  Json json = {{"name", options.run.name},
                {"num_threads", context.num_threads},
                {"num_images", built.problem.images.size()},
                {"num_points", built.problem.num_points()},
@@ -213,8 +245,12 @@ int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
     json["solvers"][contender.name] = ToJson(m, native);
     PrintLine(contender.name, json["solvers"][contender.name]);
   }
-  if (!options.json_path.empty()) {
-    WriteFile(options.json_path, json.dump(2) + "\n");
+  json["work"] =
+      WorkToJson(built.problem, native.seconds_per_iteration, context);
+  PrintWork(json["work"]);
+  json["peak_memory_mib"] = PeakMemoryMib();
+  if (!options.run.json_path.empty()) {
+    WriteFile(options.run.json_path, json.dump(2) + "\n");
   }
   return kExitSuccess;
 }

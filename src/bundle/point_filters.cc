@@ -7,7 +7,7 @@
 
 #include "bundle/image_views.h"
 #include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
+#include "mgsfm/geometry/triangulation.h"
 #include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
@@ -42,7 +42,7 @@ bool HasParallax(const std::vector<ImageView>& views, const Point3D& point,
   for (const Observation& o : point.track) {
     centers.push_back(views[o.image_idx].center);
   }
-  return TriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
+  return MaxTriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
          min_angle_rad;
 }
 
@@ -129,20 +129,6 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
       std::remove_if(points.begin(), points.end(),
                      [](const Point3D& point) { return point.track.empty(); }),
       points.end());
-}
-
-double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
-                          const Eigen::Vector3d& point, double enough_rad) {
-  double max_angle = 0.0;
-  for (size_t i = 0; i < centers.size(); ++i) {
-    for (size_t j = 0; j < i; ++j) {
-      max_angle = std::max(max_angle,
-                           AngleBetween(Eigen::Vector3d(centers[i] - point),
-                                        Eigen::Vector3d(centers[j] - point)));
-      if (max_angle >= enough_rad) return max_angle;
-    }
-  }
-  return max_angle;
 }
 
 void ComputePointErrors(const Scene& scene, int num_threads,

@@ -46,11 +46,6 @@ struct PointFilterOptions {
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
 
-// The largest angle between any two of the rays to the point, as far as it
-// matters for a comparison with `enough_rad`.
-double TriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
-                          const Eigen::Vector3d& point, double enough_rad);
-
 // Sets Point3D::error_px, over the observations that can be computed.
 void ComputePointErrors(const Scene& scene, int num_threads,
                         Reconstruction* reconstruction);

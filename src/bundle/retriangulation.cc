@@ -203,7 +203,7 @@ bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
   for (const int i : hypothesis.inliers) {
     centers.push_back(candidates_[i].view->center);
   }
-  return TriangulationAngle(centers, hypothesis.point, min_angle_rad) >=
+  return MaxTriangulationAngle(centers, hypothesis.point, min_angle_rad) >=
          min_angle_rad;
 }
 

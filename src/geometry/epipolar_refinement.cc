@@ -3,6 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "geometry/epipolar_linearization.h"
 #include "geometry/epipolar_terms.h"
 #include "mgsfm/geometry/epipolar.h"
 #include "mgsfm/geometry/so3.h"
@@ -28,11 +29,10 @@ Basis TangentBasis(const Eigen::Vector3d& t) {
   return basis;
 }
 
-// Sampson error and its gradient by the perturbation of the pose. Inline, as
-// this is the innermost of all loops over matches.
-inline double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
-                           const Eigen::Vector3d& ray1,
-                           const Eigen::Vector3d& ray2, Vector5d* gradient) {
+// Sampson error and its gradient by the perturbation of the pose.
+double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
+                    const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2,
+                    Vector5d* gradient) {
   const EpipolarTerms m(pose, ray1, ray2);
   if (!m.IsDefined()) {
     gradient->setZero();
@@ -51,27 +51,6 @@ inline double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
                                              by_s * (m.ta * m.a + m.tf * ray2));
   return r;
 }
-
-// sum of log(x_i) for x_i >= 1, with few logarithms.
-class LogSum {
- public:
-  void Add(double x) {
-    product_ *= x;
-    if (product_ > 1e100) Fold();
-  }
-  double Total() {
-    Fold();
-    return sum_;
-  }
-
- private:
-  void Fold() {
-    sum_ += std::log(product_);
-    product_ = 1.0;
-  }
-  double product_ = 1.0;
-  double sum_ = 0.0;
-};
 
 template <int kDim>
 struct NormalEquations {
@@ -95,22 +74,9 @@ NormalEquations<5> LinearizePose(const RayMatches& matches,
                                  double loss_scale) {
   const EpipolarPose pose{cam2_from_cam1.rotation.toRotationMatrix(),
                           cam2_from_cam1.translation};
-  const Basis basis = TangentBasis(pose.direction);
-  const double inv_squared_scale = 1.0 / (loss_scale * loss_scale);
-  NormalEquations<5> equations;
-  LogSum log_sum;
-  Vector5d gradient;
-  for (size_t i = 0; i < matches.size(); ++i) {
-    const double r = SampsonTerms(pose, basis, matches.rays1[i],
-                                  matches.rays2[i], &gradient);
-    const double x = 1.0 + r * r * inv_squared_scale;
-    const Vector5d weighted = gradient / x;
-    equations.hessian.noalias() += weighted * gradient.transpose();
-    equations.gradient += r * weighted;
-    log_sum.Add(x);
-  }
-  equations.cost = 0.5 * loss_scale * loss_scale * log_sum.Total();
-  return equations;
+  const internal::PoseSums sums = internal::SumSampsonTerms(
+      matches, pose, TangentBasis(pose.direction), loss_scale);
+  return {sums.hessian, sums.gradient, sums.cost};
 }
 
 NormalEquations<3> LinearizeRotation(const RayMatches& matches,
@@ -119,7 +85,7 @@ NormalEquations<3> LinearizeRotation(const RayMatches& matches,
   const Eigen::Matrix3d rotation = cam2_from_cam1.toRotationMatrix();
   const double inv_squared_scale = 0.5 / (loss_scale * loss_scale);
   NormalEquations<3> equations;
-  LogSum log_sum;
+  internal::LogSum log_sum;
   for (size_t i = 0; i < matches.size(); ++i) {
     const Eigen::Vector3d a = rotation * matches.rays1[i];
     const Eigen::Vector3d& f = matches.rays2[i];

@@ -168,9 +168,11 @@ std::optional<RobustTriangulation> RobustTriangulator::Finish() const {
     if (result.is_inlier[k]) inlier_centers.push_back(centers_[k]);
   }
   result.num_inliers = static_cast<int>(inlier_centers.size());
+  const double min_angle_rad = options_.min_angle_rad;
   if (result.num_inliers < 2 ||
-      MaxTriangulationAngle(inlier_centers, best_point_) <
-          options_.min_angle_rad) {
+      (min_angle_rad > 0.0 &&
+       MaxTriangulationAngle(inlier_centers, best_point_, min_angle_rad) <
+           min_angle_rad)) {
     return std::nullopt;
   }
   return result;
@@ -273,16 +275,26 @@ double AngularError(const Vector3d& center, const Vector3d& ray,
 }
 
 double MaxTriangulationAngle(const std::vector<Vector3d>& centers,
-                             const Vector3d& point) {
-  double max_angle = 0.0;
-  for (size_t i = 0; i < centers.size(); ++i) {
-    for (size_t j = i + 1; j < centers.size(); ++j) {
-      max_angle =
-          std::max(max_angle, AngleBetween(Vector3d(centers[i] - point),
-                                           Vector3d(centers[j] - point)));
-    }
+                             const Vector3d& point, double enough_rad) {
+  std::vector<Vector3d> directions;
+  directions.reserve(centers.size());
+  for (const Vector3d& center : centers) {
+    const Vector3d direction = center - point;
+    const double distance = direction.norm();
+    if (distance > 0.0) directions.push_back(direction / distance);
   }
-  return max_angle;
+  // Of unit vectors, the chord grows with the angle.
+  const double enough_chord = 2.0 * std::sin(0.5 * std::min(enough_rad, kPi));
+  const double enough_chord2 = enough_chord * enough_chord;
+  double max_chord2 = 0.0;
+  for (size_t i = 1; i < directions.size(); ++i) {
+    for (size_t j = 0; j < i; ++j) {
+      max_chord2 =
+          std::max(max_chord2, (directions[i] - directions[j]).squaredNorm());
+    }
+    if (max_chord2 >= enough_chord2) break;
+  }
+  return 2.0 * std::asin(std::min(1.0, 0.5 * std::sqrt(max_chord2)));
 }
 
 }  // namespace mgsfm

@@ -5,8 +5,6 @@
 #include <cstdio>
 #include <utility>
 
-#include "mgsfm/base/timer.h"
-
 namespace mgsfm {
 namespace {
 
@@ -16,9 +14,9 @@ auto Timed(const char* stage, const Context& context,
            std::vector<StageTime>* times, const Function& function) {
   context.Debug(std::string(stage) + " started");
   context.CheckInterrupted();
-  const Timer timer;
+  const StageTimer timer;
   auto result = function();
-  times->push_back({stage, timer.Seconds()});
+  times->push_back(timer.Stop(stage));
   char seconds[32];
   std::snprintf(seconds, sizeof(seconds), "%.2f s", times->back().seconds);
   context.Info(std::string(stage) + ": " + seconds);

@@ -22,10 +22,17 @@ Json ToJson(const SolveSummary& summary) {
           {"message", summary.message}};
 }
 
-Json ToJson(const std::vector<StageTime>& times) {
+// A value of each stage.
+Json ToJson(const std::vector<StageTime>& times, double StageTime::*value) {
   Json json = Json::object();
-  for (const StageTime& time : times) json[time.stage] = time.seconds;
+  for (const StageTime& time : times) json[time.stage] = time.*value;
   return json;
+}
+
+void AddTimes(const std::vector<StageTime>& times, Json* json) {
+  (*json)["seconds"] = ToJson(times, &StageTime::seconds);
+  (*json)["processor_seconds"] = ToJson(times, &StageTime::processor_seconds);
+  (*json)["peak_memory_mib_after"] = ToJson(times, &StageTime::peak_memory_mib);
 }
 
 Json ToJson(const Rigid3& pose) {
@@ -201,21 +208,23 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
     num_observations += point.track.size();
     sum_errors_px += point.error_px * length;
   }
-  return {{"num_frames", num_frames},
-          {"num_frames_in_part", model.num_frames_in_part},
-          {"num_images", num_images},
-          {"num_points", reconstruction.points.size()},
-          {"num_observations", num_observations},
-          {"mean_reprojection_error_px",
-           num_observations > 0
-               ? Json(sum_errors_px / static_cast<double>(num_observations))
-               : Json(nullptr)},
-          {"rigs", RigsToJson(scene, rotation, model)},
-          {"tracks", ToJson(model.tracks)},
-          {"translation_averaging", ToJson(model.translation)},
-          {"suspicious_groups", ToJson(scene, model.suspicious_groups)},
-          {"bundle_adjustment", ToJson(scene, model.bundle)},
-          {"seconds", ToJson(model.times)}};
+  Json json = {
+      {"num_frames", num_frames},
+      {"num_frames_in_part", model.num_frames_in_part},
+      {"num_images", num_images},
+      {"num_points", reconstruction.points.size()},
+      {"num_observations", num_observations},
+      {"mean_reprojection_error_px",
+       num_observations > 0
+           ? Json(sum_errors_px / static_cast<double>(num_observations))
+           : Json(nullptr)},
+      {"rigs", RigsToJson(scene, rotation, model)},
+      {"tracks", ToJson(model.tracks)},
+      {"translation_averaging", ToJson(model.translation)},
+      {"suspicious_groups", ToJson(scene, model.suspicious_groups)},
+      {"bundle_adjustment", ToJson(scene, model.bundle)}};
+  AddTimes(model.times, &json);
+  return json;
 }
 
 }  // namespace
@@ -239,8 +248,9 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
          {"name", scene.frames[frame.frame_idx].name},
          {"reason", frame.reason}});
   }
-  report["seconds"] = ToJson(run.times);
-  report["seconds"].update(ToJson(result.times));
+  std::vector<StageTime> times = run.times;
+  times.insert(times.end(), result.times.begin(), result.times.end());
+  AddTimes(times, &report);
   report["peak_memory_mib"] = run.peak_memory_mib;
   return report.dump(2) + "\n";
 }

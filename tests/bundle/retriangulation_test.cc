@@ -7,6 +7,7 @@
 
 #include "bundle/bundle_fixtures.h"
 #include "bundle/image_views.h"
+#include "mgsfm/geometry/triangulation.h"
 
 namespace mgsfm {
 namespace {
@@ -45,7 +46,7 @@ class RetriangulationTest : public testing::TestWithParam<RigPreset> {
       for (const Observation& o : point.track) {
         centers.push_back(views[o.image_idx].center);
       }
-      if (TriangulationAngle(centers, point.point_in_world, 1.0) < 0.02) {
+      if (MaxTriangulationAngle(centers, point.point_in_world, 1.0) < 0.02) {
         continue;
       }
       ++num_expected;
@@ -190,7 +191,7 @@ TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
     for (const Observation& o : point.track) {
       centers.push_back(views[o.image_idx].center);
     }
-    EXPECT_GE(TriangulationAngle(centers, point.point_in_world, kPi),
+    EXPECT_GE(MaxTriangulationAngle(centers, point.point_in_world, kPi),
               DegToRad(point.track.size() == 2 ? 4.0 : 2.0));
   }
 }

@@ -100,6 +100,8 @@ TEST_F(MapperCommand, ReportSaysWhatWasDoneAndHowWell) {
   for (const char* stage :
        {"reading", "view graph", "rotation averaging", "writing"}) {
     EXPECT_TRUE(report["seconds"][stage].is_number()) << stage;
+    EXPECT_GE(report["processor_seconds"][stage], 0.0) << stage;
+    EXPECT_GT(report["peak_memory_mib_after"][stage], 1.0) << stage;
   }
   EXPECT_TRUE(report["view_graph"]["dropped"].is_object());
   for (const char* solve : {"frames", "joint"}) {

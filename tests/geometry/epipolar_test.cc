@@ -7,6 +7,7 @@
 #include <cmath>
 #include <vector>
 
+#include "geometry/epipolar_linearization.h"
 #include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
@@ -275,6 +276,40 @@ TEST(EpipolarTest, FivePointFindsThePoseAndOnlyEssentialsThroughTheMatches) {
   std::sort(errors.begin(), errors.end());
   EXPECT_LE(errors[errors.size() / 2], 1e-10);
   EXPECT_LE(errors.back(), 1e-5);  // of nearly degenerate samples
+}
+
+// Any number of matches, some of them on the baseline, where no error is
+// defined.
+TEST(EpipolarTest, SumsAreThoseOfSingleMatches) {
+  Random random(23);
+  const Rigid3 pose = RandomPose(&random);
+  const double scale = 1e-2;
+  const Eigen::Vector3d& t = pose.translation;
+  Eigen::Matrix<double, 3, 2> basis;
+  basis.col(0) = t.unitOrthogonal();
+  basis.col(1) = t.cross(basis.col(0));
+  for (int size = 1; size < 14; ++size) {
+    RayMatches matches =
+        MakeMatches(pose, {Layout::kAllAround, size, 1e-2, 0.0}, &random);
+    if (size % 3 == 0) matches.Add(pose.rotation.conjugate() * t, t);
+    Eigen::Matrix<double, 5, 5> hessian = Eigen::Matrix<double, 5, 5>::Zero();
+    Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
+    double cost = 0.0;
+    for (size_t i = 0; i < matches.size(); ++i) {
+      Eigen::Matrix<double, 1, 5> J;
+      const double r =
+          SampsonAngle(pose, matches.rays1[i], matches.rays2[i], &J);
+      const double weight = 1.0 / (1.0 + r * r / (scale * scale));
+      hessian += weight * J.transpose() * J;
+      gradient += weight * r * J.transpose();
+      cost -= 0.5 * scale * scale * std::log(weight);
+    }
+    const internal::PoseSums sums = internal::SumSampsonTerms(
+        matches, {pose.rotation.toRotationMatrix(), t}, basis, scale);
+    EXPECT_LT((sums.hessian - hessian).norm(), 1e-10 * (1.0 + hessian.norm()));
+    EXPECT_LT((sums.gradient - gradient).norm(), 1e-10);
+    EXPECT_NEAR(sums.cost, cost, 1e-12 * (1.0 + cost));
+  }
 }
 
 TEST(EpipolarTest, RefinementIsExactWithoutNoise) {

@@ -163,5 +163,29 @@ TEST(TriangulationTest, AnglesAreGeometric) {
               kPi / 2, 1e-12);
 }
 
+TEST(TriangulationTest, LargestAngleIsThatOfAllPairs) {
+  Random random(3);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Vector3d point = RandomVector(&random);
+    std::vector<Vector3d> centers;
+    double largest = 0.0;
+    for (int i = 0; i < 7; ++i) {
+      // From far away for small angles.
+      centers.push_back(point + Vector3d(0, 0, std::pow(10.0, trial % 5)) +
+                        RandomVector(&random));
+      for (int k = 0; k < i; ++k) {
+        largest = std::max(largest, AngleBetween(Vector3d(centers[i] - point),
+                                                 Vector3d(centers[k] - point)));
+      }
+    }
+    EXPECT_NEAR(MaxTriangulationAngle(centers, point), largest,
+                1e-12 + 1e-7 * std::max(0.0, largest - 3.0));
+    const double enough = 0.5 * largest;
+    EXPECT_GE(MaxTriangulationAngle(centers, point, enough), enough);
+    EXPECT_LT(MaxTriangulationAngle(centers, point, 2.0 * largest),
+              1.1 * largest);
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -5,6 +5,8 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/geometry/so3.h"
+
 namespace mgsfm {
 
 // A point p from rays: ray k starts at centers[k] and has the unit direction
@@ -66,7 +68,9 @@ double AngularError(const Eigen::Vector3d& center, const Eigen::Vector3d& ray,
                     const Eigen::Vector3d& point);
 
 // Largest angle at the point between two of the directions to the centres.
+// Where one of at least enough_rad is found, others are not looked for.
 double MaxTriangulationAngle(const std::vector<Eigen::Vector3d>& centers,
-                             const Eigen::Vector3d& point);
+                             const Eigen::Vector3d& point,
+                             double enough_rad = kPi);
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
+#include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
@@ -49,12 +50,6 @@ struct MapperOptions {
   }
 };
 
-// Wall-clock seconds of a stage, in the order in which stages ran.
-struct StageTime {
-  std::string stage;
-  double seconds = 0.0;
-};
-
 struct MapperModel {
   Reconstruction reconstruction;  // positions are those of the whole scene
   int num_frames_in_part = 0;     // before translation averaging
@@ -63,7 +58,7 @@ struct MapperModel {
   BundleSummary bundle;
   // Pairs of this part that rotations or positions contradict.
   std::vector<SuspiciousGroup> suspicious_groups;
-  std::vector<StageTime> times;
+  std::vector<StageTime> times;  // in the order in which stages ran
 };
 
 struct UnregisteredFrame {

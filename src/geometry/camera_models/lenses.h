@@ -35,9 +35,10 @@ struct PerspectiveProjection {
   // d m / d point.
   static Eigen::Matrix<double, 2, 3> Jacobian(const Eigen::Vector3d& point,
                                               const Eigen::Vector2d& m) {
+    const double inverse = 1.0 / point.z();
     Eigen::Matrix<double, 2, 3> jacobian;
-    jacobian << 1.0, 0.0, -m.x(), 0.0, 1.0, -m.y();
-    return jacobian / point.z();
+    jacobian << inverse, 0.0, -m.x() * inverse, 0.0, inverse, -m.y() * inverse;
+    return jacobian;
   }
   static Eigen::Vector3d Unproject(const Eigen::Vector2d& m) {
     return m.homogeneous();

@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+namespace mgsfm {
+
+// Each registers a group of micro-benchmarks.
+void RegisterSolverBenchmarks();      // linearisation, elimination, factor
+void RegisterCameraBenchmarks();      // projection and rays
+void RegisterMatchingBenchmarks();    // database, inlier tests, tracks
+void RegisterEstimationBenchmarks();  // ADMM, triangulation
+
+}  // namespace mgsfm

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+
+#include "geometry/epipolar_terms.h"
+#include "mgsfm/geometry/epipolar.h"
+
+namespace mgsfm::internal {
+
+// sum of log(x_i) for x_i >= 1, with few logarithms.
+class LogSum {
+ public:
+  void Add(double x) {
+    product_ *= x;
+    if (product_ > 1e100) Fold();
+  }
+  double Total() {
+    Fold();
+    return sum_;
+  }
+
+ private:
+  void Fold() {
+    sum_ += std::log(product_);
+    product_ = 1.0;
+  }
+  double product_ = 1.0;
+  double sum_ = 0.0;
+};
+
+// Sums over all matches of the Cauchy-weighted Sampson errors and their
+// gradients by the five degrees of freedom of a pose.
+struct PoseSums {
+  Eigen::Matrix<double, 5, 5> hessian;
+  Eigen::Matrix<double, 5, 1> gradient;
+  double cost;
+};
+
+// Four matches at a time. Compiled for any x86-64 and for those with AVX2 and
+// FMA, so results of two kinds of processor may differ by rounding. The columns
+// of `basis` are normal to the direction of the pose.
+PoseSums SumSampsonTerms(const RayMatches& matches, const EpipolarPose& pose,
+                         const Eigen::Matrix<double, 3, 2>& basis,
+                         double loss_scale);
+
+}  // namespace mgsfm::internal
