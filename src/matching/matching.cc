@@ -37,15 +37,14 @@ class Run {
   void Match(const ImagePairList& pairs, const char* stage,
              const ProgressSpan& span = {}) {
     summary_ = summary_ + matcher_.Run(pairs, stage, span);
-    pairs_.insert(pairs_.end(), pairs.begin(), pairs.end());
   }
 
-  // Verifies rigid units as wholes, where the rig is known.
-  void VerifyUnits() {
+  // Verifies rigid units as wholes, where the rig is known, after all pairs
+  // were matched.
+  void VerifyUnits(const ImagePairList& pairs) {
     if (!options_.rig_verification.rig_verification) return;
-    internal::SortUnique(&pairs_);
     const internal::UnitVerificationSummary units =
-        internal::VerifyUnitsOfPairs(pairs_, scene_, options_, database_,
+        internal::VerifyUnitsOfPairs(pairs, scene_, options_, database_,
                                      context_);
     if (units.num_frame_pairs == 0) return;
     context_.Info("rig verification: of " +
@@ -75,7 +74,6 @@ class Run {
   const Scene& scene_;
   const PairMatchingOptions& options_;
   const Context& context_;
-  ImagePairList pairs_;
   PairMatchingSummary summary_;
   Timer timer_;
 };
@@ -197,7 +195,7 @@ PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
       span.num_before += pairs.size();
     }
   }
-  run.VerifyUnits();
+  run.VerifyUnits(BlockPairs(0, num_images, 0, num_images));
   return run.Finish("exhaustive matching");
 }
 
@@ -218,11 +216,12 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
           [&](const auto& pair) { return run.matcher().IsVerified(pair); }),
       done);
   run.Match(overlapping, "matching of cameras that overlap");
-  run.VerifyUnits();
   PairMatchingSummary summary = run.Finish("sequential matching");
-  if (!options.loop_detection) return summary;
-
   done = Join(done, overlapping);
+  if (!options.loop_detection) {
+    run.VerifyUnits(done);
+    return summary;
+  }
   const FrameRetrievalOptions retrieval{
       options.loop_detection_period, options.loop_detection_num_images,
       options.loop_detection_num_images_after_verification,
@@ -234,7 +233,7 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
               done);
   Run loop_run(database, scene, matching, context);
   loop_run.Match(loops, "loop detection");
-  loop_run.VerifyUnits();
+  loop_run.VerifyUnits(Join(done, loops));
   return summary + loop_run.Finish("loop detection");
 }
 
@@ -253,7 +252,7 @@ PairMatchingSummary MatchByVocabulary(FeatureDatabase* database,
                      options.max_num_features, retrieval, context);
   Run run(database, scene, matching, context);
   run.Match(pairs, "vocabulary tree matching");
-  run.VerifyUnits();
+  run.VerifyUnits(pairs);
   return run.Finish("vocabulary tree matching");
 }
 
@@ -270,9 +269,9 @@ PairMatchingSummary MatchSpatially(FeatureDatabase* database,
                 "had in their EXIF data; use another matcher");
   }
   Run run(database, scene, matching, context);
-  run.Match(SpatialPairs(scene, positions, options, context),
-            "spatial matching");
-  run.VerifyUnits();
+  const ImagePairList pairs = SpatialPairs(scene, positions, options, context);
+  run.Match(pairs, "spatial matching");
+  run.VerifyUnits(pairs);
   return run.Finish("spatial matching");
 }
 
@@ -296,7 +295,7 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   }
   Run run(database, scene, matching, context);
   run.Match(pairs, "matching of the list");
-  if (type != MatchListType::kInliers) run.VerifyUnits();
+  if (type != MatchListType::kInliers) run.VerifyUnits(pairs);
   return run.Finish("matching of the list");
 }
 

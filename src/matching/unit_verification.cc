@@ -12,7 +12,7 @@
 namespace mgsfm::internal {
 namespace {
 
-// Pairs of frames in a transaction.
+// Pairs of frames in memory at a time.
 constexpr size_t kMaxBatchSize = 64;
 // Different from those that pairs of images use.
 constexpr uint64_t kRandomStream = 1;
@@ -96,8 +96,9 @@ class UnitPass {
             context_.ReportProgress("rig verification", begin + num_done,
                                     groups.size());
           });
-      Write(results);
+      Keep(std::move(results));
     }
+    Write();
     return summary_;
   }
 
@@ -200,17 +201,25 @@ class UnitPass {
     return results;
   }
 
-  void Write(const std::vector<std::vector<Result>>& results) {
-    DatabaseTransaction transaction(database_);
-    for (const std::vector<Result>& group : results) {
-      for (const Result& result : group) {
+  void Keep(std::vector<std::vector<Result>> results) {
+    for (std::vector<Result>& group : results) {
+      for (Result& result : group) {
         if (!result.is_changed) continue;
         const bool is_verified = !result.verified.matches.empty();
         summary_.num_kept += is_verified ? 1 : 0;
         summary_.num_rejected += result.was_verified && !is_verified ? 1 : 0;
-        database_->WriteTwoViewGeometry(
-            MakeTwoViewRow(scene_, result.pair, result.verified));
+        changed_.push_back(std::move(result));
       }
+    }
+  }
+
+  // All at once: what a sequence of frames learns from its first pairs must not
+  // depend on where a run was interrupted.
+  void Write() {
+    DatabaseTransaction transaction(database_);
+    for (const Result& result : changed_) {
+      database_->WriteTwoViewGeometry(
+          MakeTwoViewRow(scene_, result.pair, result.verified));
     }
     transaction.Commit();
   }
@@ -221,6 +230,7 @@ class UnitPass {
   const Context& context_;
   FeatureCache cache_;
   std::vector<MatchLists> inputs_;  // of the batch
+  std::vector<Result> changed_;
   UnitVerificationSummary summary_;
 };
 

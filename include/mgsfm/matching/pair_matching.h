@@ -36,7 +36,7 @@ struct PairMatchingOptions {
           "those of both.");
     visit.Group("SiftMatching", self.matching);
     visit.Group("TwoViewGeometry", self.two_view_geometry);
-    RigVerificationOptions::Describe(self.rig_verification, visit);
+    visit.Group("FeatureMatching", self.rig_verification);
   }
 };
 
