@@ -49,8 +49,9 @@ class Run {
     if (units.num_frame_pairs == 0) return;
     context_.Info("rig verification: of " +
                   std::to_string(units.num_frame_pairs) + " pairs of frames, " +
-                  std::to_string(units.num_kept) +
+                  std::to_string(units.num_changed) +
                   " pairs of images got the motion of the rig, " +
+                  std::to_string(units.num_gained) + " of them new, " +
                   std::to_string(units.num_rejected) + " were rejected");
   }
 

@@ -12,9 +12,8 @@
 namespace mgsfm {
 namespace {
 
-// Of the matches that agree with a pair's own motion; the more exact motion of
-// a pair alone finds some more than that of the rig.
-constexpr double kMinShareOfOwnInliers = 0.5;
+// Of the matches that agree with the rotation of a panoramic pair.
+constexpr double kMinShareOfRotation = 0.5;
 constexpr int kMaxNumTrials = 1000;
 
 bool TakesPart(const UnitImagePair& pair) {
@@ -29,6 +28,7 @@ class UnitVerifier {
                const TwoViewGeometryOptions& two_view,
                const RigVerificationOptions& rig)
       : pairs_(std::move(pairs)), two_view_(two_view), rig_(rig) {
+    results_.resize(pairs_.size());
     for (const UnitImagePair& pair : pairs_) Gather(pair);
   }
 
@@ -45,10 +45,8 @@ class UnitVerifier {
     }
   }
 
-  std::vector<ImagePair> Results() const {
-    std::vector<ImagePair> results;
-    for (const UnitImagePair& pair : pairs_) results.push_back(pair.single);
-    return results;
+  std::vector<std::optional<ImagePair>> Results() {
+    return std::move(results_);
   }
 
  private:
@@ -118,15 +116,18 @@ class UnitVerifier {
 
   void Judge(size_t p, const Rigid3& motion,
              const std::vector<size_t>& inliers) {
-    ImagePair& result = pairs_[p].single;
-    const size_t num_own = result.matches.size();
-    if (num_own > 0 && inliers.size() >= kMinShareOfOwnInliers * num_own) {
+    const UnitImagePair& pair = pairs_[p];
+    const ImagePair& single = pair.single;
+    if (single.config == TwoViewConfig::kPanoramic &&
+        inliers.size() >= kMinShareOfRotation * single.matches.size()) {
       return;
     }
-    result = ImagePair();
+    ImagePair result;
     result.config = TwoViewConfig::kDegenerate;
-    if (!Agrees(p, inliers.size())) return;
-    const UnitImagePair& pair = pairs_[p];
+    if (!Agrees(p, inliers.size())) {
+      if (!single.matches.empty()) results_[p] = std::move(result);
+      return;
+    }
     Rigid3 pose =
         pair.cam2_from_unit2 * motion * pair.cam1_from_unit1.Inverse();
     const double length = pose.translation.norm();
@@ -136,18 +137,20 @@ class UnitVerifier {
     result.relative_pose = RelativePose{pose.rotation, pose.translation};
     result.E = EssentialFromPose(pose);
     for (const size_t i : inliers) result.matches.push_back((*pair.matches)[i]);
+    results_[p] = std::move(result);
   }
 
   std::vector<UnitImagePair> pairs_;
   const TwoViewGeometryOptions& two_view_;
   const RigVerificationOptions& rig_;
-  std::vector<UnitMatches> matches_;            // of each pair
-  std::vector<std::vector<size_t>> positions_;  // of them in its matches
+  std::vector<UnitMatches> matches_;               // of each pair
+  std::vector<std::vector<size_t>> positions_;     // of them in its matches
+  std::vector<std::optional<ImagePair>> results_;  // where they change
 };
 
 }  // namespace
 
-std::vector<ImagePair> VerifyUnits(
+std::vector<std::optional<ImagePair>> VerifyUnits(
     std::vector<UnitImagePair> pairs,
     const std::optional<Rigid3>& unit2_from_unit1,
     const TwoViewGeometryOptions& two_view, const RigVerificationOptions& rig,

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <utility>
 
 #include "matching/scene_pairs.h"
@@ -106,8 +107,7 @@ class UnitPass {
   struct Result {
     ImageIdxPair pair;
     bool was_verified = false;
-    bool is_changed = false;
-    ImagePair verified;
+    std::optional<ImagePair> changed;
   };
   using MatchLists = std::vector<std::vector<Match>>;  // of a pair of frames
 
@@ -170,7 +170,7 @@ class UnitPass {
       ImagePair single = VerifyImages(scene_, pair, cache_.Get(pair.image_idx1),
                                       cache_.Get(pair.image_idx2), lists[p],
                                       options_.two_view_geometry, context_);
-      results.push_back({pair, !single.matches.empty(), false, {}});
+      results.push_back({pair, !single.matches.empty(), std::nullopt});
       if (IsSwapped(pair)) {
         ordered[p] = Swapped(std::move(ordered[p]));
         single = Swapped(std::move(single));
@@ -179,24 +179,17 @@ class UnitPass {
     }
     const Image& first = scene_.images[group.pairs.front().image_idx1];
     const Image& second = scene_.images[group.pairs.front().image_idx2];
-    std::vector<size_t> num_own;
-    std::vector<TwoViewConfig> configs;
-    for (const UnitImagePair& pair : unit) {
-      num_own.push_back(pair.single.matches.size());
-      configs.push_back(pair.single.config);
-    }
-    std::vector<ImagePair> verified = VerifyUnits(
+    std::vector<std::optional<ImagePair>> changed = VerifyUnits(
         std::move(unit),
         group.is_one_frame ? std::optional<Rigid3>(Rigid3()) : std::nullopt,
         options_.two_view_geometry, options_.rig_verification,
         Random(PairSeed(first.name, second.name, context_.random_seed),
                kRandomStream));
     for (size_t p = 0; p < results.size(); ++p) {
-      results[p].is_changed = verified[p].matches.size() != num_own[p] ||
-                              verified[p].config != configs[p];
-      results[p].verified = IsSwapped(results[p].pair)
-                                ? Swapped(std::move(verified[p]))
-                                : std::move(verified[p]);
+      if (changed[p] && IsSwapped(results[p].pair)) {
+        changed[p] = Swapped(std::move(*changed[p]));
+      }
+      results[p].changed = std::move(changed[p]);
     }
     return results;
   }
@@ -204,11 +197,12 @@ class UnitPass {
   void Keep(std::vector<std::vector<Result>> results) {
     for (std::vector<Result>& group : results) {
       for (Result& result : group) {
-        if (!result.is_changed) continue;
-        const bool is_verified = !result.verified.matches.empty();
-        summary_.num_kept += is_verified ? 1 : 0;
+        if (!result.changed) continue;
+        const bool is_verified = !result.changed->matches.empty();
+        summary_.num_changed += is_verified ? 1 : 0;
+        summary_.num_gained += is_verified && !result.was_verified ? 1 : 0;
         summary_.num_rejected += result.was_verified && !is_verified ? 1 : 0;
-        changed_.push_back(std::move(result));
+        results_.push_back(std::move(result));
       }
     }
   }
@@ -217,9 +211,9 @@ class UnitPass {
   // depend on where a run was interrupted.
   void Write() {
     DatabaseTransaction transaction(database_);
-    for (const Result& result : changed_) {
+    for (const Result& result : results_) {
       database_->WriteTwoViewGeometry(
-          MakeTwoViewRow(scene_, result.pair, result.verified));
+          MakeTwoViewRow(scene_, result.pair, *result.changed));
     }
     transaction.Commit();
   }
@@ -230,7 +224,7 @@ class UnitPass {
   const Context& context_;
   FeatureCache cache_;
   std::vector<MatchLists> inputs_;  // of the batch
-  std::vector<Result> changed_;
+  std::vector<Result> results_;     // that change
   UnitVerificationSummary summary_;
 };
 

@@ -23,8 +23,9 @@ ImagePair VerifyImages(const Scene& scene, const ImageIdxPair& pair,
 
 struct UnitVerificationSummary {
   size_t num_frame_pairs = 0;
-  size_t num_kept = 0;      // pairs of images that get the motion of the rig
-  size_t num_rejected = 0;  // that were verified by themselves
+  size_t num_changed = 0;   // pairs of images that get the motion of the rig
+  size_t num_gained = 0;    // of them, not verified by themselves
+  size_t num_rejected = 0;  // verified by themselves
 };
 
 // VerifyUnits for the frames of the pairs, all of which are matched, where the

@@ -42,16 +42,19 @@ struct UnitImagePair {
 // motion of the rig (6 degrees of freedom) that the most matches of all pairs
 // agree with. It counts if at least two pairs agree with it: each with
 // min_num_unit_inliers and min_inlier_ratio of its matches, and all of them
-// with min_num_inliers. Then, with n of the matches of a pair that agree with
-// the motion of the rig, and m that agree with its own (0 if it has none),
-//   n >= m / 2, m > 0   it stays as it is
-//   else, if it agrees  it gets the motion of the rig and the n matches
-//   else                it is DEGENERATE: nothing, or another motion (of a
-//                       vehicle, or of a place that looks alike)
-// If nothing counts, all stay as they are. `unit2_from_unit1` is given where it
-// is known, as for images of one frame; else it is estimated. Pairs whose
-// intrinsics are not trusted, or that are watermarks, take no part.
-std::vector<ImagePair> VerifyUnits(
+// with min_num_inliers. Then a pair
+//   that agrees gets the motion of the rig, and its matches that agree: a
+//   motion
+//     of its own is less certain, above all with few matches or little
+//     parallax;
+//   that is PANORAMIC, with half of its matches in agreement, stays as it is;
+//   else is DEGENERATE: nothing, or another motion (of a vehicle, or of a place
+//     that looks alike).
+// If nothing counts, all stay as they are. nullopt for pairs that do.
+// `unit2_from_unit1` is given where it is known, as for images of one frame;
+// else it is estimated. Pairs whose intrinsics are not trusted, or that are
+// watermarks, take no part.
+std::vector<std::optional<ImagePair>> VerifyUnits(
     std::vector<UnitImagePair> pairs,
     const std::optional<Rigid3>& unit2_from_unit1,
     const TwoViewGeometryOptions& two_view, const RigVerificationOptions& rig,
