@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "mgsfm/features/feature_extraction.h"
+#include "mgsfm/geometry/epipolar.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/io/feature_database.h"
 #include "mgsfm/io/image_writing.h"
@@ -204,6 +205,49 @@ std::vector<NamePair> TrueLoopPairs(const ClosedStreet& street) {
   return pairs;
 }
 
+// Writes pairs of opposite places as if they were neighbours on a straight
+// road, with matches that agree: keypoints in the same direction from the
+// middle of the image.
+void PlantWrongPairs(const ClosedStreet& street, const Scene& scene,
+                     FeatureDatabase* database) {
+  constexpr int kNumPairs = 12;
+  constexpr size_t kNumMatches = 40;
+  const auto direction = [](const FeatureKeypoint& keypoint) {
+    return std::atan2(keypoint.y_px - 100.0, keypoint.x_px - 160.0);
+  };
+  for (int i = 0; i < kNumPairs; ++i) {
+    const Image& image1 = scene.images[2 * i];
+    const Image& image2 = scene.images[2 * i + 20 + i % 3];
+    ASSERT_EQ(street.Overlap(image1.name, image2.name), 0.0);
+    const auto keypoints1 = database->ReadKeypoints(image1.id);
+    const auto keypoints2 = database->ReadKeypoints(image2.id);
+    const Rigid3 motion{Eigen::Quaterniond::Identity(), {0.0, 0.0, -1.0}};
+    TwoViewGeometryRow row{image1.id,
+                           image2.id,
+                           TwoViewConfig::kCalibrated,
+                           std::nullopt,
+                           EssentialFromPose(motion),
+                           std::nullopt,
+                           motion,
+                           {}};
+    std::vector<bool> is_taken(keypoints2.size());
+    for (size_t k1 = 0; k1 < keypoints1.size(); k1 += 3) {
+      for (size_t k2 = 0; k2 < keypoints2.size(); ++k2) {
+        const double turn =
+            direction(keypoints2[k2]) - direction(keypoints1[k1]);
+        if (is_taken[k2] || std::abs(turn) > 0.005) continue;
+        is_taken[k2] = true;
+        row.matches.push_back(
+            {static_cast<uint32_t>(k1), static_cast<uint32_t>(k2)});
+        break;
+      }
+      if (row.matches.size() == kNumMatches) break;
+    }
+    EXPECT_EQ(row.matches.size(), kNumMatches);
+    database->WriteTwoViewGeometry(row);
+  }
+}
+
 // Pairs that have nothing in common, and yet see a point of the model.
 size_t CountWrongPairs(const ClosedStreet& street, const Scene& scene,
                        const Reconstruction& model) {
@@ -300,6 +344,8 @@ TEST_F(LoopDetectionTest, FindsImagesOfTheSamePlaceAndNoOthers) {
   EXPECT_GE(num_found, 0.8 * expected.size());
   EXPECT_EQ(num_wrong, 0u);
 
+  PlantWrongPairs(street_, LoadScene(database_.ReadStructure({}), {}, {}).scene,
+                  &database_);
   const LoadedScene input = LoadScene(database_.path(), {}, context_);
   const MapperResult result =
       RunMapper(input.scene, input.view_graph, {}, context_);
