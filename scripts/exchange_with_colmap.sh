@@ -23,10 +23,16 @@ echo "== features and matches of mgsfm, mapper of COLMAP"
 "$mgsfm" sequential_matcher --database_path mgsfm.db \
   --SequentialMatching.overlap 5
 mkdir colmap_model
-colmap mapper --database_path mgsfm.db --image_path "$images" \
+status=0
+if colmap mapper --database_path mgsfm.db --image_path "$images" \
   --output_path colmap_model --Mapper.ba_refine_focal_length 0 \
-  --Mapper.ba_refine_extra_params 0 >colmap_mapper.log 2>&1
-colmap model_analyzer --path colmap_model/0
+  --Mapper.ba_refine_extra_params 0 >colmap_mapper.log 2>&1; then
+  colmap model_analyzer --path colmap_model/0
+else
+  echo "colmap mapper made no model, see $PWD/colmap_mapper.log; short and" \
+    "straight drives have no first pair for it" >&2
+  status=1
+fi
 
 echo "== features and matches of COLMAP, mapper of mgsfm"
 colmap feature_extractor --database_path colmap.db --image_path "$images" \
@@ -36,3 +42,4 @@ colmap sequential_matcher --database_path colmap.db \
   --SequentialMatching.overlap 3 --SequentialMatching.quadratic_overlap 0 \
   --SiftMatching.use_gpu 0 >colmap_matches.log 2>&1
 "$mgsfm" mapper --database_path colmap.db --output_path mgsfm_model
+exit $status
