@@ -9,6 +9,7 @@
 #include "matching/database_words.h"
 #include "matching/pair_lists.h"
 #include "matching/scene_pairs.h"
+#include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/matching/match_list.h"
@@ -27,11 +28,31 @@ class Run {
  public:
   Run(FeatureDatabase* database, const Scene& scene,
       const PairMatchingOptions& options, const Context& context)
-      : matcher_(database, scene, options, context), context_(context) {}
+      : matcher_(database, scene, options, context),
+        database_(database),
+        scene_(scene),
+        options_(options),
+        context_(context) {}
 
   void Match(const ImagePairList& pairs, const char* stage,
              const ProgressSpan& span = {}) {
     summary_ = summary_ + matcher_.Run(pairs, stage, span);
+  }
+
+  // Verifies rigid units as wholes, where the rig is known, after all pairs
+  // were matched.
+  void VerifyUnits(const ImagePairList& pairs) {
+    if (!options_.rig_verification.rig_verification) return;
+    const internal::UnitVerificationSummary units =
+        internal::VerifyUnitsOfPairs(pairs, scene_, options_, database_,
+                                     context_);
+    if (units.num_frame_pairs == 0) return;
+    context_.Info("rig verification: of " +
+                  std::to_string(units.num_frame_pairs) + " pairs of frames, " +
+                  std::to_string(units.num_changed) +
+                  " pairs of images got the motion of the rig, " +
+                  std::to_string(units.num_gained) + " of them new, " +
+                  std::to_string(units.num_rejected) + " were rejected");
   }
 
   // Logs what was done; `name` names the pairs.
@@ -50,6 +71,9 @@ class Run {
 
  private:
   PairMatcher matcher_;
+  FeatureDatabase* database_;
+  const Scene& scene_;
+  const PairMatchingOptions& options_;
   const Context& context_;
   PairMatchingSummary summary_;
   Timer timer_;
@@ -172,6 +196,7 @@ PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
       span.num_before += pairs.size();
     }
   }
+  run.VerifyUnits(BlockPairs(0, num_images, 0, num_images));
   return run.Finish("exhaustive matching");
 }
 
@@ -193,9 +218,11 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
       done);
   run.Match(overlapping, "matching of cameras that overlap");
   PairMatchingSummary summary = run.Finish("sequential matching");
-  if (!options.loop_detection) return summary;
-
   done = Join(done, overlapping);
+  if (!options.loop_detection) {
+    run.VerifyUnits(done);
+    return summary;
+  }
   const FrameRetrievalOptions retrieval{
       options.loop_detection_period, options.loop_detection_num_images,
       options.loop_detection_num_images_after_verification,
@@ -207,6 +234,7 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
               done);
   Run loop_run(database, scene, matching, context);
   loop_run.Match(loops, "loop detection");
+  loop_run.VerifyUnits(Join(done, loops));
   return summary + loop_run.Finish("loop detection");
 }
 
@@ -225,6 +253,7 @@ PairMatchingSummary MatchByVocabulary(FeatureDatabase* database,
                      options.max_num_features, retrieval, context);
   Run run(database, scene, matching, context);
   run.Match(pairs, "vocabulary tree matching");
+  run.VerifyUnits(pairs);
   return run.Finish("vocabulary tree matching");
 }
 
@@ -241,8 +270,9 @@ PairMatchingSummary MatchSpatially(FeatureDatabase* database,
                 "had in their EXIF data; use another matcher");
   }
   Run run(database, scene, matching, context);
-  run.Match(SpatialPairs(scene, positions, options, context),
-            "spatial matching");
+  const ImagePairList pairs = SpatialPairs(scene, positions, options, context);
+  run.Match(pairs, "spatial matching");
+  run.VerifyUnits(pairs);
   return run.Finish("spatial matching");
 }
 
@@ -266,6 +296,7 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   }
   Run run(database, scene, matching, context);
   run.Match(pairs, "matching of the list");
+  if (type != MatchListType::kInliers) run.VerifyUnits(pairs);
   return run.Finish("matching of the list");
 }
 

@@ -7,6 +7,7 @@
 
 #include "matching/feature_cache.h"
 #include "matching/scene_pairs.h"
+#include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
 
@@ -134,11 +135,9 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
     matches = MatchDescriptors(features1.Descriptors(), features2.Descriptors(),
                                options_.matching);
   }
-  ImagePair verified = VerifyPair(
-      features1.View(scene_.cameras[image1.camera_idx]),
-      features2.View(scene_.cameras[image2.camera_idx]), matches,
-      options_.two_view_geometry,
-      Random(PairSeed(image1.name, image2.name, context_.random_seed)));
+  ImagePair verified =
+      internal::VerifyImages(scene_, pair, features1, features2, matches,
+                             options_.two_view_geometry, context_);
   return {!has_matches, std::move(matches), std::move(verified)};
 }
 

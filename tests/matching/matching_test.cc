@@ -185,6 +185,87 @@ TEST_F(MatchingTest, SequentialFindsNeighborsAndLoops) {
   EXPECT_LT(geometries.size(), 800u);  // of 1540
 }
 
+// Two cameras that look the same way.
+Scene WithKnownRig(Scene scene) {
+  scene.sensors[1].sensor_from_rig =
+      Rigid3{Eigen::Quaterniond::Identity(),
+             FeatureWorld::Center(0, 0) - FeatureWorld::Center(1, 0)};
+  return scene;
+}
+
+// Writes the first ten of the matches, too few for a pair by itself.
+void WriteFewMatches(const std::map<NamePair, TwoViewGeometryRow>& geometries,
+                     const NamePair& names, const Scene& scene,
+                     FeatureDatabase* database) {
+  std::vector<Match> matches = geometries.at(names).matches;
+  ASSERT_GT(matches.size(), 20u);
+  matches.resize(10);
+  const auto id_of = [&](const std::string& name) {
+    return std::find_if(scene.images.begin(), scene.images.end(),
+                        [&](const Image& image) { return image.name == name; })
+        ->id;
+  };
+  database->WriteMatches(id_of(names.first), id_of(names.second), matches);
+}
+
+Eigen::Vector3d CenterOf(const std::string& image_name) {
+  return FeatureWorld::Center(image_name[3] - '0',
+                              std::stoi(image_name.substr(5)));
+}
+
+// With the rig known, pairs with few matches are kept, and others not made
+// worse. Done again, interrupted or not, it gives the same.
+TEST_F(MatchingTest, KnownRigIsVerifiedAsAWhole) {
+  FeatureDatabase database = MakeDatabase("a.db", 8);
+  FeatureDatabase known = MakeDatabase("b.db", 8);
+  MatchAll(&database);
+  const auto single = ReadGeometries(database);
+  const Scene scene = WithKnownRig(LoadSceneOf(known));
+  // The images of the second pair are not in the order of their frames.
+  const NamePair few[] = {Names(1, 0, 1, 1), Names(0, 3, 1, 2)};
+  for (const NamePair& names : few) {
+    WriteFewMatches(single, names, scene, &known);
+  }
+  const auto match = [&](const Context& context) {
+    MatchExhaustively(&known, scene, {7}, {}, context);
+  };
+  std::atomic<int> num_calls{0};
+  Context interrupted;
+  interrupted.is_cancelled = [&] { return ++num_calls > 100; };
+  EXPECT_THROW(match(interrupted), Interrupted);
+  match({});
+  const auto together = ReadGeometries(known);
+  EXPECT_EQ(together.size(), single.size());
+  for (const auto& [names, row] : together) {
+    const bool was_verified = !single.at(names).matches.empty();
+    EXPECT_EQ(!row.matches.empty(), was_verified);
+    if (!was_verified) continue;
+    EXPECT_LT(RadToDeg(AngleBetween(row.cam2_from_cam1->rotation,
+                                    Eigen::Quaterniond::Identity())),
+              0.5);
+  }
+  for (const NamePair& names : few) {
+    const TwoViewGeometryRow& row = together.at(names);
+    EXPECT_GE(row.matches.size(), 9u);
+    EXPECT_LT(
+        RadToDeg(AngleBetween(row.cam2_from_cam1->translation,
+                              CenterOf(names.first) - CenterOf(names.second))),
+        2.0);
+  }
+  match({});
+  EXPECT_TRUE(AreEqual(ReadGeometries(known), together));
+}
+
+TEST_F(MatchingTest, RigVerificationCanBeLeftOut) {
+  FeatureDatabase database = MakeDatabase("a.db", 4);
+  MatchAll(&database);
+  FeatureDatabase known = MakeDatabase("b.db", 4);
+  PairMatchingOptions options;
+  options.rig_verification.rig_verification = false;
+  MatchExhaustively(&known, WithKnownRig(LoadSceneOf(known)), {7}, options, {});
+  EXPECT_TRUE(AreEqual(ReadGeometries(known), ReadGeometries(database)));
+}
+
 TEST_F(MatchingTest, SequentialWithoutLoopDetection) {
   FeatureDatabase database = MakeDatabase("a.db", kLapFrames + 2);
   SequentialMatchingOptions options;

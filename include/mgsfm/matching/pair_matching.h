@@ -13,6 +13,7 @@
 #include "mgsfm/io/feature_database.h"
 #include "mgsfm/matching/descriptor_matching.h"
 #include "mgsfm/matching/pair_selection.h"
+#include "mgsfm/matching/rig_verification.h"
 #include "mgsfm/matching/two_view_verification.h"
 #include "mgsfm/scene/scene.h"
 
@@ -25,6 +26,7 @@ class FeatureCache;
 struct PairMatchingOptions {
   DescriptorMatchingOptions matching;
   TwoViewGeometryOptions two_view_geometry;
+  RigVerificationOptions rig_verification;
   int cache_size_mib = 1024;
 
   template <class Self, class Visitor>
@@ -34,6 +36,7 @@ struct PairMatchingOptions {
           "those of both.");
     visit.Group("SiftMatching", self.matching);
     visit.Group("TwoViewGeometry", self.two_view_geometry);
+    visit.Group("FeatureMatching", self.rig_verification);
   }
 };
 

@@ -1,0 +1,350 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/geometry/generalized_pose.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+constexpr int kSampleSize = 6;
+constexpr int kMaxNumIterations = 10;
+constexpr double kRelativeCostTolerance = 1e-6;
+constexpr double kInitialDamping = 1e-4;
+constexpr double kLossScale = 0.5;  // of max_error
+// Lengths tried for a guess, each from another match.
+constexpr int kNumLengthsOfGuess = 20;
+// Centres nearer than this, over their distances to the units, coincide.
+constexpr double kMinRelativeBaseline = 1e-6;
+// Of all matches; no other pose explains more.
+constexpr double kMajority = 0.5;
+
+Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
+  return pair.cam2_from_unit2 * unit2_from_unit1 *
+         pair.cam1_from_unit1.Inverse();
+}
+
+bool HasBaseline(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
+                 const Rigid3& cam2_from_cam1) {
+  const double size = pair.cam1_from_unit1.translation.norm() +
+                      pair.cam2_from_unit2.translation.norm() +
+                      unit2_from_unit1.translation.norm();
+  return cam2_from_cam1.translation.norm() > kMinRelativeBaseline * size;
+}
+
+// A line of poses, over the length s of the translation of one pair:
+// unit2_from_unit1 = (rotation, offset + s direction).
+struct PoseLine {
+  Eigen::Quaterniond rotation;
+  Eigen::Vector3d offset;
+  Eigen::Vector3d direction;
+
+  PoseLine(const UnitMatches& pair, const Rigid3& cam2_from_cam1) {
+    const auto unit_pose = [&](double length) {
+      return pair.cam2_from_unit2.Inverse() *
+             Rigid3{cam2_from_cam1.rotation,
+                    length * cam2_from_cam1.translation} *
+             pair.cam1_from_unit1;
+    };
+    const Rigid3 start = unit_pose(0.0);
+    rotation = start.rotation;
+    offset = start.translation;
+    direction = unit_pose(1.0).translation - offset;
+  }
+
+  Rigid3 At(double length) const {
+    return {rotation, offset + length * direction};
+  }
+
+  // Where a match meets the epipolar constraint, which is linear in the length.
+  std::optional<double> LengthOf(const UnitMatches& pair, size_t match) const {
+    const Rigid3 start = CameraMotion(pair, At(0.0));
+    const Eigen::Vector3d normal =
+        (start.rotation * pair.rays.rays1[match]).cross(pair.rays.rays2[match]);
+    const double by_length =
+        normal.dot(pair.cam2_from_unit2.rotation * direction);
+    const double length = -normal.dot(start.translation) / by_length;
+    if (!(length > 0.0) || !std::isfinite(length)) return std::nullopt;
+    return length;
+  }
+};
+
+// Error of a match over its bound and the gradient by the step of the unit's
+// pose. t of the pair of cameras may have any length.
+double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
+                    const Rigid3& cam2_from_cam1, size_t match,
+                    Vector6d* gradient) {
+  const Eigen::Vector3d& t = cam2_from_cam1.translation;
+  const Eigen::Vector3d& f = pair.rays.rays2[match];
+  const Eigen::Vector3d a = cam2_from_cam1.rotation * pair.rays.rays1[match];
+  const double ta = t.dot(a), tf = t.dot(f), tt = t.squaredNorm();
+  const Eigen::Vector3d normal = a.cross(f);
+  const double e = t.dot(normal);
+  // Grows with |t|^2 as e^2 does, so the length of t does not matter.
+  const double s = 2.0 * tt - ta * ta - tf * tf - 2.0 * e * e;
+  if (!(s > 1e-14 * tt)) {
+    gradient->setZero();
+    return 0.0;
+  }
+  const Eigen::Vector3d e_by_turn = a.cross(f.cross(t));
+  const Eigen::Vector3d s_by_turn =
+      -2.0 * ta * a.cross(t) - 4.0 * e * e_by_turn;
+  const Eigen::Vector3d s_by_t =
+      4.0 * t - 2.0 * ta * a - 2.0 * tf * f - 4.0 * e * normal;
+  const double by_e = 1.0 / (std::sqrt(s) * pair.max_error_rad);
+  const double by_s = -0.5 * e / s * by_e;
+  const Eigen::Vector3d by_turn = by_e * e_by_turn + by_s * s_by_turn;
+  const Eigen::Vector3d by_t = by_e * normal + by_s * s_by_t;
+  // In the axes of the unit: the cameras turn with it, and their centres move.
+  const Eigen::Quaterniond unit_from_cam =
+      pair.cam2_from_unit2.rotation.conjugate();
+  const Eigen::Vector3d arm =
+      unit2_from_unit1.rotation * pair.cam1_from_unit1.Center();
+  gradient->head<3>() =
+      unit_from_cam * by_turn + arm.cross(unit_from_cam * by_t);
+  gradient->tail<3>() = unit_from_cam * by_t;
+  return e * by_e;
+}
+
+struct NormalEquations {
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
+  double cost = 0.0;
+};
+
+NormalEquations Linearize(const std::vector<UnitMatches>& pairs,
+                          const Rigid3& unit2_from_unit1) {
+  NormalEquations equations;
+  Vector6d gradient;
+  for (const UnitMatches& pair : pairs) {
+    const Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
+    if (!HasBaseline(pair, unit2_from_unit1, motion)) continue;
+    for (size_t i = 0; i < pair.rays.size(); ++i) {
+      const double r =
+          SampsonTerms(pair, unit2_from_unit1, motion, i, &gradient);
+      const double x = 1.0 + r * r / (kLossScale * kLossScale);
+      equations.hessian.noalias() += gradient / x * gradient.transpose();
+      equations.gradient += r / x * gradient;
+      equations.cost += 0.5 * kLossScale * kLossScale * std::log(x);
+    }
+  }
+  return equations;
+}
+
+size_t NumMatches(const std::vector<UnitMatches>& pairs) {
+  size_t num_matches = 0;
+  for (const UnitMatches& pair : pairs) num_matches += pair.rays.size();
+  return num_matches;
+}
+
+std::vector<UnitMatches> InliersOf(const std::vector<UnitMatches>& pairs,
+                                   const Rigid3& unit2_from_unit1) {
+  std::vector<UnitMatches> inliers;
+  for (const UnitMatches& pair : pairs) {
+    UnitMatches kept{
+        pair.cam1_from_unit1, pair.cam2_from_unit2, {}, pair.max_error_rad};
+    const std::vector<char> is_inlier = FindUnitInliers(pair, unit2_from_unit1);
+    for (size_t i = 0; i < is_inlier.size(); ++i) {
+      if (is_inlier[i]) kept.rays.Add(pair.rays.rays1[i], pair.rays.rays2[i]);
+    }
+    inliers.push_back(std::move(kept));
+  }
+  return inliers;
+}
+
+class UnitPoseRansac {
+ public:
+  UnitPoseRansac(const std::vector<UnitMatches>& pairs, Random* random)
+      : pairs_(pairs), num_matches_(NumMatches(pairs)), random_(random) {}
+
+  std::optional<Rigid3> Run(const std::vector<PairPose>& guesses,
+                            const RansacOptions& options) {
+    for (const PairPose& guess : guesses) Guess(guess);
+    int num_trials = options.max_num_trials;
+    for (int trial = 0; trial < num_trials && InlierRatio() < kMajority;
+         ++trial) {
+      if (Sample()) {
+        num_trials = RequiredNumTrials(options, InlierRatio(), kSampleSize);
+      }
+    }
+    return best_;
+  }
+
+ private:
+  double InlierRatio() const {
+    return static_cast<double>(score_.num_inliers) / num_matches_;
+  }
+
+  // Of all matches one, of any pair but `other_than`.
+  struct Drawn {
+    size_t pair;
+    size_t match;
+  };
+  std::optional<Drawn> Draw(size_t other_than) {
+    size_t num_matches = num_matches_;
+    if (other_than < pairs_.size())
+      num_matches -= pairs_[other_than].rays.size();
+    if (num_matches == 0) return std::nullopt;
+    size_t match = random_->Index(static_cast<uint32_t>(num_matches));
+    for (size_t p = 0; p < pairs_.size(); ++p) {
+      if (p == other_than) continue;
+      if (match < pairs_[p].rays.size()) return Drawn{p, match};
+      match -= pairs_[p].rays.size();
+    }
+    return std::nullopt;
+  }
+
+  // Whether the pose is the best so far.
+  bool Try(const Rigid3& unit2_from_unit1) {
+    const PoseScore score = ScoreUnitPose(pairs_, unit2_from_unit1);
+    if (!(score.cost < score_.cost)) return false;
+    best_ = unit2_from_unit1;
+    score_ = score;
+    return true;
+  }
+
+  bool TryOnLine(const PoseLine& line, size_t pair) {
+    const auto drawn = Draw(pair);
+    if (!drawn) return false;
+    const auto length = line.LengthOf(pairs_[drawn->pair], drawn->match);
+    return length && Try(line.At(*length));
+  }
+
+  void OptimizeLocally() {
+    const std::vector<UnitMatches> inliers = InliersOf(pairs_, *best_);
+    Rigid3 refined = *best_;
+    if (RefineUnitPose(inliers, &refined).IsUsable()) Try(refined);
+  }
+
+  void Guess(const PairPose& guess) {
+    const PoseLine line(pairs_[guess.pair], guess.cam2_from_cam1);
+    bool is_better = false;
+    for (int i = 0; i < kNumLengthsOfGuess; ++i) {
+      is_better = TryOnLine(line, guess.pair) || is_better;
+    }
+    if (is_better) OptimizeLocally();
+  }
+
+  // Whether a better pose was found.
+  bool Sample() {
+    const auto drawn = Draw(pairs_.size());
+    if (!drawn || pairs_[drawn->pair].rays.size() < 5) return false;
+    const RayMatches& rays = pairs_[drawn->pair].rays;
+    const auto sample = DrawSample<5>(rays.size(), random_);
+    std::array<Eigen::Vector3d, 5> rays1, rays2;
+    for (size_t i = 0; i < 5; ++i) {
+      rays1[i] = rays.rays1[sample[i]];
+      rays2[i] = rays.rays2[sample[i]];
+    }
+    std::array<Eigen::Matrix3d, 10> essentials;
+    const int num_essentials = SolveFivePoint(rays1, rays2, &essentials);
+    bool is_better = false;
+    for (int i = 0; i < num_essentials; ++i) {
+      for (const Rigid3& pose : DecomposeEssential(essentials[i])) {
+        const auto is_in_front = [&](size_t k) {
+          return IsInFront(pose, rays1[k], rays2[k],
+                           pairs_[drawn->pair].max_error_rad);
+        };
+        if (!is_in_front(0) || !is_in_front(1) || !is_in_front(2)) continue;
+        is_better =
+            TryOnLine(PoseLine(pairs_[drawn->pair], pose), drawn->pair) ||
+            is_better;
+      }
+    }
+    if (is_better) OptimizeLocally();
+    return is_better;
+  }
+
+  const std::vector<UnitMatches>& pairs_;
+  const size_t num_matches_;
+  Random* random_;
+  std::optional<Rigid3> best_;
+  PoseScore score_{std::numeric_limits<double>::infinity(), 0};
+};
+
+}  // namespace
+
+PoseScore ScoreUnitPose(const std::vector<UnitMatches>& pairs,
+                        const Rigid3& unit2_from_unit1) {
+  PoseScore total;
+  for (const UnitMatches& pair : pairs) {
+    Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
+    PoseScore score;
+    if (HasBaseline(pair, unit2_from_unit1, motion)) {
+      motion.translation.normalize();
+      score = ScoreRelativePose(pair.rays, motion, pair.max_error_rad);
+    } else {
+      score = ScoreRotation(pair.rays, motion.rotation, pair.max_error_rad);
+    }
+    total.cost += score.cost / (pair.max_error_rad * pair.max_error_rad);
+    total.num_inliers += score.num_inliers;
+  }
+  return total;
+}
+
+std::vector<char> FindUnitInliers(const UnitMatches& pair,
+                                  const Rigid3& unit2_from_unit1) {
+  Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
+  if (!HasBaseline(pair, unit2_from_unit1, motion)) {
+    return FindRotationInliers(pair.rays, motion.rotation, pair.max_error_rad);
+  }
+  motion.translation.normalize();
+  return FindInliers(pair.rays, motion, pair.max_error_rad);
+}
+
+SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
+                            Rigid3* unit2_from_unit1) {
+  SolveSummary summary;
+  if (NumMatches(pairs) < kSampleSize) {
+    summary.message = "too few matches";
+    return summary;
+  }
+  NormalEquations equations = Linearize(pairs, *unit2_from_unit1);
+  summary.initial_cost = summary.final_cost = equations.cost;
+  summary.termination = Termination::kMaxIterations;
+  double damping = kInitialDamping;
+  while (summary.num_iterations < kMaxNumIterations) {
+    ++summary.num_iterations;
+    Matrix6d damped = equations.hessian;
+    damped.diagonal() *= 1.0 + damping;
+    damped.diagonal().array() += 1e-9 * damped.diagonal().maxCoeff() + 1e-300;
+    const Vector6d step = -damped.ldlt().solve(equations.gradient);
+    const Rigid3 candidate{
+        (ExpSO3(step.head<3>()) * unit2_from_unit1->rotation).normalized(),
+        unit2_from_unit1->translation + step.tail<3>()};
+    const NormalEquations next = Linearize(pairs, candidate);
+    const double decrease = equations.cost - next.cost;
+    if (!(decrease >= 0.0)) {
+      damping *= 10.0;
+      continue;
+    }
+    const bool is_converged =
+        decrease <= kRelativeCostTolerance * equations.cost;
+    *unit2_from_unit1 = candidate;
+    equations = next;
+    damping *= 0.1;
+    if (is_converged) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  summary.final_cost = equations.cost;
+  return summary;
+}
+
+std::optional<Rigid3> EstimateUnitPose(const std::vector<UnitMatches>& pairs,
+                                       const std::vector<PairPose>& guesses,
+                                       const RansacOptions& options,
+                                       Random* random) {
+  return UnitPoseRansac(pairs, random).Run(guesses, options);
+}
+
+}  // namespace mgsfm

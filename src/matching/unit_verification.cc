@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "matching/unit_verification.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "matching/scene_pairs.h"
+#include "mgsfm/base/parallel.h"
+
+namespace mgsfm::internal {
+namespace {
+
+// Pairs of frames in memory at a time.
+constexpr size_t kMaxBatchSize = 64;
+// Different from those that pairs of images use.
+constexpr uint64_t kRandomStream = 1;
+
+struct FramePair {
+  bool is_one_frame = false;
+  ImagePairList pairs;
+};
+
+bool HasKnownPose(const Scene& scene, int image_idx) {
+  return scene.sensors[scene.images[image_idx].sensor_idx]
+      .sensor_from_rig.has_value();
+}
+
+std::vector<FramePair> GroupByFrames(const ImagePairList& pairs,
+                                     const Scene& scene) {
+  std::map<std::pair<int, int>, ImagePairList> pairs_of_frames;
+  for (const ImageIdxPair& pair : pairs) {
+    if (!HasKnownPose(scene, pair.image_idx1) ||
+        !HasKnownPose(scene, pair.image_idx2)) {
+      continue;
+    }
+    const int frame1 = scene.images[pair.image_idx1].frame_idx;
+    const int frame2 = scene.images[pair.image_idx2].frame_idx;
+    pairs_of_frames[std::minmax(frame1, frame2)].push_back(pair);
+  }
+  std::vector<FramePair> groups;
+  for (auto& [frames, list] : pairs_of_frames) {
+    if (list.size() < 2) continue;
+    groups.push_back({frames.first == frames.second, std::move(list)});
+  }
+  return groups;
+}
+
+std::vector<Match> Swapped(std::vector<Match> matches) {
+  for (Match& match : matches) {
+    std::swap(match.keypoint_idx1, match.keypoint_idx2);
+  }
+  return matches;
+}
+
+// The same with 1 and 2 exchanged.
+ImagePair Swapped(ImagePair pair) {
+  if (pair.F) pair.F->transposeInPlace();
+  if (pair.E) pair.E->transposeInPlace();
+  if (pair.H) pair.H = pair.H->inverse().normalized();
+  if (pair.relative_pose) {
+    RelativePose& pose = *pair.relative_pose;
+    pose.cam2_from_cam1 = pose.cam2_from_cam1.conjugate();
+    if (pose.translation_direction) {
+      pose.translation_direction =
+          -(pose.cam2_from_cam1 * *pose.translation_direction);
+    }
+  }
+  pair.matches = Swapped(std::move(pair.matches));
+  return pair;
+}
+
+class UnitPass {
+ public:
+  UnitPass(const Scene& scene, const PairMatchingOptions& options,
+           FeatureDatabase* database, const Context& context)
+      : scene_(scene),
+        options_(options),
+        database_(database),
+        context_(context),
+        cache_(*database, scene,
+               static_cast<size_t>(options.cache_size_mib) << 20) {}
+
+  UnitVerificationSummary Run(const std::vector<FramePair>& groups) {
+    summary_.num_frame_pairs = groups.size();
+    for (size_t next = 0; next < groups.size();) {
+      const size_t begin = next;
+      ReadBatch(groups, &next);
+      std::vector<std::vector<Result>> results(next - begin);
+      ParallelFor(
+          results.size(), context_.num_threads,
+          [&](size_t i) { results[i] = Verify(groups[begin + i], inputs_[i]); },
+          1,
+          [&](size_t num_done) {
+            context_.ReportProgress("rig verification", begin + num_done,
+                                    groups.size());
+          });
+      Keep(std::move(results));
+    }
+    Write();
+    return summary_;
+  }
+
+ private:
+  struct Result {
+    ImageIdxPair pair;
+    bool was_verified = false;
+    std::optional<ImagePair> changed;
+  };
+  using MatchLists = std::vector<std::vector<Match>>;  // of a pair of frames
+
+  // As many as have room in the cache.
+  void ReadBatch(const std::vector<FramePair>& groups, size_t* next) {
+    inputs_.clear();
+    cache_.StartBatch();
+    while (*next < groups.size() && inputs_.size() < kMaxBatchSize) {
+      const ImagePairList& pairs = groups[*next].pairs;
+      if (!inputs_.empty() && !cache_.HasRoomFor(pairs.front().image_idx1)) {
+        break;
+      }
+      MatchLists lists;
+      for (const ImageIdxPair& pair : pairs) {
+        cache_.AddToBatch(pair.image_idx1);
+        cache_.AddToBatch(pair.image_idx2);
+        lists.push_back(ReadMatchesOfPair(*database_, scene_, pair));
+        CheckMatches(lists.back(),
+                     cache_.Get(pair.image_idx1).keypoints_px.size(),
+                     cache_.Get(pair.image_idx2).keypoints_px.size(),
+                     scene_.images[pair.image_idx1].name,
+                     scene_.images[pair.image_idx2].name);
+      }
+      inputs_.push_back(std::move(lists));
+      ++*next;
+    }
+    cache_.ComputeRays(context_);
+  }
+
+  // Whether the first image of the pair is one of the second frame.
+  bool IsSwapped(const ImageIdxPair& pair) const {
+    return scene_.images[pair.image_idx1].frame_idx >
+           scene_.images[pair.image_idx2].frame_idx;
+  }
+
+  UnitImagePair MakeUnitPair(const ImageIdxPair& pair,
+                             const std::vector<Match>& matches,
+                             ImagePair single) const {
+    const auto view = [&](int image_idx) {
+      const Image& image = scene_.images[image_idx];
+      return cache_.Get(image_idx).View(scene_.cameras[image.camera_idx]);
+    };
+    const auto pose = [&](int image_idx) {
+      return *scene_.sensors[scene_.images[image_idx].sensor_idx]
+                  .sensor_from_rig;
+    };
+    int idx1 = pair.image_idx1, idx2 = pair.image_idx2;
+    if (IsSwapped(pair)) std::swap(idx1, idx2);
+    return {view(idx1), view(idx2), pose(idx1),
+            pose(idx2), &matches,   std::move(single)};
+  }
+
+  std::vector<Result> Verify(const FramePair& group,
+                             const MatchLists& lists) const {
+    std::vector<Result> results;
+    std::vector<UnitImagePair> unit;
+    MatchLists ordered = lists;
+    for (size_t p = 0; p < group.pairs.size(); ++p) {
+      const ImageIdxPair& pair = group.pairs[p];
+      ImagePair single = VerifyImages(scene_, pair, cache_.Get(pair.image_idx1),
+                                      cache_.Get(pair.image_idx2), lists[p],
+                                      options_.two_view_geometry, context_);
+      results.push_back({pair, !single.matches.empty(), std::nullopt});
+      if (IsSwapped(pair)) {
+        ordered[p] = Swapped(std::move(ordered[p]));
+        single = Swapped(std::move(single));
+      }
+      unit.push_back(MakeUnitPair(pair, ordered[p], std::move(single)));
+    }
+    const Image& first = scene_.images[group.pairs.front().image_idx1];
+    const Image& second = scene_.images[group.pairs.front().image_idx2];
+    std::vector<std::optional<ImagePair>> changed = VerifyUnits(
+        std::move(unit),
+        group.is_one_frame ? std::optional<Rigid3>(Rigid3()) : std::nullopt,
+        options_.two_view_geometry, options_.rig_verification,
+        Random(PairSeed(first.name, second.name, context_.random_seed),
+               kRandomStream));
+    for (size_t p = 0; p < results.size(); ++p) {
+      if (changed[p] && IsSwapped(results[p].pair)) {
+        changed[p] = Swapped(std::move(*changed[p]));
+      }
+      results[p].changed = std::move(changed[p]);
+    }
+    return results;
+  }
+
+  void Keep(std::vector<std::vector<Result>> results) {
+    for (std::vector<Result>& group : results) {
+      for (Result& result : group) {
+        if (!result.changed) continue;
+        const bool is_verified = !result.changed->matches.empty();
+        summary_.num_changed += is_verified ? 1 : 0;
+        summary_.num_gained += is_verified && !result.was_verified ? 1 : 0;
+        summary_.num_rejected += result.was_verified && !is_verified ? 1 : 0;
+        results_.push_back(std::move(result));
+      }
+    }
+  }
+
+  // All at once: what a sequence of frames learns from its first pairs must not
+  // depend on where a run was interrupted.
+  void Write() {
+    DatabaseTransaction transaction(database_);
+    for (const Result& result : results_) {
+      database_->WriteTwoViewGeometry(
+          MakeTwoViewRow(scene_, result.pair, *result.changed));
+    }
+    transaction.Commit();
+  }
+
+  const Scene& scene_;
+  const PairMatchingOptions& options_;
+  FeatureDatabase* database_;
+  const Context& context_;
+  FeatureCache cache_;
+  std::vector<MatchLists> inputs_;  // of the batch
+  std::vector<Result> results_;     // that change
+  UnitVerificationSummary summary_;
+};
+
+}  // namespace
+
+ImagePair VerifyImages(const Scene& scene, const ImageIdxPair& pair,
+                       const ImageFeatures& features1,
+                       const ImageFeatures& features2,
+                       const std::vector<Match>& matches,
+                       const TwoViewGeometryOptions& options,
+                       const Context& context) {
+  const Image& image1 = scene.images[pair.image_idx1];
+  const Image& image2 = scene.images[pair.image_idx2];
+  return VerifyPair(
+      features1.View(scene.cameras[image1.camera_idx]),
+      features2.View(scene.cameras[image2.camera_idx]), matches, options,
+      Random(PairSeed(image1.name, image2.name, context.random_seed)));
+}
+
+UnitVerificationSummary VerifyUnitsOfPairs(const ImagePairList& pairs,
+                                           const Scene& scene,
+                                           const PairMatchingOptions& options,
+                                           FeatureDatabase* database,
+                                           const Context& context) {
+  const std::vector<FramePair> groups = GroupByFrames(pairs, scene);
+  if (groups.empty()) return {};
+  return UnitPass(scene, options, database, context).Run(groups);
+}
+
+}  // namespace mgsfm::internal
