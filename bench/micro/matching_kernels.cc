@@ -152,11 +152,12 @@ void JoinSets(benchmark::State& state) {
 
 void JoinTracks(benchmark::State& state) {
   const Simulation& street = Street();
-  const std::vector<char> is_used(street.view_graph.pairs.size(), true);
+  const MatchSelection all{
+      std::vector<char>(street.view_graph.pairs.size(), true), {}};
   const Context context = Threads(static_cast<int>(state.range(0)));
   for (auto _ : state) {
     benchmark::DoNotOptimize(
-        EstablishTracks(street.scene, street.view_graph, is_used, {}, context));
+        EstablishTracks(street.scene, street.view_graph, all, {}, context));
   }
   state.SetItemsProcessed(state.iterations() *
                           static_cast<int64_t>(NumMatches(street.view_graph)));

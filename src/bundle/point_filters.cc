@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "bundle/image_views.h"
 #include "mgsfm/base/parallel.h"
@@ -18,16 +17,6 @@ double Error(const Scene& scene, const std::vector<ImageView>& views,
   return views[o.image_idx].ReprojectionError(
       point,
       scene.images[o.image_idx].keypoints_px[o.keypoint_idx].cast<double>());
-}
-
-double SquaredError(const Scene& scene, const std::vector<ImageView>& views,
-                    const Point3D& point) {
-  double sum = 0.0;
-  for (const Observation& o : point.track) {
-    const double error = Error(scene, views, o, point.point_in_world);
-    sum += error * error;
-  }
-  return sum;
 }
 
 bool HasParallax(const std::vector<ImageView>& views, const Point3D& point,
@@ -88,18 +77,6 @@ double RobustSigmaPx(std::vector<double> errors_px) {
   return Median(std::move(errors_px)) / std::sqrt(2.0 * std::log(2.0));
 }
 
-double PointFilterOptions::MaxSquaredErrorOfPoint(
-    size_t num_observations) const {
-  if (sigma_px <= 0.0 || point_sigma_factor <= 0.0) {
-    return std::numeric_limits<double>::infinity();
-  }
-  const double freedom = 2.0 * std::max<double>(num_observations, 2.0) - 3.0;
-  const double variance = 2.0 / (9.0 * freedom);
-  return sigma_px * sigma_px * freedom *
-         std::pow(1.0 - variance + point_sigma_factor * std::sqrt(variance),
-                  3.0);
-}
-
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
@@ -118,8 +95,6 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
             point.track.end());
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
-            SquaredError(scene, views, point) >
-                options.MaxSquaredErrorOfPoint(point.track.size()) ||
             !HasParallax(views, point, options)) {
           point.track.clear();
         }

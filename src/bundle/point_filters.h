@@ -30,15 +30,6 @@ struct PointFilterOptions {
   double min_angle_rad = 0.0;  // largest angle between any two rays
   double min_two_view_angle_rad = 0.0;
   double min_group_share = 0.0;  // only where points are triangulated anew
-  // Of a coordinate, and how far beyond the expectation the squared errors of
-  // a point may be, in standard deviations; unbounded if 0.
-  double sigma_px = 0.0;
-  double point_sigma_factor = 0.0;
-
-  // Of all observations of one point together: the chi-square quantile of the
-  // 2 n - 3 degrees of freedom that remain, at point_sigma_factor standard
-  // normal deviations (Wilson and Hilferty 1931).
-  double MaxSquaredErrorOfPoint(size_t num_observations) const;
 };
 
 // Removes observations with larger errors, then points with too few

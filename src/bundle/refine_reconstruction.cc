@@ -142,8 +142,6 @@ PointFilterOptions ReconstructionRefiner::FilterOptions(
   filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
   filter.min_group_share = options_.min_track_share;
-  filter.sigma_px = round.max_error_px / options_.error_sigma_factor;
-  filter.point_sigma_factor = options_.point_sigma_factor;
   return filter;
 }
 

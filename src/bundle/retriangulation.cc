@@ -190,11 +190,7 @@ std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
 
 bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
   const int num_inliers = static_cast<int>(hypothesis.inliers.size());
-  if (num_inliers < min_num_inliers_ ||
-      hypothesis.squared_error >
-          options_.MaxSquaredErrorOfPoint(hypothesis.inliers.size())) {
-    return false;
-  }
+  if (num_inliers < min_num_inliers_) return false;
   const double min_angle_rad =
       num_inliers == 2
           ? std::max(options_.min_angle_rad, options_.min_two_view_angle_rad)

@@ -72,7 +72,6 @@ struct BundleAdjustmentOptions {
 
   int num_rounds = 3;
   double error_sigma_factor = 4.0;
-  double point_sigma_factor = 3.0;
   double min_max_error_px = 0.5;
   double max_max_error_px = 4.0;
   double min_triangulation_angle_deg = 1.0;
@@ -118,11 +117,6 @@ struct BundleAdjustmentOptions {
     visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
           "Observations with more than so many robust standard deviations of "
           "reprojection error are outliers.");
-    visit(
-        "point_sigma_factor", self.point_sigma_factor, AtLeast(0.0), "",
-        "Points whose squared errors together exceed their expectation by "
-        "more than so many standard deviations are dropped: what moves slowly "
-        "relative to the rig has no gross error anywhere; 0 keeps them.");
     visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
           "Reprojection errors up to this are never outliers.");
     visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
