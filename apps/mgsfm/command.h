@@ -40,7 +40,7 @@
 //      }
 //      }  // namespace mgsfm
 //
-// 2. Declare FooCommand in commands.h and add it to the table in main.cc.
+// 2. Declare FooCommand in commands.h and add it to the table in program.cc.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
 //
 // The flags, their checks, --help, --config_path, --dump_config, the common

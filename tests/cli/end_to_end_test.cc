@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "support/subprocess.h"
+#include "cli/program_runs.h"
 
 namespace mgsfm {
 namespace {
@@ -30,7 +30,7 @@ class EndToEnd : public ::testing::Test {
                "/database.db --output_path " + Path(model) + " " + more_flags);
   }
   CommandOutput Run(const std::string& arguments) {
-    return RunShell(MGSFM_EXECUTABLE " " + arguments);
+    return RunExecutable(arguments);
   }
   std::string Path(const std::string& name) const {
     return (dir_.path() / name).string();

@@ -1,14 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Runs the built program, as users do.
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
+// What the program says of itself and of bad usage.
 #include <algorithm>
 #include <sstream>
 #include <string>
 #include <vector>
 
-#include "support/subprocess.h"
+#include "cli/program_runs.h"
 
 namespace mgsfm {
 namespace {
@@ -17,10 +14,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::StartsWith;
-
-CommandOutput RunMgsfm(const std::string& arguments) {
-  return RunShell(MGSFM_EXECUTABLE " " + arguments);
-}
 
 // The commands that the usage lists: the first words of its indented lines.
 std::vector<std::string> CommandNames() {
@@ -45,13 +38,13 @@ void ExpectOneLineError(const std::string& arguments,
 
 TEST(Executable, HelpAndVersion) {
   for (const char* arguments : {"help", "--help", "-h"}) {
-    const CommandOutput output = RunMgsfm(arguments);
+    const CommandOutput output = RunExecutable(arguments);
     EXPECT_EQ(output.exit_code, 0);
     EXPECT_THAT(output.out, HasSubstr("Usage: mgsfm COMMAND"));
     EXPECT_THAT(output.err, IsEmpty());
   }
-  EXPECT_THAT(RunMgsfm("--version").out, StartsWith("mgsfm "));
-  EXPECT_EQ(RunMgsfm("--version").exit_code, 0);
+  EXPECT_THAT(RunExecutable("--version").out, StartsWith("mgsfm "));
+  EXPECT_EQ(RunExecutable("--version").exit_code, 0);
 }
 
 TEST(Executable, EveryCommandHasHelpAndDumpsItsDefaults) {

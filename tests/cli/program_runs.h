@@ -1,20 +1,65 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
+#include <iomanip>
+#include <iostream>
 #include <map>
+#include <sstream>
 #include <string>
+#include <vector>
 
+#include "program.h"
 #include "support/subprocess.h"
 
 namespace mgsfm {
 
-// Runs the built program.
+// Ends the process with the exit code of the program, which writes to files.
+[[noreturn]] inline void BecomeMgsfm(const std::vector<std::string>& arguments,
+                                     const std::string& out_path,
+                                     const std::string& err_path) {
+  constexpr int kFlags = O_WRONLY | O_CREAT | O_TRUNC;
+  const bool is_redirected =
+      dup2(open(out_path.c_str(), kFlags, 0600), STDOUT_FILENO) >= 0 &&
+      dup2(open(err_path.c_str(), kFlags, 0600), STDERR_FILENO) >= 0;
+  if (!is_redirected) _exit(127);
+  const int exit_code = RunProgram(arguments);
+  std::cout.flush();
+  std::fflush(nullptr);
+  _exit(exit_code);
+}
+
+// Runs the program in a process of its own, without the time that loading its
+// shared libraries again takes. Arguments may stand in '...'.
 inline CommandOutput RunMgsfm(const std::string& arguments) {
+  std::vector<std::string> words;
+  std::istringstream text(arguments);
+  for (std::string word; text >> std::quoted(word, '\'');) {
+    words.push_back(word);
+  }
+  const TempDir dir;
+  const std::string out_path = (dir.path() / "out").string();
+  const std::string err_path = (dir.path() / "err").string();
+  std::cout.flush();
+  std::fflush(nullptr);
+  const pid_t pid = fork();
+  MGSFM_CHECK(pid >= 0);
+  if (pid == 0) BecomeMgsfm(words, out_path, err_path);
+  int status = 0;
+  MGSFM_CHECK(waitpid(pid, &status, 0) == pid);
+  return {ExitCodeOf(status), ReadTextFile(out_path), ReadTextFile(err_path)};
+}
+
+// Runs the built program itself.
+inline CommandOutput RunExecutable(const std::string& arguments) {
   return RunShell(MGSFM_EXECUTABLE " " + arguments);
 }
 

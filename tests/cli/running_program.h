@@ -57,8 +57,7 @@ class RunningProgram {
       int status = 0;
       waitpid(pid_, &status, 0);
       is_running_ = false;
-      output_.exit_code =
-          WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+      output_.exit_code = ExitCodeOf(status);
       ended_by_signal_ = WIFSIGNALED(status);
     }
     return output_;

@@ -143,12 +143,12 @@ void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver) {
   }
 }
 
-// Large enough for many chunks of work.
+// Large enough for several chunks of work.
 TEST(RigSolverTest, ThreadsDoNotChangeABit) {
   RigSceneOptions options =
       NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]});
   options.num_frames = 30;
-  options.num_points = 2000;
+  options.num_points = 1200;
   options.params_are_free = true;
   const RigScene<PixelObservation> pixels = MakePixelScene(options);
   const RigScene<RayObservation> rays = MakeRayScene(options, 0.005);

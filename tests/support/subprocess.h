@@ -16,6 +16,11 @@ struct CommandOutput {
   std::string err;
 };
 
+// As a shell shows it.
+inline int ExitCodeOf(int status) {
+  return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
 // Runs a line of the shell to its end.
 inline CommandOutput RunShell(const std::string& command) {
   const TempDir dir;
@@ -23,12 +28,7 @@ inline CommandOutput RunShell(const std::string& command) {
   const std::string err_path = (dir.path() / "err").string();
   const int status = std::system(
       ("{ " + command + "\n} >" + out_path + " 2>" + err_path).c_str());
-  CommandOutput output;
-  output.exit_code =
-      WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  output.out = ReadTextFile(out_path);
-  output.err = ReadTextFile(err_path);
-  return output;
+  return {ExitCodeOf(status), ReadTextFile(out_path), ReadTextFile(err_path)};
 }
 
 }  // namespace mgsfm

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "program.h"
+
+#include <cctype>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+#include <new>
+
+#include "commands.h"
+#include "interruption.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+std::vector<Command> AllCommands() {
+  return {AutomaticReconstructorCommand(),
+          MapperCommand(),
+          BundleAdjusterCommand(),
+          ModelEvaluatorCommand(),
+          SimulateCommand(),
+          FeatureExtractorCommand(),
+          RigConfiguratorCommand(),
+          ExhaustiveMatcherCommand(),
+          SequentialMatcherCommand(),
+          VocabTreeMatcherCommand(),
+          SpatialMatcherCommand(),
+          MatchesImporterCommand()};
+}
+
+// For docs/options.md.
+void PrintOptionsMarkdown() {
+  std::cout << "# Options\n\n"
+               "Made by `scripts/gen_docs.sh` from the program itself; do not "
+               "edit.\n\n"
+               "Every option is a flag `--name value`, and a key of the file "
+               "that `--config_path`\nnames ([formats.md](formats.md)).\n\n"
+               "## All commands\n\n";
+  CommonOptions common;
+  std::cout << OptionsToMarkdown(ListOptions(&common));
+  for (const Command& command : AllCommands()) {
+    std::cout << "\n## " << command.name << "\n\n" << command.summary << "\n\n";
+    command.list([](const OptionList& options) {
+      std::cout << OptionsToMarkdown(options);
+    });
+  }
+}
+
+void PrintUsage() {
+  std::cout << "mgsfm " MGSFM_VERSION
+               ": global structure from motion for rigs of cameras\n\n"
+               "Usage: mgsfm COMMAND [--option value ...]\n\n";
+  for (const Command& command : AllCommands()) {
+    std::printf("  %-20s %s\n", command.name.c_str(), command.summary.c_str());
+  }
+  std::cout << "\nmgsfm COMMAND --help lists the options of a command.\n"
+               "Exit codes: 0 done, 1 bad usage or input, 2 nothing to "
+               "reconstruct, 3 internal error;\n"
+               "stopped by a signal: 128 + its number, as 130 for Ctrl-C.\n";
+}
+
+int EndInterrupted(const Command& command) {
+  std::fprintf(stderr, "mgsfm: stopped by signal %d (%s); %s\n",
+               InterruptionSignal(), strsignal(InterruptionSignal()),
+               command.goes_on
+                   ? "what was done is kept, and the same command goes on"
+                   : "nothing was written");
+  return EndByInterruption();
+}
+
+int RunCommand(const std::string& name,
+               const std::vector<std::string>& arguments) {
+  std::vector<std::string> names;
+  for (const Command& command : AllCommands()) {
+    names.push_back(command.name);
+    if (command.name != name) continue;
+    try {
+      return command.run(arguments);
+    } catch (const Interrupted&) {
+      return EndInterrupted(command);
+    }
+  }
+  throw Error("unknown command '" + name + "'" + SuggestName(name, names) +
+              "; mgsfm --help lists all");
+}
+
+int Dispatch(std::vector<std::string> arguments) {
+  if (arguments.empty()) {
+    throw Error("no command given; mgsfm --help lists all");
+  }
+  const std::string name = arguments.front();
+  arguments.erase(arguments.begin());
+  const bool is_help = name == "help" || name == "--help" || name == "-h";
+  if (is_help && !arguments.empty()) {
+    return RunCommand(arguments.front(), {"--help"});
+  }
+  if (is_help) {
+    PrintUsage();
+  } else if (name == "--version" || name == "version") {
+    std::cout << "mgsfm " MGSFM_VERSION "\n";
+  } else if (name == "print_options_markdown") {
+    PrintOptionsMarkdown();
+  } else {
+    return RunCommand(name, arguments);
+  }
+  return kExitSuccess;
+}
+
+// One line, whatever names of files and images the message holds.
+int PrintError(std::string message, ExitCode exit_code) {
+  for (char& c : message) {
+    if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
+  }
+  std::fprintf(stderr, "mgsfm: %s\n", message.c_str());
+  return exit_code;
+}
+
+int Run(const std::vector<std::string>& arguments) {
+  const int exit_code = Dispatch(arguments);
+  if (!std::cout.flush() || std::fflush(stdout) != 0) {
+    throw Error("cannot write to the standard output; send it elsewhere");
+  }
+  return exit_code;
+}
+
+}  // namespace
+
+int RunProgram(const std::vector<std::string>& arguments) {
+  CatchInterruptions();
+  // These become failed writes: a reader of the log that goes away must not
+  // take the result with it, nor a limit leave half of it.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
+  try {
+    return Run(arguments);
+  } catch (const Error& error) {
+    return PrintError(error.what(), kExitBadInput);
+  } catch (const std::filesystem::filesystem_error& error) {
+    return PrintError(error.what(), kExitBadInput);
+  } catch (const std::bad_alloc&) {
+    return PrintError("out of memory", kExitInternalError);
+  } catch (const std::exception& error) {
+    return PrintError(
+        std::string("internal error, please report it: ") + error.what(),
+        kExitInternalError);
+  }
+}
+
+}  // namespace mgsfm

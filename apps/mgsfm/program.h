@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace mgsfm {
+
+// The whole program; called once in a process. Returns its exit code.
+int RunProgram(const std::vector<std::string>& arguments);
+
+}  // namespace mgsfm
