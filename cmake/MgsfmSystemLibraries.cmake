@@ -18,6 +18,8 @@ function(mgsfm_find_library target library header suffix)
 endfunction()
 
 mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
+# CHOLMOD runs on OpenMP, which src/math/sparse_solver.cc holds back.
+target_link_libraries(mgsfm_cholmod INTERFACE gomp)
 # Under the names that OpenCV's own configuration, in the large package
 # libopencv-dev, gives them.
 mgsfm_find_library(opencv_core opencv_core opencv2/core.hpp opencv4)

@@ -9,8 +9,31 @@
 
 #include "mgsfm/base/error.h"
 
+// Of OpenMP, whose header not every compiler brings.
+extern "C" {
+int omp_get_max_active_levels();
+void omp_set_max_active_levels(int levels);
+}
+
 namespace mgsfm {
 namespace {
+
+// CHOLMOD starts four OpenMP threads for loops of microseconds, whatever the
+// machine has and Context::num_threads says; waiting for each other they take
+// the processors that our own threads need. While this exists, the calling
+// thread starts none.
+class WithoutOpenMpThreads {
+ public:
+  WithoutOpenMpThreads() : levels_(omp_get_max_active_levels()) {
+    omp_set_max_active_levels(0);
+  }
+  ~WithoutOpenMpThreads() { omp_set_max_active_levels(levels_); }
+  WithoutOpenMpThreads(const WithoutOpenMpThreads&) = delete;
+  WithoutOpenMpThreads& operator=(const WithoutOpenMpThreads&) = delete;
+
+ private:
+  const int levels_;
+};
 
 // CHOLMOD's view of the lower triangle of a matrix; nothing is copied.
 cholmod_sparse ViewLower(const Eigen::SparseMatrix<double>& H) {
@@ -111,6 +134,9 @@ void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H,
   impl_->FreeFactor();
   // 0: CHOLMOD's own strategy.
   impl_->common.nmethods = order == Order::kGiven ? 1 : 0;
+  // A given order is one of FindEliminationOrder, which is postordered; with
+  // one of its own CHOLMOD would permute all values for each factor.
+  impl_->common.postorder = order != Order::kGiven;
   impl_->common.method[0].ordering =
       order == Order::kGiven ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
   impl_->factor = cholmod_analyze(&view, &impl_->common);
@@ -124,6 +150,7 @@ bool SparseCholesky::Factorize(const Eigen::SparseMatrix<double>& H) {
   MGSFM_CHECK_EQ(H.nonZeros(), impl_->num_non_zeros);
   MGSFM_CHECK_EQ(static_cast<size_t>(H.rows()), impl_->factor->n);
   cholmod_sparse view = ViewLower(H);
+  const WithoutOpenMpThreads serial;
   cholmod_factorize(&view, impl_->factor, &impl_->common);
   impl_->is_factorized = impl_->common.status == CHOLMOD_OK &&
                          impl_->factor->minor == impl_->factor->n;
@@ -148,6 +175,7 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
   MGSFM_CHECK_EQ(B.cols(), X.cols());
   if (B.size() == 0) return;
   cholmod_dense view = ViewDense(B);
+  const WithoutOpenMpThreads serial;
   const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &view, nullptr,
                                 &impl_->solution, nullptr, &impl_->workspace_y,
                                 &impl_->workspace_e, &impl_->common);
