@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 #include "bundle/image_views.h"
 #include "mgsfm/base/parallel.h"
@@ -19,20 +21,31 @@ double Error(const Scene& scene, const std::vector<ImageView>& views,
       scene.images[o.image_idx].keypoints_px[o.keypoint_idx].cast<double>());
 }
 
-bool HasParallax(const std::vector<ImageView>& views, const Point3D& point,
-                 const PointFilterOptions& options) {
+std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
+                                       const Point3D& point) {
+  std::vector<Eigen::Vector3d> centers;
+  centers.reserve(point.track.size());
+  for (const Observation& o : point.track) {
+    if (views[o.image_idx].is_registered) {
+      centers.push_back(views[o.image_idx].center);
+    }
+  }
+  return centers;
+}
+
+// By distance and parallax.
+bool IsWellPlaced(const std::vector<ImageView>& views, const Point3D& point,
+                  const PointFilterOptions& options) {
   const double min_angle_rad =
       point.track.size() == 2
           ? std::max(options.min_angle_rad, options.min_two_view_angle_rad)
           : options.min_angle_rad;
-  if (min_angle_rad <= 0.0) return true;
-  std::vector<Eigen::Vector3d> centers;
-  centers.reserve(point.track.size());
-  for (const Observation& o : point.track) {
-    centers.push_back(views[o.image_idx].center);
-  }
-  return MaxTriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
-         min_angle_rad;
+  const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
+  return NearestDistance(centers, point.point_in_world) <=
+             options.max_distance &&
+         (min_angle_rad <= 0.0 ||
+          MaxTriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
+              min_angle_rad);
 }
 
 }  // namespace
@@ -95,7 +108,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
             point.track.end());
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
-            !HasParallax(views, point, options)) {
+            !IsWellPlaced(views, point, options)) {
           point.track.clear();
         }
       },
@@ -104,6 +117,31 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
       std::remove_if(points.begin(), points.end(),
                      [](const Point3D& point) { return point.track.empty(); }),
       points.end());
+}
+
+double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
+                       const Eigen::Vector3d& point) {
+  double squared = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector3d& center : centers) {
+    squared = std::min(squared, (center - point).squaredNorm());
+  }
+  return std::sqrt(squared);
+}
+
+double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
+                      int num_threads) {
+  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
+  std::vector<double> distances(reconstruction.points.size());
+  ParallelFor(
+      distances.size(), num_threads,
+      [&](size_t i) {
+        const Point3D& point = reconstruction.points[i];
+        distances[i] =
+            NearestDistance(CentersOf(views, point), point.point_in_world);
+      },
+      256);
+  return distances.empty() ? std::numeric_limits<double>::infinity()
+                           : Median(std::move(distances));
 }
 
 void ComputePointErrors(const Scene& scene, int num_threads,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <vector>
 
 #include "mgsfm/scene/estimates.h"
@@ -30,12 +31,23 @@ struct PointFilterOptions {
   double min_angle_rad = 0.0;  // largest angle between any two rays
   double min_two_view_angle_rad = 0.0;
   double min_group_share = 0.0;  // only where points are triangulated anew
+  // From the nearest camera that sees the point.
+  double max_distance = std::numeric_limits<double>::infinity();
 };
 
 // Removes observations with larger errors, then points with too few
 // observations or too little parallax.
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
+
+// From the point to the nearest of the centers.
+double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
+                       const Eigen::Vector3d& point);
+
+// The median of NearestDistance over all points with a registered image;
+// infinite without any.
+double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
+                      int num_threads);
 
 // Sets Point3D::error_px, over the observations that can be computed.
 void ComputePointErrors(const Scene& scene, int num_threads,

@@ -142,6 +142,11 @@ PointFilterOptions ReconstructionRefiner::FilterOptions(
   filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
   filter.min_group_share = options_.min_track_share;
+  if (options_.max_relative_distance > 0.0) {
+    filter.max_distance =
+        options_.max_relative_distance *
+        MedianDistance(scene_, result_.estimate, context_.num_threads);
+  }
   return filter;
 }
 

@@ -199,8 +199,9 @@ bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
   for (const int i : hypothesis.inliers) {
     centers.push_back(candidates_[i].view->center);
   }
-  return MaxTriangulationAngle(centers, hypothesis.point, min_angle_rad) >=
-         min_angle_rad;
+  return NearestDistance(centers, hypothesis.point) <= options_.max_distance &&
+         MaxTriangulationAngle(centers, hypothesis.point, min_angle_rad) >=
+             min_angle_rad;
 }
 
 Point3D GroupTriangulator::TakeOut(const Hypothesis& hypothesis) {

@@ -196,6 +196,34 @@ TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
   }
 }
 
+// Filtering and triangulating anew agree on what is too far away.
+TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  const Scene& scene = simulation.scene;
+  const double median = MedianDistance(scene, simulation.ground_truth, 2);
+  ASSERT_GT(median, 0.0);
+  PointFilterOptions options = Within(4.0);
+  options.max_distance = median;
+  Reconstruction filtered = simulation.ground_truth;
+  FilterPoints(scene, options, 2, &filtered);
+  Reconstruction anew = simulation.ground_truth;
+  Retriangulate(scene, GroupTracks(simulation.ground_truth), options, 2, &anew);
+  const double num_points = simulation.ground_truth.points.size();
+  EXPECT_NEAR(filtered.points.size() / num_points, 0.5, 0.01);
+  EXPECT_NEAR(anew.points.size() / num_points, 0.5, 0.02);
+  for (const Reconstruction* result : {&filtered, &anew}) {
+    const std::vector<ImageView> views = MakeImageViews(scene, *result);
+    for (const Point3D& point : result->points) {
+      std::vector<Eigen::Vector3d> centers;
+      for (const Observation& o : point.track) {
+        centers.push_back(views[o.image_idx].center);
+      }
+      EXPECT_LE(NearestDistance(centers, point.point_in_world), median);
+    }
+  }
+}
+
 TEST(PointFilterTest, SigmaIsThatOfTheNoise) {
   Random random(8);
   std::vector<double> errors;

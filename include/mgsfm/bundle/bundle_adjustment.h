@@ -78,6 +78,7 @@ struct BundleAdjustmentOptions {
   double min_two_view_angle_deg = 2.0;
   int min_num_observations = 2;
   double min_track_share = 0.75;
+  double max_relative_distance = 40.0;
   int min_num_observations_per_frame = 6;
 
   template <class Self, class Visitor>
@@ -133,6 +134,10 @@ struct BundleAdjustmentOptions {
     visit("min_track_share", self.min_track_share, Between(0.0, 1.0), "",
           "Points that fewer of the images of their track agree with are "
           "dropped: most are on things that move.");
+    visit("max_relative_distance", self.max_relative_distance, AtLeast(0.0), "",
+          "Points more than so many median distances away from all of their "
+          "cameras are dropped: a vehicle alongside looks as if it were "
+          "infinitely far, and turns the rig; 0 keeps them.");
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
@@ -202,7 +207,8 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      no point: the two cameras of a stereo pair agree on where a vehicle is,
 //      but no two frames do;
 //   3. solve to function_tolerance (the solves before end at 100 times of it);
-//   4. drop outliers, points with too little parallax, and frames that no
+//   4. drop outliers, points with too little parallax or farther away than
+//      max_relative_distance median distances, and frames that no
 //      observation is left of.
 // Error thresholds are error_sigma_factor robust standard deviations, within
 // bounds that tighten from round to round. So is the threshold of the loss from
