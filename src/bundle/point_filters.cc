@@ -40,6 +40,7 @@ bool IsWellPlaced(const std::vector<ImageView>& views, const Point3D& point,
       point.track.size() == 2
           ? std::max(options.min_angle_rad, options.min_two_view_angle_rad)
           : options.min_angle_rad;
+  if (min_angle_rad <= 0.0 && std::isinf(options.max_distance)) return true;
   const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
   return NearestDistance(centers, point.point_in_world) <=
              options.max_distance &&

@@ -44,8 +44,8 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
 double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
                        const Eigen::Vector3d& point);
 
-// The median of NearestDistance over all points with a registered image;
-// infinite without any.
+// The median of NearestDistance over all points, to registered images;
+// infinite without points.
 double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
                       int num_threads);
 

@@ -4,11 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#define MGSFM_FOR_AVX2 __attribute__((target("avx2,fma")))
-#else
-#define MGSFM_FOR_AVX2
-#endif
+#include "mgsfm/base/cpu_features.h"
+
 #define MGSFM_INLINE inline __attribute__((always_inline))
 
 namespace mgsfm::internal {
@@ -124,20 +121,11 @@ void SumAny(const RayMatches& matches, const EpipolarPose& pose,
             PoseSums* sums) {
   SumBody(matches, pose, basis, loss_scale, sums);
 }
-MGSFM_FOR_AVX2 void SumAvx2(const RayMatches& matches, const EpipolarPose& pose,
-                            const Eigen::Matrix<double, 3, 2>& basis,
-                            double loss_scale, PoseSums* sums) {
+MGSFM_TARGET_AVX2 void SumAvx2(const RayMatches& matches,
+                               const EpipolarPose& pose,
+                               const Eigen::Matrix<double, 3, 2>& basis,
+                               double loss_scale, PoseSums* sums) {
   SumBody(matches, pose, basis, loss_scale, sums);
-}
-
-bool HasAvx2() {
-#if defined(__x86_64__) && defined(__GNUC__)
-  static const bool has_avx2 =
-      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  return has_avx2;
-#else
-  return false;
-#endif
 }
 
 }  // namespace

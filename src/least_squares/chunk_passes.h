@@ -5,26 +5,12 @@
 #include <limits>
 
 #include "least_squares/chunk_kernels.h"
+#include "mgsfm/base/cpu_features.h"
 
 // Passes over the points of a chunk, compiled for any x86-64 and for those with
 // AVX2 and FMA, which is chosen when the program runs.
-#if defined(__x86_64__) && defined(__GNUC__)
-#define MGSFM_TARGET_AVX2 __attribute__((target("avx2,fma")))
-#else
-#define MGSFM_TARGET_AVX2
-#endif
 
 namespace mgsfm {
-
-inline bool HasAvx2() {
-#if defined(__x86_64__) && defined(__GNUC__)
-  static const bool has_avx2 =
-      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  return has_avx2;
-#else
-  return false;
-#endif
-}
 
 // Linearises at a state, eliminates the points, and leaves in the workspace
 // what the chunk adds to the reduced system, but for its images.

@@ -76,14 +76,15 @@ void CheckConsistent(const Scene& scene) {
   CheckFrames(scene);
 }
 
-Bearings ComputeBearings(const Scene& scene, int num_threads) {
+Bearings ComputeBearings(const Scene& scene, const std::vector<Camera>& cameras,
+                         int num_threads) {
   Bearings bearings;
   bearings.rays.resize(scene.images.size());
   ParallelFor(
       scene.images.size(), num_threads,
       [&](size_t image_idx) {
         const Image& image = scene.images[image_idx];
-        const Camera& camera = scene.cameras[image.camera_idx];
+        const Camera& camera = cameras[image.camera_idx];
         std::vector<Eigen::Vector3d>& rays = bearings.rays[image_idx];
         rays.reserve(image.keypoints_px.size());
         for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
@@ -94,6 +95,10 @@ Bearings ComputeBearings(const Scene& scene, int num_threads) {
       },
       1);
   return bearings;
+}
+
+Bearings ComputeBearings(const Scene& scene, int num_threads) {
+  return ComputeBearings(scene, scene.cameras, num_threads);
 }
 
 }  // namespace mgsfm

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <map>
 #include <optional>
 #include <utility>
 
@@ -16,32 +15,8 @@
 namespace mgsfm {
 namespace {
 
-using Rays = std::vector<std::vector<Eigen::Vector3d>>;
-
-// As the cameras of the model see them; zero where there is none.
-Rays ComputeRays(const Scene& scene, const Reconstruction& model,
-                 const Context& context) {
-  Rays rays(scene.images.size());
-  ParallelFor(
-      rays.size(), context.num_threads,
-      [&](size_t i) {
-        const Image& image = scene.images[i];
-        const Camera& camera = model.cameras[image.camera_idx];
-        if (!model.IsRegistered(scene, static_cast<int>(i))) return;
-        rays[i].reserve(image.keypoints_px.size());
-        for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
-          rays[i].push_back(RayFromPixel(camera.model, camera.params.data(),
-                                         keypoint_px.cast<double>())
-                                .value_or(Eigen::Vector3d::Zero()));
-        }
-      },
-      1);
-  return rays;
-}
-
 bool Agrees(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
             const Eigen::Vector3d& ray2, double max_error_rad) {
-  if (ray1.isZero() || ray2.isZero()) return false;
   return IsRotationInlier(cam2_from_cam1.rotation, ray1, ray2, max_error_rad) ||
          (!cam2_from_cam1.translation.isZero() &&
           IsInlier(cam2_from_cam1, ray1, ray2, max_error_rad));
@@ -59,7 +34,7 @@ class MatchSelector {
         max_error_px_(max_error_px),
         options_(options),
         context_(context),
-        rays_(ComputeRays(scene, model, context)) {
+        bearings_(ComputeBearings(scene, model.cameras, context.num_threads)) {
     selection_.pair_is_used = pair_is_used;
     for (const ImagePair& pair : view_graph.pairs) {
       first_match_.push_back(first_match_.back() + pair.matches.size());
@@ -95,7 +70,7 @@ class MatchSelector {
   const double max_error_px_;
   const MatchSelectionOptions& options_;
   const Context& context_;
-  const Rays rays_;
+  const Bearings bearings_;
   std::vector<size_t> first_match_ = {0};  // per pair, and the end
   std::vector<size_t> num_agreeing_;       // matches, per pair
   MatchSelection selection_;
@@ -118,30 +93,33 @@ void MatchSelector::TestPair(size_t pair_idx) {
   for (size_t i = 0; i < pair.matches.size(); ++i) {
     const Match& match = pair.matches[i];
     const bool agrees =
-        Agrees(cam2_from_cam1, rays_[pair.image_idx1][match.keypoint_idx1],
-               rays_[pair.image_idx2][match.keypoint_idx2], max_error_rad);
+        bearings_.HasRay(pair.image_idx1, match.keypoint_idx1) &&
+        bearings_.HasRay(pair.image_idx2, match.keypoint_idx2) &&
+        Agrees(cam2_from_cam1,
+               bearings_.rays[pair.image_idx1][match.keypoint_idx1],
+               bearings_.rays[pair.image_idx2][match.keypoint_idx2],
+               max_error_rad);
     selection_.match_is_used[first_match_[pair_idx] + i] = agrees;
     num_agreeing_[pair_idx] += agrees;
   }
 }
 
 void MatchSelector::DropFramePairs() {
-  struct Votes {
-    size_t num_matches = 0;
-    size_t num_agreeing = 0;
-  };
-  std::map<std::pair<int, int>, Votes> votes_of_frames;
+  std::vector<std::pair<std::pair<int, int>, size_t>> order;  // by frames
   for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
-    if (!selection_.pair_is_used[i]) continue;
-    Votes& votes = votes_of_frames[FramesOf(i)];
-    votes.num_matches += view_graph_.pairs[i].matches.size();
-    votes.num_agreeing += num_agreeing_[i];
+    if (selection_.pair_is_used[i]) order.emplace_back(FramesOf(i), i);
   }
-  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
-    if (!selection_.pair_is_used[i]) continue;
-    const Votes& votes = votes_of_frames[FramesOf(i)];
-    if (votes.num_agreeing < options_.min_pair_share * votes.num_matches) {
-      selection_.pair_is_used[i] = false;
+  std::sort(order.begin(), order.end());
+  for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
+    size_t num_matches = 0, num_agreeing = 0;
+    for (; end < order.size() && order[end].first == order[begin].first;
+         ++end) {
+      num_matches += view_graph_.pairs[order[end].second].matches.size();
+      num_agreeing += num_agreeing_[order[end].second];
+    }
+    if (num_agreeing >= options_.min_pair_share * num_matches) continue;
+    for (size_t k = begin; k < end; ++k) {
+      selection_.pair_is_used[order[k].second] = false;
     }
   }
 }

@@ -93,6 +93,9 @@ struct Bearings {
   }
 };
 
+// By the given cameras, in place of those of the scene, and by its own.
+Bearings ComputeBearings(const Scene& scene, const std::vector<Camera>& cameras,
+                         int num_threads);
 Bearings ComputeBearings(const Scene& scene, int num_threads);
 
 }  // namespace mgsfm

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+// Functions marked MGSFM_TARGET_AVX2 are compiled for x86-64 processors with
+// AVX2 and FMA; HasAvx2() tells whether the program runs on one of those.
+#if defined(__x86_64__) && defined(__GNUC__)
+#define MGSFM_TARGET_AVX2 __attribute__((target("avx2,fma")))
+#else
+#define MGSFM_TARGET_AVX2
+#endif
+
+namespace mgsfm {
+
+inline bool HasAvx2() {
+#if defined(__x86_64__) && defined(__GNUC__)
+  static const bool has_avx2 =
+      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  return has_avx2;
+#else
+  return false;
+#endif
+}
+
+}  // namespace mgsfm
