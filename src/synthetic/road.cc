@@ -128,7 +128,9 @@ void Road::FindRevisits() {
         return;
       }
       node.is_revisited = true;
-      if (node.heading.dot(earlier.heading) > min_same_direction) {
+      // Beyond its ends nobody has looked for points.
+      const bool is_driven = j >= driven_begin() && j < driven_end();
+      if (is_driven && node.heading.dot(earlier.heading) > min_same_direction) {
         node.is_repeated = true;
       }
     };

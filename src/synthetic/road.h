@@ -16,7 +16,8 @@ namespace mgsfm {
 struct RoadNode {
   Eigen::Vector3d ground;
   Eigen::Vector2d heading = Eigen::Vector2d::UnitX();
-  // Whether the drive was here before, and whether in the same direction.
+  // Whether the road was here before, and whether the drive itself was, in the
+  // same direction.
   bool is_revisited = false;
   bool is_repeated = false;
 

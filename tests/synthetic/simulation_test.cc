@@ -4,7 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <set>
+#include <vector>
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/epipolar.h"
@@ -206,6 +208,45 @@ TEST(SimulationTest, StreetsLookTheSameWhenVisitedAgain) {
   for (int i = 210; i < 300; ++i) {
     EXPECT_GE(num_loop_pairs[i], 1) << i;
     EXPECT_LE(num_loop_pairs[i], 3) << i;
+  }
+}
+
+TEST(SimulationTest, TheRoadBehindTheStartHasPointsWhenItIsDriven) {
+  // Out, back beside it to far behind the start, and from there to the start.
+  std::vector<Rigid3> path;
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+  double yaw = 0.0;
+  const auto drive = [&](int num_steps, double turn) {
+    for (int i = 0; i < num_steps; ++i) {
+      const Eigen::Quaterniond world_from_rig =
+          ExpSO3(Eigen::Vector3d(0.0, yaw, 0.0));
+      path.push_back(
+          Rigid3::FromRotationAndCenter(world_from_rig.conjugate(), center));
+      center += 2.0 * (world_from_rig * Eigen::Vector3d::UnitZ());
+      yaw += turn;
+    }
+  };
+  drive(10, 0.0);
+  drive(30, kPi / 30.0);
+  drive(70, 0.0);
+  drive(30, kPi / 30.0);
+  const size_t begin_behind = path.size();
+  drive(60, 0.0);
+  const Simulation simulation =
+      Simulate(StreetSimulation(RigPreset::kMono), path);
+  ASSERT_LT(path.back().Center().norm(), 5.0);
+  std::vector<int> num_matches(path.size(), 0);  // with the next image
+  for (const ImagePair& pair : simulation.view_graph.pairs) {
+    if (pair.image_idx2 != pair.image_idx1 + 1) continue;
+    for (const Match& match : pair.matches) {
+      num_matches[pair.image_idx1] += IsRight(simulation, pair, match);
+    }
+  }
+  num_matches.pop_back();
+  std::vector<int> sorted = num_matches;
+  std::sort(sorted.begin(), sorted.end());
+  for (size_t i = begin_behind; i < num_matches.size(); ++i) {
+    EXPECT_GE(num_matches[i], sorted[sorted.size() / 2] / 2) << i;
   }
 }
 
