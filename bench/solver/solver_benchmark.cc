@@ -79,10 +79,10 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
       scene, view_graph.estimate, {rotation.estimate.pair_is_inlier, {}},
       options.tracks, context);
   const TranslationResult translation = AverageTranslations(
-      scene, bearings, view_graph.estimate, rotation.estimate,
-      tracks.estimate.tracks, options.translation_averaging, context);
+      scene, bearings, view_graph.estimate, rotation.estimate, tracks.estimate,
+      options.translation_averaging, context);
   return JoinEstimates(scene, rotation.estimate, translation.estimate,
-                       tracks.estimate.tracks);
+                       tracks.estimate);
 }
 
 // One way to solve: a solve of so many iterations at most, and its seconds.

@@ -66,12 +66,11 @@ CandidateSource MakeCandidateSource(const Scene& scene,
     if (pair_contradicts[i]) pair_is_used[i] = false;
   }
   return [&, pair_is_used](const Reconstruction& model, double max_error_px) {
-    return EstablishTracks(scene, view_graph,
-                           SelectConsistentMatches(
-                               scene, view_graph, pair_is_used, model,
-                               max_error_px, options.match_selection, context),
-                           options.tracks, context)
-        .estimate.candidates;
+    return EstablishCandidates(
+        scene, view_graph,
+        SelectConsistentMatches(scene, view_graph, pair_is_used, model,
+                                max_error_px, options.match_selection, context),
+        options.tracks, context);
   };
 }
 
@@ -127,7 +126,7 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   TranslationResult translation =
       Timed("translation averaging", context, &model.times, [&] {
         return AverageTranslations(scene, bearings, view_graph, rotations,
-                                   tracks.estimate.tracks,
+                                   tracks.estimate,
                                    options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
@@ -140,8 +139,7 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
         scene,
         MakeCandidateSource(scene, view_graph, rotations,
                             translation.pair_contradicts, options, context),
-        JoinEstimates(scene, rotations, translation.estimate,
-                      tracks.estimate.tracks),
+        JoinEstimates(scene, rotations, translation.estimate, tracks.estimate),
         options.bundle_adjustment, context);
   });
   model.bundle = std::move(bundle.summary);

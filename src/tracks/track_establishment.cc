@@ -60,12 +60,15 @@ ObservationGroups MakeConflictFree(const Scene& scene,
   return result;
 }
 
-}  // namespace
+struct JoinedMatches {
+  ObservationGroups candidates;
+  size_t num_components = 0;
+  size_t num_components_with_conflicts = 0;
+};
 
-TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
-                            const MatchSelection& selection,
-                            const TrackOptions& options,
-                            const Context& context) {
+JoinedMatches JoinMatches(const Scene& scene, const ViewGraph& view_graph,
+                          const MatchSelection& selection,
+                          const TrackOptions& options, const Context& context) {
   MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
   const internal::KeypointNodes nodes(scene);
   const MatchComponents components =
@@ -74,18 +77,40 @@ TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
   const ConflictingMatches conflicting = internal::GatherConflictingMatches(
       nodes, view_graph, selection, components);
 
-  TrackResult result;
-  result.estimate.candidates =
+  JoinedMatches joined;
+  joined.candidates =
       MakeConflictFree(scene, components, conflicting, options, context);
-  result.estimate.tracks = internal::SelectTracks(result.estimate.candidates,
-                                                  scene.images.size(), options);
-  TrackSummary& summary = result.summary;
-  summary.num_components = components.groups.size();
-  summary.num_components_with_conflicts = static_cast<size_t>(
+  joined.num_components = components.groups.size();
+  joined.num_components_with_conflicts = static_cast<size_t>(
       std::count(components.has_conflict.begin(), components.has_conflict.end(),
                  char{true}));
-  summary.num_tracks = result.estimate.tracks.size();
-  summary.num_observations = result.estimate.tracks.observations.size();
+  return joined;
+}
+
+}  // namespace
+
+ObservationGroups EstablishCandidates(const Scene& scene,
+                                      const ViewGraph& view_graph,
+                                      const MatchSelection& selection,
+                                      const TrackOptions& options,
+                                      const Context& context) {
+  return JoinMatches(scene, view_graph, selection, options, context).candidates;
+}
+
+TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
+                            const MatchSelection& selection,
+                            const TrackOptions& options,
+                            const Context& context) {
+  const JoinedMatches joined =
+      JoinMatches(scene, view_graph, selection, options, context);
+  TrackResult result;
+  result.estimate =
+      internal::SelectTracks(joined.candidates, scene.images.size(), options);
+  TrackSummary& summary = result.summary;
+  summary.num_components = joined.num_components;
+  summary.num_components_with_conflicts = joined.num_components_with_conflicts;
+  summary.num_tracks = result.estimate.size();
+  summary.num_observations = result.estimate.observations.size();
   if (summary.num_tracks > 0) {
     summary.mean_track_length =
         static_cast<double>(summary.num_observations) / summary.num_tracks;

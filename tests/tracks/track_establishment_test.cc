@@ -83,6 +83,13 @@ TrackOptions KeepAll() {
   return options;
 }
 
+ObservationGroups Candidates(const Scene& scene, const ViewGraph& view_graph,
+                             const Context& context = {}) {
+  return EstablishCandidates(
+      scene, view_graph, {std::vector<char>(view_graph.pairs.size(), true), {}},
+      KeepAll(), context);
+}
+
 TrackResult Establish(const Scene& scene, const ViewGraph& view_graph,
                       const TrackOptions& options = KeepAll(),
                       const Context& context = {}) {
@@ -91,10 +98,10 @@ TrackResult Establish(const Scene& scene, const ViewGraph& view_graph,
                          options, context);
 }
 
-void ExpectConsistent(const TrackResult& result) {
+void ExpectConsistent(const ObservationGroups& candidates,
+                      const TrackResult& result) {
+  const ObservationGroups& tracks = result.estimate;
   std::map<Observation, size_t> candidate_of;
-  const ObservationGroups& candidates = result.estimate.candidates;
-  const ObservationGroups& tracks = result.estimate.tracks;
   for (size_t i = 0; i < candidates.size(); ++i) {
     for (const Observation* o = candidates.begin(i); o != candidates.end(i);
          ++o) {
@@ -207,13 +214,14 @@ TEST(TrackEstablishmentTest, AgreesWithBruteForceOnRandomGraphs) {
       if (a.image_idx != b.image_idx) matches.push_back({a, b});
     }
     const ViewGraph view_graph = MakeViewGraph(matches);
-    const TrackResult result =
-        Establish(MakeScene(num_images, num_keypoints), view_graph);
-    ExpectConsistent(result);
+    const Scene scene = MakeScene(num_images, num_keypoints);
+    const TrackResult result = Establish(scene, view_graph);
+    const ObservationGroups candidates = Candidates(scene, view_graph);
+    ExpectConsistent(candidates, result);
     const BruteForce brute_force(view_graph);
     EXPECT_EQ(result.summary.num_components, brute_force.NumComponents());
-    EXPECT_EQ(ToVectors(result.estimate.candidates), brute_force.Tracks());
-    EXPECT_EQ(ToVectors(result.estimate.tracks), brute_force.Tracks());
+    EXPECT_EQ(ToVectors(candidates), brute_force.Tracks());
+    EXPECT_EQ(ToVectors(result.estimate), brute_force.Tracks());
   }
 }
 
@@ -222,7 +230,7 @@ TEST(TrackEstablishmentTest, FindsTheTracksOfASimulation) {
   options.num_frames = 8;
   const Simulation simulation = Simulate(options);
   const TrackResult result = Establish(simulation.scene, simulation.view_graph);
-  ExpectConsistent(result);
+  ExpectConsistent(Candidates(simulation.scene, simulation.view_graph), result);
   EXPECT_EQ(result.summary.num_components_with_conflicts, 0u);
   std::map<Observation, size_t> point_of;
   for (size_t i = 0; i < simulation.ground_truth.points.size(); ++i) {
@@ -230,7 +238,7 @@ TEST(TrackEstablishmentTest, FindsTheTracksOfASimulation) {
       point_of[o] = i;
     }
   }
-  for (const Group& track : ToVectors(result.estimate.tracks)) {
+  for (const Group& track : ToVectors(result.estimate)) {
     for (const Observation& o : track) {
       EXPECT_EQ(point_of.at(o), point_of.at(track[0]));
     }
@@ -248,8 +256,7 @@ TEST(TrackEstablishmentTest, AWrongMatchDoesNotCostTheTracksItJoins) {
   const TrackResult result = Establish(MakeScene(5, 2), MakeViewGraph(matches));
   EXPECT_EQ(result.summary.num_components, 1u);
   EXPECT_EQ(result.summary.num_components_with_conflicts, 1u);
-  EXPECT_EQ(ToVectors(result.estimate.tracks),
-            (std::vector<Group>{track1, track2}));
+  EXPECT_EQ(ToVectors(result.estimate), (std::vector<Group>{track1, track2}));
 }
 
 TEST(TrackEstablishmentTest, DuplicateKeypointsAreOne) {
@@ -262,8 +269,8 @@ TEST(TrackEstablishmentTest, DuplicateKeypointsAreOne) {
   matches.push_back({{0, 0}, {1, 0}});
   const ViewGraph view_graph = MakeViewGraph(matches);
   const TrackResult joined = Establish(scene, view_graph);
-  ExpectConsistent(joined);
-  EXPECT_EQ(ToVectors(joined.estimate.tracks),
+  ExpectConsistent(Candidates(scene, view_graph), joined);
+  EXPECT_EQ(ToVectors(joined.estimate),
             (std::vector<Group>{{{0, 0}, {1, 1}, {2, 0}, {3, 0}}}));
 }
 
@@ -273,8 +280,7 @@ TEST(TrackEstablishmentTest, UnusedPairsAreNotUsed) {
   const ViewGraph view_graph = MakeViewGraph(matches);
   const TrackResult result =
       EstablishTracks(MakeScene(3, 1), view_graph, {{1, 0}, {}}, KeepAll(), {});
-  EXPECT_EQ(ToVectors(result.estimate.tracks),
-            (std::vector<Group>{{{0, 0}, {1, 0}}}));
+  EXPECT_EQ(ToVectors(result.estimate), (std::vector<Group>{{{0, 0}, {1, 0}}}));
 }
 
 std::vector<int> CountPerImage(const ObservationGroups& tracks,
@@ -290,17 +296,16 @@ TEST(TrackEstablishmentTest, SelectionKeepsEveryImageConstrained) {
   const Simulation simulation = Simulate(simulation_options);
   const size_t num_images = simulation.scene.images.size();
   const std::vector<int> all = CountPerImage(
-      Establish(simulation.scene, simulation.view_graph).estimate.tracks,
-      num_images);
+      Establish(simulation.scene, simulation.view_graph).estimate, num_images);
 
   TrackOptions options;
   options.min_track_length = 8;
   options.min_tracks_per_image = 40;
   const TrackResult few_short =
       Establish(simulation.scene, simulation.view_graph, options);
-  ExpectConsistent(few_short);
-  const auto with_minimum =
-      CountPerImage(few_short.estimate.tracks, num_images);
+  ExpectConsistent(Candidates(simulation.scene, simulation.view_graph),
+                   few_short);
+  const auto with_minimum = CountPerImage(few_short.estimate, num_images);
   for (size_t i = 0; i < num_images; ++i) {
     EXPECT_GE(with_minimum[i], std::min(40, all[i]));
   }
@@ -309,8 +314,8 @@ TEST(TrackEstablishmentTest, SelectionKeepsEveryImageConstrained) {
   options.max_tracks_per_image = 60;
   const TrackResult capped =
       Establish(simulation.scene, simulation.view_graph, options);
-  ExpectConsistent(capped);
-  const auto with_maximum = CountPerImage(capped.estimate.tracks, num_images);
+  ExpectConsistent(Candidates(simulation.scene, simulation.view_graph), capped);
+  const auto with_maximum = CountPerImage(capped.estimate, num_images);
   for (size_t i = 0; i < num_images; ++i) {
     EXPECT_GE(with_maximum[i], std::min(40, all[i]));
   }
@@ -325,6 +330,8 @@ TEST(TrackEstablishmentTest, OrderOfMatchesAndThreadsDoNotMatter) {
   options.mismatch_ratio = 0.1;
   Simulation simulation = Simulate(options);
   const TrackResult result = Establish(simulation.scene, simulation.view_graph);
+  const ObservationGroups candidates =
+      Candidates(simulation.scene, simulation.view_graph);
   EXPECT_GT(result.summary.num_components_with_conflicts, 0u);
   Random random(5);
   for (ImagePair& pair : simulation.view_graph.pairs) {
@@ -339,10 +346,10 @@ TEST(TrackEstablishmentTest, OrderOfMatchesAndThreadsDoNotMatter) {
   context.num_threads = 3;
   const TrackResult shuffled =
       Establish(simulation.scene, simulation.view_graph, KeepAll(), context);
-  EXPECT_EQ(ToVectors(result.estimate.candidates),
-            ToVectors(shuffled.estimate.candidates));
-  EXPECT_EQ(ToVectors(result.estimate.tracks),
-            ToVectors(shuffled.estimate.tracks));
+  EXPECT_EQ(
+      ToVectors(candidates),
+      ToVectors(Candidates(simulation.scene, simulation.view_graph, context)));
+  EXPECT_EQ(ToVectors(result.estimate), ToVectors(shuffled.estimate));
 }
 
 TEST(TrackEstablishmentTest, NoMatchesGiveNoTracks) {

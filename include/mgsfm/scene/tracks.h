@@ -40,12 +40,4 @@ struct ObservationGroups {
   void FinishGroup() { offsets.push_back(observations.size()); }
 };
 
-struct Tracks {
-  // Sets of keypoints that are images of one point each, as far as matches can
-  // tell: at most one keypoint of an image in each.
-  ObservationGroups candidates;
-  // Those fit for averaging, selected such that every image stays constrained.
-  ObservationGroups tracks;
-};
-
 }  // namespace mgsfm

@@ -47,11 +47,13 @@ struct TrackSummary {
 };
 
 struct TrackResult {
-  Tracks estimate;
+  ObservationGroups estimate;
   TrackSummary summary;
 };
 
-// Joins matches to tracks.
+// Joins the matches of the selection to candidates for tracks: sets of
+// keypoints that are images of one point each, as far as matches can tell, with
+// at most one keypoint of an image.
 //
 // Components are those of the graph of keypoints and matches. Where one holds
 // two keypoints of an image, some of its matches are wrong: it is split into
@@ -61,12 +63,16 @@ struct TrackResult {
 // matches that would make a conflict. Of keypoints detected twice in one image,
 // the one with the most matches stays.
 //
-// Of these sets, tracks are selected, longest first, as the options say. Groups
-// are ordered by their first observations. Nearly linear in the number of
-// matches; a conflicting component of n keypoints and m matches costs
+// Groups are ordered by their first observations. Nearly linear in the number
+// of matches; a conflicting component of n keypoints and m matches costs
 // O(m log m + m n) at worst.
-//
-// Uses the matches of the selection.
+[[nodiscard]] ObservationGroups EstablishCandidates(
+    const Scene& scene, const ViewGraph& view_graph,
+    const MatchSelection& selection, const TrackOptions& options,
+    const Context& context);
+
+// The candidates that are fit for averaging: selected, longest first, as the
+// options say, such that every image stays constrained.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
                                           const MatchSelection& selection,
