@@ -6,48 +6,14 @@ of the whole process, those of each stage, and how good the model is.
 """
 import argparse
 import json
-import os
 import pathlib
 import shutil
-import subprocess
-import sys
 import tempfile
-import time
+
+from measuring import run_measured, stages_of
 
 HELD = ["--BundleAdjustment.refine_focal_length", "no",
         "--BundleAdjustment.refine_extra_params", "no"]
-
-
-def run_measured(command):
-    """Runs a command; seconds, processor seconds and MiB at its peak."""
-    start = time.monotonic()
-    with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode != 0:
-            log.seek(0)
-            sys.stderr.write(log.read().decode(errors="replace")[-2000:])
-            raise SystemExit(f"failed: {' '.join(map(str, command))}")
-    return {"seconds": time.monotonic() - start,
-            "processor_seconds": usage.ru_utime + usage.ru_stime,
-            "peak_memory_mib": usage.ru_maxrss / 1024}
-
-
-def stages_of(report):
-    """Of the run and its models together, in the order of the report."""
-    stages = {}
-    for part in [report, *report["models"]]:
-        for name in part["seconds"]:
-            stage = stages.setdefault(
-                name, {"seconds": 0.0, "processor_seconds": 0.0,
-                       "peak_memory_mib_after": 0.0})
-            stage["seconds"] += part["seconds"][name]
-            stage["processor_seconds"] += part["processor_seconds"][name]
-            stage["peak_memory_mib_after"] = max(
-                stage["peak_memory_mib_after"],
-                part["peak_memory_mib_after"][name])
-    return stages
 
 
 class Bench:
