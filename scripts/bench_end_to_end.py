@@ -10,26 +10,10 @@ import pathlib
 import shutil
 import tempfile
 
-from measured_run import run_measured
+from measuring import run_measured, stages_of
 
 HELD = ["--BundleAdjustment.refine_focal_length", "no",
         "--BundleAdjustment.refine_extra_params", "no"]
-
-
-def stages_of(report):
-    """Of the run and its models together, in the order of the report."""
-    stages = {}
-    for part in [report, *report["models"]]:
-        for name in part["seconds"]:
-            stage = stages.setdefault(
-                name, {"seconds": 0.0, "processor_seconds": 0.0,
-                       "peak_memory_mib_after": 0.0})
-            stage["seconds"] += part["seconds"][name]
-            stage["processor_seconds"] += part["processor_seconds"][name]
-            stage["peak_memory_mib_after"] = max(
-                stage["peak_memory_mib_after"],
-                part["peak_memory_mib_after"][name])
-    return stages
 
 
 class Bench:

@@ -19,7 +19,7 @@ import statistics
 import sys
 import tempfile
 
-from measured_run import run_measured
+from measuring import run_measured
 
 
 def copy_images(source, target, num_frames):

@@ -4,7 +4,8 @@
 # there.
 #   scripts/setup.sh        to build, run and test
 #   scripts/setup.sh --dev  and to check format, lint and COLMAP compatibility,
-#                           and for the tables of scripts/bench.sh
+#                           for the tables of scripts/bench.sh, and for the
+#                           tables and pictures of docs/experiments.md
 set -euo pipefail
 
 packages=(
@@ -17,7 +18,7 @@ packages=(
 )
 case "${1:-}" in
   "") ;;
-  --dev) packages+=(clang-format clang-tidy colmap python3) ;;
+  --dev) packages+=(clang-format clang-tidy colmap python3 python3-matplotlib) ;;
   *) echo "usage: scripts/setup.sh [--dev]" >&2; exit 1 ;;
 esac
 

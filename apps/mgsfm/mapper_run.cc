@@ -2,6 +2,7 @@
 #include "mapper_run.h"
 
 #include <filesystem>
+#include <utility>
 
 #include "command.h"
 #include "mgsfm/base/error.h"
@@ -71,6 +72,7 @@ void WriteModels(const LoadedScene& loaded, const MapperResult& result,
 
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckPaths(run);
+  ResolveMethod(run.mapper);  // before anything is read
   context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description;
@@ -79,7 +81,11 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.options_json = run.options_json;
 
   const StageTimer reading;
-  const LoadedScene loaded = LoadScene(run.database_path, run.loading, context);
+  LoadedScene loaded = LoadScene(run.database_path, run.loading, context);
+  if (run.mapper.method == MapperMethod::kSingle) {
+    loaded.scene = SeparateImages(std::move(loaded.scene));
+    loaded.rig_source = "left out, each image by itself";
+  }
   CheckFormat(loaded.scene, run.output_format);
   description.rig_source = loaded.rig_source;
   description.times.push_back(reading.Stop("reading"));

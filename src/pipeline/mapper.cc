@@ -5,6 +5,8 @@
 #include <cstdio>
 #include <utility>
 
+#include "mgsfm/base/error.h"
+
 namespace mgsfm {
 namespace {
 
@@ -180,10 +182,55 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
   return unregistered;
 }
 
+// kAuto: what the stage does by itself.
+struct MethodDefaults {
+  RotationStrategy rotations;
+  TranslationSource input;
+  TranslationObjective objective;
+};
+
+MethodDefaults DefaultsOf(MapperMethod method) {
+  switch (method) {
+    case MapperMethod::kDmraMgp:
+    case MapperMethod::kSingle:
+      return {RotationStrategy::kDecoupled, TranslationSource::kTracks,
+              TranslationObjective::kBilinear};
+    case MapperMethod::kMma:
+      return {RotationStrategy::kJoint,
+              TranslationSource::kRelativeTranslations,
+              TranslationObjective::kDistance};
+    case MapperMethod::kMgsfm:
+      break;
+  }
+  return {RotationStrategy::kAuto, TranslationSource::kAuto,
+          TranslationObjective::kAuto};
+}
+
 }  // namespace
 
+MapperOptions ResolveMethod(const MapperOptions& options) {
+  const MethodDefaults defaults = DefaultsOf(options.method);
+  MapperOptions resolved = options;
+  RotationStrategy& strategy = resolved.rotation_averaging.strategy;
+  TranslationAveragingOptions& translation = resolved.translation_averaging;
+  if (strategy == RotationStrategy::kAuto) strategy = defaults.rotations;
+  if (translation.input == TranslationSource::kAuto) {
+    translation.input = defaults.input;
+  }
+  if (translation.objective == TranslationObjective::kAuto) {
+    translation.objective = defaults.objective;
+  }
+  CheckTranslationOptions(translation);
+  return resolved;
+}
+
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
-                       const MapperOptions& options, const Context& context) {
+                       const MapperOptions& given_options,
+                       const Context& context) {
+  const MapperOptions options = ResolveMethod(given_options);
+  if (options.method == MapperMethod::kSingle) {
+    MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
+  }
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);

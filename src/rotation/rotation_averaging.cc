@@ -10,6 +10,7 @@
 #include "mgsfm/math/statistics.h"
 #include "mgsfm/scene/backbone.h"
 #include "rotation/internal_rotations.h"
+#include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"
 #include "rotation/rotation_solver.h"
 
@@ -55,7 +56,10 @@ class RotationAverager {
     const ImageRotations images =
         HasUnknownSensor() ? AverageImages() : NoImages();
     report(1);
-    SetInternalRotations(EstimateInternalRotations(scene_, images, options_));
+    InternalRotations internal =
+        EstimateInternalRotations(scene_, images, options_);
+    if (IsJoint()) StartTheOthers(&internal);
+    SetInternalRotations(std::move(internal));
     report(2);
     if (AverageFrames() && !pairs_.problem.edges.empty()) {
       report(3);
@@ -72,12 +76,14 @@ class RotationAverager {
   }
 
  private:
+  bool IsJoint() const { return options_.strategy == RotationStrategy::kJoint; }
   bool HasUnknownSensor() const;
   ImageRotations NoImages();
   ImageRotations AverageImages();
   PairProblem BuildImageProblem() const;
   ImageRotations CollectImageRotations(const PairProblem& pairs,
                                        const RotationState& state) const;
+  void StartTheOthers(InternalRotations* internal) const;
   void SetInternalRotations(InternalRotations internal);
   bool IsUsable(const ImagePair& pair) const;
   PairProblem BuildFrameProblem() const;
@@ -126,7 +132,8 @@ ImageRotations RotationAverager::NoImages() {
   return images;
 }
 
-// Every image is a node, and all are of one sensor with the identity.
+// Every image is a node, and all are of one sensor with the identity. Of the
+// joint strategy only frames by themselves are solved.
 PairProblem RotationAverager::BuildImageProblem() const {
   PairProblem pairs;
   pairs.problem.num_nodes = static_cast<int>(scene_.images.size());
@@ -134,6 +141,9 @@ PairProblem RotationAverager::BuildImageProblem() const {
   for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
     const ImagePair& pair = view_graph_.pairs[i];
     if (!pair_is_used_[i] || !pair.relative_pose) continue;
+    if (IsJoint() && FrameOf(pair.image_idx1) != FrameOf(pair.image_idx2)) {
+      continue;
+    }
     RotationEdge edge = MakeEdge(pair, options_);
     edge.node1 = pair.image_idx1;
     edge.node2 = pair.image_idx2;
@@ -171,6 +181,16 @@ ImageRotations RotationAverager::CollectImageRotations(
     if (images.support[i] > 0.0) images.cam_from_world[i] = state.nodes[i];
   }
   return images;
+}
+
+// What frames by themselves do not tell, the joint solve must find.
+void RotationAverager::StartTheOthers(InternalRotations* internal) const {
+  for (size_t k = 0; k < scene_.sensors.size(); ++k) {
+    if (internal->sensor_from_rig[k]) continue;
+    internal->sensor_from_rig[k] = Quaterniond::Identity();
+    internal->summaries[k].is_observable = true;
+    internal->summaries[k].message = "Found jointly, from the identity";
+  }
 }
 
 void RotationAverager::SetInternalRotations(InternalRotations internal) {
@@ -224,6 +244,13 @@ bool RotationAverager::AverageFrames() {
                                return edge.node1 == edge.node2;
                              }),
               edges.end());
+  if (IsJoint()) {
+    InitializeNodes(between_frames, max_error_, &state_);
+    result_.summary.frames.termination = Termination::kConverged;
+    result_.summary.frames.message = "Only a start: all are solved jointly.";
+    has_frames_ = true;
+    return true;
+  }
   result_.summary.frames =
       AverageNodes(between_frames, options_, context_, &state_);
   has_frames_ = result_.summary.frames.IsUsable();

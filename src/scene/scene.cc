@@ -76,6 +76,25 @@ void CheckConsistent(const Scene& scene) {
   CheckFrames(scene);
 }
 
+Scene SeparateImages(Scene scene) {
+  scene.rigs.clear();
+  scene.frames.clear();
+  for (size_t s = 0; s < scene.sensors.size(); ++s) {
+    const int idx = static_cast<int>(s);
+    scene.sensors[s].rig_idx = idx;
+    scene.sensors[s].sensor_from_rig = Rigid3();
+    scene.rigs.push_back({RigId(static_cast<uint32_t>(s + 1)), idx, {idx}});
+  }
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    Image& image = scene.images[i];
+    const int idx = static_cast<int>(i);
+    image.frame_idx = idx;
+    scene.frames.push_back(
+        {FrameId(image.id.value()), image.name, image.sensor_idx, {idx}});
+  }
+  return scene;
+}
+
 Bearings ComputeBearings(const Scene& scene, const std::vector<Camera>& cameras,
                          int num_threads) {
   Bearings bearings;

@@ -12,17 +12,10 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Errors of pairs that remain whatever their own estimates say.
-constexpr double kDirectionSigma = DegToRad(0.5);
-constexpr double kScaleSigma = 0.1;
-constexpr double kMinRelativeLength = 1e-4;
-constexpr double kPairWeightWithPoints = 0.1;
-constexpr size_t kMinNumPoints = 10;
-
 // Frames, sensors and images of the problem are those of the scene.
 class AngleProblem {
  public:
-  AngleProblem(const RefinementInput& input, double loss_scale_rad,
+  AngleProblem(const RefinementInput& input, const RobustLoss& loss,
                const Positions& positions);
 
   void AddDirections(double weight);
@@ -35,25 +28,13 @@ class AngleProblem {
   // Keeps the length of the longest unknown along itself. A change of scale can
   // meet this exactly, so it does not affect the shape.
   void HoldScale();
-  void SetLossScale(double scale_rad) {
-    problem_.loss = {RobustLossType::kCauchy, scale_rad};
-  }
+  void SetLoss(const RobustLoss& loss) { problem_.loss = loss; }
 
   const RigProblem<RayObservation>& problem() const { return problem_; }
   RigState* mutable_state() { return &state_; }
   void WriteBack(Positions* positions) const;
 
  private:
-  // The factor from units of scales.scale to those of positions.
-  double Length(size_t motion_idx) const {
-    return input_.scales.scale[motion_idx] *
-           input_.initial.group_factor[input_.scales.group[motion_idx]];
-  }
-  bool IsFree(int image_idx) const {
-    return input_.problem.sensor_kind[input_.problem.sensor_idx[image_idx]] ==
-           SensorKind::kFree;
-  }
-  bool IsUsable(const PairMotion& motion, MotionKind kind) const;
   BaselineTerm& AddTerm(const PairMotion& motion, BaselineTerm::Kind kind);
   void MarkAsSeen(int image_idx) {
     frame_is_seen_[input_.problem.frame_idx[image_idx]] = true;
@@ -68,13 +49,13 @@ class AngleProblem {
   RigState state_;
 };
 
-AngleProblem::AngleProblem(const RefinementInput& input, double loss_scale_rad,
+AngleProblem::AngleProblem(const RefinementInput& input, const RobustLoss& loss,
                            const Positions& positions)
     : input_(input),
       initial_(positions),
       frame_is_seen_(positions.frame_center.size(), false),
       sensor_is_seen_(positions.sensor_translation.size(), false) {
-  SetLossScale(loss_scale_rad);
+  SetLoss(loss);
   const PositionProblem& known = input.problem;
   PoseMask moves = PoseMask::Zero();
   moves.tail<3>().setOnes();
@@ -98,15 +79,6 @@ AngleProblem::AngleProblem(const RefinementInput& input, double loss_scale_rad,
   }
 }
 
-bool AngleProblem::IsUsable(const PairMotion& motion, MotionKind kind) const {
-  const int image1 = motion.image_idx1, image2 = motion.image_idx2;
-  const PositionProblem& known = input_.problem;
-  const bool is_constant = known.frame_idx[image1] == known.frame_idx[image2] &&
-                           !IsFree(image1) && !IsFree(image2);
-  return motion.kind == kind && !is_constant &&
-         initial_.IsPlaced(known, image1) && initial_.IsPlaced(known, image2);
-}
-
 BaselineTerm& AngleProblem::AddTerm(const PairMotion& motion,
                                     BaselineTerm::Kind kind) {
   MarkAsSeen(motion.image_idx1);
@@ -122,30 +94,28 @@ BaselineTerm& AngleProblem::AddTerm(const PairMotion& motion,
 void AngleProblem::AddDirections(double weight) {
   for (size_t i = 0; i < input_.motions.size(); ++i) {
     const PairMotion& motion = input_.motions[i];
-    if (!IsUsable(motion, MotionKind::kDirection)) continue;
+    if (!input_.IsUsable(motion, MotionKind::kDirection, initial_)) continue;
     BaselineTerm& term = AddTerm(motion, BaselineTerm::Kind::kDirection);
     term.direction = motion.direction;
-    term.min_length = kMinRelativeLength * Length(i);
-    term.weight = weight * kDirectionSigma /
-                  std::hypot(motion.sigma_rad, kDirectionSigma);
+    term.min_length = kMinRelativeLength * input_.Length(i);
+    term.weight = input_.DirectionWeight(i, weight);
   }
 }
 
 void AngleProblem::AddLengths() {
   for (size_t i = 0; i < input_.motions.size(); ++i) {
     const PairMotion& motion = input_.motions[i];
-    if (!IsUsable(motion, MotionKind::kDirection)) continue;
+    if (!input_.IsUsable(motion, MotionKind::kDirection, initial_)) continue;
     BaselineTerm& term = AddTerm(motion, BaselineTerm::Kind::kLength);
-    term.length = Length(i);
-    term.min_length = kMinRelativeLength * Length(i);
-    term.weight =
-        kDirectionSigma / std::hypot(input_.scales.sigma_log[i], kScaleSigma);
+    term.length = input_.Length(i);
+    term.min_length = kMinRelativeLength * input_.Length(i);
+    term.weight = input_.LengthWeight(i);
   }
 }
 
 void AngleProblem::AddZeroBaselines(double weight) {
   for (const PairMotion& motion : input_.motions) {
-    if (!IsUsable(motion, MotionKind::kNoParallax)) continue;
+    if (!input_.IsUsable(motion, MotionKind::kNoParallax, initial_)) continue;
     AddTerm(motion, BaselineTerm::Kind::kZero).weight = weight;
   }
 }
@@ -217,7 +187,7 @@ void AngleProblem::WriteBack(Positions* positions) const {
   }
 }
 
-RigSolverOptions SolverOptions(const AngleRefinementOptions& options) {
+RigSolverOptions SolverOptions(const RefinementOptions& options) {
   RigSolverOptions solver_options;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = options.function_tolerance;
@@ -225,38 +195,25 @@ RigSolverOptions SolverOptions(const AngleRefinementOptions& options) {
   return solver_options;
 }
 
-bool HasDirections(const RefinementInput& input) {
-  return !input.scales.group_sizes.empty();
-}
-
-SolveSummary NothingToDo(const char* message) {
-  SolveSummary summary;
-  summary.termination = Termination::kConverged;
-  summary.message = message;
-  return summary;
-}
-
 }  // namespace
 
 SolveSummary RefineCameras(const RefinementInput& input,
-                           const AngleRefinementOptions& options,
+                           const RefinementOptions& options,
                            const Context& context, Positions* positions) {
-  if (!HasDirections(input)) return NothingToDo("No pair has parallax.");
-  AngleProblem angles(input, options.loss_scale_rad, *positions);
+  if (!input.HasDirections()) return NothingToDo("No pair has parallax.");
+  AngleProblem angles(input, {options.loss, options.loss_scale_rad},
+                      *positions);
   angles.AddDirections(1.0);
   angles.AddLengths();
-  // Weak, only to place what nothing else does.
-  angles.AddZeroBaselines(0.01 * kDirectionSigma /
-                          input.initial.group_factor[0]);
+  angles.AddZeroBaselines(input.ZeroBaselineWeight());
   angles.HoldGauge();
-  constexpr int kNumCoarseIterations = 10;
   RigSolver<RayObservation> solver(angles.problem(), SolverOptions(options),
                                    context);
   SolveSummary summary;
-  for (const double factor : {8.0, 2.0, 1.0}) {
-    angles.SetLossScale(factor * options.loss_scale_rad);
+  for (const double factor : kLossAnnealing) {
+    angles.SetLoss({options.loss, factor * options.loss_scale_rad});
     summary = solver.Solve(
-        factor > 1.0 ? kNumCoarseIterations : options.max_num_iterations,
+        factor > 1.0 ? kNumCoarseRefinements : options.max_num_iterations,
         angles.mutable_state());
     if (!summary.IsUsable()) break;
   }
@@ -267,17 +224,16 @@ SolveSummary RefineCameras(const RefinementInput& input,
 SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const TrackRays& rays,
                                     const std::vector<size_t>& track_idxs,
-                                    const AngleRefinementOptions& options,
+                                    const RefinementOptions& options,
                                     const Context& context,
                                     Positions* positions, TrackPoints* points) {
-  if (!HasDirections(input) || track_idxs.size() < kMinNumPoints) {
-    return NothingToDo("Too few points.");
-  }
-  AngleProblem angles(input, options.loss_scale_rad, *positions);
+  if (!IsDetermined(input, track_idxs)) return NothingToDo("Too few points.");
+  AngleProblem angles(input, {options.loss, options.loss_scale_rad},
+                      *positions);
   angles.AddPoints(rays, track_idxs, *points);
   angles.AddDirections(kPairWeightWithPoints);
   angles.HoldGauge();
-  angles.HoldScale();
+  if (!options.starts_at_random) angles.HoldScale();
   const SolveSummary summary =
       SolveRigProblem(angles.problem(), SolverOptions(options), context,
                       angles.mutable_state());

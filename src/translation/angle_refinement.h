@@ -5,39 +5,22 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/backend.h"
-#include "translation/position_initialization.h"
-#include "translation/track_points.h"
+#include "translation/refinement_terms.h"
 
 namespace mgsfm {
-
-struct AngleRefinementOptions {
-  int max_num_iterations = 50;
-  double loss_scale_rad = 0.0;
-  double function_tolerance = 1e-6;
-  SolverBackend backend = SolverBackend::kNative;
-};
-
-// What both refinements need of the stages before.
-struct RefinementInput {
-  const PositionProblem& problem;
-  const std::vector<PairMotion>& motions;
-  const PairScales& scales;
-  const InitialPositions& initial;
-};
 
 // Refines centres and internal translations by eq. (16) of MGSfM,
 //
 //   min sum_p rho(w_p |b_p - C_p / |C_p||),
 //
-// with a Cauchy rho whose scale is annealed to loss_scale_rad, the directions
+// with rho, whose scale is annealed to loss_scale_rad, the directions
 // b_p and baselines C_p of pairs, and terms w log(|C_p| / s_p) that keep the
 // measured lengths, which directions do not determine on straight motion.
 // Gauge: the first frame is constant; the length follows from the s_p.
 // Levenberg-Marquardt (mgsfm/least_squares/rig_solver.h); ends when the
 // relative decrease of the cost is below function_tolerance.
 SolveSummary RefineCameras(const RefinementInput& input,
-                           const AngleRefinementOptions& options,
+                           const RefinementOptions& options,
                            const Context& context, Positions* positions);
 
 // Refines them together with points p_k by eq. (18) of MGSfM,
@@ -47,13 +30,16 @@ SolveSummary RefineCameras(const RefinementInput& input,
 // over the used observations of the given tracks, with rays g in world axes.
 // The pair terms are those above with a tenth of their weight and without
 // lengths; they hold what no point holds. The scale, where no given internal
-// translation determines it, is held by the farthest frame. Points are
+// translation determines it, is held by the farthest frame if asked. Points are
 // eliminated (Schur complement).
 SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const TrackRays& rays,
                                     const std::vector<size_t>& track_idxs,
-                                    const AngleRefinementOptions& options,
+                                    const RefinementOptions& options,
                                     const Context& context,
                                     Positions* positions, TrackPoints* points);
+
+constexpr PositionObjective kNonBilinearObjective = {RefineCameras,
+                                                     RefineCamerasAndPoints};
 
 }  // namespace mgsfm

@@ -9,12 +9,15 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/statistics.h"
 #include "mgsfm/scene/backbone.h"
 #include "translation/angle_refinement.h"
+#include "translation/bilinear_refinement.h"
 #include "translation/impossible_pairs.h"
 #include "translation/pair_consistency.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
+#include "translation/random_start.h"
 #include "translation/relative_translation.h"
 #include "translation/scale_averaging.h"
 #include "translation/track_points.h"
@@ -35,6 +38,31 @@ constexpr int kNumCoarseIterations = 10;
 constexpr double kFunctionTolerance = 1e-5;
 // Of points, compared with the median depth of points.
 constexpr double kMinRelativeDepth = 0.02;
+// From a random start, as global positioning has it.
+constexpr double kRandomStartLossRad = 0.1;
+constexpr int kNumRandomStartIterations = 100;
+
+TranslationSource InputOf(const TranslationAveragingOptions& options) {
+  if (options.input != TranslationSource::kAuto) return options.input;
+  return options.objective == TranslationObjective::kDistance
+             ? TranslationSource::kRelativeTranslations
+             : TranslationSource::kHybrid;
+}
+
+// Null if positions are not refined.
+const PositionObjective* ObjectiveOf(
+    const TranslationAveragingOptions& options) {
+  switch (options.objective) {
+    case TranslationObjective::kDistance:
+      return nullptr;
+    case TranslationObjective::kBilinear:
+      return &kBilinearObjective;
+    case TranslationObjective::kAuto:
+    case TranslationObjective::kNonBilinear:
+      break;
+  }
+  return &kNonBilinearObjective;
+}
 
 class TranslationAverager {
  public:
@@ -50,18 +78,28 @@ class TranslationAverager {
         rotations_(rotations),
         options_(options),
         context_(context),
+        input_(InputOf(options)),
+        objective_(ObjectiveOf(options)),
         max_angle_rad_(DegToRad(options.max_angle_error_deg)),
         problem_(MakePositionProblem(scene, rotations)),
         rays_(ComputeTrackRays(problem_, bearings, tracks,
                                context.num_threads)) {}
 
   TranslationResult Run() {
-    EstimatePairs();
-    SetImpossiblePairsAside();
-    Initialize();
-    RefineWithPairs();
-    SetContradictingPairsAside();
-    RefineWithPoints();
+    switch (input_) {
+      case TranslationSource::kAuto:
+      case TranslationSource::kHybrid:
+        PositionByPairs();
+        RefineWithPoints();
+        break;
+      case TranslationSource::kRelativeTranslations:
+        PositionByPairs();
+        TriangulateOnly();
+        break;
+      case TranslationSource::kTracks:
+        PositionByTracks();
+        break;
+    }
     NormalizeScale();
     FindContradictions();
     WriteEstimate();
@@ -70,6 +108,9 @@ class TranslationAverager {
   }
 
  private:
+  void PositionByPairs();
+  void PositionByTracks();
+  void TriangulateOnly();
   void EstimatePairs();
   void SetImpossiblePairsAside();
   void SetAside(const std::vector<char>& is_set_aside);
@@ -78,15 +119,27 @@ class TranslationAverager {
   void SetContradictingPairsAside();
   void RefineWithPoints();
   void Triangulate(double max_error_rad);
+  SolveSummary RefineJointly(const RefinementOptions& options);
   SolveSummary RefineJointly(double loss_scale_rad, double function_tolerance,
                              int max_num_iterations);
   void PlaceRemainingFrames();
   void FindContradictions();
   void NormalizeScale();
+  double ScaleOfPairs() const;
+  double ScaleOfNeighbours() const;
   void WriteEstimate();
   void DescribeSensors();
   RefinementInput Input() const {
     return {problem_, motions_, scales_, initial_};
+  }
+  bool IsPlaced(int image_idx1, int image_idx2) const {
+    return positions_.IsPlaced(problem_, image_idx1) &&
+           positions_.IsPlaced(problem_, image_idx2);
+  }
+  double Distance(int image_idx1, int image_idx2) const {
+    return (positions_.CamCenter(problem_, image_idx2) -
+            positions_.CamCenter(problem_, image_idx1))
+        .norm();
   }
   void LogTime(const char* step) {
     char line[128];
@@ -102,6 +155,8 @@ class TranslationAverager {
   const RotationEstimate& rotations_;
   const TranslationAveragingOptions& options_;
   const Context& context_;
+  const TranslationSource input_;
+  const PositionObjective* objective_;
   const double max_angle_rad_;
   const PositionProblem problem_;
   const TrackRays rays_;
@@ -115,6 +170,47 @@ class TranslationAverager {
   TrackPoints points_;
   TranslationResult result_;
 };
+
+void TranslationAverager::PositionByPairs() {
+  EstimatePairs();
+  SetImpossiblePairsAside();
+  Initialize();
+  if (objective_ == nullptr) {
+    result_.summary.camera_refinement = NothingToDo("Not asked for.");
+    return;
+  }
+  RefineWithPairs();
+  SetContradictingPairsAside();
+}
+
+void TranslationAverager::PositionByTracks() {
+  RandomStart start = StartAtRandom(problem_, rays_, context_.random_seed);
+  initial_ = std::move(start.initial);
+  positions_ = initial_.positions;
+  points_ = std::move(start.points);
+  TranslationSummary& summary = result_.summary;
+  summary.initialization = initial_.solve;
+  summary.is_metric = initial_.is_metric;
+  summary.camera_refinement = NothingToDo("Not needed: points tell all.");
+  RefinementOptions options;
+  options.loss = RobustLossType::kHuber;
+  options.loss_scale_rad = kRandomStartLossRad;
+  options.starts_at_random = true;
+  options.function_tolerance = kFunctionTolerance;
+  options.max_num_iterations =
+      std::max(kNumRandomStartIterations, options_.max_num_iterations);
+  summary.joint_refinement = RefineJointly(options);
+  LogTime("positions from a random start");
+  Triangulate(2.0 * max_angle_rad_);
+  LogTime("triangulation");
+}
+
+// Positions are as rough as pairs leave them.
+void TranslationAverager::TriangulateOnly() {
+  result_.summary.joint_refinement = NothingToDo("Not asked for.");
+  Triangulate(kCoarseErrorRad);
+  LogTime("triangulation");
+}
 
 void TranslationAverager::EstimatePairs() {
   motions_ = EstimatePairMotions(scene_, bearings_, view_graph_,
@@ -184,13 +280,13 @@ void TranslationAverager::Initialize() {
 
 void TranslationAverager::RefineWithPairs() {
   context_.CheckInterrupted();
-  AngleRefinementOptions options;
+  RefinementOptions options;
   options.max_num_iterations = options_.max_num_iterations;
   options.loss_scale_rad = max_angle_rad_;
   options.backend = options_.backend;
   Positions refined = positions_;
   result_.summary.camera_refinement =
-      RefineCameras(Input(), options, context_, &refined);
+      objective_->refine_cameras(Input(), options, context_, &refined);
   if (result_.summary.camera_refinement.IsUsable()) positions_ = refined;
   LogTime("refinement of cameras");
 }
@@ -216,18 +312,23 @@ void TranslationAverager::Triangulate(double max_error_rad) {
 SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
                                                 double function_tolerance,
                                                 int max_num_iterations) {
-  context_.CheckInterrupted();
-  AngleRefinementOptions options;
+  RefinementOptions options;
   options.max_num_iterations = max_num_iterations;
   options.loss_scale_rad = loss_scale_rad;
   options.backend = options_.backend;
   options.function_tolerance = function_tolerance;
+  return RefineJointly(options);
+}
+
+SolveSummary TranslationAverager::RefineJointly(
+    const RefinementOptions& options) {
+  context_.CheckInterrupted();
   const std::vector<size_t> selected =
       SelectTracks(rays_, points_, static_cast<int>(scene_.images.size()),
                    options_.min_num_points_per_image);
   Positions refined = positions_;
   TrackPoints refined_points = points_;
-  const SolveSummary summary = RefineCamerasAndPoints(
+  const SolveSummary summary = objective_->refine_cameras_and_points(
       Input(), rays_, selected, options, context_, &refined, &refined_points);
   if (summary.IsUsable()) {
     positions_ = std::move(refined);
@@ -266,6 +367,10 @@ void TranslationAverager::PlaceRemainingFrames() {
 
 // All pairs are judged, also those set aside: points may have told better.
 void TranslationAverager::FindContradictions() {
+  if (input_ == TranslationSource::kTracks) {
+    result_.pair_contradicts.assign(view_graph_.pairs.size(), false);
+    return;
+  }
   result_.pair_contradicts =
       FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
   result_.summary.num_pairs_contradicting = static_cast<int>(std::count(
@@ -275,26 +380,44 @@ void TranslationAverager::FindContradictions() {
 // Angles do not tell the common scale; it is set back to that of the pairs.
 void TranslationAverager::NormalizeScale() {
   if (initial_.is_metric) return;
-  double sum_expected = 0.0, sum_estimated = 0.0;
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    const PairMotion& motion = motions_[i];
-    if (motion.kind != MotionKind::kDirection ||
-        !positions_.IsPlaced(problem_, motion.image_idx1) ||
-        !positions_.IsPlaced(problem_, motion.image_idx2)) {
-      continue;
-    }
-    sum_expected += scales_.scale[i] * initial_.group_factor[scales_.group[i]];
-    sum_estimated += (positions_.CamCenter(problem_, motion.image_idx2) -
-                      positions_.CamCenter(problem_, motion.image_idx1))
-                         .norm();
-  }
-  if (!(sum_estimated > 0.0)) return;
-  const double factor = sum_expected / sum_estimated;
+  const double factor = input_ == TranslationSource::kTracks
+                            ? ScaleOfNeighbours()
+                            : ScaleOfPairs();
   for (Vector3d& center : positions_.frame_center) center *= factor;
   for (Vector3d& t : positions_.sensor_translation) t *= factor;
   for (auto& point : points_.point_in_world) {
     if (point) *point *= factor;
   }
+}
+
+double TranslationAverager::ScaleOfPairs() const {
+  double sum_expected = 0.0, sum_estimated = 0.0;
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    const PairMotion& motion = motions_[i];
+    if (motion.kind != MotionKind::kDirection ||
+        !IsPlaced(motion.image_idx1, motion.image_idx2)) {
+      continue;
+    }
+    sum_expected += scales_.scale[i] * initial_.group_factor[scales_.group[i]];
+    sum_estimated += Distance(motion.image_idx1, motion.image_idx2);
+  }
+  return sum_estimated > 0.0 ? sum_expected / sum_estimated : 1.0;
+}
+
+// The median baseline of pairs becomes 1.
+double TranslationAverager::ScaleOfNeighbours() const {
+  std::vector<double> baselines;
+  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph_.pairs[i];
+    if (!rotations_.pair_is_inlier[i] ||
+        !IsPlaced(pair.image_idx1, pair.image_idx2)) {
+      continue;
+    }
+    baselines.push_back(Distance(pair.image_idx1, pair.image_idx2));
+  }
+  if (baselines.empty()) return 1.0;
+  const double median = Median(std::move(baselines));
+  return median > 0.0 ? 1.0 / median : 1.0;
 }
 
 void TranslationAverager::WriteEstimate() {
@@ -364,10 +487,21 @@ void TranslationAverager::DescribeSensors() {
 
 }  // namespace
 
+void CheckTranslationOptions(const TranslationAveragingOptions& options) {
+  if (options.objective == TranslationObjective::kDistance &&
+      InputOf(options) != TranslationSource::kRelativeTranslations) {
+    throw Error(
+        "TranslationAveraging.objective 'distance' knows relative "
+        "translations only; leave TranslationAveraging.input out, or give "
+        "another objective");
+  }
+}
+
 TranslationResult AverageTranslations(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const RotationEstimate& rotations, const ObservationGroups& tracks,
     const TranslationAveragingOptions& options, const Context& context) {
+  CheckTranslationOptions(options);
   MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
   MGSFM_CHECK_EQ(bearings.rays.size(), scene.images.size());

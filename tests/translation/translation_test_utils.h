@@ -19,11 +19,15 @@ struct TranslationInput {
   ObservationGroups tracks;
 
   TranslationResult Run(int num_threads = 1) const {
+    return Run(TranslationAveragingOptions(), num_threads);
+  }
+  TranslationResult Run(const TranslationAveragingOptions& options,
+                        int num_threads = 1) const {
     Context context;
     context.num_threads = num_threads;
     return AverageTranslations(simulation.scene, bearings,
                                simulation.view_graph, rotations, tracks,
-                               TranslationAveragingOptions(), context);
+                               options, context);
   }
 };
 

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -27,7 +29,26 @@ namespace mgsfm {
 // Internal rotations are shared by all parts; every part that is connected and
 // has at least `min_num_frames` frames becomes a model with a world of its own.
 
+// Methods to compare, which differ in what they name and share the rest.
+enum class MapperMethod {
+  kMgsfm,    // decoupled rotations; hybrid, non_bilinear
+  kDmraMgp,  // decoupled rotations; tracks, bilinear: global positioning
+  kMma,      // joint rotations; relative_translations, distance
+  kSingle,   // every image a frame of its own, see SeparateImages(); then
+             // tracks, bilinear, as GLOMAP
+};
+
+template <>
+struct EnumTable<MapperMethod> {
+  static constexpr std::pair<std::string_view, MapperMethod> kNames[] = {
+      {"mgsfm", MapperMethod::kMgsfm},
+      {"dmra_mgp", MapperMethod::kDmraMgp},
+      {"mma", MapperMethod::kMma},
+      {"single", MapperMethod::kSingle}};
+};
+
 struct MapperOptions {
+  MapperMethod method = MapperMethod::kMgsfm;
   int min_num_frames = 3;
 
   ViewGraphOptions view_graph;
@@ -39,6 +60,11 @@ struct MapperOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    visit("method", self.method, AnyValue(), "",
+          "mgsfm, or another to compare with: dmra_mgp (global positioning of "
+          "rigs), mma (joint rotations, distances), single (global "
+          "positioning of single images, without rigs). It says what options "
+          "that are auto mean; others are as given.");
     visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
           "Connected parts with fewer frames do not become models.");
     visit.Group("ViewGraph", self.view_graph);
@@ -74,6 +100,12 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
+// The options with RotationAveraging.strategy, TranslationAveraging.input and
+// .objective as the method says where they are auto. Throws Error if they
+// contradict each other.
+MapperOptions ResolveMethod(const MapperOptions& options);
+
+// With the method kSingle all rigs of the scene must have one sensor.
 // No model in the result means that the input held no reconstructable scene;
 // `unregistered_frames` then says why for each frame.
 [[nodiscard]] MapperResult RunMapper(const Scene& scene,

@@ -3,6 +3,8 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -47,7 +49,27 @@ namespace mgsfm {
 // at the final scale (converged), or max_num_iterations.
 // Cost: a sparse Cholesky factorisation of a frames x frames matrix in each
 // iteration, with 3 + 9 K right-hand sides for K unknown sensors.
+//
+// That is the strategy `decoupled`. `joint` (as MMA has it) does without images
+// alone: S_k starts at the median of the relative rotations measured inside
+// frames, or at the identity where the sensors share no view; the frames
+// start by a spanning forest; and step 4 does the rest.
+enum class RotationStrategy {
+  kAuto,  // decoupled
+  kDecoupled,
+  kJoint,
+};
+
+template <>
+struct EnumTable<RotationStrategy> {
+  static constexpr std::pair<std::string_view, RotationStrategy> kNames[] = {
+      {"auto", RotationStrategy::kAuto},
+      {"decoupled", RotationStrategy::kDecoupled},
+      {"joint", RotationStrategy::kJoint}};
+};
+
 struct RotationAveragingOptions {
+  RotationStrategy strategy = RotationStrategy::kAuto;
   double max_error_deg = 10.0;
   int inlier_cap = 200;
   int max_num_l1_iterations = 5;
@@ -57,6 +79,10 @@ struct RotationAveragingOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    visit("strategy", self.strategy, AnyValue(), "",
+          "Internal rotations first and then frames (decoupled), or all at "
+          "once (joint); auto: as the method of the mapper says, else "
+          "decoupled.");
     visit("max_error_deg", self.max_error_deg, Between(0.0, 180.0), "deg",
           "Pairs whose relative rotation differs more are dropped.");
     visit("inlier_cap", self.inlier_cap, AtLeast(1), "matches",

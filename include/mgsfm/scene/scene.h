@@ -83,6 +83,11 @@ struct Scene {
 // a frame, parameter counts with models, identity for reference sensors.
 void CheckConsistent(const Scene& scene);
 
+// The scene without rigs: every sensor is one of its own, and every image is a
+// frame of its own with the name of the image. Images, and so the pairs of a
+// view graph, keep their positions.
+Scene SeparateImages(Scene scene);
+
 // Unit rays in the camera frame of all keypoints; nullopt-like NaN never
 // occurs: a keypoint without a ray has a zero vector and HasRay() is false.
 struct Bearings {

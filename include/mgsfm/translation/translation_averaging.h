@@ -2,6 +2,8 @@
 #pragma once
 
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -40,8 +42,51 @@ namespace mgsfm {
 // Cost: linear in matches and observations but for the scale ratios (squared in
 // the number of pairs of an image) and the sparse factorisations of step 2
 // (3 unknowns a frame), 3 and 5.
+//
+// That is the input `hybrid` with the objective `non_bilinear`. The others are
+// those of the paper's ablation, to compare with:
+// - relative_translations: steps 1 to 3; points are triangulated, no more.
+// - tracks: no pairs. Frames, points (step 5) and free internal translations
+//   start at random (random_start.h), and are solved for once.
+// - bilinear: the residuals of steps 3 and 5 with a scale d >= 0 of each as one
+//   more unknown, v - d C in place of v - C / |C| (bilinear_refinement.h).
+// - distance: steps 1 and 2 alone, which is what MMA does.
+
+enum class TranslationSource {
+  kAuto,  // hybrid; of kDistance relative_translations
+  kRelativeTranslations,
+  kTracks,
+  kHybrid,
+};
+
+template <>
+struct EnumTable<TranslationSource> {
+  static constexpr std::pair<std::string_view, TranslationSource> kNames[] = {
+      {"auto", TranslationSource::kAuto},
+      {"relative_translations", TranslationSource::kRelativeTranslations},
+      {"tracks", TranslationSource::kTracks},
+      {"hybrid", TranslationSource::kHybrid}};
+};
+
+enum class TranslationObjective {
+  kAuto,  // non_bilinear
+  kDistance,
+  kBilinear,
+  kNonBilinear,
+};
+
+template <>
+struct EnumTable<TranslationObjective> {
+  static constexpr std::pair<std::string_view, TranslationObjective> kNames[] =
+      {{"auto", TranslationObjective::kAuto},
+       {"distance", TranslationObjective::kDistance},
+       {"bilinear", TranslationObjective::kBilinear},
+       {"non_bilinear", TranslationObjective::kNonBilinear}};
+};
 
 struct TranslationAveragingOptions {
+  TranslationSource input = TranslationSource::kAuto;
+  TranslationObjective objective = TranslationObjective::kAuto;
   SolverBackend backend = SolverBackend::kNative;
   double min_parallax_deg = 0.3;
   double max_angle_error_deg = 0.5;
@@ -50,9 +95,18 @@ struct TranslationAveragingOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    visit("input", self.input, AnyValue(), "",
+          "What positions are estimated from: relative translations of pairs, "
+          "tracks from a random start, or both (hybrid); auto: as the method "
+          "of the mapper says, else hybrid.");
+    visit("objective", self.objective, AnyValue(), "",
+          "What is minimised: angles (non_bilinear), the same with a scale for "
+          "each observation as unknown (bilinear, by Ceres), or distances "
+          "alone, which need relative_translations; auto: as the method of "
+          "the mapper says, else non_bilinear.");
     visit("backend", self.backend, AnyValue(), "",
-          "Solver of refinements: that of this program, or Ceres with the same "
-          "derivatives, for comparison.");
+          "Solver of non-bilinear refinements: that of this program, or Ceres "
+          "with the same derivatives, for comparison.");
     visit("min_parallax_deg", self.min_parallax_deg, Between(0.0, 60.0), "deg",
           "Matches with less parallax do not vote on relative translations, "
           "nor are points with less used.");
@@ -101,6 +155,9 @@ struct TranslationResult {
   std::vector<char> pair_contradicts;
   TranslationSummary summary;
 };
+
+// Throws Error if options.input and options.objective contradict each other.
+void CheckTranslationOptions(const TranslationAveragingOptions& options);
 
 // All frames with a rotation must be in one connected part. Uses the pairs with
 // rotations.pair_is_inlier. Points of `tracks` that could not be triangulated

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of the experiments, as SVG and PNG, by matplotlib."""
+import math
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
+
+import experiments  # noqa: E402
+
+# The same files for the same results.
+plt.rcParams["svg.hashsalt"] = "mgsfm"
+TRUE_COLOR = "#d1495b"
+COLUMNS = 3
+
+
+def fit_similarity(source, target):
+    """The scaled rotation and shift that map source onto target (Umeyama)."""
+    mean_source, mean_target = source.mean(0), target.mean(0)
+    a, b = source - mean_source, target - mean_target
+    u, d, vt = np.linalg.svd(b.T @ a / len(a))
+    signs = np.ones(3)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0:
+        signs[2] = -1
+    scale = (d * signs).sum() / (a ** 2).sum() * len(a)
+    matrix = scale * u @ np.diag(signs) @ vt
+    return matrix, mean_target - matrix @ mean_source
+
+
+class Path:
+    """An aligned path of the reference camera, in the order of the drive."""
+
+    def __init__(self, truth, model):
+        names = [n for n in sorted(truth) if n in model]
+        true = np.array([truth[n] for n in names])
+        estimate = np.array([model[n] for n in names])
+        matrix, shift = fit_similarity(estimate, true)
+        prefix = reference_prefix(truth)
+        keep = [i for i, n in enumerate(names) if n.startswith(prefix)]
+        self.true = true[keep]
+        self.estimate = (estimate @ matrix.T + shift)[keep]
+        steps = np.linalg.norm(np.diff(self.true, axis=0), axis=1)
+        self.driven = np.concatenate([[0.0], np.cumsum(steps)])
+        self.errors = np.linalg.norm(self.estimate - self.true, axis=1)
+
+
+def reference_prefix(names):
+    first = sorted(names)[0]
+    return first.rpartition("/")[0] + "/" if "/" in first else ""
+
+
+def plane_from_above(points):
+    """Two axes of the plane in which a path mostly lies."""
+    centered = points - points.mean(0)
+    _, _, vt = np.linalg.svd(centered, full_matrices=False)
+    return vt[:2]
+
+
+def save(figure, path):
+    for suffix in (".svg", ".png"):
+        figure.savefig(path.with_name(path.name + suffix), dpi=110,
+                       metadata={"Date": None} if suffix == ".svg" else None)
+    plt.close(figure)
+    print(f"wrote {path}.svg and .png")
+
+
+def draw_paths(paths, truth, path, title):
+    """A map for each method, the estimate over the truth."""
+    prefix = reference_prefix(truth)
+    true = np.array([truth[n] for n in sorted(truth) if n.startswith(prefix)])
+    axes_2d = plane_from_above(true)
+    true = true @ axes_2d.T
+    rows = math.ceil(len(paths) / COLUMNS)
+    columns = min(COLUMNS, len(paths))
+    figure, grid = plt.subplots(rows, columns, squeeze=False,
+                                figsize=(4.2 * columns, 4.0 * rows + 0.5),
+                                sharex=True, sharey=True,
+                                constrained_layout=True)
+    figure.suptitle(title)
+    for axes in grid.flat[len(paths):]:
+        axes.set_visible(False)
+    for axes, (method, one) in zip(grid.flat, paths.items()):
+        estimate = one.estimate @ axes_2d.T
+        axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
+        axes.plot(*estimate.T, color="black", linewidth=1.0, label=method)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"{method}: mean {one.errors.mean():.2f} m")
+        axes.set_xlabel("m")
+        axes.set_ylabel("m")
+        axes.grid(color="#e6e6e6")
+    grid.flat[0].legend(loc="best", fontsize="small")
+    save(figure, path)
+
+
+def draw_errors(paths, path, title):
+    figure, axes = plt.subplots(figsize=(9.0, 4.0), constrained_layout=True)
+    for method, one in paths.items():
+        axes.plot(one.driven, np.maximum(one.errors, 1e-4), label=method,
+                  linewidth=1.2)
+    axes.set_yscale("log")
+    axes.set_xlabel("distance driven (m)")
+    axes.set_ylabel("position error (m)")
+    axes.set_title(title)
+    axes.grid(color="#e6e6e6", which="both")
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    save(figure, path)
+
+
+def draw_runtime(records, path):
+    sequences = list(dict.fromkeys(r["sequence"] for r in records))
+    methods = list(dict.fromkeys(r["method"] for r in records))
+    seconds = {(r["sequence"], r["method"]): r.get("seconds_counted")
+               for r in records}
+    figure, axes = plt.subplots(
+        figsize=(max(7.0, 1.6 + 0.16 * len(sequences) * len(methods)), 4.2),
+        constrained_layout=True)
+    width = 0.8 / len(methods)
+    for k, method in enumerate(methods):
+        at = [i + (k + 0.5) * width - 0.4 for i in range(len(sequences))]
+        axes.bar(at, [seconds.get((s, method)) or np.nan for s in sequences],
+                 width, label=method)
+    axes.set_yscale("log")
+    axes.set_xticks(range(len(sequences)))
+    axes.set_xticklabels(sequences)
+    axes.set_xlabel("sequence")
+    axes.set_ylabel("seconds without\nview-graph construction")
+    axes.grid(color="#e6e6e6", axis="y", which="both")
+    axes.set_axisbelow(True)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    save(figure, path)
+
+
+def draw(work, sequences, records):
+    folder = work / "pictures"
+    folder.mkdir(exist_ok=True)
+    for sequence in sequences:
+        truth = sequence.truth_positions()
+        paths = {}
+        for record in records:
+            if record["sequence"] != sequence.name or "model" not in record:
+                continue
+            model = experiments.read_positions(work / record["model"])
+            if len(set(model) & set(truth)) >= 3:
+                paths[record["method"]] = Path(truth, model)
+        if not paths:
+            continue
+        draw_paths(paths, truth, folder / f"{sequence.name}_paths",
+                   f"{sequence.name}, from above")
+        draw_errors(paths, folder / f"{sequence.name}_errors",
+                    f"{sequence.name}, along the path")
+    draw_runtime(records, folder / "runtime")

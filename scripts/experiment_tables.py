@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The tables of the paper from the records of runs, in several formats."""
+import csv
+import io
+import json
+
+MISSING = "-"
+
+
+class Table:
+    """Rows of cells that are text or numbers; `digits` of numbers."""
+
+    def __init__(self, name, title, header, digits):
+        self.name, self.title, self.header = name, title, header
+        self.digits = digits
+        self.rows = []
+
+    def cell(self, value):
+        if value is None:
+            return MISSING
+        if isinstance(value, str):
+            return value
+        return f"{value:.{self.digits}f}"
+
+    def cells(self):
+        return [[self.cell(v) for v in row] for row in self.rows]
+
+    def text(self):
+        rows = [self.header, *self.cells()]
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ["  ".join(c.ljust(w) if i == 0 else c.rjust(w)
+                           for i, (c, w) in enumerate(zip(row, widths)))
+                 for row in rows]
+        return "\n".join([self.title, *lines]) + "\n"
+
+    def markdown(self):
+        lines = ["| " + " | ".join(row) + " |"
+                 for row in [self.header, *self.cells()]]
+        lines.insert(1, "|---" + "|---:" * (len(self.header) - 1) + "|")
+        return "\n".join([f"**{self.title}**", "", *lines]) + "\n"
+
+    def csv(self):
+        out = io.StringIO()
+        csv.writer(out, lineterminator="\n").writerows(
+            [["table", *self.header],
+             *[[self.name, *row] for row in self.cells()]])
+        return out.getvalue()
+
+    def latex(self):
+        def escape(text):
+            return text.replace("_", r"\_").replace("%", r"\%")
+        lines = [" & ".join(map(escape, row)) + r" \\"
+                 for row in [self.header, *self.cells()]]
+        lines.insert(1, r"\hline")
+        return "\n".join([
+            r"\begin{table}", r"\centering",
+            r"\begin{tabular}{l" + "r" * (len(self.header) - 1) + "}",
+            *lines, r"\end{tabular}", rf"\caption{{{escape(self.title)}}}",
+            r"\end{table}"]) + "\n"
+
+    def json(self):
+        return {"name": self.name, "title": self.title,
+                "header": self.header, "rows": self.rows}
+
+
+def statistic(record, kind, name):
+    values = ((record or {}).get("errors") or {}).get(kind)
+    return values[name] if values else None
+
+
+def accuracy(records, sequences, methods, kind, unit):
+    quantity = kind.split("_")[0]
+    table = Table(f"{quantity}_error",
+                  f"{quantity.capitalize()} error of images, median / mean "
+                  f"({unit})", ["sequence", *methods], 3)
+    for sequence in sequences:
+        row = [sequence]
+        for method in methods:
+            record = records.get((sequence, method))
+            values = [statistic(record, kind, n) for n in ("median", "mean")]
+            row.append(MISSING if None in values else
+                       f"{values[0]:.3f} / {values[1]:.3f}")
+        table.rows.append(row)
+    return table
+
+
+def registered(records, sequences, methods):
+    table = Table("registered", "Registered images", ["sequence", *methods], 0)
+    for sequence in sequences:
+        row = [sequence]
+        for method in methods:
+            errors = records.get((sequence, method), {}).get("errors")
+            row.append(f"{errors['num_registered']} / {errors['num_images']}"
+                       if errors else MISSING)
+        table.rows.append(row)
+    return table
+
+
+def areas(records, sequences, methods):
+    table = Table("position_auc",
+                  "Area under the curve of position errors (%)", [], 1)
+    thresholds = []
+    for record in records.values():
+        for area in (record.get("errors") or {}).get("position_auc", []):
+            if area["threshold"] not in thresholds:
+                thresholds.append(area["threshold"])
+    table.header = ["sequence", *[f"{m} @ {t:g} m" for m in methods
+                                  for t in thresholds]]
+    for sequence in sequences:
+        row = [sequence]
+        for method in methods:
+            errors = records.get((sequence, method), {}).get("errors") or {}
+            found = {a["threshold"]: 100.0 * a["area"]
+                     for a in errors.get("position_auc", [])}
+            row += [found.get(t) for t in thresholds]
+        table.rows.append(row)
+    return table
+
+
+def internal_poses(records, sequences, methods):
+    table = Table("internal_poses",
+                  "Errors of cameras in the rig: rotation, direction of "
+                  "translation (deg), length (%)",
+                  ["sequence, camera", *methods], 3)
+    for sequence in sequences:
+        by_camera = {}
+        for method in methods:
+            errors = records.get((sequence, method), {}).get("errors") or {}
+            for sensor in errors.get("sensors", []):
+                by_camera.setdefault(sensor["name"], {})[method] = sensor
+        for camera, found in by_camera.items():
+            row = [f"{sequence}, {camera}"]
+            for method in methods:
+                row.append(internal_cell(found.get(method)))
+            table.rows.append(row)
+    return table
+
+
+def internal_cell(sensor):
+    if not sensor or sensor["direction_deg"] is None:
+        return MISSING
+    length = 100.0 * (sensor["length_m"] / sensor["true_length_m"] - 1.0)
+    return (f"{sensor['rotation_deg']:.3f}, {sensor['direction_deg']:.3f}, "
+            f"{length:+.2f}")
+
+
+def runtime(records, sequences, methods):
+    table = Table("runtime",
+                  "Seconds without view-graph construction (reading, relative "
+                  "poses and writing left out)", ["sequence", *methods], 2)
+    for sequence in sequences:
+        table.rows.append([sequence, *[
+            records.get((sequence, m), {}).get("seconds_counted")
+            for m in methods]])
+    return table
+
+
+def translation_seconds(records, sequences, methods):
+    table = Table("translation_averaging",
+                  "Seconds of translation averaging", ["sequence", *methods],
+                  2)
+    for sequence in sequences:
+        row = [sequence]
+        for method in methods:
+            stages = records.get((sequence, method), {}).get("stages", {})
+            stage = stages.get("translation averaging")
+            row.append(stage["seconds"] if stage else None)
+        table.rows.append(row)
+    return table
+
+
+def memory(records, sequences, methods):
+    table = Table("peak_memory", "Peak memory (MiB)", ["sequence", *methods], 0)
+    for sequence in sequences:
+        table.rows.append([sequence, *[
+            records.get((sequence, m), {}).get("peak_memory_mib")
+            for m in methods]])
+    return table
+
+
+def ablation(records, sequences, names, same_as):
+    table = Table("ablation",
+                  "Inputs and objectives of translation averaging: position "
+                  "error, median / mean (m)", ["sequence", *names], 3)
+    for sequence in sequences:
+        row = [sequence]
+        for name in names:
+            record = records.get((sequence, same_as.get(name, name)))
+            values = [statistic(record, "position_m", n)
+                      for n in ("median", "mean")]
+            row.append(MISSING if None in values else
+                       f"{values[0]:.3f} / {values[1]:.3f}")
+        table.rows.append(row)
+    return table
+
+
+def make_tables(records, methods, ablation_names, same_as):
+    sequences = list(dict.fromkeys(r["sequence"] for r in records))
+    by_name = {(r["sequence"], r["method"]): r for r in records}
+    main = [m for m in methods if m not in ablation_names]
+    tables = []
+    if main:
+        tables += [
+            accuracy(by_name, sequences, main, "rotation_deg", "deg"),
+            accuracy(by_name, sequences, main, "position_m", "m"),
+            areas(by_name, sequences, main),
+            registered(by_name, sequences, main),
+            internal_poses(by_name, sequences, main)]
+    if any(m in ablation_names for m in methods):
+        tables.append(ablation(by_name, sequences, ablation_names, same_as))
+    return tables + [runtime(by_name, sequences, methods),
+                     translation_seconds(by_name, sequences, methods),
+                     memory(by_name, sequences, methods)]
+
+
+def write_tables(tables, path, description):
+    """PATH.txt, .md, .csv, .tex and .json; the text also to the screen."""
+    text = "\n".join(t.text() for t in tables)
+    print("\n" + text, end="")
+    path.with_suffix(".txt").write_text(text)
+    path.with_suffix(".md").write_text(
+        "\n".join(t.markdown() for t in tables))
+    path.with_suffix(".csv").write_text("\n".join(t.csv() for t in tables))
+    path.with_suffix(".tex").write_text("\n".join(t.latex() for t in tables))
+    path.with_suffix(".json").write_text(json.dumps(
+        {**description, "tables": [t.json() for t in tables]}, indent=2)
+        + "\n")
+    print(f"\nwrote {path}.txt, .md, .csv, .tex and .json")

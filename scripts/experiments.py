@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the drivers of data sets share: methods, steps that resume, tables.
+
+A driver lists its sequences; run() makes the database of each, maps it with
+each method, evaluates the models, and writes tables and pictures. Every step
+leaves a file of its own in the folder of work, and what is there is not done
+again.
+"""
+import argparse
+import json
+import os
+import pathlib
+import re
+import shutil
+import struct
+import subprocess
+import sys
+
+import experiment_tables
+import measuring
+
+INPUTS = {"translations": "relative_translations", "tracks": "tracks",
+          "hybrid": "hybrid"}
+OBJECTIVES = ("bilinear", "non_bilinear")
+# The runs of the ablation that a method does anyway.
+SAME_AS = {"tracks_bilinear": "dmra_mgp", "hybrid_non_bilinear": "mgsfm"}
+ABLATION = [f"{name}_{objective}" for name in INPUTS
+            for objective in OBJECTIVES]
+OURS = ["mgsfm", "dmra_mgp", "mma", "single"]
+EXTERNAL = {
+    "colmap": ["colmap", "mapper"],
+    "glomap": ["glomap", "mapper"],
+    "colmap_global": ["colmap", "global_mapper"],
+}
+# Of the time of the paper's tables.
+NOT_COUNTED = ("reading", "view graph", "writing")
+
+
+def options_of(method):
+    """Those of `mgsfm mapper`."""
+    if method in OURS:
+        return ["--method", method]
+    name, objective = method.split("_", 1)
+    return ["--TranslationAveraging.input", INPUTS[name],
+            "--TranslationAveraging.objective", objective]
+
+
+class Sequence:
+    """One drive: images or a database, and what is true of it."""
+
+    def __init__(self, name, database=None, image_path=None, image_list=(),
+                 camera_lines=(), mask_path=None, mapper_options=(),
+                 truth=(), truth_positions=None, rig_prefixes=()):
+        self.name = name
+        self.database = database  # given; else features are extracted
+        self.image_path = image_path
+        self.image_list = image_list
+        self.camera_lines = camera_lines  # of --ImageReader.camera_params_path
+        self.mask_path = mask_path
+        self.mapper_options = list(mapper_options)
+        # Prefixes of the cameras, the reference first, where folders do not
+        # tell them.
+        self.rig_prefixes = list(rig_prefixes)
+        self.truth = list(truth)  # options of model_evaluator
+        # Gives {image name: position}, for pictures.
+        self.truth_positions = truth_positions or dict
+
+
+def program_version(program):
+    """The first line with a version in what a program says, or None."""
+    if shutil.which(program) is None:
+        return None
+    said = subprocess.run([program, "-h"], capture_output=True, text=True,
+                          env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+                          check=False)
+    for line in (said.stdout + said.stderr).splitlines():
+        if re.search(r"\d+\.\d+", line):
+            return line.strip()
+    return "unknown version"
+
+
+def has_command(program, command):
+    said = subprocess.run([program, "help"], capture_output=True, text=True,
+                          env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+                          check=False)
+    return command in said.stdout + said.stderr
+
+
+def find_external():
+    """{method: version} of those that are installed."""
+    found = {}
+    for method, (program, command) in EXTERNAL.items():
+        version = program_version(program)
+        if version and has_command(program, command):
+            found[method] = version
+    return found
+
+
+def png_size(path):
+    with open(path, "rb") as file:
+        header = file.read(24)
+    if header[:8] != b"\x89PNG\r\n\x1a\n":
+        raise SystemExit(f"{path} is no PNG")
+    return struct.unpack(">II", header[16:24])
+
+
+def rotation_to_quaternion(r):
+    """w, x, y, z of a rotation matrix (rows)."""
+    trace = r[0][0] + r[1][1] + r[2][2]
+    k = max(range(3), key=lambda i: r[i][i])
+    if trace > r[k][k]:
+        s = 2.0 * (1.0 + trace) ** 0.5
+        return (s / 4, (r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s,
+                (r[1][0] - r[0][1]) / s)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    s = 2.0 * (1.0 + r[k][k] - r[i][i] - r[j][j]) ** 0.5
+    q = [0.0] * 4
+    q[0] = (r[j][i] - r[i][j]) / s
+    q[1 + k], q[1 + i], q[1 + j] = (s / 4, (r[i][k] + r[k][i]) / s,
+                                    (r[j][k] + r[k][j]) / s)
+    return tuple(q)
+
+
+def write_truth(folder, camera_lines, poses):
+    """A model of COLMAP's without points, of {name: (folder, world_from_cam)}.
+
+    Matrices are 4 x 4, folders those of camera_lines.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    ids = {}
+    with open(folder / "cameras.txt", "w", encoding="utf-8") as file:
+        for camera_id, line in enumerate(camera_lines, 1):
+            name, rest = line.split(maxsplit=1)
+            ids[name] = camera_id
+            file.write(f"{camera_id} {rest}\n")
+    with open(folder / "images.txt", "w", encoding="utf-8") as file:
+        for image_id, (name, (camera, pose)) in enumerate(poses.items(), 1):
+            r = [[pose[k][i] for k in range(3)] for i in range(3)]
+            t = [-sum(r[i][k] * pose[k][3] for k in range(3))
+                 for i in range(3)]
+            numbers = [*rotation_to_quaternion(r), *t]
+            file.write(f"{image_id} {' '.join(map(repr, map(float, numbers)))}"
+                       f" {ids[camera]} {name}\n\n")
+    (folder / "points3D.txt").write_text("")
+
+
+def write_json(path, value):
+    """All of it or nothing."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(json.dumps(value, indent=2) + "\n")
+    part.replace(path)
+
+
+class Runner:
+    def __init__(self, arguments):
+        self.program = arguments.program
+        self.threads = arguments.threads
+        self.work = pathlib.Path(arguments.work)
+        self.time_limit = arguments.time_limit
+        self.extra = arguments.mapper_options.split()
+
+    def mgsfm(self, command, *options):
+        return [self.program, command, "--log_level", "warning",
+                "--num_threads", self.threads, *map(str, options)]
+
+    def must(self, command, log_path):
+        measured = measuring.run_logged(command, log_path)
+        if measured["exit_code"] != 0:
+            sys.stderr.write(log_path.read_text(errors="replace")[-2000:])
+            raise SystemExit(f"failed: {' '.join(map(str, command))}")
+        return measured
+
+    def folder(self, sequence):
+        folder = self.work / sequence.name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def make_database(self, sequence):
+        """Features and matches, unless they are given or done."""
+        if sequence.database:
+            return pathlib.Path(sequence.database)
+        folder = self.folder(sequence)
+        database = folder / "database.db"
+        done = folder / "view_graph.json"
+        if done.exists():
+            return database
+        print(f"{sequence.name}: features and matches", flush=True)
+        image_list = folder / "images.txt"
+        image_list.write_text("".join(f"{n}\n" for n in sequence.image_list))
+        cameras = folder / "cameras.txt"
+        cameras.write_text("".join(f"{c}\n" for c in sequence.camera_lines))
+        masks = (["--ImageReader.mask_path", sequence.mask_path]
+                 if sequence.mask_path else [])
+        # Both go on where they were interrupted.
+        features = self.must(self.mgsfm(
+            "feature_extractor", "--database_path", database,
+            "--image_path", sequence.image_path, "--image_list_path",
+            image_list, "--ImageReader.camera_params_path", cameras, *masks),
+            folder / "features.log")
+        if sequence.rig_prefixes:
+            config = folder / "rig_config.json"
+            cameras = [{"image_prefix": p} for p in sequence.rig_prefixes]
+            cameras[0]["ref_sensor"] = True
+            write_json(config, [{"cameras": cameras}])
+            self.must(self.mgsfm("rig_configurator", "--database_path",
+                                 database, "--rig_config_path", config),
+                      folder / "rig.log")
+        matches = self.must(self.mgsfm(
+            "sequential_matcher", "--database_path", database),
+            folder / "matches.log")
+        write_json(done, {"features": features, "matches": matches})
+        return database
+
+    def map(self, sequence, method):
+        """The record of a run, from its file if it was done before."""
+        folder = self.folder(sequence)
+        done = folder / f"{method}.json"
+        if done.exists():
+            return json.loads(done.read_text())
+        database = self.make_database(sequence)
+        model = folder / method
+        log = folder / f"{method}.log"
+        if method in EXTERNAL:
+            record = self.map_external(method, database, sequence, model, log)
+        else:
+            record = self.map_ours(method, database, sequence, model, log)
+        record.update({"sequence": sequence.name, "method": method})
+        chosen = largest_model(model)
+        if chosen and record["exit_code"] == 0:
+            record["model"] = str(chosen.relative_to(self.work))
+            record["errors"] = self.evaluate(sequence, database, chosen,
+                                             folder / f"{method}.errors.json")
+        write_json(done, record)
+        print_record(record)
+        return record
+
+    def map_ours(self, method, database, sequence, model, log):
+        command = self.mgsfm(
+            "mapper", "--database_path", database, "--output_path", model,
+            *sequence.mapper_options, *options_of(method), *self.extra)
+        record = measuring.run_logged(command, log, self.time_limit)
+        record["command"] = " ".join(map(str, command))
+        if record["exit_code"] == 0:
+            report = json.loads((model / "report.json").read_text())
+            record["stages"] = measuring.stages_of(report)
+            record["seconds_counted"] = sum(
+                stage["seconds"] for name, stage in record["stages"].items()
+                if name not in NOT_COUNTED)
+        return record
+
+    def map_external(self, method, database, sequence, model, log):
+        shutil.rmtree(model, ignore_errors=True)
+        model.mkdir()
+        # They may write to the database.
+        copy = model / "database.db"
+        shutil.copyfile(database, copy)
+        command = [*EXTERNAL[method], "--database_path", copy,
+                   "--output_path", model, "--image_path",
+                   sequence.image_path or model]
+        if method == "colmap":
+            command += ["--Mapper.num_threads", self.threads,
+                        "--Mapper.extract_colors", 0,
+                        "--Mapper.ba_refine_focal_length", 0,
+                        "--Mapper.ba_refine_extra_params", 0,
+                        "--Mapper.init_min_tri_angle", 4,
+                        "--Mapper.init_max_forward_motion", 1]
+        os.environ["QT_QPA_PLATFORM"] = "offscreen"
+        record = measuring.run_logged(command, log, self.time_limit)
+        copy.unlink()
+        record["command"] = " ".join(map(str, command))
+        record["seconds_counted"] = record["seconds"]
+        return record
+
+    def evaluate(self, sequence, database, model, path):
+        if not sequence.truth:
+            return None
+        self.must(self.mgsfm("model_evaluator", "--input_path", model,
+                             "--json", path, *sequence.truth),
+                  path.with_suffix(".log"))
+        return json.loads(path.read_text())
+
+
+def largest_model(folder):
+    """The sub-folder whose model has most images, or None."""
+    best, most = None, 0
+    for images in sorted(folder.glob("*/images.bin")):
+        with open(images, "rb") as file:
+            (count,) = struct.unpack("<Q", file.read(8))
+        if count > most:
+            best, most = images.parent, count
+    return best
+
+
+def center(quaternion, translation):
+    """-R^T t of a pose of an image."""
+    w, x, y, z = quaternion
+    a, b, c = translation
+    rows = ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+            (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+            (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)))
+    return tuple(-(rows[0][i] * a + rows[1][i] * b + rows[2][i] * c)
+                 for i in range(3))
+
+
+def read_positions(model):
+    """{image name: position of the camera} of a model of COLMAP's."""
+    if (model / "images.bin").exists():
+        return read_binary_positions(model / "images.bin")
+    positions = {}
+    lines = [line for line in (model / "images.txt").read_text().splitlines()
+             if not line.startswith("#")]
+    for line in lines[::2]:
+        words = line.split(maxsplit=9)
+        numbers = list(map(float, words[1:8]))
+        positions[words[9]] = center(numbers[:4], numbers[4:])
+    return positions
+
+
+def read_binary_positions(path):
+    data = path.read_bytes()
+    (count,) = struct.unpack_from("<Q", data)
+    positions, at = {}, 8
+    for _ in range(count):
+        numbers = struct.unpack_from("<7d", data, at + 4)
+        at += 4 + 56 + 4
+        end = data.index(b"\0", at)
+        positions[data[at:end].decode()] = center(numbers[:4], numbers[4:])
+        (num_points,) = struct.unpack_from("<Q", data, end + 1)
+        at = end + 9 + 24 * num_points
+    return positions
+
+
+def print_record(record):
+    line = f"{record['sequence']:12} {record['method']:26}"
+    errors = record.get("errors")
+    if record["exit_code"] != 0:
+        why = "time limit" if record["is_stopped"] else "no model"
+        print(f"{line} {why} after {record['seconds']:.1f} s", flush=True)
+        return
+    line += f" {record.get('seconds_counted', record['seconds']):8.1f} s"
+    if errors and errors.get("position_m"):
+        line += (f"  position {errors['position_m']['mean']:.4f} m"
+                 f"  rotation {errors['rotation_deg']['mean']:.4f} deg"
+                 f"  {errors['num_registered']} of {errors['num_images']}")
+    print(line, flush=True)
+
+
+def choose_methods(text, external):
+    """From the words of --methods."""
+    chosen = []
+    for word in text.split(","):
+        if word == "all":
+            chosen += [*OURS, *external, *ABLATION]
+        elif word == "paper":
+            chosen += [*OURS, *external]
+        elif word == "ablation":
+            chosen += ABLATION
+        elif word in OURS or word in ABLATION or word in external:
+            chosen.append(word)
+        elif word in EXTERNAL:
+            raise SystemExit(f"{word} is not installed")
+        else:
+            raise SystemExit(
+                f"unknown method '{word}'; there are all, paper, ablation, "
+                + ", ".join([*OURS, *EXTERNAL, *ABLATION]))
+    return list(dict.fromkeys(SAME_AS.get(m, m) for m in chosen))
+
+
+def argument_parser(description, default_work):
+    parser = argparse.ArgumentParser(
+        description=description,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    parser.add_argument("root", help="the data set as it was downloaded")
+    parser.add_argument("--sequences", default="",
+                        help="separated by commas; all that are there if empty")
+    parser.add_argument("--methods", default="paper",
+                        help="separated by commas: all, paper, ablation, or "
+                        "names")
+    parser.add_argument("--work", default=default_work,
+                        help="folder of results; what is there is not done "
+                        "again")
+    parser.add_argument("--program",
+                        default="build/release/apps/mgsfm/mgsfm")
+    parser.add_argument("--threads", type=int, default=os.cpu_count())
+    parser.add_argument("--time_limit", type=float, default=3600.0,
+                        help="of a mapper, in seconds")
+    parser.add_argument("--mapper_options", default="",
+                        help="further ones of mgsfm mapper, in one word")
+    parser.add_argument("--no_pictures", action="store_true")
+    return parser
+
+
+def run(arguments, sequences, title):
+    external = find_external()
+    for method, version in external.items():
+        print(f"{method}: {version}")
+    methods = choose_methods(arguments.methods, external)
+    runner = Runner(arguments)
+    runner.work.mkdir(parents=True, exist_ok=True)
+    records = [runner.map(sequence, method)
+               for sequence in sequences for method in methods]
+    tables = experiment_tables.make_tables(records, methods, ABLATION, SAME_AS)
+    experiment_tables.write_tables(tables, runner.work / "tables", {
+        "title": title, "versions": external, "records": records})
+    if not arguments.no_pictures:
+        import experiment_pictures  # needs matplotlib
+        experiment_pictures.draw(runner.work, sequences, records)
