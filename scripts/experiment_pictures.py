@@ -66,6 +66,15 @@ def save(figure, path):
     print(f"wrote {path}.svg and .png")
 
 
+def set_limits(axes, points):
+    """Around the truth, whatever the estimates are, and not too narrow."""
+    low, high = points.min(0), points.max(0)
+    middle = 0.5 * (low + high)
+    half = 0.6 * np.maximum(high - low, 0.4 * (high - low).max())
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+
+
 def draw_paths(paths, truth, path, title):
     """A map for each method, the estimate over the truth."""
     prefix = reference_prefix(truth)
@@ -85,11 +94,12 @@ def draw_paths(paths, truth, path, title):
         estimate = one.estimate @ axes_2d.T
         axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
         axes.plot(*estimate.T, color="black", linewidth=1.0, label=method)
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
         axes.set_title(f"{method}: mean {one.errors.mean():.2f} m")
         axes.set_xlabel("m")
         axes.set_ylabel("m")
         axes.grid(color="#e6e6e6")
+    set_limits(grid.flat[0], true)
     grid.flat[0].legend(loc="best", fontsize="small")
     save(figure, path)
 

@@ -12,6 +12,7 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -391,6 +392,8 @@ def argument_parser(description, default_work):
 
 
 def run(arguments, sequences, title):
+    # So that what was started ends, too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     external = find_external()
     for method, version in external.items():
         print(f"{method}: {version}")
