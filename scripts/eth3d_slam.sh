@@ -9,4 +9,4 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 scripts/eth3d_slam.py "$@"
+exec /usr/bin/python3 -B scripts/eth3d_slam.py "$@"

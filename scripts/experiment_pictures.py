@@ -66,16 +66,36 @@ def save(figure, path):
     print(f"wrote {path}.svg and .png")
 
 
+def limits_around(points):
+    """Of the truth, whatever the estimates are, and not too narrow."""
+    low, high = points.min(0), points.max(0)
+    middle = 0.5 * (low + high)
+    half = 0.6 * np.maximum(high - low, 0.4 * (high - low).max())
+    return middle - half, middle + half
+
+
+def set_log_scale(axes):
+    """From one power of ten to another."""
+    axes.set_yscale("log")
+    low, high = axes.dataLim.intervaly
+    low = axes.dataLim.minposy if low <= 0.0 else low
+    axes.set_ylim(10.0 ** math.floor(math.log10(low)),
+                  10.0 ** math.ceil(math.log10(high)))
+    axes.yaxis.set_major_formatter("{x:g}")
+
+
 def draw_paths(paths, truth, path, title):
     """A map for each method, the estimate over the truth."""
     prefix = reference_prefix(truth)
     true = np.array([truth[n] for n in sorted(truth) if n.startswith(prefix)])
     axes_2d = plane_from_above(true)
     true = true @ axes_2d.T
+    low, high = limits_around(true)
+    height = 3.6 * (high[1] - low[1]) / (high[0] - low[0]) + 0.8
     rows = math.ceil(len(paths) / COLUMNS)
     columns = min(COLUMNS, len(paths))
     figure, grid = plt.subplots(rows, columns, squeeze=False,
-                                figsize=(4.2 * columns, 4.0 * rows + 0.5),
+                                figsize=(4.2 * columns, height * rows + 0.4),
                                 sharex=True, sharey=True,
                                 constrained_layout=True)
     figure.suptitle(title)
@@ -85,11 +105,13 @@ def draw_paths(paths, truth, path, title):
         estimate = one.estimate @ axes_2d.T
         axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
         axes.plot(*estimate.T, color="black", linewidth=1.0, label=method)
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal")
         axes.set_title(f"{method}: mean {one.errors.mean():.2f} m")
         axes.set_xlabel("m")
         axes.set_ylabel("m")
         axes.grid(color="#e6e6e6")
+    grid.flat[0].set_xlim(low[0], high[0])
+    grid.flat[0].set_ylim(low[1], high[1])
     grid.flat[0].legend(loc="best", fontsize="small")
     save(figure, path)
 
@@ -99,7 +121,7 @@ def draw_errors(paths, path, title):
     for method, one in paths.items():
         axes.plot(one.driven, np.maximum(one.errors, 1e-4), label=method,
                   linewidth=1.2)
-    axes.set_yscale("log")
+    set_log_scale(axes)
     axes.set_xlabel("distance driven (m)")
     axes.set_ylabel("position error (m)")
     axes.set_title(title)
@@ -121,7 +143,7 @@ def draw_runtime(records, path):
         at = [i + (k + 0.5) * width - 0.4 for i in range(len(sequences))]
         axes.bar(at, [seconds.get((s, method)) or np.nan for s in sequences],
                  width, label=method)
-    axes.set_yscale("log")
+    set_log_scale(axes)
     axes.set_xticks(range(len(sequences)))
     axes.set_xticklabels(sequences)
     axes.set_xlabel("sequence")

@@ -12,6 +12,7 @@ import os
 import pathlib
 import re
 import shutil
+import signal
 import struct
 import subprocess
 import sys
@@ -121,27 +122,49 @@ def rotation_to_quaternion(r):
     return tuple(q)
 
 
-def write_truth(folder, camera_lines, poses):
-    """A model of COLMAP's without points, of {name: (folder, world_from_cam)}.
+def pose_text(pose):
+    """Quaternion and translation of the inverse of a 4 x 4 matrix."""
+    r = [[pose[k][i] for k in range(3)] for i in range(3)]
+    t = [-sum(r[i][k] * pose[k][3] for k in range(3)) for i in range(3)]
+    return " ".join(repr(float(n)) for n in [*rotation_to_quaternion(r), *t])
 
-    Matrices are 4 x 4, folders those of camera_lines.
+
+def write_truth(folder, camera_lines, rig_from_cam, frames):
+    """A model of COLMAP's without points.
+
+    rig_from_cam has a 4 x 4 matrix for each folder of camera_lines, the first
+    the identity. frames: {name: world_from_rig}; image names are
+    folder/name.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    ids = {}
+    cameras = [line.split(maxsplit=1)[0] for line in camera_lines]
     with open(folder / "cameras.txt", "w", encoding="utf-8") as file:
-        for camera_id, line in enumerate(camera_lines, 1):
-            name, rest = line.split(maxsplit=1)
-            ids[name] = camera_id
-            file.write(f"{camera_id} {rest}\n")
-    with open(folder / "images.txt", "w", encoding="utf-8") as file:
-        for image_id, (name, (camera, pose)) in enumerate(poses.items(), 1):
-            r = [[pose[k][i] for k in range(3)] for i in range(3)]
-            t = [-sum(r[i][k] * pose[k][3] for k in range(3))
-                 for i in range(3)]
-            numbers = [*rotation_to_quaternion(r), *t]
-            file.write(f"{image_id} {' '.join(map(repr, map(float, numbers)))}"
-                       f" {ids[camera]} {name}\n\n")
+        for k, line in enumerate(camera_lines, 1):
+            file.write(f"{k} {line.split(maxsplit=1)[1]}\n")
+    with open(folder / "rigs.txt", "w", encoding="utf-8") as file:
+        others = "".join(f" CAMERA {k} 1 {pose_text(rig_from_cam[camera])}"
+                         for k, camera in enumerate(cameras[1:], 2))
+        file.write(f"1 {len(cameras)} CAMERA 1{others}\n")
+    images = open(folder / "images.txt", "w", encoding="utf-8")
+    rows = open(folder / "frames.txt", "w", encoding="utf-8")
+    with images, rows:
+        image_id = 0
+        for frame_id, (name, pose) in enumerate(frames.items(), 1):
+            data = ""
+            for k, camera in enumerate(cameras, 1):
+                image_id += 1
+                data += f" CAMERA {k} {image_id}"
+                world_from_cam = product(pose, rig_from_cam[camera])
+                images.write(f"{image_id} {pose_text(world_from_cam)} {k} "
+                             f"{camera}/{name}\n\n")
+            rows.write(f"{frame_id} 1 {pose_text(pose)} {len(cameras)}{data}\n")
     (folder / "points3D.txt").write_text("")
+
+
+def product(a, b):
+    """Of 4 x 4 matrices."""
+    return [[sum(a[i][k] * b[k][j] for k in range(4)) for j in range(4)]
+            for i in range(4)]
 
 
 def write_json(path, value):
@@ -391,6 +414,8 @@ def argument_parser(description, default_work):
 
 
 def run(arguments, sequences, title):
+    # So that what was started ends, too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     external = find_external()
     for method, version in external.items():
         print(f"{method}: {version}")

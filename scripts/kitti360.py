@@ -73,24 +73,25 @@ def make_sequence(root, drive, cameras, calibration, step, work):
     poses = read_matrices(
         root / "data_poses" / drive / "cam0_to_world.txt", 4)
     numbers = sorted(poses, key=int)[::step]
-    names, lines, truth = [], [], {}
+    names, lines = [], []
+    files = [f"{int(n):010}.png" for n in numbers]
     for camera in cameras:
         folder = images / folder_of(camera)
-        found = [f"{int(n):010}.png" for n in numbers
-                 if (folder / f"{int(n):010}.png").exists()]
+        found = [f for f in files if (folder / f).exists()]
         if not found:
             raise SystemExit(f"{folder} has no image with a pose")
         lines.append(calibration.line(
             camera, experiments.png_size(folder / found[0])))
-        for file in found:
-            name = f"{folder_of(camera)}/{file}"
-            names.append(name)
-            truth[name] = (folder_of(camera),
-                           poses[str(int(file[:10]))]
-                           @ calibration.cam0_from[camera])
+        names += [f"{folder_of(camera)}/{f}" for f in found]
+    reference_from_cam0 = np.linalg.inv(calibration.cam0_from[cameras[0]])
     name = drive.split("_")[-2] if "_drive_" in drive else drive
     folder = work / name / "truth"
-    experiments.write_truth(folder, lines, truth)
+    experiments.write_truth(
+        folder, lines,
+        {folder_of(c): reference_from_cam0 @ calibration.cam0_from[c]
+         for c in cameras},
+        {f: poses[n] @ calibration.cam0_from[cameras[0]]
+         for f, n in zip(files, numbers)})
     masks = images / "masks"
     return experiments.Sequence(
         name, image_path=images, image_list=names, camera_lines=lines,

@@ -12,4 +12,4 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 scripts/kitti360.py "$@"
+exec /usr/bin/python3 -B scripts/kitti360.py "$@"

@@ -12,4 +12,4 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 scripts/kitti_odometry.py "$@"
+exec /usr/bin/python3 -B scripts/kitti_odometry.py "$@"

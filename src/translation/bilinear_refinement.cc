@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <memory>
 #include <utility>
 
 #include "mgsfm/base/error.h"
@@ -197,13 +196,11 @@ class BilinearProblem {
   // With a scale of its own.
   double* AddBilinear(const Difference& difference, const Vector3d& direction,
                       double min_length, double weight);
-  std::shared_ptr<ceres::ParameterBlockOrdering> Ordering() const;
 
   const RefinementInput& input_;
   const RefinementOptions& options_;
   const Positions& positions_;
   const size_t num_frames_;
-  // Ceres orders blocks by address, so those of one kind are in one array.
   std::vector<Vector3d> cameras_;  // frames, then sensors
   std::vector<Vector3d> points_;
   std::vector<double> scales_;
@@ -332,30 +329,11 @@ void BilinearProblem::HoldGauge() {
   }
 }
 
-std::shared_ptr<ceres::ParameterBlockOrdering> BilinearProblem::Ordering()
-    const {
-  enum Group { kScales, kPoints, kCameras };
-  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  std::vector<double*> blocks;
-  problem_.GetParameterBlocks(&blocks);
-  for (double* block : blocks) {
-    ordering->AddElementToGroup(
-        block, problem_.ParameterBlockSize(block) == 1 ? kScales : kCameras);
-  }
-  for (const Vector3d& point : points_) {
-    double* block = const_cast<double*>(point.data());
-    if (problem_.HasParameterBlock(block)) {
-      ordering->AddElementToGroup(block, kPoints);
-    }
-  }
-  return ordering;
-}
-
 SolveSummary BilinearProblem::Solve(int max_num_iterations,
                                     const Context& context) {
   ceres::Solver::Options options;
-  options.linear_solver_type = ceres::SPARSE_SCHUR;
-  options.linear_solver_ordering = Ordering();
+  // Twice as fast here as SPARSE_SCHUR with scales eliminated first.
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   options.max_num_iterations = max_num_iterations;
   options.function_tolerance = options_.function_tolerance;
   options.num_threads = 1;

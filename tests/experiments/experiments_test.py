@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tests the drivers of data sets on small folders of their form.
+
+usage: experiments_test.py PROGRAM
+"""
+import json
+import math
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+SCRIPTS = pathlib.Path(__file__).resolve().parents[2] / "scripts"
+sys.path.insert(0, str(SCRIPTS))
+import experiment_tables  # noqa: E402
+import experiments  # noqa: E402
+
+try:
+    import mei_camera
+except ImportError:
+    mei_camera = None
+
+PROGRAM = sys.argv.pop(1)
+
+
+def turn(axis, angle):
+    """Rotation matrix and quaternion about one of the axes."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    rows = [[float(r == c) for c in range(3)] for r in range(3)]
+    rows[i][i] = rows[j][j] = math.cos(angle)
+    rows[j][i], rows[i][j] = math.sin(angle), -math.sin(angle)
+    quaternion = [math.cos(angle / 2), 0.0, 0.0, 0.0]
+    quaternion[1 + axis] = math.sin(angle / 2)
+    return rows, quaternion
+
+
+class RotationTest(unittest.TestCase):
+    def test_quaternions_of_turns(self):
+        for axis in range(3):
+            for angle in (0.0, 0.3, -1.2, 3.0):
+                rows, quaternion = turn(axis, angle)
+                found = experiments.rotation_to_quaternion(rows)
+                sign = math.copysign(1.0, sum(
+                    a * b for a, b in zip(found, quaternion)))
+                for a, b in zip(found, quaternion):
+                    self.assertAlmostEqual(sign * a, b, places=12)
+
+
+class TruthTest(unittest.TestCase):
+    def test_positions_are_those_of_the_cameras(self):
+        def pose(angle, position):
+            rows, _ = turn(1, angle)
+            return [row + [p] for row, p in zip(rows, position)] + [
+                [0.0, 0.0, 0.0, 1.0]]
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            experiments.write_truth(
+                folder, ["a PINHOLE 4 4 1 1 2 2", "b PINHOLE 4 4 1 1 2 2"],
+                {"a": pose(0.0, [0, 0, 0]), "b": pose(0.5, [1, 0, 0])},
+                {"1.png": pose(math.pi / 2, [3, 4, 5])})
+            positions = experiments.read_positions(folder)
+        expected = {"a/1.png": (3, 4, 5), "b/1.png": (3, 4, 4)}
+        for name, position in expected.items():
+            for a, b in zip(positions[name], position):
+                self.assertAlmostEqual(a, b, places=12)
+
+
+class TableTest(unittest.TestCase):
+    def test_all_formats_have_the_cells(self):
+        table = experiment_tables.Table("name", "A title", ["sequence", "m_1"],
+                                        2)
+        table.rows = [["00", 1.234], ["01", None]]
+        for text in (table.text(), table.markdown(), table.csv(),
+                     table.latex()):
+            self.assertIn("1.23", text)
+            self.assertIn(experiment_tables.MISSING, text)
+        self.assertIn(r"m\_1", table.latex())
+
+
+@unittest.skipIf(mei_camera is None, "numpy is not installed")
+class MeiCameraTest(unittest.TestCase):
+    def test_fit_is_close(self):
+        mei = {"xi": 2.2, "k1": 0.02, "k2": 1.6, "p1": 0.0, "p2": 0.0,
+               "gamma1": 1300.0, "gamma2": 1300.0, "u0": 700.0, "v0": 690.0}
+        params, rms, largest = mei_camera.fit_fisheye(mei)
+        self.assertLess(rms, 0.1)
+        self.assertLess(largest, 0.5)
+        self.assertAlmostEqual(params[0], params[1], places=6)
+
+
+class KittiOdometryTest(unittest.TestCase):
+    def run_driver(self, tree, work):
+        return subprocess.run(
+            [sys.executable, "-B", SCRIPTS / "kitti_odometry.py", tree,
+             "--methods", "mgsfm,mma,hybrid_bilinear", "--work", work,
+             "--program", PROGRAM, "--threads", "2", "--no_pictures"],
+            capture_output=True, text=True, check=True).stdout
+
+    def test_tables_and_resuming(self):
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            subprocess.run(
+                [PROGRAM, "simulate", "--log_level", "warning",
+                 "--output_path", folder / "tree" / "sequences" / "00",
+                 "--num_frames", "12", "--pixel_noise", "0.3"], check=True)
+            first = self.run_driver(folder / "tree", folder / "work")
+            records = {p.name: p.stat().st_mtime_ns
+                       for p in (folder / "work" / "00").glob("*.json")}
+            second = self.run_driver(folder / "tree", folder / "work")
+            self.assertEqual(records, {
+                p.name: p.stat().st_mtime_ns
+                for p in (folder / "work" / "00").glob("*.json")})
+            tables = json.loads(
+                (folder / "work" / "tables.json").read_text())
+            for suffix in ("txt", "md", "csv", "tex"):
+                self.assertTrue(
+                    (folder / "work" / f"tables.{suffix}").exists())
+        self.assertIn("mgsfm", first)
+        self.assertIn("Position error", second)
+        self.assertEqual(len(tables["records"]), 3)
+        for record in tables["records"]:
+            self.assertEqual(record["exit_code"], 0)
+            self.assertEqual(record["errors"]["num_registered"], 24)
+            self.assertLess(record["errors"]["position_m"]["mean"], 0.1)
+            self.assertGreater(record["seconds_counted"], 0.0)
+
+
+if __name__ == "__main__":
+    unittest.main()
