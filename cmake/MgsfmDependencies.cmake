@@ -2,6 +2,10 @@
 # be found by mgsfmConfig.cmake.in, too.
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
+# The BLAS that the system has chosen, where Ceres would look for ATLAS.
+if(NOT DEFINED BLA_VENDOR)
+  set(BLA_VENDOR Generic)
+endif()
 find_package(Ceres 2.1 REQUIRED)
 find_package(SQLite3 REQUIRED)
 find_package(nlohmann_json 3.11 REQUIRED)

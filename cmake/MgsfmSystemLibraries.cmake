@@ -20,6 +20,13 @@ endfunction()
 mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
 # CHOLMOD runs on OpenMP, which src/math/sparse_solver.cc holds back.
 target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+# Debian's Ceres names the libraries of ATLAS beside the system's BLAS; where
+# that is a faster one, ATLAS would be taken in its place.
+get_target_property(mgsfm_ceres_libraries Ceres::ceres INTERFACE_LINK_LIBRARIES)
+list(FILTER mgsfm_ceres_libraries EXCLUDE REGEX "/lib(f77blas|atlas)\\.")
+set_target_properties(Ceres::ceres PROPERTIES
+  INTERFACE_LINK_LIBRARIES "${mgsfm_ceres_libraries}")
+unset(mgsfm_ceres_libraries)
 # Under the names that OpenCV's own configuration, in the large package
 # libopencv-dev, gives them.
 mgsfm_find_library(opencv_core opencv_core opencv2/core.hpp opencv4)

@@ -261,15 +261,15 @@ void OrderedChunks::PutBack(ChunkWorkspace* workspace) {
   free_.push_back(workspace);
 }
 
-void OrderedChunks::WaitForTurn(size_t chunk) {
+void OrderedChunks::WaitForTurn(size_t chunk, size_t section) {
   std::unique_lock<std::mutex> lock(mutex_);
-  turn_changed_.wait(lock, [&] { return turn_ == chunk; });
+  turn_changed_.wait(lock, [&] { return turns_[section] == chunk; });
 }
 
-void OrderedChunks::FinishTurn() {
+void OrderedChunks::FinishTurn(size_t section) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    ++turn_;
+    ++turns_[section];
   }
   turn_changed_.notify_all();
 }

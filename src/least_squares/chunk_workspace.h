@@ -76,22 +76,24 @@ void AddImageVectors(const RigProblemBase& problem,
                      const std::vector<ImagePose>& poses,
                      ChunkWorkspace* workspace);
 
-// Workspaces of threads, and a gate that lets the chunks through in order.
-// Chunks must be handed out in ascending order.
+// Workspaces of threads, and gates that let the chunks through in order. Chunks
+// must be handed out in ascending order.
 class OrderedChunks {
  public:
   OrderedChunks(const RigStructure& structure, int num_threads);
 
-  // Calls compute(chunk, workspace) for all chunks in parallel and
-  // merge(chunk, workspace) for one after the other. compute must not throw.
+  // Calls compute(chunk, workspace) for all chunks in parallel, and
+  // merge(chunk, section, workspace) for the sections of what they are merged
+  // to: in each section for one chunk after the other, while other threads are
+  // in other sections. compute must not throw.
   template <class Compute, class Merge>
-  void Run(const Compute& compute, const Merge& merge);
+  void Run(size_t num_sections, const Compute& compute, const Merge& merge);
 
  private:
   ChunkWorkspace* Take();
   void PutBack(ChunkWorkspace* workspace);
-  void WaitForTurn(size_t chunk);
-  void FinishTurn();
+  void WaitForTurn(size_t chunk, size_t section);
+  void FinishTurn(size_t section);
 
   const size_t num_chunks_;
   const int num_threads_;
@@ -99,20 +101,23 @@ class OrderedChunks {
   std::vector<ChunkWorkspace*> free_;
   std::mutex mutex_;
   std::condition_variable turn_changed_;
-  size_t turn_ = 0;
+  std::vector<size_t> turns_;  // the next chunk, per section
 };
 
 template <class Compute, class Merge>
-void OrderedChunks::Run(const Compute& compute, const Merge& merge) {
-  turn_ = 0;
+void OrderedChunks::Run(size_t num_sections, const Compute& compute,
+                        const Merge& merge) {
+  turns_.assign(num_sections, 0);
   ParallelFor(
       num_chunks_, num_threads_,
       [&](size_t chunk) {
         ChunkWorkspace* workspace = Take();
         compute(chunk, workspace);
-        WaitForTurn(chunk);
-        merge(chunk, workspace);
-        FinishTurn();
+        for (size_t section = 0; section < num_sections; ++section) {
+          WaitForTurn(chunk, section);
+          merge(chunk, section, workspace);
+          FinishTurn(section);
+        }
         PutBack(workspace);
       },
       1);

@@ -5,12 +5,9 @@
 #include <cstddef>
 
 #include "least_squares/image_poses.h"
+#include "mgsfm/base/cpu_features.h"
 #include "mgsfm/least_squares/rig_problem.h"
 #include "mgsfm/math/robust_loss.h"
-
-// Functions of hot loops are inlined into loops that are compiled more than
-// once, for different processors.
-#define MGSFM_ALWAYS_INLINE inline __attribute__((always_inline))
 
 namespace mgsfm {
 

@@ -18,6 +18,8 @@ namespace {
 // Inexact steps converge almost as fast as exact ones.
 constexpr double kConjugateGradientTolerance = 1e-2;
 constexpr int kMaxNumConjugateGradients = 500;
+// Of the values of the reduced matrix; chunks are merged to several at a time.
+constexpr size_t kNumSections = 32;
 
 }  // namespace
 
@@ -31,7 +33,8 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
       chunks_(structure_, context.num_threads),
       chunk_costs_(structure_.chunks.size()),
       chunk_sums_(structure_.chunks.size()),
-      matrix_(structure_.pattern.MakeMatrix()) {
+      matrix_(structure_.pattern.MakeMatrix()),
+      solver_(context.num_threads) {
   const size_t num_points = problem.num_points();
   points_.resize(num_points);
   trial_points_.resize(num_points);
@@ -94,12 +97,13 @@ double RigEquationsBase::Cost() {
 
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
-  std::fill_n(matrix_.valuePtr(), matrix_.nonZeros(), 0.0);
+  ClearMatrix();
   gradient_.setZero();
   correction_.setZero();
   diagonal_.setZero();
   std::atomic<bool> is_valid{true};
   chunks_.Run(
+      kNumSections,
       [&](size_t c, ChunkWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
         workspace->Start(problem_, structure_, chunk, poses_);
@@ -107,8 +111,9 @@ bool RigEquationsBase::Linearize(double lambda) {
         AddImagesToSystem(problem_, structure_, chunk, poses_, workspace);
         AddTermsToSystem(problem_, structure_, chunk, poses_, workspace);
       },
-      [&](size_t c, ChunkWorkspace* workspace) {
-        MergeSystem(structure_.chunks[c], *workspace);
+      [&](size_t c, size_t section, ChunkWorkspace* workspace) {
+        MergeSystem(structure_.chunks[c], section, *workspace);
+        if (section == 0) MergeVectors(structure_.chunks[c], *workspace);
       });
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
                  &matrix_);
@@ -116,11 +121,35 @@ bool RigEquationsBase::Linearize(double lambda) {
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
 
-void RigEquationsBase::MergeSystem(const ChunkRanges& chunk,
+void RigEquationsBase::ClearMatrix() {
+  const auto num_values = static_cast<size_t>(matrix_.nonZeros());
+  ParallelFor(
+      kNumSections, context_.num_threads,
+      [&](size_t section) {
+        std::fill(
+            matrix_.valuePtr() + section * num_values / kNumSections,
+            matrix_.valuePtr() + (section + 1) * num_values / kNumSections,
+            0.0);
+      },
+      1);
+}
+
+// A section are the pairs that begin in some part of the values; pairs ascend.
+void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
                                    const ChunkWorkspace& w) {
-  const double* from = w.pair_values.data();
-  for (size_t k = chunk.pairs.begin; k < chunk.pairs.end; ++k) {
-    const ChunkPair& pair = structure_.chunk_pairs[k];
+  const auto num_values = static_cast<size_t>(matrix_.nonZeros());
+  const auto first = structure_.chunk_pairs.begin() + chunk.pairs.begin;
+  const auto last = structure_.chunk_pairs.begin() + chunk.pairs.end;
+  const auto find = [&](size_t bound) {
+    return std::partition_point(first, last, [&](const ChunkPair& pair) {
+      return pair.position * kNumSections < bound * num_values;
+    });
+  };
+  const auto end = find(section + 1);
+  for (auto it = find(section); it != end; ++it) {
+    const ChunkPair& pair = *it;
+    const double* from = w.pair_values.data() +
+                         w.pair_begin[pair.row * w.num_blocks + pair.column];
     const int rows = w.block_size[pair.row];
     const int columns = w.block_size[pair.column];
     double* to = matrix_.valuePtr() + pair.position;
@@ -128,6 +157,10 @@ void RigEquationsBase::MergeSystem(const ChunkRanges& chunk,
       for (int i = 0; i < rows; ++i) to[i] += from[i];
     }
   }
+}
+
+void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
+                                    const ChunkWorkspace& w) {
   for (size_t b = 0; b < chunk.blocks.size(); ++b) {
     const int block = structure_.chunk_blocks[chunk.blocks.begin + b];
     const int to = structure_.block_first[block];
@@ -181,6 +214,7 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
                                  : x[i];
   }
   chunks_.Run(
+      1,
       [&](size_t c, ChunkWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
         workspace->Start(problem_, structure_, chunk, poses_);
@@ -189,7 +223,7 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         MultiplyTerms(problem_, structure_, chunk, poses_, steps_.twists,
                       workspace);
       },
-      [&](size_t c, ChunkWorkspace* workspace) {
+      [&](size_t c, size_t, ChunkWorkspace* workspace) {
         const IndexRange& blocks = structure_.chunks[c].blocks;
         for (size_t b = 0; b < blocks.size(); ++b) {
           const int block = structure_.chunk_blocks[blocks.begin + b];

@@ -78,7 +78,10 @@ class RigEquationsBase : public DampedProblem {
   ImageSteps steps_;
 
  private:
-  void MergeSystem(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
+  void ClearMatrix();
+  void MergeSystem(const ChunkRanges& chunk, size_t section,
+                   const ChunkWorkspace& workspace);
+  void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
   void DampMatrix();
   bool SolveByConjugateGradients();
   void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);

@@ -17,14 +17,15 @@ namespace {
 constexpr size_t kObservationsPerChunk = 4096;
 constexpr size_t kTermsPerChunk = 1024;
 constexpr size_t kBlocksPerChunk = 64;
+constexpr uint32_t kFramesOfLocalPoint = 40;
 // Internal poses and intrinsics are eliminated last, as long as they are few or
 // meet many frames.
 constexpr int kMaxSizeOfBorder = 200;
 constexpr int kImagesOfBorderBlock = 64;
 // Above, the factor is not formed: 1.5 GB, and what conjugate gradients take.
 constexpr double kMaxFactorEntries = 2e8;
-constexpr double kMinAffordableFlops = 1e10;
-constexpr double kAffordableFlopsPerObservation = 3e4;
+constexpr double kMinAffordableFlops = 4e10;
+constexpr double kAffordableFlopsPerObservation = 2e5;
 
 class Builder {
  public:
@@ -198,7 +199,8 @@ void Builder::ChooseBorder() {
   visit(s_.camera_block, choose);
 }
 
-// By the first, then the last frame that sees them.
+// By the first, then the last frame that sees them; points of loops, which
+// bring frames from elsewhere into a chunk, after all others.
 void Builder::SortPoints() {
   const size_t num_points = problem_.num_points();
   std::vector<std::pair<uint64_t, int>> keys(num_points);
@@ -213,7 +215,9 @@ void Builder::SortPoints() {
           first = std::min(first, frame);
           last = std::max(last, frame);
         }
-        keys[p] = {static_cast<uint64_t>(first) << 32 | last,
+        const bool is_of_loop = last > first + kFramesOfLocalPoint;
+        keys[p] = {static_cast<uint64_t>(is_of_loop) << 63 |
+                       static_cast<uint64_t>(first) << 32 | last,
                    static_cast<int>(p)};
       },
       1024);

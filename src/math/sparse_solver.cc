@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
+#include "math/supernodal_factor.h"
 #include "mgsfm/base/error.h"
 
 // Of OpenMP, whose header not every compiler brings.
@@ -91,7 +93,7 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
 }
 
 struct SparseCholesky::Impl {
-  Impl() {
+  explicit Impl(int num_threads_) : num_threads(num_threads_) {
     cholmod_start(&common);
     common.print = 0;
     // LL^T, not LDL^T: the latter also factorises indefinite matrices.
@@ -110,10 +112,30 @@ struct SparseCholesky::Impl {
 
   void FreeFactor() {
     if (factor != nullptr) cholmod_free_factor(&factor, &common);
+    supernodal.reset();
   }
+
+  // CHOLMOD's own numeric factorisation has one thread, so it is left for
+  // factors so sparse that supernodes do not pay.
+  bool FactorizeSupernodes(const Eigen::SparseMatrix<double>& H) {
+    if (factor->xtype == CHOLMOD_PATTERN &&
+        !cholmod_change_factor(CHOLMOD_REAL, 1, 1, 1, 1, factor, &common)) {
+      return false;
+    }
+    return supernodal->Factorize(H, num_threads, factor);
+  }
+
+  bool FactorizeSimplicial(const Eigen::SparseMatrix<double>& H) {
+    cholmod_sparse view = ViewLower(H);
+    cholmod_factorize(&view, factor, &common);
+    return common.status == CHOLMOD_OK && factor->minor == factor->n;
+  }
+
+  const int num_threads;
 
   cholmod_common common;
   cholmod_factor* factor = nullptr;
+  std::optional<SupernodalFactor> supernodal;  // if the factor is
   Eigen::Index num_non_zeros = 0;
   bool is_factorized = false;
   // Kept between solves, so that these do not allocate.
@@ -122,7 +144,8 @@ struct SparseCholesky::Impl {
   cholmod_dense* workspace_e = nullptr;
 };
 
-SparseCholesky::SparseCholesky() : impl_(std::make_unique<Impl>()) {}
+SparseCholesky::SparseCholesky(int num_threads)
+    : impl_(std::make_unique<Impl>(num_threads)) {}
 SparseCholesky::~SparseCholesky() = default;
 SparseCholesky::SparseCholesky(SparseCholesky&&) noexcept = default;
 SparseCholesky& SparseCholesky::operator=(SparseCholesky&&) noexcept = default;
@@ -141,6 +164,7 @@ void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H,
       order == Order::kGiven ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
   impl_->factor = cholmod_analyze(&view, &impl_->common);
   MGSFM_CHECK_MSG(impl_->factor != nullptr, "CHOLMOD: symbolic factorisation");
+  if (impl_->factor->is_super) impl_->supernodal.emplace(*impl_->factor, H);
   impl_->num_non_zeros = H.nonZeros();
   impl_->is_factorized = false;
 }
@@ -149,11 +173,10 @@ bool SparseCholesky::Factorize(const Eigen::SparseMatrix<double>& H) {
   MGSFM_CHECK(impl_->factor != nullptr);
   MGSFM_CHECK_EQ(H.nonZeros(), impl_->num_non_zeros);
   MGSFM_CHECK_EQ(static_cast<size_t>(H.rows()), impl_->factor->n);
-  cholmod_sparse view = ViewLower(H);
+  MGSFM_CHECK(H.isCompressed());
   const WithoutOpenMpThreads serial;
-  cholmod_factorize(&view, impl_->factor, &impl_->common);
-  impl_->is_factorized = impl_->common.status == CHOLMOD_OK &&
-                         impl_->factor->minor == impl_->factor->n;
+  impl_->is_factorized = impl_->supernodal ? impl_->FactorizeSupernodes(H)
+                                           : impl_->FactorizeSimplicial(H);
   // Also catches values that are not finite.
   if (impl_->is_factorized) {
     const double condition = ReciprocalCondition();
@@ -184,8 +207,9 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
       static_cast<const double*>(impl_->solution->x), B.rows(), B.cols());
 }
 
-SparseLeastSquares::SparseLeastSquares(Eigen::SparseMatrix<double> A)
-    : A_(std::move(A)) {
+SparseLeastSquares::SparseLeastSquares(Eigen::SparseMatrix<double> A,
+                                       int num_threads)
+    : A_(std::move(A)), solver_(num_threads) {
   A_.makeCompressed();
   Eigen::SparseMatrix<double> H = A_.transpose() * A_;
   H.makeCompressed();

@@ -65,8 +65,11 @@ void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
   }
 }
 
-RotationEquations::RotationEquations(const RotationProblem& problem)
-    : problem_(problem), unknowns_(NumberUnknowns(problem)) {
+RotationEquations::RotationEquations(const RotationProblem& problem,
+                                     int num_threads)
+    : problem_(problem),
+      unknowns_(NumberUnknowns(problem)),
+      solver_(num_threads) {
   const int num_nodes = unknowns_.num_node_columns;
   const int num_sensors = unknowns_.num_sensor_columns;
   node_gradient_.resize(num_nodes, 3);

@@ -41,7 +41,8 @@ void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
 // is eliminated by its Schur complement D - B^T (L^-1 (x) I_3) B.
 class RotationEquations {
  public:
-  explicit RotationEquations(const RotationProblem& problem);
+  explicit RotationEquations(const RotationProblem& problem,
+                             int num_threads = 1);
 
   const RotationUnknowns& unknowns() const { return unknowns_; }
 

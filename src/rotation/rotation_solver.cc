@@ -74,8 +74,9 @@ double RobustCost(const RotationProblem& problem,
 // One linearised L1 problem after the other, warm started.
 class L1Steps {
  public:
-  L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns)
-      : L1Steps(problem, BuildDifferences(problem, unknowns)) {}
+  L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns,
+          int num_threads)
+      : L1Steps(problem, BuildDifferences(problem, unknowns), num_threads) {}
 
   bool IsSolvable() const { return op_.IsPositiveDefinite(); }
 
@@ -98,8 +99,9 @@ class L1Steps {
   }
 
  private:
-  L1Steps(const RotationProblem& problem, Differences differences)
-      : op_(std::move(differences.matrix)),
+  L1Steps(const RotationProblem& problem, Differences differences,
+          int num_threads)
+      : op_(std::move(differences.matrix), num_threads),
         edges_(std::move(differences.edges)),
         b_(op_.rows(), 3) {
     norms_.weights.resize(op_.rows());
@@ -147,7 +149,7 @@ SolveSummary AverageL1(const RotationProblem& problem,
     summary.termination = Termination::kConverged;
     return summary;
   }
-  L1Steps steps(problem, unknowns);
+  L1Steps steps(problem, unknowns, context.num_threads);
   if (!steps.IsSolvable()) {
     summary.message = "The equations of the L1 step are singular.";
     return summary;
@@ -176,7 +178,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
                            const RotationAveragingOptions& options,
                            const Context& context, RotationState* state) {
   SolveSummary summary;
-  RotationEquations equations(problem);
+  RotationEquations equations(problem, context.num_threads);
   std::vector<Vector3d> residuals;
   ComputeResiduals(problem, *state, context.num_threads, &residuals);
   const std::vector<double> initial_norms = Norms(residuals);

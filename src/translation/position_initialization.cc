@@ -6,10 +6,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/l1_admm.h"
 #include "mgsfm/math/sparse_solver.h"
 #include "mgsfm/math/union_find.h"
+#include "translation/arrow_least_squares.h"
 
 namespace mgsfm {
 namespace {
@@ -29,19 +31,24 @@ constexpr double kLowerBound = 0.1;  // of the estimated length of a baseline
 // Of undetermined directions, in units of the median baseline.
 constexpr double kMaxSensorSigma = 0.5;
 constexpr double kRidge = 1e-4;
+// Unknowns that are not frames; with more, products with them would be dense.
+constexpr int kMaxSizeOfBorder = 100;
 
 // What the three rows of a block cost.
 struct BlockPenalty {
   enum class Kind { kScaleAndNormal, kNorm, kSum };
   Kind kind = Kind::kSum;
   double weight = 1.0;  // of the whole block
-  double bound = 0.0;   // of kScaleAndNormal, see ProxOfScaleResidual
-  double steep = 1.0;
+  // Of kScaleAndNormal: what the first row costs above the bound, compared
+  // with the others, and below, as much as these.
+  double scale_slope = 1.0;
+  double bound = 0.0;
 };
 
 // f of the ADMM: a sum over blocks of three rows.
 struct BlockFunction {
   std::vector<BlockPenalty> blocks;
+  int num_threads = 1;
 
   double Cost(const MatrixXd& z) const {
     double cost = 0.0;
@@ -54,8 +61,8 @@ struct BlockFunction {
   static double BlockCost(const BlockPenalty& block, const Vector3d& z) {
     switch (block.kind) {
       case BlockPenalty::Kind::kScaleAndNormal:
-        return std::abs(z[0]) +
-               (block.steep - 1.0) * std::max(block.bound - z[0], 0.0) +
+        return block.scale_slope * std::abs(z[0]) +
+               (1.0 - block.scale_slope) * std::max(block.bound - z[0], 0.0) +
                z.tail<2>().norm();
       case BlockPenalty::Kind::kNorm:
         return z.norm();
@@ -66,10 +73,14 @@ struct BlockFunction {
   }
 
   void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
-    for (size_t k = 0; k < blocks.size(); ++k) {
-      z->block<3, 1>(3 * k, 0) =
-          BlockProx(blocks[k], rho / blocks[k].weight, v.block<3, 1>(3 * k, 0));
-    }
+    constexpr size_t kBlocksPerItem = 4096;
+    ParallelFor(
+        blocks.size(), num_threads,
+        [&](size_t k) {
+          z->block<3, 1>(3 * k, 0) = BlockProx(
+              blocks[k], rho / blocks[k].weight, v.block<3, 1>(3 * k, 0));
+        },
+        kBlocksPerItem);
   }
 
   static double Shrunk(double norm, double rho) {
@@ -81,7 +92,8 @@ struct BlockFunction {
     Vector3d z;
     switch (block.kind) {
       case BlockPenalty::Kind::kScaleAndNormal:
-        z[0] = ProxOfScaleResidual(v[0], rho, block.bound, block.steep);
+        z[0] = ProxOfScaleResidual(v[0], rho / block.scale_slope, block.bound,
+                                   1.0 / block.scale_slope);
         z.tail<2>() = Shrunk(v.tail<2>().norm(), rho) * v.tail<2>();
         return z;
       case BlockPenalty::Kind::kNorm:
@@ -94,7 +106,9 @@ struct BlockFunction {
   }
 };
 
-// Rows A x - b in blocks of three, with their penalties.
+// Rows A x - b in blocks of three, with their penalties. Of the frames all rows
+// of a block are alike but for a turn, so that A^T A is that of
+// arrow_least_squares.h.
 struct BlockSystem {
   std::vector<Eigen::Triplet<double>> triplets;
   std::vector<double> rhs;
@@ -147,16 +161,13 @@ class PositionInitializer {
   void AddNoParallax(const PairMotion& motion, BlockSystem* system) const;
   void AddGroupPriors(BlockSystem* system) const;
   void AddRidge(BlockSystem* system) const;
-  // Covariance of the internal translations and the unit of given ones.
-  MatrixXd ExtrinsicCovariance(const SparseLeastSquares& op) const;
+  // Covariance of the internal translations and the unit of given ones; of no
+  // size if the equations are not definite.
+  MatrixXd ExtrinsicCovariance(const BlockSystem& system) const;
   void FindUnobservable(const MatrixXd& covariance);
   void AddUnobservable(BlockSystem* system) const;
   void Extract();
-  SparseLeastSquares MakeOperator(const BlockSystem& system) const {
-    Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
-    A.setFromTriplets(system.triplets.begin(), system.triplets.end());
-    return SparseLeastSquares(std::move(A));
-  }
+  SolveSummary Minimize(const BlockSystem& system);
 
   const PositionProblem& problem_;
   const std::vector<PairMotion>& motions_;
@@ -171,6 +182,7 @@ class PositionInitializer {
   std::vector<int> sensor_column_;
   std::vector<int> group_column_;
   int unit_column_ = -1;
+  int num_frame_columns_ = 0;  // the first ones
   int num_unknowns_ = 0;
   AdmmState state_;
 };
@@ -239,6 +251,7 @@ void PositionInitializer::NumberUnknowns() {
     }
     is_first = false;
   }
+  num_frame_columns_ = num_unknowns_;
   sensor_column_.assign(problem_.sensor_kind.size(), -1);
   for (const int s : result_.free_sensors) {
     sensor_column_[s] = num_unknowns_;
@@ -285,13 +298,10 @@ void PositionInitializer::AddDirection(size_t motion_idx,
   const double scale = scales_.scale[motion_idx];
   const double normal_weight =
       kDirectionSigma / (scale * std::hypot(motion.sigma_rad, kDirectionSigma));
-  const double scale_weight =
-      normal_weight *
-      std::min(kGoodScaleSigma / scales_.sigma_log[motion_idx], 1.0);
   const Vector3d& b = motion.direction;
   const Vector3d normal = b.unitOrthogonal();
   Matrix3d rows;
-  rows.row(0) = scale_weight * b;
+  rows.row(0) = normal_weight * b;
   rows.row(1) = normal_weight * normal;
   rows.row(2) = normal_weight * b.cross(normal);
   const int first_row = system->num_rows();
@@ -299,14 +309,15 @@ void PositionInitializer::AddDirection(size_t motion_idx,
   Vector3d rhs = Vector3d::Zero();
   const int column = group_column_[scales_.group[motion_idx]];
   if (column < 0) {
-    rhs[0] = scale_weight * scale;
+    rhs[0] = normal_weight * scale;
   } else {
-    system->triplets.emplace_back(first_row, column, -scale_weight * scale);
+    system->triplets.emplace_back(first_row, column, -normal_weight * scale);
   }
   BlockPenalty penalty;
   penalty.kind = BlockPenalty::Kind::kScaleAndNormal;
-  penalty.bound = -scale_weight * (1.0 - kLowerBound) * scale;
-  penalty.steep = normal_weight / scale_weight;
+  penalty.scale_slope =
+      std::min(kGoodScaleSigma / scales_.sigma_log[motion_idx], 1.0);
+  penalty.bound = -normal_weight * (1.0 - kLowerBound) * scale;
   system->FinishBlock(rhs, penalty);
 }
 
@@ -347,6 +358,7 @@ void PositionInitializer::AddRidge(BlockSystem* system) const {
 
 BlockSystem PositionInitializer::AssembleData() const {
   BlockSystem system;
+  system.function.num_threads = context_.num_threads;
   for (size_t i = 0; i < motions_.size(); ++i) {
     const PairMotion& motion = motions_[i];
     if (motion.kind == MotionKind::kUnused ||
@@ -365,10 +377,20 @@ BlockSystem PositionInitializer::AssembleData() const {
 }
 
 MatrixXd PositionInitializer::ExtrinsicCovariance(
-    const SparseLeastSquares& op) const {
+    const BlockSystem& system) const {
   const int num_free = 3 * static_cast<int>(result_.free_sensors.size());
   const int size = num_free + (unit_column_ >= 0);
-  if (size == 0) return MatrixXd(0, 0);
+  std::vector<Eigen::Triplet<double>> triplets;
+  triplets.reserve(system.triplets.size());
+  for (const auto& t : system.triplets) {
+    const BlockPenalty& penalty = system.function.blocks[t.row() / 3];
+    const double slope = t.row() % 3 == 0 ? penalty.scale_slope : 1.0;
+    triplets.emplace_back(t.row(), t.col(), slope * t.value());
+  }
+  Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
+  A.setFromTriplets(triplets.begin(), triplets.end());
+  const SparseLeastSquares op(std::move(A), context_.num_threads);
+  if (!op.IsPositiveDefinite()) return MatrixXd(0, 0);
   // Their columns are consecutive.
   const int first =
       num_free > 0 ? sensor_column_[result_.free_sensors[0]] : unit_column_;
@@ -409,6 +431,29 @@ void PositionInitializer::AddUnobservable(BlockSystem* system) const {
   }
 }
 
+SolveSummary PositionInitializer::Minimize(const BlockSystem& system) {
+  Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
+  A.setFromTriplets(system.triplets.begin(), system.triplets.end());
+  const MatrixXd b =
+      Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
+  AdmmOptions options;
+  options.context = context_;
+  options.max_num_iterations = max_num_iterations_;
+  const auto minimize = [&](const auto& op) {
+    if (op.IsPositiveDefinite()) {
+      return MinimizeByAdmm(op, b, system.function, options, &state_);
+    }
+    SolveSummary summary;
+    summary.message = "The normal equations are not definite.";
+    return summary;
+  };
+  if (num_unknowns_ - num_frame_columns_ > kMaxSizeOfBorder) {
+    return minimize(SparseLeastSquares(std::move(A), context_.num_threads));
+  }
+  return minimize(ArrowLeastSquares(std::move(A), num_frame_columns_ / 3,
+                                    context_.num_threads));
+}
+
 bool PositionInitializer::Solve() {
   NumberUnknowns();
   if (num_unknowns_ == 0) {
@@ -418,27 +463,19 @@ bool PositionInitializer::Solve() {
     return true;
   }
   BlockSystem system = AssembleData();
-  MatrixXd covariance;
-  {
-    const SparseLeastSquares data = MakeOperator(system);
-    if (!data.IsPositiveDefinite()) {
+  MatrixXd covariance(0, 0);
+  if (unit_column_ >= 0 || !result_.free_sensors.empty()) {
+    covariance = ExtrinsicCovariance(system);
+    if (covariance.size() == 0) {
       result_.solve.message = "The normal equations are not definite.";
       return true;
     }
-    covariance = ExtrinsicCovariance(data);
   }
   FindUnobservable(covariance);
   AddUnobservable(&system);
-  const SparseLeastSquares op = MakeOperator(system);
-  const MatrixXd b =
-      Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
   state_ = AdmmState();
-  AdmmOptions options;
-  options.context = context_;
-  options.max_num_iterations = max_num_iterations_;
-  if (!op.IsPositiveDefinite()) return true;
-  result_.solve = MinimizeByAdmm(op, b, system.function, options, &state_);
-  if (unit_column_ < 0) return true;
+  result_.solve = Minimize(system);
+  if (unit_column_ < 0 || state_.x.size() == 0) return true;
   const double unit = state_.x(unit_column_, 0);
   const double variance =
       covariance(covariance.rows() - 1, covariance.cols() - 1);

@@ -23,6 +23,7 @@ constexpr double kMinScaleSigma = 0.05;
 constexpr double kMaxScaleSigma = 1.0;
 // Far below what the ratios are good for.
 constexpr double kMinStep = 1e-4;
+constexpr double kRidge = 1e-6;
 
 struct ScaleLink {
   int motion1;
@@ -115,8 +116,11 @@ std::vector<ScaleLink> LinkPairs(const std::vector<PairMotion>& motions,
 
 class ScaleAverager {
  public:
-  ScaleAverager(int num_motions, const std::vector<ScaleLink>& links)
-      : links_(links), log_scale_(Eigen::VectorXd::Zero(num_motions)) {
+  ScaleAverager(int num_motions, const std::vector<ScaleLink>& links,
+                int num_threads)
+      : links_(links),
+        log_scale_(Eigen::VectorXd::Zero(num_motions)),
+        solver_(num_threads) {
     edges_.reserve(links.size());
     for (const ScaleLink& link : links_) {
       edges_.push_back({link.motion1, link.motion2, 1.0 / link.sigma});
@@ -126,6 +130,7 @@ class ScaleAverager {
   void Run() {
     if (links_.empty()) return;
     InitialiseFromForest();
+    MakePattern();
     constexpr int kMaxNumRounds = 20;
     for (int round = 0; round < kMaxNumRounds; ++round) {
       const double loss_scale = std::max(3.0, 30.0 * std::pow(0.5, round));
@@ -170,30 +175,60 @@ class ScaleAverager {
     }
   }
 
+  // Where a link is in the values of H.
+  struct LinkEntries {
+    int diagonal1;
+    int diagonal2;
+    int off_diagonal;
+  };
+
+  // The lower triangle of H and where the links are in it; the same in all
+  // rounds.
+  void MakePattern() {
+    const Eigen::Index size = log_scale_.size();
+    std::vector<Eigen::Triplet<double>> triplets;
+    for (Eigen::Index i = 0; i < size; ++i) triplets.emplace_back(i, i, 0.0);
+    for (const ScaleLink& link : links_) {
+      const auto [low, high] = std::minmax(link.motion1, link.motion2);
+      triplets.emplace_back(high, low, 0.0);
+    }
+    H_.resize(size, size);
+    H_.setFromTriplets(triplets.begin(), triplets.end());
+    for (const ScaleLink& link : links_) {
+      const auto [low, high] = std::minmax(link.motion1, link.motion2);
+      const int* begin = H_.innerIndexPtr() + H_.outerIndexPtr()[low];
+      const int* end = H_.innerIndexPtr() + H_.outerIndexPtr()[low + 1];
+      entries_.push_back({H_.outerIndexPtr()[link.motion1],
+                          H_.outerIndexPtr()[link.motion2],
+                          static_cast<int>(std::lower_bound(begin, end, high) -
+                                           H_.innerIndexPtr())});
+    }
+    solver_.Analyze(H_);
+  }
+
   // One weighted least-squares step; returns the largest change. The gauge of
   // each group, one common offset, is fixed by a negligible ridge on the step.
   double Update(const RobustLoss& loss) {
     const Eigen::Index size = log_scale_.size();
-    std::vector<Eigen::Triplet<double>> triplets;
     Eigen::VectorXd rhs = Eigen::VectorXd::Zero(size);
-    for (const ScaleLink& link : links_) {
-      const double residual = Residual(link) / link.sigma;
+    double* values = H_.valuePtr();
+    std::fill_n(values, H_.nonZeros(), 0.0);
+    for (Eigen::Index i = 0; i < size; ++i) {
+      values[H_.outerIndexPtr()[i]] = kRidge;
+    }
+    for (size_t k = 0; k < links_.size(); ++k) {
+      const ScaleLink& link = links_[k];
+      const double difference = Residual(link);
+      const double residual = difference / link.sigma;
       const double weight =
           loss.Weight(residual * residual) / (link.sigma * link.sigma);
-      const int low = std::min(link.motion1, link.motion2);
-      const int high = std::max(link.motion1, link.motion2);
-      triplets.emplace_back(low, low, weight);
-      triplets.emplace_back(high, high, weight);
-      triplets.emplace_back(high, low, -weight);
-      rhs[link.motion1] += weight * Residual(link);
-      rhs[link.motion2] -= weight * Residual(link);
+      values[entries_[k].diagonal1] += weight;
+      values[entries_[k].diagonal2] += weight;
+      values[entries_[k].off_diagonal] -= weight;
+      rhs[link.motion1] += weight * difference;
+      rhs[link.motion2] -= weight * difference;
     }
-    for (Eigen::Index i = 0; i < size; ++i) triplets.emplace_back(i, i, 1e-6);
-    Eigen::SparseMatrix<double> H(size, size);
-    H.setFromTriplets(triplets.begin(), triplets.end());
-    if (!is_analyzed_) solver_.Analyze(H);
-    is_analyzed_ = true;
-    if (!solver_.Factorize(H)) return 0.0;
+    if (!solver_.Factorize(H_)) return 0.0;
     Eigen::VectorXd step(size);
     solver_.Solve(rhs, step);
     log_scale_ += step;
@@ -203,8 +238,9 @@ class ScaleAverager {
   const std::vector<ScaleLink>& links_;
   std::vector<GraphEdge> edges_;
   Eigen::VectorXd log_scale_;
+  std::vector<LinkEntries> entries_;  // per link
+  Eigen::SparseMatrix<double> H_;
   SparseCholesky solver_;
-  bool is_analyzed_ = false;
 };
 
 double MedianLogDepth(const PairMotion& motion) {
@@ -242,13 +278,17 @@ void NumberGroups(const std::vector<PairMotion>& motions,
 
 // From logarithms with a free offset per group to scales in common units.
 void SetScales(const std::vector<PairMotion>& motions,
-               const Eigen::VectorXd& log_scale, PairScales* scales) {
+               const Eigen::VectorXd& log_scale, int num_threads,
+               PairScales* scales) {
+  std::vector<double> median_log_depth(motions.size());
+  ParallelFor(motions.size(), num_threads, [&](size_t i) {
+    if (scales->group[i] >= 0) median_log_depth[i] = MedianLogDepth(motions[i]);
+  });
   const size_t num_groups = scales->group_sizes.size();
   std::vector<std::vector<double>> log_depths(num_groups);
   for (size_t i = 0; i < motions.size(); ++i) {
     if (scales->group[i] < 0) continue;
-    log_depths[scales->group[i]].push_back(log_scale[i] +
-                                           MedianLogDepth(motions[i]));
+    log_depths[scales->group[i]].push_back(log_scale[i] + median_log_depth[i]);
   }
   std::vector<double> offsets(num_groups);
   for (size_t g = 0; g < num_groups; ++g) offsets[g] = Median(log_depths[g]);
@@ -273,7 +313,7 @@ PairScales AverageScales(const std::vector<PairMotion>& motions, int num_images,
   const std::vector<ScaleLink> links =
       LinkPairs(motions, num_images, context.num_threads);
   const int num_motions = static_cast<int>(motions.size());
-  ScaleAverager averager(num_motions, links);
+  ScaleAverager averager(num_motions, links, context.num_threads);
   averager.Run();
   PairScales scales;
   NumberGroups(motions, FindConnectedParts(num_motions, averager.edges()),
@@ -283,7 +323,7 @@ PairScales AverageScales(const std::vector<PairMotion>& motions, int num_images,
     scales.scale.assign(motions.size(), 0.0);
     return scales;
   }
-  SetScales(motions, averager.log_scale(), &scales);
+  SetScales(motions, averager.log_scale(), context.num_threads, &scales);
   return scales;
 }
 

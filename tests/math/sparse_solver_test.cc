@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -96,6 +97,89 @@ TEST(SparseCholesky, ConditionTellsNearRankDeficiency) {
   H = MakeMatrix(60, 1e-13, &random);
   if (solver.Factorize(H)) {
     EXPECT_LT(solver.ReciprocalCondition(), 1e-10);
+  }
+}
+
+// Blocks of six on a chain whose nodes see twelve others, with loops: dense
+// enough for supernodes, some of them of several panels.
+SparseMatrix MakeBlockMatrix(int num_nodes, int num_loops, Random* random) {
+  constexpr int kSize = 6;
+  std::vector<std::pair<int, int>> edges;
+  for (int i = 0; i < num_nodes; ++i) {
+    for (int j = i; j < std::min(i + 12, num_nodes); ++j) {
+      edges.emplace_back(j, i);
+    }
+  }
+  for (int k = 0; k < num_loops; ++k) {
+    const int i = static_cast<int>(random->Index(num_nodes));
+    const int j = static_cast<int>(random->Index(num_nodes));
+    edges.emplace_back(std::max(i, j), std::min(i, j));
+  }
+  std::vector<Eigen::Triplet<double>> triplets;
+  for (const auto& [row, column] : edges) {
+    for (int a = 0; a < kSize; ++a) {
+      for (int b = 0; b < kSize; ++b) {
+        const int r = kSize * row + a, c = kSize * column + b;
+        if (r < c) continue;
+        triplets.emplace_back(r, c, r == c ? 30.0 : random->Uniform(-0.3, 0.3));
+      }
+    }
+  }
+  SparseMatrix H(kSize * num_nodes, kSize * num_nodes);
+  H.setFromTriplets(triplets.begin(), triplets.end());
+  return H;
+}
+
+TEST(SparseCholesky, SupernodesAgreeWithDense) {
+  Random random(7);
+  for (const int num_loops : {0, 10, 300}) {
+    const SparseMatrix H = MakeBlockMatrix(90, num_loops, &random);
+    const MatrixXd full = MatrixXd(H).selfadjointView<Eigen::Lower>();
+    const MatrixXd B = RandomMatrix(static_cast<int>(H.rows()), 2, &random);
+    const MatrixXd expected = full.llt().solve(B);
+    for (const auto order : {SparseCholesky::Order::kFillReducing,
+                             SparseCholesky::Order::kGiven}) {
+      SparseCholesky solver(2);
+      solver.Analyze(H, order);
+      MatrixXd X(B.rows(), B.cols());
+      for (int repeat = 0; repeat < 2; ++repeat) {
+        ASSERT_TRUE(solver.Factorize(H));
+        solver.Solve(B, X);
+        EXPECT_LT((X - expected).norm(), 1e-12 * expected.norm());
+      }
+    }
+  }
+}
+
+TEST(SparseCholesky, ThreadsDoNotChangeSupernodes) {
+  Random random(8);
+  const SparseMatrix H = MakeBlockMatrix(150, 60, &random);
+  const MatrixXd b = RandomMatrix(static_cast<int>(H.rows()), 1, &random);
+  MatrixXd expected(b.rows(), 1);
+  for (int num_threads = 1; num_threads <= 5; ++num_threads) {
+    SparseCholesky solver(num_threads);
+    solver.Analyze(H, SparseCholesky::Order::kGiven);
+    ASSERT_TRUE(solver.Factorize(H));
+    MatrixXd x(b.rows(), 1);
+    solver.Solve(b, x);
+    if (num_threads == 1) expected = x;
+    EXPECT_EQ(x, expected) << num_threads;
+  }
+}
+
+TEST(SparseCholesky, SupernodesReportMatricesThatAreNotPositiveDefinite) {
+  Random random(9);
+  SparseMatrix H = MakeBlockMatrix(90, 30, &random);
+  SparseCholesky solver(3);
+  solver.Analyze(H);
+  for (const int i : {0, 100, 539}) {
+    for (const double bad : {-1.0, std::numeric_limits<double>::quiet_NaN(),
+                             std::numeric_limits<double>::infinity()}) {
+      H.coeffRef(i, i) = bad;
+      EXPECT_FALSE(solver.Factorize(H)) << i << ' ' << bad;
+    }
+    H.coeffRef(i, i) = 30.0;
+    EXPECT_TRUE(solver.Factorize(H));
   }
 }
 

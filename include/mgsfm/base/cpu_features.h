@@ -9,6 +9,14 @@
 #define MGSFM_TARGET_AVX2
 #endif
 
+// Functions of hot loops are inlined into loops that are compiled more than
+// once, for different processors.
+#if defined(__GNUC__)
+#define MGSFM_ALWAYS_INLINE inline __attribute__((always_inline))
+#else
+#define MGSFM_ALWAYS_INLINE inline
+#endif
+
 namespace mgsfm {
 
 inline bool HasAvx2() {

@@ -22,7 +22,9 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H);
 
 // Solves H X = B for a sparse, symmetric positive definite H and any number of
 // right-hand sides by Cholesky factorisation (CHOLMOD; Chen et al. 2008,
-// ACM TOMS 887). Only the lower triangle of H, diagonal included, is read.
+// ACM TOMS 887; factors that are not very sparse by several threads). Only the
+// lower triangle of H, diagonal included, is read. Results do not depend on the
+// number of threads.
 //
 //   SparseCholesky solver;
 //   solver.Analyze(H);                      // once per sparsity pattern
@@ -32,7 +34,7 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H);
 // One object must not be used by several threads at a time.
 class SparseCholesky {
  public:
-  SparseCholesky();
+  explicit SparseCholesky(int num_threads = 1);
   ~SparseCholesky();
   SparseCholesky(SparseCholesky&&) noexcept;
   SparseCholesky& operator=(SparseCholesky&&) noexcept;
@@ -70,7 +72,8 @@ class SparseCholesky {
 class SparseLeastSquares {
  public:
   // Takes A and factorises; IsPositiveDefinite() says whether that worked.
-  explicit SparseLeastSquares(Eigen::SparseMatrix<double> A);
+  explicit SparseLeastSquares(Eigen::SparseMatrix<double> A,
+                              int num_threads = 1);
 
   bool IsPositiveDefinite() const { return is_positive_definite_; }
   double ReciprocalCondition() const { return solver_.ReciprocalCondition(); }
