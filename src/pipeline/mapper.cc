@@ -5,6 +5,9 @@
 #include <cstdio>
 #include <utility>
 
+#include "pipeline/given_rigs.h"
+#include "pipeline/position_registration.h"
+
 namespace mgsfm {
 namespace {
 
@@ -112,9 +115,18 @@ void WarnOfSuspiciousGroups(const Scene& scene,
   }
 }
 
+void LogPriors(const PositionPriorSummary& summary, const Context& context) {
+  if (!summary.message.empty()) context.Warning(summary.message);
+  if (!summary.is_registered) return;
+  context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
+               std::to_string(summary.outliers.size()) + " outliers, rms " +
+               std::to_string(summary.rms.value_or(0.0)));
+}
+
 MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
+                            const PositionPriors& priors,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
@@ -135,17 +147,38 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                                  translation.pair_contradicts);
   WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
 
+  Reconstruction initial = JoinEstimates(scene, rotations, translation.estimate,
+                                         tracks.estimate.tracks);
+  PositionPriors used_priors;
+  if (!priors.IsEmpty()) {
+    PositionRegistration registration =
+        RegisterToPriors(scene, priors, model.translation.is_metric,
+                         context.random_seed, &initial);
+    model.position_priors = std::move(registration.summary);
+    used_priors = std::move(registration.used);
+  }
+
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
         scene,
         MakeCandidateSource(scene, view_graph, rotations,
                             translation.pair_contradicts, options, context),
-        JoinEstimates(scene, rotations, translation.estimate,
-                      tracks.estimate.tracks),
-        options.bundle_adjustment, context);
+        initial, options.bundle_adjustment, context, used_priors);
   });
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);
+  if (options.compute_covariances) {
+    model.covariances = Timed("covariances", context, &model.times, [&] {
+      return ComputeCovariances(scene, model.reconstruction,
+                                options.bundle_adjustment, context,
+                                used_priors);
+    });
+  }
+  if (model.position_priors) {
+    JudgePriors(scene, priors, used_priors, model.reconstruction,
+                &*model.position_priors);
+    LogPriors(*model.position_priors, context);
+  }
   return model;
 }
 
@@ -184,8 +217,12 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
 
 }  // namespace
 
-MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
-                       const MapperOptions& options, const Context& context) {
+namespace {
+
+// All after the focal lengths.
+MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
+                           const MapperOptions& options, const Context& context,
+                           const PositionPriors& priors) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -195,6 +232,7 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
                              context);
   });
   result.view_graph = verified.summary;
+  CheckGivenRigs(scene, verified.estimate);
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
@@ -212,7 +250,7 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
         ReconstructPart(scene, bearings, verified.estimate,
                         SelectPart(scene, verified.estimate, rotation.estimate,
                                    static_cast<int>(part)),
-                        options, context);
+                        priors, options, context);
     model.num_frames_in_part = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
@@ -221,6 +259,61 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
   }
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, options, result.models);
+  return result;
+}
+
+bool NeedsFocalLengths(const Scene& scene, const MapperOptions& options) {
+  return options.focal_lengths.calibrate &&
+         std::any_of(scene.cameras.begin(), scene.cameras.end(),
+                     [](const Camera& camera) {
+                       return !camera.has_prior_focal_length;
+                     });
+}
+
+void LogFocalLengths(const Scene& scene,
+                     const std::vector<FocalLengthEstimate>& estimates,
+                     const Context& context) {
+  for (const FocalLengthEstimate& estimate : estimates) {
+    const std::string camera =
+        "focal length of camera " +
+        std::to_string(scene.cameras[estimate.camera_idx].id.value());
+    char numbers[96];
+    if (estimate.estimated_px) {
+      std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
+                    *estimate.estimated_px, estimate.given_px,
+                    *estimate.estimated_px * estimate.sigma);
+      context.Info(camera + numbers);
+    } else {
+      std::snprintf(numbers, sizeof(numbers),
+                    " stays at %.2f px: ", estimate.given_px);
+      context.Warning(camera + numbers + estimate.message);
+    }
+  }
+}
+
+}  // namespace
+
+MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
+                       const MapperOptions& options, const Context& context,
+                       const PositionPriors& priors) {
+  if (!NeedsFocalLengths(scene, options)) {
+    return MapCalibrated(scene, view_graph, options, context, priors);
+  }
+  std::vector<StageTime> times;
+  FocalLengthResult focal_lengths =
+      Timed("focal lengths", context, &times, [&] {
+        return CalibrateFocalLengths(scene, view_graph, options.focal_lengths,
+                                     context);
+      });
+  LogFocalLengths(scene, focal_lengths.estimates, context);
+  const ViewGraph uncalibrated =
+      DropCalibratedGeometry(scene, focal_lengths, view_graph);
+  Scene calibrated = scene;
+  calibrated.cameras = std::move(focal_lengths.cameras);
+  MapperResult result =
+      MapCalibrated(calibrated, uncalibrated, options, context, priors);
+  result.focal_lengths = std::move(focal_lengths.estimates);
+  result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;
 }
 
