@@ -33,6 +33,7 @@ struct AutomaticReconstructorOptions {
   ModelFormat output_format = ModelFormat::kBinary;
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
+  PosePriorOptions priors;
   PairMatchingOptions matching;
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
@@ -53,6 +54,7 @@ struct AutomaticReconstructorOptions {
           "Of the models: binary or text.");
     FeatureExtractionOptions::Describe(self.extraction, visit);
     SceneLoadingOptions::Describe(self.loading, visit);
+    PosePriorOptions::Describe(self.priors, visit);
     PairMatchingOptions::Describe(self.matching, visit);
     visit.Group("SequentialMatching", self.sequential);
     visit.Group("ExhaustiveMatching", self.exhaustive);
@@ -92,7 +94,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
   Match(database_path, options, context);
   return MapDatabase(
       {database_path, (workspace / "sparse").string(), options.image_path,
-       options.output_format, options.loading, options.mapper,
+       options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options)},
       context);
 }

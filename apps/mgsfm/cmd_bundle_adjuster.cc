@@ -8,12 +8,15 @@
 #include "command.h"
 #include "commands.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/covariance.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/io/model_io.h"
 #include "mgsfm/io/model_scene.h"
+#include "mgsfm/io/output_file.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/staged_output.h"
 #include "mgsfm/math/statistics.h"
+#include "mgsfm/pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {
@@ -23,6 +26,7 @@ struct BundleAdjusterOptions {
   std::string output_path;
   ModelFormat output_format = ModelFormat::kBinary;
   bool retriangulate = false;
+  bool compute_covariances = false;
   SceneLoadingOptions loading;
   BundleAdjustmentOptions bundle_adjustment;
 
@@ -43,6 +47,9 @@ struct BundleAdjusterOptions {
           "Drop outliers and triangulate the points of the model anew, in "
           "rounds, as the mapper does. Without it, one solve over all that is "
           "there.");
+    visit("compute_covariances", self.compute_covariances, AnyValue(), "",
+          "Compute how exact the poses of cameras in the rig and of frames "
+          "are; to covariances.csv beside the model.");
     SceneLoadingOptions::Describe(self.loading, visit);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
   }
@@ -182,12 +189,31 @@ void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
   }
 }
 
+void WriteCovariances(const ModelScene& input, const Reconstruction& model,
+                      const BundleAdjusterOptions& options,
+                      const Context& context, const StagedOutput& output) {
+  const CovarianceResult covariances = ComputeCovariances(
+      input.scene, model, options.bundle_adjustment, context);
+  if (!covariances.is_usable) {
+    context.Warning("the covariances cannot be computed");
+    return;
+  }
+  const std::string message = DescribeUnobservable(input.scene, covariances);
+  if (!message.empty()) context.Warning(message);
+  WriteFile(output.StagingDir() / "covariances.csv",
+            CovariancesToCsv(input.scene, covariances));
+}
+
 void WriteResult(const ModelScene& input, const Reconstruction& model,
-                 ModelFormat format, const Context& context,
+                 const BundleAdjusterOptions& options, const Context& context,
                  StagedOutput* output) {
-  WriteModel(output->StagingDir(), input.scene, model, format, context);
+  WriteModel(output->StagingDir(), input.scene, model, options.output_format,
+             context);
   WriteRigConfig((output->StagingDir() / "rig_config.json").string(),
                  input.scene, model);
+  if (options.compute_covariances) {
+    WriteCovariances(input, model, options, context, *output);
+  }
   context.CheckInterrupted();
   output->Commit();
 }
@@ -211,7 +237,7 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
   if (!last.IsUsable()) return give_up("the solve failed, " + last.message);
   if (result.estimate.points.empty()) return give_up("all points are outliers");
   WarnOfLosses(input, result.summary, context);
-  WriteResult(input, result.estimate, options.output_format, context, &output);
+  WriteResult(input, result.estimate, options, context, &output);
   PrintResult(input, result);
   return kExitSuccess;
 }

@@ -12,6 +12,7 @@ struct MapperCommandOptions {
   std::string image_path;
   ModelFormat output_format = ModelFormat::kBinary;
   SceneLoadingOptions loading;
+  PosePriorOptions priors;
   MapperOptions mapper;
 
   template <class Self, class Visitor>
@@ -26,6 +27,7 @@ struct MapperCommandOptions {
     visit("output_format", self.output_format, AnyValue(), "",
           "Of the models: binary or text.");
     SceneLoadingOptions::Describe(self.loading, visit);
+    PosePriorOptions::Describe(self.priors, visit);
     MapperOptions::Describe(self.mapper, visit);
   }
 };
@@ -34,7 +36,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
-       options.output_format, options.loading, options.mapper,
+       options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options)},
       context);
 }

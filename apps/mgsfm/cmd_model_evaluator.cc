@@ -45,6 +45,7 @@ struct EvaluatorOptions {
   std::string image_prefix;
   std::string reference;
   std::string rig_name_rule = "auto";
+  Alignment alignment = Alignment::kSimilarity;
   std::string json;
   std::string svg_path;
   std::string position_thresholds = "0.05,0.1,0.5,1";
@@ -76,6 +77,9 @@ struct EvaluatorOptions {
     visit("rig_name_rule", self.rig_name_rule, AnyValue(), "",
           "How image names tell cameras and frames if the model has no rigs; "
           "as for the mapper.");
+    visit("alignment", self.alignment, AnyValue(), "",
+          "What may move the model before it is compared: similarity; rigid, "
+          "for models in metres; none, for models in the world of the truth.");
     visit("json", self.json, AnyValue(), "", "Also write a JSON file.");
     visit("svg_path", self.svg_path, AnyValue(), "",
           "Also draw the path from above and the errors along it, as SVG.");
@@ -319,7 +323,8 @@ int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
   CheckUsage(options);
   const EvaluationOptions thresholds{
       ParseThresholds("position_thresholds", options.position_thresholds),
-      ParseThresholds("rotation_thresholds", options.rotation_thresholds)};
+      ParseThresholds("rotation_thresholds", options.rotation_thresholds),
+      options.alignment};
   const Comparison comparison = Compare(options);
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,

@@ -10,9 +10,11 @@
 #include "mgsfm/io/image_writing.h"
 #include "mgsfm/io/model_io.h"
 #include "mgsfm/io/output_file.h"
+#include "mgsfm/io/pose_priors.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/staged_output.h"
 #include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/rendering.h"
 #include "mgsfm/synthetic/simulation.h"
 
@@ -71,6 +73,7 @@ struct SimulateCommandOptions {
   int render_jpeg_quality = 95;
   RenderingOptions rendering;
   SimulationOptions simulation;
+  PositionMeasurementOptions positions;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -94,6 +97,7 @@ struct SimulateCommandOptions {
           "COLMAP version whose tables are written; 3.8 has no rigs.");
     DescribeRendering(self, visit);
     SimulationOptions::Describe(self.simulation, visit);
+    PositionMeasurementOptions::Describe(self.positions, visit);
   }
 
  private:
@@ -260,6 +264,19 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
   return kExitSuccess;
 }
 
+void WritePositions(const Simulation& simulation,
+                    const PositionMeasurementOptions& options,
+                    const Context& context, const std::string& database_path) {
+  const std::vector<PosePriorRow> rows = MakePosePriorRows(
+      simulation.scene,
+      MeasurePositions(simulation, options, context.random_seed));
+  if (rows.empty()) return;
+  FeatureDatabase database(database_path, FeatureDatabase::OpenMode::kExisting);
+  DatabaseTransaction transaction(&database);
+  for (const PosePriorRow& row : rows) database.WritePosePrior(row);
+  transaction.Commit();
+}
+
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
   const std::filesystem::path output_path = options.output_path;
@@ -274,9 +291,12 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
       Simulate(simulation_options, ReadInput(options), context);
 
   context.Info("writing " + output_path.string());
-  WriteDatabase((output.StagingDir() / "database.db").string(),
+  const std::string database_path =
+      (output.StagingDir() / "database.db").string();
+  WriteDatabase(database_path,
                 MakeDatabaseContents(simulation.scene, simulation.view_graph),
                 options.database_schema);
+  WritePositions(simulation, options.positions, context, database_path);
   WriteTruth(simulation, output.StagingDir() / "truth", context);
   output.Commit();
   context.Info("wrote database.db (" +

@@ -11,6 +11,7 @@
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
 #include "mgsfm/io/staged_output.h"
+#include "mgsfm/pipeline/covariance_report.h"
 #include "mgsfm/pipeline/report.h"
 
 namespace mgsfm {
@@ -56,7 +57,8 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
 }
 
 void WriteModels(const LoadedScene& loaded, const MapperResult& result,
-                 ModelFormat format, const std::filesystem::path& output_path,
+                 const PositionPriors& priors, ModelFormat format,
+                 const std::filesystem::path& output_path,
                  const Context& context) {
   for (size_t i = 0; i < result.models.size(); ++i) {
     const std::filesystem::path folder = output_path / std::to_string(i);
@@ -64,6 +66,16 @@ void WriteModels(const LoadedScene& loaded, const MapperResult& result,
     std::filesystem::create_directory(folder);
     WriteModel(folder, loaded.scene, model, format, context);
     WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
+    const auto& registration = result.models[i].position_priors;
+    if (registration && registration->is_registered && priors.origin_wgs84) {
+      WriteGeoOrigin((folder / "geo_origin.json").string(),
+                     *priors.origin_wgs84);
+    }
+    const auto& covariances = result.models[i].covariances;
+    if (covariances && covariances->is_usable) {
+      WriteFile(folder / "covariances.csv",
+                CovariancesToCsv(loaded.scene, *covariances));
+    }
     LogModel(loaded.scene, result.models[i], i, context);
   }
 }
@@ -89,16 +101,19 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   CheckFormat(loaded.scene, run.output_format);
   description.rig_source = loaded.rig_source;
   description.times.push_back(reading.Stop("reading"));
+  const PositionPriors priors =
+      ReadPositionPriors(loaded.scene, run.database_path, run.priors);
   LogInput(loaded, context);
 
   MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context);
+      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors);
   context.Debug("writing started");
   const StageTimer writing;
   if (!run.image_path.empty()) {
     Color(loaded.scene, run.image_path, context, &result);
   }
-  WriteModels(loaded, result, run.output_format, output.StagingDir(), context);
+  WriteModels(loaded, result, priors, run.output_format, output.StagingDir(),
+              context);
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(

@@ -6,6 +6,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/model_io.h"
+#include "mgsfm/io/pose_priors.h"
 #include "mgsfm/io/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 
@@ -18,6 +19,7 @@ struct MapperRun {
   std::string image_path;  // for the colours of points; may be empty
   ModelFormat output_format = ModelFormat::kBinary;
   SceneLoadingOptions loading;
+  PosePriorOptions priors;
   MapperOptions mapper;
   std::string options_json;  // of the command, for the report
 };

@@ -8,10 +8,12 @@
 
 namespace mgsfm {
 
-bool SolveOnce(const Scene& scene, const BundleAdjustmentOptions& options,
-               RefinedParts parts, double function_tolerance,
-               const Context& context, BundleResult* result) {
-  BuiltProblem built = BuildProblem(scene, result->estimate, options, parts);
+bool SolveOnce(const Scene& scene, const PositionPriors& priors,
+               const BundleAdjustmentOptions& options, RefinedParts parts,
+               double function_tolerance, const Context& context,
+               BundleResult* result) {
+  BuiltProblem built =
+      BuildProblem(scene, result->estimate, options, parts, priors);
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
@@ -53,11 +55,12 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
-                          const Context& context) {
+                          const Context& context,
+                          const PositionPriors& priors) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, options, RefinedParts::kAll, options.function_tolerance,
-            context, &result);
+  SolveOnce(scene, priors, options, RefinedParts::kAll,
+            options.function_tolerance, context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);
   return result;

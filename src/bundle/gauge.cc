@@ -18,13 +18,17 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
   return counts;
 }
 
-// Whether some frame has images of two sensors that are held at different
-// places in the rig.
+// Whether some frame has images of two sensors that are held, or by their
+// priors, at different places in the rig.
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
+  std::vector<char> has_prior(problem.sensor_masks.size(), false);
+  for (const SensorPrior& prior : problem.sensor_priors) {
+    has_prior[prior.sensor] = true;
+  }
   std::vector<std::optional<Eigen::Vector3d>> held(state.frames.size());
   for (const BundleProblem::Image& image : problem.images) {
     const PoseMask& mask = problem.sensor_masks[image.sensor];
-    if ((mask.tail<3>().array() != 0.0).any()) continue;
+    if (!mask.tail<3>().isZero(0.0) && !has_prior[image.sensor]) continue;
     const Eigen::Vector3d center = state.sensors[image.sensor].Center();
     std::optional<Eigen::Vector3d>& other = held[image.frame];
     if (!other) {

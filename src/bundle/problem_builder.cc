@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "bundle/problem_builder.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 
 #include "bundle/image_views.h"
+#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -32,11 +34,13 @@ class Numbering {
 class ProblemBuilder {
  public:
   ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
-                 const BundleAdjustmentOptions& options, RefinedParts parts)
+                 const BundleAdjustmentOptions& options, RefinedParts parts,
+                 const PositionPriors& priors)
       : scene_(scene),
         reconstruction_(reconstruction),
         options_(options),
-        parts_(parts) {}
+        parts_(parts),
+        priors_(priors) {}
 
   BuiltProblem Build() {
     built_.problem.points_are_free = options_.refine_points;
@@ -45,7 +49,9 @@ class ProblemBuilder {
     for (const int frame_idx : built_.frame_idxs) AddFrame(frame_idx);
     for (const int sensor_idx : built_.sensor_idxs) AddSensor(sensor_idx);
     for (const int camera_idx : built_.camera_idxs) AddCamera(camera_idx);
-    if (options_.refine_rig_from_world && options_.refine_points) {
+    AddPositionPriors();
+    if (options_.refine_rig_from_world && options_.refine_points &&
+        built_.problem.position_priors.empty()) {
       FixGauge(built_.state, &built_.problem);
     }
     return std::move(built_);
@@ -56,7 +62,9 @@ class ProblemBuilder {
   void AddFrame(int frame_idx);
   void AddSensor(int sensor_idx);
   void AddCamera(int camera_idx);
+  void AddPositionPriors();
   std::vector<int> FreeParams(const Camera& camera) const;
+  double LargestGivenTranslation(int rig_idx) const;
 
   PoseMask Mask(bool is_refined) const {
     PoseMask mask = PoseMask::Zero();
@@ -70,7 +78,9 @@ class ProblemBuilder {
   const Reconstruction& reconstruction_;
   const BundleAdjustmentOptions& options_;
   const RefinedParts parts_;
+  const PositionPriors& priors_;
   BuiltProblem built_;
+  std::vector<int> image_idxs_;  // of the images of the problem
 };
 
 void ProblemBuilder::AddPoints() {
@@ -78,7 +88,6 @@ void ProblemBuilder::AddPoints() {
   BundleProblem& problem = built_.problem;
   Numbering frames(scene_.frames.size()), sensors(scene_.sensors.size());
   Numbering cameras(scene_.cameras.size()), images(scene_.images.size());
-  std::vector<int> image_idxs;
   std::vector<const Observation*> visible;
   for (size_t i = 0; i < reconstruction_.points.size(); ++i) {
     const Point3D& point = reconstruction_.points[i];
@@ -95,7 +104,7 @@ void ProblemBuilder::AddPoints() {
     if (visible.size() < 2) continue;
     for (const Observation* o : visible) {
       const Image& image = scene_.images[o->image_idx];
-      const int number = images.Number(o->image_idx, &image_idxs);
+      const int number = images.Number(o->image_idx, &image_idxs_);
       if (number == static_cast<int>(problem.images.size())) {
         problem.images.push_back(
             {frames.Number(image.frame_idx, &built_.frame_idxs),
@@ -111,18 +120,52 @@ void ProblemBuilder::AddPoints() {
   }
 }
 
+void ProblemBuilder::AddPositionPriors() {
+  if (priors_.IsEmpty()) return;
+  BundleProblem& problem = built_.problem;
+  problem.position_loss = {RobustLossType::kCauchy,
+                           options_.prior_position_loss_scale};
+  for (size_t i = 0; i < image_idxs_.size(); ++i) {
+    const auto& prior = priors_.images[image_idxs_[i]];
+    if (!prior) continue;
+    problem.position_priors.push_back(
+        {static_cast<int>(i), prior->position,
+         prior->covariance.llt().matrixL().solve(Eigen::Matrix3d::Identity())});
+  }
+}
+
 void ProblemBuilder::AddFrame(int frame_idx) {
   const Rigid3& pose = *reconstruction_.rig_from_world[frame_idx];
   built_.state.frames.push_back({pose.rotation, pose.Center()});
   built_.problem.frame_masks.push_back(Mask(options_.refine_rig_from_world));
 }
 
+double ProblemBuilder::LargestGivenTranslation(int rig_idx) const {
+  double largest = 0.0;
+  for (const int sensor_idx : scene_.rigs[rig_idx].sensor_idxs) {
+    const auto& given = scene_.sensors[sensor_idx].sensor_from_rig;
+    if (given) largest = std::max(largest, given->translation.norm());
+  }
+  return largest;
+}
+
 void ProblemBuilder::AddSensor(int sensor_idx) {
   built_.state.sensors.push_back(*reconstruction_.sensor_from_rig[sensor_idx]);
-  const bool is_known = scene_.sensors[sensor_idx].sensor_from_rig.has_value();
-  built_.problem.sensor_masks.push_back(
-      Mask(!scene_.IsReference(sensor_idx) &&
-           Refines(options_.refine_sensor_from_rig, is_known)));
+  const Sensor& sensor = scene_.sensors[sensor_idx];
+  const bool is_refined = !scene_.IsReference(sensor_idx) &&
+                          Refines(options_.refine_sensor_from_rig,
+                                  sensor.sensor_from_rig.has_value());
+  BundleProblem& problem = built_.problem;
+  problem.sensor_masks.push_back(Mask(is_refined));
+  if (!is_refined || !sensor.sensor_from_rig) return;
+  const double length = LargestGivenTranslation(sensor.rig_idx);
+  // Without a length, all given cameras share one centre.
+  if (length == 0.0) problem.sensor_masks.back().tail<3>().setZero();
+  problem.sensor_priors.push_back(
+      {static_cast<int>(problem.sensor_masks.size()) - 1,
+       *sensor.sensor_from_rig,
+       DegToRad(options_.sensor_from_rig_prior_sigma_deg),
+       length > 0.0 ? options_.sensor_from_rig_prior_sigma * length : 1.0});
 }
 
 void ProblemBuilder::AddCamera(int camera_idx) {
@@ -166,8 +209,8 @@ std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts) {
-  return ProblemBuilder(scene, reconstruction, options, parts).Build();
+                          RefinedParts parts, const PositionPriors& priors) {
+  return ProblemBuilder(scene, reconstruction, options, parts, priors).Build();
 }
 
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction) {

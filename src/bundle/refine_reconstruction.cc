@@ -18,12 +18,13 @@ class ReconstructionRefiner {
   ReconstructionRefiner(const Scene& scene, const CandidateSource& candidates,
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
-                        const Context& context)
+                        const Context& context, const PositionPriors& priors)
       : scene_(scene),
         candidates_(candidates),
         initial_(initial),
         options_(options),
-        context_(context) {
+        context_(context),
+        priors_(priors) {
     result_.estimate = initial;
   }
 
@@ -70,6 +71,7 @@ class ReconstructionRefiner {
   const Reconstruction& initial_;
   const BundleAdjustmentOptions& options_;
   const Context& context_;
+  const PositionPriors& priors_;
   BundleResult result_;
 };
 
@@ -84,8 +86,8 @@ bool ReconstructionRefiner::Solve(RefinedParts parts,
                                       result_.summary.rounds.back().sigma_px);
     options.loss_scale_px = std::min(options_.loss_scale_px, scale_px);
   }
-  const bool is_usable =
-      SolveOnce(scene_, options, parts, function_tolerance, context_, &result_);
+  const bool is_usable = SolveOnce(scene_, priors_, options, parts,
+                                   function_tolerance, context_, &result_);
   const SolveSummary& summary = result_.summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),
@@ -186,8 +188,10 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   const CandidateSource& candidates,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
-                                  const Context& context) {
-  return ReconstructionRefiner(scene, candidates, initial, options, context)
+                                  const Context& context,
+                                  const PositionPriors& priors) {
+  return ReconstructionRefiner(scene, candidates, initial, options, context,
+                               priors)
       .Run();
 }
 

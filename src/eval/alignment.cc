@@ -78,7 +78,7 @@ Moments ComputeMoments(const std::vector<Sample>& samples,
 
 // The minimiser of (1), alternating over rotation and scale.
 Sim3 FitWeighted(const std::vector<Sample>& samples,
-                 const std::vector<double>& weights) {
+                 const std::vector<double>& weights, bool fits_scale) {
   const Moments m = ComputeMoments(samples, weights);
   Eigen::Matrix3d rotation = NearestRotation(m.rotation);
   double scale = 1.0;
@@ -87,7 +87,9 @@ Sim3 FitWeighted(const std::vector<Sample>& samples,
         kOrientationWeight * kOrientationWeight * m.true_variance / m.weight;
     for (int i = 0; i < kNumIterations; ++i) {
       // |s| keeps a scale of contradictory poses from mirroring the model.
-      scale = std::abs((rotation.transpose() * m.cross).trace()) / m.variance;
+      if (fits_scale) {
+        scale = std::abs((rotation.transpose() * m.cross).trace()) / m.variance;
+      }
       rotation = NearestRotation(scale * m.cross + 0.5 * mu2 * m.rotation);
     }
   }
@@ -123,15 +125,17 @@ double RobustCost(const std::vector<double>& residuals, double max_residual) {
 
 // The fit to two images, or to all, that has the least robust cost. Images far
 // away in the model have so much leverage that a fit to all may be of no use.
-Sim3 FitRobustly(const std::vector<Sample>& samples, double max_residual) {
-  Sim3 best = FitWeighted(samples, std::vector<double>(samples.size(), 1.0));
+Sim3 FitRobustly(const std::vector<Sample>& samples, double max_residual,
+                 bool fits_scale) {
+  Sim3 best = FitWeighted(samples, std::vector<double>(samples.size(), 1.0),
+                          fits_scale);
   double min_cost = RobustCost(Residuals(samples, best), max_residual);
   Random random(0);
   const auto num_samples = static_cast<uint32_t>(samples.size());
   for (int i = 0; i < kNumTrials; ++i) {
     const Sim3 fit = FitWeighted({samples[random.Index(num_samples)],
                                   samples[random.Index(num_samples)]},
-                                 {1.0, 1.0});
+                                 {1.0, 1.0}, fits_scale);
     const double cost = RobustCost(Residuals(samples, fit), max_residual);
     if (cost < min_cost) {
       min_cost = cost;
@@ -160,7 +164,9 @@ std::vector<double> RobustWeights(const std::vector<double>& residuals,
 
 }  // namespace
 
-std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images) {
+std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images,
+                               Alignment alignment) {
+  const bool fits_scale = alignment == Alignment::kSimilarity;
   std::vector<Sample> samples;
   for (const ImagePoses& image : images) {
     if (!image.cam_from_model) continue;
@@ -171,12 +177,13 @@ std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images) {
                            .toRotationMatrix()});
   }
   if (samples.empty()) return std::nullopt;
+  if (alignment == Alignment::kNone) return Sim3();
 
   const double extent = TrueExtent(samples);
-  Sim3 fit = FitRobustly(samples, extent);
+  Sim3 fit = FitRobustly(samples, extent, fits_scale);
   std::vector<double> residuals = Residuals(samples, fit);
   for (int i = 0; i < kNumRobustIterations; ++i) {
-    fit = FitWeighted(samples, RobustWeights(residuals, extent));
+    fit = FitWeighted(samples, RobustWeights(residuals, extent), fits_scale);
     residuals = Residuals(samples, fit);
   }
   // Where most images stand, the median alone would leave out all others.
@@ -187,7 +194,7 @@ std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images) {
   for (const double residual : residuals) {
     weights.push_back(residual <= max_residual ? 1.0 : 0.0);
   }
-  return FitWeighted(samples, weights);
+  return FitWeighted(samples, weights, fits_scale);
 }
 
 }  // namespace mgsfm

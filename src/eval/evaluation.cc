@@ -32,7 +32,7 @@ std::vector<AreaUnderCurve> ComputeAuc(const std::vector<double>& errors,
 
 void EvaluateImages(const std::vector<ImagePoses>& images,
                     const EvaluationOptions& options, Evaluation* evaluation) {
-  evaluation->world_from_model = AlignPoses(images);
+  evaluation->world_from_model = AlignPoses(images, options.alignment);
   if (!evaluation->world_from_model) return;
   std::vector<double> rotation_deg, position_m;
   for (const ImagePoses& image : images) {
@@ -90,6 +90,20 @@ std::vector<SensorErrors> EvaluateSensors(
   return all_errors;
 }
 
+double PathLength(const std::vector<ImagePoses>& images) {
+  double length = 0.0;
+  const ImagePoses* last = nullptr;
+  for (const ImagePoses& image : images) {
+    if (!image.is_reference) continue;
+    if (last != nullptr) {
+      length += (image.cam_from_world.Center() - last->cam_from_world.Center())
+                    .norm();
+    }
+    last = &image;
+  }
+  return length;
+}
+
 // Quadratic in the number of reference images; these are few thousands.
 double Extent(const std::vector<ImagePoses>& images) {
   std::vector<Eigen::Vector3d> centers;
@@ -120,6 +134,7 @@ Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
       }));
   if (has_true_poses) {
     EvaluateImages(images, options, &evaluation);
+    evaluation.path_m = PathLength(images);
   } else {
     evaluation.world_from_model = AlignSensors(sensors);
   }

@@ -87,6 +87,9 @@ std::string EvaluationToText(const Evaluation& evaluation) {
   if (!evaluation.sensors.empty()) text += SensorsToText(evaluation.sensors);
   text += Format("%-16s %.4f m between the farthest frames\n", "extent",
                  *evaluation.extent_m);
+  if (evaluation.path_m) {
+    text += Format("%-16s %.4f m\n", "true path", *evaluation.path_m);
+  }
   text += Format("%-16s %.9g m per unit of the model\n", "scale",
                  evaluation.world_from_model->scale);
   return text;
@@ -111,6 +114,7 @@ std::string EvaluationToJson(const Evaluation& evaluation) {
   }
   if (evaluation.world_from_model) {
     json["extent_m"] = *evaluation.extent_m;
+    if (evaluation.path_m) json["path_m"] = *evaluation.path_m;
     json["scale"] = evaluation.world_from_model->scale;
   }
   return json.dump(2) + "\n";

@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
+#include <set>
 
 #include "io/database_pair_id.h"
 
@@ -88,6 +90,35 @@ std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
   }
   pose.rotation.normalize();
   return pose;
+}
+
+std::string PosePriorQuery(const SqliteDatabase& database) {
+  const std::set<std::string> columns = database.Columns("pose_priors");
+  const std::string covariance =
+      columns.count("position_covariance") > 0 ? "position_covariance" : "NULL";
+  if (columns.count("corr_data_id") > 0) {
+    return "SELECT corr_data_id, position, " + covariance +
+           ", coordinate_system FROM pose_priors WHERE corr_sensor_type = " +
+           std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
+  }
+  return "SELECT image_id, position, " + covariance +
+         ", coordinate_system FROM pose_priors ORDER BY image_id";
+}
+
+PosePriorRow DecodePosePrior(const SqliteStatement& row) {
+  PosePriorRow prior;
+  prior.image_id = ImageId(static_cast<uint32_t>(row.Int(0)));
+  const auto position = Decode<double, 3>(row.Blob(1));
+  const auto covariance = Decode<double, 9>(row.Blob(2));
+  prior.position.setConstant(std::numeric_limits<double>::quiet_NaN());
+  if (position) prior.position = Eigen::Vector3d::Map(position->data());
+  // COLMAP writes one that is not finite for none.
+  if (covariance && AllFinite(covariance->data(), covariance->size())) {
+    prior.covariance = Eigen::Map<const RowMajorMatrix>(covariance->data());
+  }
+  prior.coordinate_system =
+      static_cast<PosePriorRow::CoordinateSystem>(row.Int(3));
+  return prior;
 }
 
 KeypointBlob DecodeKeypoints(const SqliteStatement& row,

@@ -9,6 +9,7 @@
 
 #include "io/sqlite_database.h"
 #include "mgsfm/io/database.h"
+#include "mgsfm/io/feature_database.h"
 
 namespace mgsfm {
 
@@ -48,6 +49,12 @@ std::string TwoViewGeometryQuery(const SqliteDatabase& database,
                                  const std::string& table);
 void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
                            const std::string& name, TwoViewGeometryRow* pair);
+
+// "SELECT image, position, covariance, coordinate system FROM pose_priors", for
+// all layouts of the table; that of 3.8 is in `images` and is not read.
+std::string PosePriorQuery(const SqliteDatabase& database);
+// Not finite where the row holds no position.
+PosePriorRow DecodePosePrior(const SqliteStatement& row);
 
 // ---------------------------------------------------------------- writing
 

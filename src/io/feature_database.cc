@@ -124,7 +124,6 @@ class FeatureDatabase::Impl {
   // "image 3 'a.jpg'", for messages.
   std::string ImageName(ImageId image_id) const;
 
-  std::string PriorsQuery() const;
   void WritePrior(const PosePriorRow& prior);
   int64_t CameraOfImage(ImageId image_id) const;
   // Runs the insertion of a row; returns its new id.
@@ -220,20 +219,6 @@ int64_t FeatureDatabase::Impl::CameraOfImage(ImageId image_id) const {
       "SELECT camera_id FROM images WHERE image_id = ?1", image_id.value());
   MGSFM_CHECK_MSG(row.Step(), ImageName(image_id));
   return row.Int(0);
-}
-
-// Columns: image, position, covariance, coordinate system, in all layouts of
-// the table; that of 3.8 is in `images`.
-std::string FeatureDatabase::Impl::PriorsQuery() const {
-  const std::string covariance =
-      HasPriorColumn("position_covariance") ? "position_covariance" : "NULL";
-  if (HasPriorColumn("corr_data_id")) {
-    return "SELECT corr_data_id, position, " + covariance +
-           ", coordinate_system FROM pose_priors WHERE corr_sensor_type = " +
-           std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
-  }
-  return "SELECT image_id, position, " + covariance +
-         ", coordinate_system FROM pose_priors ORDER BY image_id";
 }
 
 void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
@@ -436,23 +421,11 @@ std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
 
 std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
   std::vector<PosePriorRow> priors;
-  SqliteStatement row = impl_->database().Prepare(impl_->PriorsQuery());
+  SqliteStatement row =
+      impl_->database().Prepare(PosePriorQuery(impl_->database()));
   while (row.Step()) {
-    const BlobView position = row.Blob(1);
-    const BlobView covariance = row.Blob(2);
-    PosePriorRow prior;
-    prior.image_id = ImageId(static_cast<uint32_t>(row.Int(0)));
-    prior.coordinate_system =
-        static_cast<PosePriorRow::CoordinateSystem>(row.Int(3));
-    if (position.size != 3 * sizeof(double)) continue;
-    std::memcpy(prior.position.data(), position.data, position.size);
-    if (!prior.position.allFinite()) continue;
-    Eigen::Matrix3d matrix;
-    if (covariance.size == 9 * sizeof(double)) {
-      std::memcpy(matrix.data(), covariance.data, covariance.size);
-      if (matrix.allFinite()) prior.covariance = matrix;
-    }
-    priors.push_back(prior);
+    const PosePriorRow prior = DecodePosePrior(row);
+    if (prior.position.allFinite()) priors.push_back(prior);
   }
   return priors;
 }

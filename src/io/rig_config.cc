@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 
 #include "io/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/model_scene.h"
 #include "mgsfm/io/output_file.h"
 
 namespace mgsfm {
@@ -318,8 +320,8 @@ void WriteRigConfig(const std::string& path,
   WriteFile(path, json.dump(2) + '\n');
 }
 
-void WriteRigConfig(const std::string& path, const Scene& scene,
-                    const Reconstruction& reconstruction) {
+std::vector<RigConfig> MakeRigConfigs(const Scene& scene,
+                                      const Reconstruction& reconstruction) {
   std::vector<RigConfig> rigs;
   for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
     for (const auto& [outer, group] :
@@ -329,7 +331,22 @@ void WriteRigConfig(const std::string& path, const Scene& scene,
       }
     }
   }
-  WriteRigConfig(path, rigs);
+  return rigs;
+}
+
+void WriteRigConfig(const std::string& path, const Scene& scene,
+                    const Reconstruction& reconstruction) {
+  WriteRigConfig(path, MakeRigConfigs(scene, reconstruction));
+}
+
+std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
+                                            const Context& context) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return ReadRigConfig(path);
+  const fs::path config = fs::path(path) / "rig_config.json";
+  if (fs::exists(config)) return ReadRigConfig(config.string());
+  const ModelScene model = LoadModelScene(path, {}, context);
+  return MakeRigConfigs(model.scene, model.reconstruction);
 }
 
 }  // namespace mgsfm

@@ -44,10 +44,12 @@ RigAssignment AssignAllSingle(const RigInput& input) {
 }
 
 RigAssignment AssignRigs(const RigInput& input,
-                         const SceneLoadingOptions& options) {
+                         const SceneLoadingOptions& options,
+                         const Context& context) {
   if (!options.rig_config_path.empty()) {
-    return AssignByConfig(input, ReadRigConfig(options.rig_config_path),
-                          options.rig_config_path);
+    return AssignByConfig(
+        input, ReadRigConfigOrModel(options.rig_config_path, context),
+        options.rig_config_path);
   }
   if (options.rig_name_rule == "none") return AssignAllSingle(input);
   if (options.rig_name_rule != "auto") {
@@ -63,7 +65,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
                              const SceneLoadingOptions& options,
                              const Context& context) {
   RigInput input = MakeRigInput(kind, std::move(contents));
-  RigAssignment assignment = AssignRigs(input, options);
+  RigAssignment assignment = AssignRigs(input, options, context);
   SceneOfRows result;
   result.rig_source = assignment.source;
   result.scene = BuildScene(std::move(input), std::move(assignment), context);

@@ -16,6 +16,7 @@
 #include "least_squares/baseline_terms.h"
 #include "least_squares/chunk_kernels.h"
 #include "least_squares/image_poses.h"
+#include "least_squares/pose_priors.h"
 #include "least_squares/residuals.h"
 #include "mgsfm/geometry/so3.h"
 
@@ -271,6 +272,58 @@ class PriorCost : public ceres::CostFunction {
   const RigProblemBase::ParameterPrior& prior_;
 };
 
+// Writes the derivatives of a prior by one of its blocks.
+void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative, int size,
+                   double* jacobian) {
+  if (jacobian == nullptr) return;
+  for (int i = 0; i < size; ++i) {
+    for (int j = 0; j < 6; ++j) jacobian[7 * i + j] = derivative(i, j);
+    jacobian[7 * i + 6] = 0.0;
+  }
+}
+
+// Blocks: frame, sensor.
+class PositionPriorCost : public ceres::CostFunction {
+ public:
+  explicit PositionPriorCost(const PositionPrior& prior) : prior_(prior) {
+    set_num_residuals(3);
+    *mutable_parameter_block_sizes() = {7, 7};
+  }
+  bool Evaluate(double const* const* blocks, double* residuals,
+                double** jacobians) const override {
+    const PosePriorResidual r = EvaluatePositionPrior(
+        prior_, {RotationOf(blocks[0]), Vector3d::Map(blocks[0] + 4)},
+        {RotationOf(blocks[1]), Vector3d::Map(blocks[1] + 4)});
+    std::copy_n(r.value.data(), r.size, residuals);
+    if (jacobians == nullptr) return true;
+    WriteJacobian(r.by_frame, r.size, jacobians[0]);
+    WriteJacobian(r.by_sensor, r.size, jacobians[1]);
+    return true;
+  }
+
+ private:
+  const PositionPrior& prior_;
+};
+
+class SensorPriorCost : public ceres::CostFunction {
+ public:
+  explicit SensorPriorCost(const SensorPrior& prior) : prior_(prior) {
+    set_num_residuals(6);
+    *mutable_parameter_block_sizes() = {7};
+  }
+  bool Evaluate(double const* const* blocks, double* residuals,
+                double** jacobians) const override {
+    const PosePriorResidual r = EvaluateSensorPrior(
+        prior_, {RotationOf(blocks[0]), Vector3d::Map(blocks[0] + 4)});
+    std::copy_n(r.value.data(), r.size, residuals);
+    if (jacobians != nullptr) WriteJacobian(r.by_sensor, r.size, jacobians[0]);
+    return true;
+  }
+
+ private:
+  const SensorPrior& prior_;
+};
+
 class RigLoss : public ceres::LossFunction {
  public:
   explicit RigLoss(const RobustLoss& loss) : loss_(loss) {}
@@ -291,7 +344,11 @@ class CeresRigProblem {
   using Problem = RigProblem<typename R::Observation>;
 
   CeresRigProblem(const Problem& rig, RigState* state)
-      : rig_(rig), state_(*state), loss_(rig.loss), problem_(Options()) {
+      : rig_(rig),
+        state_(*state),
+        loss_(rig.loss),
+        position_loss_(rig.position_loss),
+        problem_(Options()) {
     for (const FramePose& f : state->frames) {
       frames_.push_back(MakePoseBlock(f.rig_from_world, f.center));
     }
@@ -305,6 +362,7 @@ class CeresRigProblem {
       problem_.AddResidualBlock(new PriorCost(prior), nullptr,
                                 state_.cameras[prior.camera].data());
     }
+    AddPosePriors();
     HoldPoses(rig.frame_masks, &frames_);
     HoldPoses(rig.sensor_masks, &sensors_);
     HoldParams();
@@ -402,6 +460,19 @@ class CeresRigProblem {
     problem_.AddResidualBlock(new LinearTermCost(term), nullptr, blocks);
   }
 
+  void AddPosePriors() {
+    for (const PositionPrior& prior : rig_.position_priors) {
+      const RigProblemBase::Image& image = rig_.images[prior.image];
+      problem_.AddResidualBlock(new PositionPriorCost(prior), &position_loss_,
+                                frames_[image.frame].data(),
+                                sensors_[image.sensor].data());
+    }
+    for (const SensorPrior& prior : rig_.sensor_priors) {
+      problem_.AddResidualBlock(new SensorPriorCost(prior), nullptr,
+                                sensors_[prior.sensor].data());
+    }
+  }
+
   void HoldPoses(const std::vector<PoseMask>& masks,
                  std::vector<PoseBlock>* blocks) {
     for (size_t i = 0; i < blocks->size(); ++i) {
@@ -436,7 +507,7 @@ class CeresRigProblem {
   const Problem& rig_;
   RigState& state_;
   std::vector<PoseBlock> frames_, sensors_;
-  RigLoss loss_;
+  RigLoss loss_, position_loss_;
   ceres::Problem problem_;
 };
 

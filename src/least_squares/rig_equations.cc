@@ -9,6 +9,7 @@
 #include "least_squares/baseline_terms.h"
 #include "least_squares/conjugate_gradient.h"
 #include "least_squares/linear_terms.h"
+#include "least_squares/pose_priors.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/so3.h"
 
@@ -90,7 +91,8 @@ double RigEquationsBase::Cost() {
                           CostOfTerms(problem_, structure_, chunk, poses_);
       },
       1);
-  double cost = CostOfLinearTerms(problem_, state_);
+  double cost =
+      CostOfLinearTerms(problem_, state_) + CostOfPosePriors(problem_, state_);
   for (const double chunk_cost : chunk_costs_) cost += chunk_cost;
   return cost;
 }
@@ -117,6 +119,7 @@ bool RigEquationsBase::Linearize(double lambda) {
       });
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
                  &matrix_);
+  AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_, &matrix_);
   DampMatrix();
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
@@ -234,6 +237,7 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         }
       });
   MultiplyLinearTerms(problem_, structure_, x, y);
+  MultiplyPosePriors(problem_, structure_, state_, x, y);
 }
 
 PoseVector RigEquationsBase::PosePart(const Eigen::VectorXd& z,
@@ -327,7 +331,8 @@ TrialStep RigEquationsBase::TryStep() {
       },
       1);
   TrialStep step;
-  step.new_cost = CostOfLinearTerms(problem_, trial_state_);
+  step.new_cost = CostOfLinearTerms(problem_, trial_state_) +
+                  CostOfPosePriors(problem_, trial_state_);
   // With (1), the model cost g^T d + d^T N d / 2 is (g^T d - lambda d^T D d)/2,
   // less half of d^T r if r is left of the reduced equations.
   double decrease = step_.dot(residual_);

@@ -48,6 +48,12 @@ class RigEquationsBase : public DampedProblem {
   TrialStep TryStep() override;
   void AcceptStep() override;
 
+  // Factorises the matrix of Linearize() alone, and solves with it.
+  bool Factorize() { return solver_.Factorize(matrix_); }
+  void SolveColumns(const Eigen::MatrixXd& B, Eigen::MatrixXd* X) const {
+    solver_.Solve(B, *X);
+  }
+
   const RigStructure& structure() const { return structure_; }
   const Eigen::VectorXd& step() const { return step_; }
   // Changes of frame, sensor or camera block that the last step asks for.

@@ -419,6 +419,11 @@ Builder::Pairs Builder::UnitePairs() const {
       }
     }
   }
+  for (const PositionPrior& prior : problem_.position_priors) {
+    const int frame = BlockOfFrame(prior.image);
+    const int sensor = BlockOfSensor(prior.image);
+    if (frame >= 0 && sensor >= 0) add(frame, sensor);
+  }
   for (int a = 0; a < NumBlocks(); ++a) {
     add(a, a);
     if (!block_is_border_[a]) continue;

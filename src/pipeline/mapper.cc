@@ -6,6 +6,8 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "pipeline/given_rigs.h"
+#include "pipeline/position_registration.h"
 
 namespace mgsfm {
 namespace {
@@ -113,9 +115,18 @@ void WarnOfSuspiciousGroups(const Scene& scene,
   }
 }
 
+void LogPriors(const PositionPriorSummary& summary, const Context& context) {
+  if (!summary.message.empty()) context.Warning(summary.message);
+  if (!summary.is_registered) return;
+  context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
+               std::to_string(summary.outliers.size()) + " outliers, rms " +
+               std::to_string(summary.rms.value_or(0.0)));
+}
+
 MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
+                            const PositionPriors& priors,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
@@ -136,16 +147,38 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                                  translation.pair_contradicts);
   WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
 
+  Reconstruction initial = JoinEstimates(scene, rotations, translation.estimate,
+                                         tracks.estimate);
+  PositionPriors used_priors;
+  if (!priors.IsEmpty()) {
+    PositionRegistration registration =
+        RegisterToPriors(scene, priors, model.translation.is_metric,
+                         context.random_seed, &initial);
+    model.position_priors = std::move(registration.summary);
+    used_priors = std::move(registration.used);
+  }
+
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
         scene,
         MakeCandidateSource(scene, view_graph, rotations,
                             translation.pair_contradicts, options, context),
-        JoinEstimates(scene, rotations, translation.estimate, tracks.estimate),
-        options.bundle_adjustment, context);
+        initial, options.bundle_adjustment, context, used_priors);
   });
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);
+  if (options.compute_covariances) {
+    model.covariances = Timed("covariances", context, &model.times, [&] {
+      return ComputeCovariances(scene, model.reconstruction,
+                                options.bundle_adjustment, context,
+                                used_priors);
+    });
+  }
+  if (model.position_priors) {
+    JudgePriors(scene, priors, used_priors, model.reconstruction,
+                &*model.position_priors);
+    LogPriors(*model.position_priors, context);
+  }
   return model;
 }
 
@@ -206,6 +239,78 @@ MethodDefaults DefaultsOf(MapperMethod method) {
           TranslationObjective::kAuto};
 }
 
+// All after the focal lengths.
+MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
+                           const MapperOptions& options, const Context& context,
+                           const PositionPriors& priors) {
+  MapperResult result;
+  const Bearings bearings = Timed("rays", context, &result.times, [&] {
+    return ComputeBearings(scene, context.num_threads);
+  });
+  ViewGraphResult verified = Timed("view graph", context, &result.times, [&] {
+    return EstimateViewGraph(scene, bearings, view_graph, options.view_graph,
+                             context);
+  });
+  result.view_graph = verified.summary;
+  CheckGivenRigs(scene, verified.estimate);
+
+  RotationResult rotation =
+      Timed("rotation averaging", context, &result.times, [&] {
+        return AverageRotations(scene, verified.estimate,
+                                options.rotation_averaging, context);
+      });
+  result.rotation = std::move(rotation.summary);
+
+  const std::vector<int> num_frames = CountFrames(rotation.estimate);
+  for (size_t part = 0; part < num_frames.size(); ++part) {
+    if (num_frames[part] < options.min_num_frames) continue;
+    context.Info("part " + std::to_string(part) + ": " +
+                 std::to_string(num_frames[part]) + " frames");
+    MapperModel model =
+        ReconstructPart(scene, bearings, verified.estimate,
+                        SelectPart(scene, verified.estimate, rotation.estimate,
+                                   static_cast<int>(part)),
+                        priors, options, context);
+    model.num_frames_in_part = num_frames[part];
+    if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
+        !model.reconstruction.points.empty()) {
+      result.models.push_back(std::move(model));
+    }
+  }
+  result.unregistered_frames = ExplainUnregistered(
+      scene, rotation.estimate, num_frames, options, result.models);
+  return result;
+}
+
+bool NeedsFocalLengths(const Scene& scene, const MapperOptions& options) {
+  return options.focal_lengths.calibrate &&
+         std::any_of(scene.cameras.begin(), scene.cameras.end(),
+                     [](const Camera& camera) {
+                       return !camera.has_prior_focal_length;
+                     });
+}
+
+void LogFocalLengths(const Scene& scene,
+                     const std::vector<FocalLengthEstimate>& estimates,
+                     const Context& context) {
+  for (const FocalLengthEstimate& estimate : estimates) {
+    const std::string camera =
+        "focal length of camera " +
+        std::to_string(scene.cameras[estimate.camera_idx].id.value());
+    char numbers[96];
+    if (estimate.estimated_px) {
+      std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
+                    *estimate.estimated_px, estimate.given_px,
+                    *estimate.estimated_px * estimate.sigma);
+      context.Info(camera + numbers);
+    } else {
+      std::snprintf(numbers, sizeof(numbers),
+                    " stays at %.2f px: ", estimate.given_px);
+      context.Warning(camera + numbers + estimate.message);
+    }
+  }
+}
+
 }  // namespace
 
 MapperOptions ResolveMethod(const MapperOptions& options) {
@@ -226,46 +331,29 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
 
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
                        const MapperOptions& given_options,
-                       const Context& context) {
+                       const Context& context, const PositionPriors& priors) {
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
-  MapperResult result;
-  const Bearings bearings = Timed("rays", context, &result.times, [&] {
-    return ComputeBearings(scene, context.num_threads);
-  });
-  ViewGraphResult verified = Timed("view graph", context, &result.times, [&] {
-    return EstimateViewGraph(scene, bearings, view_graph, options.view_graph,
-                             context);
-  });
-  result.view_graph = verified.summary;
-
-  RotationResult rotation =
-      Timed("rotation averaging", context, &result.times, [&] {
-        return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context);
-      });
-  result.rotation = std::move(rotation.summary);
-
-  const std::vector<int> num_frames = CountFrames(rotation.estimate);
-  for (size_t part = 0; part < num_frames.size(); ++part) {
-    if (num_frames[part] < options.min_num_frames) continue;
-    context.Info("part " + std::to_string(part) + ": " +
-                 std::to_string(num_frames[part]) + " frames");
-    MapperModel model =
-        ReconstructPart(scene, bearings, verified.estimate,
-                        SelectPart(scene, verified.estimate, rotation.estimate,
-                                   static_cast<int>(part)),
-                        options, context);
-    model.num_frames_in_part = num_frames[part];
-    if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
-        !model.reconstruction.points.empty()) {
-      result.models.push_back(std::move(model));
-    }
+  if (!NeedsFocalLengths(scene, options)) {
+    return MapCalibrated(scene, view_graph, options, context, priors);
   }
-  result.unregistered_frames = ExplainUnregistered(
-      scene, rotation.estimate, num_frames, options, result.models);
+  std::vector<StageTime> times;
+  FocalLengthResult focal_lengths =
+      Timed("focal lengths", context, &times, [&] {
+        return CalibrateFocalLengths(scene, view_graph, options.focal_lengths,
+                                     context);
+      });
+  LogFocalLengths(scene, focal_lengths.estimates, context);
+  const ViewGraph uncalibrated =
+      DropCalibratedGeometry(scene, focal_lengths, view_graph);
+  Scene calibrated = scene;
+  calibrated.cameras = std::move(focal_lengths.cameras);
+  MapperResult result =
+      MapCalibrated(calibrated, uncalibrated, options, context, priors);
+  result.focal_lengths = std::move(focal_lengths.estimates);
+  result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;
 }
 

@@ -2,7 +2,11 @@
 #include "mgsfm/pipeline/report.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {
@@ -61,6 +65,21 @@ Json InputToJson(const Scene& scene, const ViewGraph& view_graph,
           {"num_keypoints", num_keypoints},
           {"num_pairs", view_graph.pairs.size()},
           {"num_matches", num_matches}};
+}
+
+Json ToJson(const Scene& scene,
+            const std::vector<FocalLengthEstimate>& estimates) {
+  Json json = Json::array();
+  for (const FocalLengthEstimate& estimate : estimates) {
+    json.push_back(
+        {{"camera_id", scene.cameras[estimate.camera_idx].id.value()},
+         {"given_px", estimate.given_px},
+         {"estimated_px", ToJson(estimate.estimated_px)},
+         {"relative_sigma", estimate.sigma},
+         {"num_pairs", estimate.num_pairs},
+         {"message", estimate.message}});
+  }
+  return json;
 }
 
 Json ToJson(const ViewGraphSummary& summary) {
@@ -158,6 +177,46 @@ Json ToJson(const Scene& scene, const BundleSummary& summary) {
   return json;
 }
 
+Json ToJson(const Scene& scene, const PositionPriorSummary& summary) {
+  Json json = {{"is_registered", summary.is_registered},
+               {"message", summary.message},
+               {"num_given", summary.num_given},
+               {"num_used", summary.num_used},
+               {"rms", ToJson(summary.rms)},
+               {"outliers", Json::array()}};
+  for (const PositionPriorSummary::Outlier& outlier : summary.outliers) {
+    json["outliers"].push_back({{"image", scene.images[outlier.image_idx].name},
+                                {"distance", outlier.distance}});
+  }
+  return json;
+}
+
+// Standard deviations of the pose of a sensor.
+Json SensorSigmaToJson(const MapperModel& model, int sensor_idx) {
+  if (!model.covariances || !model.covariances->is_usable) return nullptr;
+  const auto& covariance = model.covariances->sensors[sensor_idx];
+  if (!covariance) return nullptr;
+  Json turns = Json::array(), shifts = Json::array();
+  for (int i = 0; i < 3; ++i) {
+    turns.push_back(RadToDeg(std::sqrt((*covariance)(i, i))));
+    shifts.push_back(std::sqrt((*covariance)(3 + i, 3 + i)));
+  }
+  return {{"turns_deg", turns}, {"shifts", shifts}};
+}
+
+// What covariances are relative to, and what is not observable.
+Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
+  Json json = {{"is_usable", covariances.is_usable},
+               {"sigma_px", covariances.sigma_px},
+               {"held_frame", nullptr},
+               {"scale_is_held", covariances.scale_is_held},
+               {"message", DescribeUnobservable(scene, covariances)}};
+  if (covariances.held_frame_idx) {
+    json["held_frame"] = scene.frames[*covariances.held_frame_idx].name;
+  }
+  return json;
+}
+
 // The calibrated rigs of one model, with what is known of each sensor.
 Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
                 const MapperModel& model) {
@@ -183,7 +242,8 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
              {"message", internal.message}}},
            {"translation",
             {{"is_observable", translation.is_observable},
-             {"message", translation.message}}}});
+             {"message", translation.message}}},
+           {"sigma", SensorSigmaToJson(model, sensor_idx)}});
     }
     rigs.push_back({{"rig_id", rig.id.value()}, {"sensors", sensors}});
   }
@@ -223,6 +283,12 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
       {"translation_averaging", ToJson(model.translation)},
       {"suspicious_groups", ToJson(scene, model.suspicious_groups)},
       {"bundle_adjustment", ToJson(scene, model.bundle)}};
+  if (model.position_priors) {
+    json["position_priors"] = ToJson(scene, *model.position_priors);
+  }
+  if (model.covariances) {
+    json["covariances"] = ToJson(scene, *model.covariances);
+  }
   AddTimes(model.times, &json);
   return json;
 }
@@ -237,6 +303,9 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                  {"options", Json::parse(run.options_json)},
                  {"view_graph", ToJson(result.view_graph)},
                  {"rotation_averaging", ToJson(result.rotation)}};
+  if (!result.focal_lengths.empty()) {
+    report["focal_lengths"] = ToJson(scene, result.focal_lengths);
+  }
   report["models"] = Json::array();
   for (const MapperModel& model : result.models) {
     report["models"].push_back(ModelToJson(scene, result.rotation, model));

@@ -32,22 +32,6 @@ constexpr double kFineCostTolerance = 1e-5;
 // this a rotation fitted alone is biased by the parallax.
 constexpr double kMaxMedianRatio = 2.5;
 
-std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera) {
-  const std::vector<double>& p = camera.params;
-  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
-  if (camera.model == CameraModelId::kSimplePinhole) {
-    K(0, 0) = K(1, 1) = p[0];
-    K.topRightCorner<2, 1>() << p[1], p[2];
-  } else if (camera.model == CameraModelId::kPinhole) {
-    K(0, 0) = p[0];
-    K(1, 1) = p[1];
-    K.topRightCorner<2, 1>() << p[2], p[3];
-  } else {
-    return std::nullopt;
-  }
-  return K;
-}
-
 bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
   return matrix && matrix->allFinite() && matrix->norm() > 0.0;
 }
@@ -289,6 +273,22 @@ class PairEstimator {
 };
 
 }  // namespace
+
+std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera) {
+  const std::vector<double>& p = camera.params;
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  if (camera.model == CameraModelId::kSimplePinhole) {
+    K(0, 0) = K(1, 1) = p[0];
+    K.topRightCorner<2, 1>() << p[1], p[2];
+  } else if (camera.model == CameraModelId::kPinhole) {
+    K(0, 0) = p[0];
+    K(1, 1) = p[1];
+    K.topRightCorner<2, 1>() << p[2], p[3];
+  } else {
+    return std::nullopt;
+  }
+  return K;
+}
 
 PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
                           const ImagePair& pair,

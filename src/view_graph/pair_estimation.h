@@ -27,6 +27,9 @@ struct PairEstimate {
   }
 };
 
+// Of cameras without distortion.
+std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera);
+
 // One pair of EstimateViewGraph.
 PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
                           const ImagePair& pair,

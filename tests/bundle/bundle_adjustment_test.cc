@@ -92,6 +92,58 @@ TEST_P(BundleAdjustmentTest, KnownExtrinsicsKeepMetricScale) {
   EXPECT_NEAR(difference.scale, 1.0, 1e-3);
 }
 
+// Given poses in the rig that are a little wrong: refined with their prior they
+// come nearer to the truth, and the model stays metric.
+TEST(AdjustBundleTest, GivenExtrinsicsAreRefinedNearTheirPrior) {
+  SimulationOptions simulated =
+      NoisyScene(RigPreset::kStereo, PathPreset::kCurve);
+  simulated.extrinsics_are_known = true;
+  Simulation simulation = Simulate(simulated);
+  std::optional<Rigid3>& given = simulation.scene.sensors[1].sensor_from_rig;
+  const Rigid3 truth = *given;
+  given->rotation = ExpSO3({0.0, DegToRad(0.3), 0.0}) * given->rotation;
+  given->translation *= 1.004;
+  Reconstruction initial = simulation.ground_truth;
+  initial.sensor_from_rig[1] = given;
+  BundleAdjustmentOptions options;
+  options.refine_sensor_from_rig = RefineMode::kYes;
+  options.sensor_from_rig_prior_sigma_deg = 0.3;
+  for (const auto backend : {SolverBackend::kNative, SolverBackend::kCeres}) {
+    options.backend = backend;
+    const Reconstruction refined =
+        AdjustBundle(simulation.scene, initial, options, Threads(2)).estimate;
+    const Rigid3& estimate = *refined.sensor_from_rig[1];
+    EXPECT_LT(AngleBetween(estimate.rotation, truth.rotation),
+              0.5 * AngleBetween(given->rotation, truth.rotation));
+    EXPECT_NEAR(estimate.translation.norm(), given->translation.norm(),
+                0.005 * truth.translation.norm());
+    EXPECT_NEAR(
+        CompareModels(simulation.scene, refined, simulation.ground_truth).scale,
+        1.0, 0.01);
+  }
+}
+
+// Cameras that share one centre as given keep sharing it.
+TEST(AdjustBundleTest, GivenCommonCentreIsKept) {
+  SimulationOptions simulated =
+      NoisyScene(RigPreset::kCube6, PathPreset::kCurve);
+  simulated.extrinsics_are_known = true;
+  Simulation simulation = Simulate(simulated);
+  Reconstruction initial = simulation.ground_truth;
+  for (size_t i = 0; i < simulation.scene.sensors.size(); ++i) {
+    simulation.scene.sensors[i].sensor_from_rig->translation.setZero();
+    initial.sensor_from_rig[i] = simulation.scene.sensors[i].sensor_from_rig;
+  }
+  BundleAdjustmentOptions options;
+  options.refine_sensor_from_rig = RefineMode::kYes;
+  const BundleResult result =
+      AdjustBundle(simulation.scene, initial, options, Threads(2));
+  EXPECT_TRUE(result.summary.solves[0].IsUsable());
+  for (const auto& pose : result.estimate.sensor_from_rig) {
+    EXPECT_TRUE(pose->translation.isZero(0.0));
+  }
+}
+
 TEST_P(BundleAdjustmentTest, WholeStageRecoversTheTruthFromRoughPoses) {
   SimulationOptions simulated = NoisyScene(rig(), path());
   const Simulation simulation = Simulate(simulated);

@@ -141,6 +141,59 @@ TEST_F(MapperCommand, ReportSaysWhatWasDoneAndHowWell) {
   }
 }
 
+TEST_F(MapperCommand, ModelIsTheCalibrationOfTheNextRun) {
+  ASSERT_EQ(Map().exit_code, 0);
+  const Json first = Report()["models"][0]["rigs"][0]["sensors"];
+  fs::rename(Out(), Path("first"));
+  ASSERT_EQ(Map("--rig_config_path " + Path("first/0")).exit_code, 0);
+  const Json second = Report()["models"][0]["rigs"][0]["sensors"];
+  ASSERT_EQ(second.size(), first.size());
+  for (size_t i = 0; i < first.size(); ++i) {
+    EXPECT_TRUE(second[i]["was_known"]);
+    EXPECT_EQ(second[i]["sensor_from_rig"], first[i]["sensor_from_rig"]);
+  }
+}
+
+TEST_F(MapperCommand, MeasuredPositionsPlaceTheModel) {
+  ASSERT_EQ(RunMgsfm("simulate --rig stereo --path loop --num_frames 20 "
+                     "--pixel_noise 0.3 --prior_sigma 0.1 --output_path " +
+                     Path("gps"))
+                .exit_code,
+            0);
+  const CommandOutput output =
+      MapFrom(Path("gps/database.db"), "--use_prior_position 1");
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Json priors = Report()["models"][0]["position_priors"];
+  EXPECT_TRUE(priors["is_registered"]);
+  EXPECT_EQ(priors["num_given"], 20);
+  const Json errors =
+      Evaluate(Out() + "/0", Path("gps/truth") + " --alignment none");
+  EXPECT_LT(errors["position_m"]["max"], 0.2);
+}
+
+TEST_F(MapperCommand, PositionsThatAreNoneAreRefused) {
+  WriteTextFile(Path("positions.txt"), "cam0/000000.png nan 0 0\n");
+  PutEarlierOutput();
+  const Files before = FilesIn(dir_.path());
+  ExpectRefused(Map("--ref_images_path " + Path("positions.txt")), "not finite",
+                before);
+  ExpectRefused(Map("--use_prior_position 1"), "no positions", before);
+}
+
+TEST_F(MapperCommand, CovariancesAreWritten) {
+  ASSERT_EQ(Map("--compute_covariances 1").exit_code, 0);
+  const std::string csv = ReadTextFile(Out() + "/0/covariances.csv");
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 1 + 4 + 12);
+  const Json model = Report()["models"][0];
+  EXPECT_TRUE(model["covariances"]["is_usable"]);
+  EXPECT_EQ(model["covariances"]["message"], "");
+  for (const Json& sensor : model["rigs"][0]["sensors"]) {
+    if (sensor["is_reference"]) continue;
+    EXPECT_GT(sensor["sigma"]["turns_deg"][0], 0.0);
+    EXPECT_LT(sensor["sigma"]["turns_deg"][0], 1.0);
+  }
+}
+
 TEST_F(MapperCommand, DoesNotTouchTheDatabase) {
   fs::create_directory(Path("db"));
   fs::copy_file(Database(), Path("db/database.db"));

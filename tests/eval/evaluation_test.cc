@@ -95,6 +95,21 @@ TEST_P(AlignPosesTest, IsNotMovedByImagesThatFlewAway) {
   }
 }
 
+TEST_P(AlignPosesTest, RigidMotionKeepsTheUnit) {
+  Random random(4);
+  Sim3 model_from_world = RandomSimilarity(&random);
+  model_from_world.scale = 1.0;
+  std::vector<ImagePoses> images = TrueImages(GetParam());
+  Register(model_from_world, &images);
+  ExpectNear(*AlignPoses(images, Alignment::kRigid), model_from_world.Inverse(),
+             1e-7);
+  // A model that is 2 % too large stays so.
+  Register({1.02, model_from_world.rotation, {}}, &images);
+  EXPECT_EQ(AlignPoses(images, Alignment::kRigid)->scale, 1.0);
+  EXPECT_EQ(AlignPoses(images, Alignment::kNone)->scale, 1.0);
+  EXPECT_TRUE(AlignPoses(images, Alignment::kNone)->translation.isZero(0.0));
+}
+
 INSTANTIATE_TEST_SUITE_P(Paths, AlignPosesTest,
                          testing::Values(Path::kCurve, Path::kStraight,
                                          Path::kStanding));

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
+#include "mgsfm/io/model_io.h"
 #include "mgsfm/io/scene_loading.h"
 #include "support/temp_dir.h"
 
@@ -184,6 +185,37 @@ TEST_F(RigConfigTest, CalibratedRigsAreReadBack) {
         (pose->translation - model.sensor_from_rig[i]->translation).norm(),
         1e-12);
   }
+}
+
+// A folder with a model stands for the calibration in it, with and without the
+// file beside it, which COLMAP does not write.
+TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {
+  const std::vector<std::string> names = {
+      "cam0/0.png", "cam0/1.png", "cam1/0.png", "cam1/1.png", "cam2/1.png"};
+  const Scene scene = LoadScene(MakeContents(names), {}, Context()).scene;
+  Reconstruction model = MakeModel(scene);
+  for (auto& pose : model.rig_from_world) pose = Rigid3();
+  const std::filesystem::path folder = dir_.path() / "model";
+  std::filesystem::create_directory(folder);
+  WriteModel(folder, scene, model, ModelFormat::kBinary);
+  const auto read = [&] {
+    SceneLoadingOptions options;
+    options.rig_config_path = folder.string();
+    return LoadScene(MakeContents(names), options, Context()).scene;
+  };
+  const auto expect_poses = [&](const Scene& loaded) {
+    ExpectSameRigs(loaded, scene);
+    for (size_t i = 0; i < scene.sensors.size(); ++i) {
+      const Rigid3& pose = *loaded.sensors[i].sensor_from_rig;
+      const Rigid3& expected = *model.sensor_from_rig[i];
+      EXPECT_LT(AngleBetween(pose.rotation, expected.rotation), 1e-12);
+      EXPECT_LT((pose.translation - expected.translation).norm(), 1e-12);
+    }
+  };
+  expect_poses(read());
+  model.sensor_from_rig[1]->translation.x() = 7.0;
+  WriteRigConfig((folder / "rig_config.json").string(), scene, model);
+  expect_poses(read());
 }
 
 TEST_F(RigConfigTest, OneRigInTwoFoldersIsWrittenTwice) {

@@ -20,7 +20,7 @@ namespace mgsfm {
 // are those of the structure, then the points of the problem in its own order.
 struct ResidualGroup {
   Eigen::VectorXd value;
-  bool has_loss = true;
+  RobustLoss loss;
 };
 
 inline Eigen::VectorXd ObservationResidual(const RigProblemBase& problem,
@@ -72,12 +72,15 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
   for (size_t p = 0; p < problem.num_points(); ++p) {
     for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
          ++o) {
-      groups.push_back({ObservationResidual(
-          problem, state, problem.observations[o], state.points[p])});
+      groups.push_back(
+          {ObservationResidual(problem, state, problem.observations[o],
+                               state.points[p]),
+           problem.loss});
     }
   }
   for (const BaselineTerm& term : problem.baselines) {
-    groups.push_back({BaselineTermResidual(problem, state, term)});
+    groups.push_back(
+        {BaselineTermResidual(problem, state, term), problem.loss});
   }
   for (const LinearTerm& term : problem.linear_terms) {
     double sum = -term.value;
@@ -86,13 +89,33 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
                                        ? state.frames[part.idx].center
                                        : state.sensors[part.idx].translation);
     }
-    groups.push_back({Eigen::VectorXd::Constant(1, term.weight * sum), false});
+    groups.push_back({Eigen::VectorXd::Constant(1, term.weight * sum), {}});
   }
   for (const RigProblemBase::ParameterPrior& prior : problem.priors) {
     const double value = state.cameras[prior.camera][prior.param];
     groups.push_back(
         {Eigen::VectorXd::Constant(1, (value - prior.value) / prior.sigma),
-         false});
+         {}});
+  }
+  for (const PositionPrior& prior : problem.position_priors) {
+    const RigProblemBase::Image& image = problem.images[prior.image];
+    const FramePose& frame = state.frames[image.frame];
+    const Rigid3 cam_from_world =
+        state.sensors[image.sensor] *
+        Rigid3::FromRotationAndCenter(frame.rig_from_world, frame.center);
+    groups.push_back(
+        {prior.sqrt_information * (cam_from_world.Center() - prior.position),
+         problem.position_loss});
+  }
+  for (const SensorPrior& prior : problem.sensor_priors) {
+    const Rigid3& sensor = state.sensors[prior.sensor];
+    Eigen::VectorXd value(6);
+    value << LogSO3(sensor.rotation *
+                    prior.sensor_from_rig.rotation.conjugate()) /
+                 prior.sigma_rad,
+        (sensor.translation - prior.sensor_from_rig.translation) /
+            prior.sigma_length;
+    groups.push_back({value, {}});
   }
   return groups;
 }
@@ -134,12 +157,10 @@ inline RigState Moved(const RigProblemBase& problem, const RigStructure& s,
   return state;
 }
 
-inline double CostOfResiduals(const RobustLoss& loss,
-                              const std::vector<ResidualGroup>& groups) {
+inline double CostOfResiduals(const std::vector<ResidualGroup>& groups) {
   double cost = 0.0;
   for (const ResidualGroup& group : groups) {
-    const double s = group.value.squaredNorm();
-    cost += 0.5 * (group.has_loss ? loss.Cost(s) : s);
+    cost += 0.5 * group.loss.Cost(group.value.squaredNorm());
   }
   return cost;
 }
@@ -204,14 +225,12 @@ DenseEquations MakeDenseEquations(const RigProblem<Observation>& problem,
   Eigen::Index row = 0;
   for (const ResidualGroup& group : groups) {
     const Eigen::Index n = group.value.size();
-    const double weight =
-        group.has_loss ? problem.loss.Weight(group.value.squaredNorm()) : 1.0;
+    const double weight = group.loss.Weight(group.value.squaredNorm());
     J.middleRows(row, n) *= std::sqrt(weight);
     r.segment(row, n) = std::sqrt(weight) * group.value;
     row += n;
   }
-  return {CostOfResiduals(problem.loss, groups), J.transpose() * J,
-          J.transpose() * r};
+  return {CostOfResiduals(groups), J.transpose() * J, J.transpose() * r};
 }
 
 }  // namespace mgsfm

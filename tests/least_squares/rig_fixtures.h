@@ -233,4 +233,35 @@ inline void Perturb(const RigProblemBase& problem, double size, Random* random,
   }
 }
 
+// Priors on the positions of all images and the poses of all sensors, about
+// `error` from the truth, with a loss that some of them feel.
+template <class Observation>
+void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
+  RigProblem<Observation>& problem = scene->problem;
+  Random random(17);
+  problem.position_loss = {RobustLossType::kCauchy, 1.5};
+  for (size_t i = 0; i < problem.images.size(); ++i) {
+    const RigProblemBase::Image& image = problem.images[i];
+    const FramePose& frame = scene->truth.frames[image.frame];
+    const Rigid3 cam_from_world =
+        scene->truth.sensors[image.sensor] *
+        Rigid3::FromRotationAndCenter(frame.rig_from_world, frame.center);
+    PositionPrior prior;
+    prior.image = static_cast<int>(i);
+    prior.position = cam_from_world.Center() + RandomVector(error, &random);
+    for (int k = 0; k < 3; ++k) {
+      prior.sqrt_information.col(k) += RandomVector(0.2, &random);
+    }
+    prior.sqrt_information /= error;
+    problem.position_priors.push_back(prior);
+  }
+  for (size_t s = 0; s < scene->truth.sensors.size(); ++s) {
+    Rigid3 given = scene->truth.sensors[s];
+    given.rotation = ExpSO3(RandomVector(error, &random)) * given.rotation;
+    given.translation += RandomVector(error, &random);
+    problem.sensor_priors.push_back(
+        {static_cast<int>(s), given, error, 0.5 * error});
+  }
+}
+
 }  // namespace mgsfm

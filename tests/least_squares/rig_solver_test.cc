@@ -109,6 +109,17 @@ RigScene<RayObservation> RayScene() {
       0.005);
 }
 
+TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
+  RigSolverOptions ceres = Tight(), iterative = Tight();
+  ceres.backend = SolverBackend::kCeres;
+  iterative.reduced_solver = ReducedSolver::kIterative;
+  RigScene<PixelObservation> scene = MakePixelScene(
+      NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}));
+  AddPosePriorsNearby(0.05, &scene);
+  ExpectSameOptimum(scene, Tight(), ceres);
+  ExpectSameOptimum(scene, iterative, Tight());
+}
+
 TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;

@@ -11,6 +11,7 @@
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 
@@ -21,17 +22,25 @@ namespace mgsfm {
 //
 //   min 1/2 sum_o rho(|Project(K, S R (p - c) + t) - x_o|^2)
 //     + 1/2 sum_f ((f - f_given) / (sigma f_given))^2                      (1)
+//     + 1/2 sum_k (|Log(S S_given^T)|^2 / sigma_R^2
+//                  + |t - t_given|^2 / sigma_t^2)
+//     + 1/2 sum_i rho_g((c_i - g_i)^T C_i^-1 (c_i - g_i))
 //
 // R, c: rotation and centre of the frame; S, t: sensor_from_rig, the constant
 // identity for the reference sensor; rho: Huber, in pixels. The second sum is
 // over refined focal lengths whose given value is trusted: a straight drive
-// does not determine them, and must not spoil them.
+// does not determine them, and must not spoil them. The third is over refined
+// sensors whose pose was given; sigma_t is a part of the largest given |t| of
+// the rig. The fourth is over images with a measured position g_i, of
+// covariance C_i, of their centre c_i, in the world of the model; rho_g:
+// Cauchy.
 //
 // Gauge. The frame with the most observations is held. Scale is held by the
 // largest coordinate of the offset of a frame at a typical distance, or of an
-// internal translation, unless two sensors of one frame are held at different
-// places: then scale is observable, and known extrinsics keep the model metric.
-// Nothing is held if frames or points are.
+// internal translation, unless two sensors of one frame are held, or by their
+// priors, at different places: then scale is observable, and known extrinsics
+// keep the model metric.
+// Nothing is held if frames or points are, or if positions are measured.
 //
 // Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
 // first; the rest is a sparse Cholesky factorisation of the frames, with the
@@ -69,6 +78,9 @@ struct BundleAdjustmentOptions {
   bool refine_principal_point = false;
   RefineMode refine_extra_params = RefineMode::kAuto;
   double focal_length_prior_sigma = 1e-3;
+  double sensor_from_rig_prior_sigma_deg = 0.1;
+  double sensor_from_rig_prior_sigma = 0.01;
+  double prior_position_loss_scale = 2.8;
 
   int num_rounds = 3;
   double error_sigma_factor = 4.0;
@@ -99,7 +111,7 @@ struct BundleAdjustmentOptions {
           "Refine the poses of frames.");
     visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
           "Refine the poses of cameras in the rig; auto: those that were not "
-          "given.");
+          "given; yes: given ones, too, near what was given.");
     visit("refine_points", self.refine_points, AnyValue(), "",
           "Refine 3D points.");
     visit("refine_focal_length", self.refine_focal_length, AnyValue(), "",
@@ -113,6 +125,17 @@ struct BundleAdjustmentOptions {
           GreaterThan(0.0), "",
           "Relative standard deviation of prior focal lengths, where these are "
           "refined.");
+    visit("sensor_from_rig_prior_sigma_deg",
+          self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
+          "Standard deviation of given rotations of cameras in the rig, where "
+          "these are refined.");
+    visit("sensor_from_rig_prior_sigma", self.sensor_from_rig_prior_sigma,
+          GreaterThan(0.0), "",
+          "The same of given translations, as a part of the largest given in "
+          "the rig.");
+    visit("prior_position_loss_scale", self.prior_position_loss_scale,
+          GreaterThan(0.0), "standard deviations",
+          "Measured positions that are farther off count less and less.");
     visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
           "Rounds of triangulating all points anew and solving.");
     visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
@@ -183,7 +206,8 @@ struct BundleResult {
 [[nodiscard]] BundleResult AdjustBundle(const Scene& scene,
                                         const Reconstruction& initial,
                                         const BundleAdjustmentOptions& options,
-                                        const Context& context);
+                                        const Context& context,
+                                        const PositionPriors& priors = {});
 
 // Groups of keypoints that may be images of one point, at most one keypoint of
 // an image in each, as far as a model can tell whose observations have errors
@@ -219,6 +243,6 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
-    const Context& context);
+    const Context& context, const PositionPriors& priors = {});
 
 }  // namespace mgsfm

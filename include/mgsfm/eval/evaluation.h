@@ -3,8 +3,11 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
+#include "mgsfm/base/options.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
@@ -24,6 +27,21 @@ struct SensorPoses {
   std::optional<Rigid3> true_sensor_from_ref;  // in metres
 };
 
+// What may move a model onto the truth.
+enum class Alignment {
+  kSimilarity,
+  kRigid,  // the unit of the model is the metre
+  kNone,   // its world is the true one, too
+};
+
+template <>
+struct EnumTable<Alignment> {
+  static constexpr std::pair<std::string_view, Alignment> kNames[] = {
+      {"similarity", Alignment::kSimilarity},
+      {"rigid", Alignment::kRigid},
+      {"none", Alignment::kNone}};
+};
+
 // The similarity world_from_model that fits the poses:
 //
 //   min sum_i |s R c_i + t - g_i|^2 + mu^2 |R - R_i|^2 / 2,        (1)
@@ -37,8 +55,9 @@ struct SensorPoses {
 // median residual of a first fit, and 0.01 d) have no part in (1). The first
 // fit minimises the sum of distances, each at most d, starting with the best of
 // fits to two images; d: the root mean square above. nullopt if there is no
-// image.
-std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images);
+// image. With kRigid, s is 1; with kNone, nothing is moved.
+std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images,
+                               Alignment alignment = Alignment::kSimilarity);
 
 struct ErrorStatistics {
   double mean = 0.0;
@@ -64,6 +83,7 @@ struct SensorErrors {
 struct EvaluationOptions {
   std::vector<double> position_thresholds_m = {0.05, 0.1, 0.5, 1.0};
   std::vector<double> rotation_thresholds_deg = {0.5, 1.0, 5.0};
+  Alignment alignment = Alignment::kSimilarity;
 };
 
 struct Evaluation {
@@ -76,6 +96,8 @@ struct Evaluation {
   std::vector<SensorErrors> sensors;
   // Largest distance between two reference images of the model, in metres.
   std::optional<double> extent_m;
+  // Length of the true path of the reference images, in their order.
+  std::optional<double> path_m;
 };
 
 // Without true image poses, `images` holds those of the model with any

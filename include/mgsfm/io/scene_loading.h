@@ -13,7 +13,8 @@ namespace mgsfm {
 
 // Where rigs and frames come from; the first that is given decides:
 //
-// 1. `rig_config_path`: COLMAP's rig_config.json, see rig_config.h. Images that
+// 1. `rig_config_path`: COLMAP's rig_config.json, see rig_config.h, or a folder
+//    with one or with a sparse model, whose calibration is taken. Images that
 //    no prefix covers are single: each camera a rig of its own, each image a
 //    frame.
 // 2. `rig_name_rule` other than "auto".
@@ -54,7 +55,8 @@ struct SceneLoadingOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("rig_config_path", self.rig_config_path, AnyValue(), "",
-          "COLMAP's rig_config.json. Goes before rigs in the database.");
+          "COLMAP's rig_config.json, or the folder of an earlier model, whose "
+          "calibration is taken. Goes before rigs in the database.");
     visit("rig_name_rule", self.rig_name_rule, AnyValue(), "",
           "How image names tell cameras and frames: auto (by folder, unless "
           "the database has rigs), none (single images), or a regular "

@@ -87,6 +87,23 @@ struct LinearTerm {
   double weight = 1.0;
 };
 
+// Where an image was taken, as measured: the residual
+// sqrt_information (c_i - position) of its centre c_i = c - (S R)^T t.
+struct PositionPrior {
+  int image = 0;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
+};
+
+// The pose of a sensor, as given: the residuals Log(S S_0^T) / sigma_rad and
+// (t - t_0) / sigma_length.
+struct SensorPrior {
+  int sensor = 0;
+  Rigid3 sensor_from_rig;
+  double sigma_rad = 1.0;
+  double sigma_length = 1.0;
+};
+
 // What a solve may not change, but for the observations.
 struct RigProblemBase {
   struct Image {
@@ -110,6 +127,8 @@ struct RigProblemBase {
   std::vector<PoseMask> frame_masks;
   std::vector<PoseMask> sensor_masks;
   std::vector<ParameterPrior> priors;
+  std::vector<PositionPrior> position_priors;
+  std::vector<SensorPrior> sensor_priors;
   std::vector<BaselineTerm> baselines;
   std::vector<LinearTerm> linear_terms;
   // Per image: S R, for problems that know no rotations of frames and sensors
@@ -120,15 +139,18 @@ struct RigProblemBase {
   std::vector<size_t> point_begin = {0};
   bool points_are_free = true;
   RobustLoss loss = {RobustLossType::kHuber, 1.0};
+  RobustLoss position_loss;  // of position_priors
 
   size_t num_points() const { return point_begin.size() - 1; }
 };
 
 //   minimise  1/2 sum_o rho(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
 //           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
+//           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //
 // over what the masks free: o observations, b baseline terms, l linear terms, k
-// priors; rho is the loss.
+// priors of parameters, g of positions with their loss rho_g, s of sensors; rho
+// is the loss.
 template <class Observation>
 struct RigProblem : RigProblemBase {
   std::vector<Observation> observations;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -10,20 +11,24 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/covariance.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/translation/translation_averaging.h"
+#include "mgsfm/view_graph/focal_length_calibration.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
 
 namespace mgsfm {
 
 // The main job: from verified matches to rig-consistent models.
 //
-//   view graph -> rotation averaging          once, for all parts together
+//   focal lengths -> view graph -> rotation averaging
+//                                             once, for all parts together
 //   -> tracks -> translation averaging -> bundle adjustment     for each part
 //
 // Internal rotations are shared by all parts; every part that is connected and
@@ -50,7 +55,9 @@ struct EnumTable<MapperMethod> {
 struct MapperOptions {
   MapperMethod method = MapperMethod::kMgsfm;
   int min_num_frames = 3;
+  bool compute_covariances = false;
 
+  FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
   RotationAveragingOptions rotation_averaging;
   TrackOptions tracks;
@@ -67,6 +74,10 @@ struct MapperOptions {
           "that are auto mean; others are as given.");
     visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
           "Connected parts with fewer frames do not become models.");
+    visit("compute_covariances", self.compute_covariances, AnyValue(), "",
+          "Compute how exact the poses of cameras in the rig and of frames "
+          "are; to covariances.csv beside each model.");
+    visit.Group("FocalLengths", self.focal_lengths);
     visit.Group("ViewGraph", self.view_graph);
     visit.Group("RotationAveraging", self.rotation_averaging);
     visit.Group("Tracks", self.tracks);
@@ -76,12 +87,29 @@ struct MapperOptions {
   }
 };
 
+// What became of measured positions in one model.
+struct PositionPriorSummary {
+  struct Outlier {
+    int image_idx = 0;
+    double distance = 0.0;  // from the position to the image's centre
+  };
+  bool is_registered = false;  // the model is in the world of the positions
+  std::string message;         // what is not so, or what was assumed
+  int num_given = 0;           // to images that had a pose when it was moved
+  int num_used = 0;
+  std::optional<double> rms;  // distance of those used
+  // Not used, or more than four standard deviations off in the end.
+  std::vector<Outlier> outliers;
+};
+
 struct MapperModel {
   Reconstruction reconstruction;  // positions are those of the whole scene
   int num_frames_in_part = 0;     // before translation averaging
   TrackSummary tracks;
   TranslationSummary translation;
   BundleSummary bundle;
+  std::optional<PositionPriorSummary> position_priors;  // if some are given
+  std::optional<CovarianceResult> covariances;          // if asked for
   // Pairs of this part that rotations or positions contradict.
   std::vector<SuspiciousGroup> suspicious_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
@@ -95,6 +123,8 @@ struct UnregisteredFrame {
 struct MapperResult {
   std::vector<MapperModel> models;  // by descending number of frames
   std::vector<UnregisteredFrame> unregistered_frames;  // in no model
+  // Of cameras without prior focal length.
+  std::vector<FocalLengthEstimate> focal_lengths;
   ViewGraphSummary view_graph;
   RotationSummary rotation;
   std::vector<StageTime> times;
@@ -105,12 +135,17 @@ struct MapperResult {
 // contradict each other.
 MapperOptions ResolveMethod(const MapperOptions& options);
 
-// With the method kSingle all rigs of the scene must have one sensor.
-// No model in the result means that the input held no reconstructable scene;
-// `unregistered_frames` then says why for each frame.
+// With `priors`, models come out in their world where they determine it, and
+// bundle adjustment keeps images near them.
+//
+// With the method kSingle all rigs of the scene must have one sensor. Throws
+// Error if given poses of sensors contradict the matches, see
+// src/pipeline/given_rigs.h. No model in the result means that the input held
+// no reconstructable scene; `unregistered_frames` then says why for each frame.
 [[nodiscard]] MapperResult RunMapper(const Scene& scene,
                                      const ViewGraph& view_graph,
                                      const MapperOptions& options,
-                                     const Context& context);
+                                     const Context& context,
+                                     const PositionPriors& priors = {});
 
 }  // namespace mgsfm

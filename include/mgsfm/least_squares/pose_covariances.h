@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/least_squares/rig_problem.h"
+
+namespace mgsfm {
+
+using PoseMatrix = Eigen::Matrix<double, 6, 6>;
+
+// Covariances of changes of poses (rig_problem.h), for residuals of variance
+// one; zero for held coordinates. nullopt: the problem has no residual of it.
+struct PoseCovariances {
+  std::vector<std::optional<PoseMatrix>> frames;
+  std::vector<std::optional<PoseMatrix>> sensors;
+};
+
+// The diagonal blocks of (J^T W J)^-1 at a state that minimises the cost, with
+// points and parameters marginalised: blocks of the inverse of the reduced
+// matrix, whose factor is solved for their columns. The problem must fix the
+// gauge. The diagonal is raised by 1e-12 of itself, so that directions that no
+// residual sees have huge variances instead of none. nullopt if a derivative is
+// not finite or the factorisation fails all the same.
+// Cost: one factorisation, and six solves for each pose.
+template <class Observation>
+[[nodiscard]] std::optional<PoseCovariances> ComputePoseCovariances(
+    const RigProblem<Observation>& problem, const RigState& state,
+    const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,270 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# What users bring beside images, with and without its use: prints a table, one
+# line for each case, with an error without and with it.
+#   scripts/use_cases.sh [--data FOLDER] [--output FOLDER] [CASE...]
+# Cases: known_rig positions covariances focal_lengths panorama. FOLDER has
+# kitti06_stereo/ and euroc_v101_stereo/; what is absent is left out. Simulated
+# drives are made with seed 0. Finished runs in the output folder
+# (build/use_cases) are not done again.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+data=${MGSFM_SHARED_DATA:-../shared/data}
+output=build/use_cases
+cases=()
+while [ $# -gt 0 ]; do
+  case "$1" in
+    --data | --output)
+      [ $# -ge 2 ] || { echo "use_cases.sh: $1 needs a value" >&2; exit 1; }
+      declare "${1#--}=$2"
+      shift 2
+      ;;
+    *) cases+=("$1"); shift ;;
+  esac
+done
+[ ${#cases[@]} -gt 0 ] ||
+  cases=(known_rig positions covariances focal_lengths panorama)
+mgsfm=${MGSFM:-build/release/apps/mgsfm/mgsfm}
+mkdir -p "$output"
+
+# simulate NAME OPTIONS...
+simulate() {
+  local folder=$output/$1
+  shift
+  [ -e "$folder/database.db" ] ||
+    "$mgsfm" simulate --output_path "$folder" --log_level error "$@" >&2
+}
+
+# map NAME DATABASE OPTIONS...
+map() {
+  local folder=$output/$1 database=$2
+  shift 2
+  [ -e "$folder/report.json" ] || "$mgsfm" mapper --database_path "$database" \
+    --output_path "$folder" --log_level error "$@" >&2
+}
+
+# evaluate NAME OPTIONS...: the errors as JSON on stdout
+evaluate() {
+  local name=$1
+  shift
+  "$mgsfm" model_evaluator --input_path "$output/$name/0" \
+    --json "$output/$name/evaluation.json" "$@" >/dev/null
+  cat "$output/$name/evaluation.json"
+}
+
+# get JSON EXPRESSION: of the value e
+get() { python3 -c "import json,sys; e=json.loads(sys.argv[1]); print($2)" "$1"; }
+
+row() { echo "| $1 | $2 | $3 | $4 |"; }
+
+known_rig_json() { # FILE TRANSLATION ROTATION
+  cat >"$1" <<JSON
+[{"cameras": [{"image_prefix": "cam0/", "ref_sensor": true},
+  {"image_prefix": "cam1/", "cam_from_rig_rotation": [$3],
+   "cam_from_rig_translation": [$2]}]}]
+JSON
+}
+
+known_rig() {
+  simulate rig_unknown --preset standard --rig stereo --num_frames 60
+  simulate rig_known --preset standard --rig stereo --num_frames 60 \
+    --extrinsics_are_known 1 --database_schema 3.12
+  for name in rig_unknown rig_known; do
+    map "$name/map" "$output/$name/database.db"
+  done
+  local before after
+  before=$(evaluate rig_unknown/map --gt_path "$output/rig_unknown/truth" \
+    --alignment rigid)
+  after=$(evaluate rig_known/map --gt_path "$output/rig_known/truth" \
+    --alignment rigid)
+  local error="'%.3f m' % e['position_m']['mean']"
+  row "known rig, simulated stereo" "position, mean, rigid alignment" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+  local kitti=$data/kitti06_stereo
+  if [ -d "$kitti" ]; then
+    known_rig_json "$output/kitti_rig.json" "-0.537150653, 0, 0" "1, 0, 0, 0"
+    map kitti_unknown "$kitti/database.db"
+    map kitti_known "$kitti/database.db" \
+      --rig_config_path "$output/kitti_rig.json"
+    local truth=(--gt_path "$kitti/gt_poses.txt" --gt_format kitti
+      --calib_path "$kitti/calib.txt")
+    before=$(evaluate kitti_unknown "${truth[@]}" --alignment rigid)
+    after=$(evaluate kitti_known "${truth[@]}" --alignment rigid)
+    error="'%.2f %% of the path' % (100 * e['position_m']['mean'] / e['path_m'])"
+    row "known rig, KITTI 06" "position, mean, rigid alignment" \
+      "$(get "$before" "$error")" "$(get "$after" "$error")"
+    after=$(evaluate kitti_known "${truth[@]}")
+    row "known rig, KITTI 06" "scale" "arbitrary" \
+      "$(get "$after" "'%+.2f %%' % (100 * (1 / e['scale'] - 1))")"
+  fi
+  local euroc=$data/euroc_v101_stereo
+  if [ -d "$euroc" ]; then
+    euroc_rig "$euroc" >"$output/euroc_rig.json"
+    map euroc_unknown "$euroc/database.db"
+    map euroc_known "$euroc/database.db" \
+      --rig_config_path "$output/euroc_rig.json"
+    local rig=(--gt_format rig --calib_path
+      "$euroc/sensor0.yaml,$euroc/sensor1.yaml")
+    before=$(evaluate euroc_unknown "${rig[@]}")
+    after=$(evaluate euroc_known "${rig[@]}")
+    error="'%.3f deg' % e['sensors'][0]['direction_deg']"
+    row "known rig, EuRoC V1_01" "direction of the baseline" \
+      "$(get "$before" "$error")" "$(get "$after" "$error")"
+    local px="'%.3f px' % e['models'][0]['mean_reprojection_error_px']"
+    row "known rig, EuRoC V1_01" "reprojection error, mean" \
+      "$(get "$(cat "$output/euroc_unknown/report.json")" "$px")" \
+      "$(get "$(cat "$output/euroc_known/report.json")" "$px")"
+  fi
+}
+
+# rig_config.json of the poses in the body that EuRoC gives.
+euroc_rig() {
+  python3 - "$1" <<'PY'
+import json, re, sys
+def pose(path):
+    numbers = re.search(r"data: \[([^\]]*)\]", open(path).read()).group(1)
+    m = [float(x) for x in numbers.split(",")]
+    return [m[0:3], m[4:7], m[8:11]], [m[3], m[7], m[11]]
+def mul(a, b):
+    return [[sum(a[i][k] * b[k][j] for k in range(3)) for j in range(3)]
+            for i in range(3)]
+R0, t0 = pose(sys.argv[1] + "/sensor0.yaml")
+R1, t1 = pose(sys.argv[1] + "/sensor1.yaml")
+R1t = [list(c) for c in zip(*R1)]
+R = mul(R1t, R0)
+d = [t0[i] - t1[i] for i in range(3)]
+t = [sum(R1t[i][k] * d[k] for k in range(3)) for i in range(3)]
+w = 0.5 * (1 + R[0][0] + R[1][1] + R[2][2]) ** 0.5
+q = [w, (R[2][1] - R[1][2]) / (4 * w), (R[0][2] - R[2][0]) / (4 * w),
+     (R[1][0] - R[0][1]) / (4 * w)]
+print(json.dumps([{"cameras": [
+    {"image_prefix": "cam0/", "ref_sensor": True},
+    {"image_prefix": "cam1/", "cam_from_rig_rotation": q,
+     "cam_from_rig_translation": t}]}]))
+PY
+}
+
+positions() {
+  simulate gps --preset standard --rig mono --num_frames 300 --path curve \
+    --prior_sigma 1 --prior_outlier_ratio 0.1
+  map gps/without "$output/gps/database.db"
+  map gps/with "$output/gps/database.db" --use_prior_position 1
+  local before after error
+  before=$(evaluate gps/without --gt_path "$output/gps/truth")
+  after=$(evaluate gps/with --gt_path "$output/gps/truth" --alignment none)
+  error="'%.2f m' % e['position_m']['mean']"
+  row "GPS of 1 m, 10 % gross outliers, simulated" \
+    "position, mean; with: not aligned" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+  row "the same" "outliers found" "-" "$(get "$(cat \
+    "$output/gps/with/report.json")" \
+    "'%d of %d' % (len(e['models'][0]['position_priors']['outliers']), \
+     e['models'][0]['position_priors']['num_given'])")"
+}
+
+covariances() {
+  simulate covariance --preset street --pixel_noise 0.7 --rig stereo \
+    --num_frames 40
+  map covariance/map "$output/covariance/database.db" --compute_covariances 1
+  local errors
+  errors=$(evaluate covariance/map --gt_path "$output/covariance/truth")
+  row "covariances, simulated stereo" "rotation in the rig: error, sigma" \
+    "$(get "$errors" "'%.4f deg' % e['sensors'][0]['rotation_deg']")" \
+    "$(get "$(cat "$output/covariance/map/report.json")" \
+      "'%.4f deg' % (sum(x * x for s in e['models'][0]['rigs'][0]['sensors'] \
+       if not s['is_reference'] for x in s['sigma']['turns_deg']) ** 0.5)")"
+}
+
+# distrust FROM TO FACTOR: focal lengths times a factor, without prior
+distrust() {
+  [ -e "$2" ] || python3 - "$@" <<'PY'
+import shutil, sqlite3, struct, sys
+shutil.copy(sys.argv[1], sys.argv[2])
+db = sqlite3.connect(sys.argv[2])
+# Positions of focal lengths by camera model.
+focal = {0: [0], 1: [0, 1], 2: [0], 3: [0], 4: [0, 1], 5: [0, 1], 8: [0]}
+rows = db.execute("SELECT camera_id, model, params FROM cameras").fetchall()
+for camera_id, model, blob in rows:
+    params = list(struct.unpack("<%dd" % (len(blob) // 8), blob))
+    for i in focal[model]:
+        params[i] *= float(sys.argv[3])
+    db.execute("UPDATE cameras SET params = ?, prior_focal_length = 0 WHERE "
+               "camera_id = ?",
+               (struct.pack("<%dd" % len(params), *params), camera_id))
+db.commit()
+PY
+}
+
+# Largest relative error of the focal lengths of a model, by its rig_config.json
+focal_error() { # MODEL TRUTH...
+  python3 - "$@" <<'PY'
+import json, sys
+truth = [float(x) for x in sys.argv[2:]]
+cameras = json.load(open(sys.argv[1] + "/rig_config.json"))[0]["cameras"]
+print("%.2f %%" % max(100 * abs(c["camera_params"][0] / f - 1)
+                      for c, f in zip(cameras, truth)))
+PY
+}
+
+focal_lengths() {
+  simulate focal --preset standard --rig stereo --path loop --num_frames 60
+  distrust "$output/focal/database.db" "$output/focal/wrong.db" 1.2
+  map focal/without "$output/focal/wrong.db" --FocalLengths.calibrate 0
+  map focal/with "$output/focal/wrong.db"
+  local truth
+  truth=$(python3 -c "
+import json
+print(*[c['camera_params'][0] for c in json.load(open(
+    '$output/focal/truth/rig_config.json'))[0]['cameras']])")
+  # shellcheck disable=SC2086
+  row "focal lengths 20 % wrong, not trusted, simulated loop" \
+    "focal length, worst, after bundle adjustment" \
+    "$(focal_error "$output/focal/without/0" $truth)" \
+    "$(focal_error "$output/focal/with/0" $truth)"
+  local kitti=$data/kitti06_stereo
+  [ -d "$kitti" ] || return 0
+  distrust "$kitti/database.db" "$output/kitti_wrong.db" 1.2
+  map kitti_focal_without "$output/kitti_wrong.db" --FocalLengths.calibrate 0
+  map kitti_focal_with "$output/kitti_wrong.db"
+  row "the same, KITTI 06" "focal length, worst, after bundle adjustment" \
+    "$(focal_error "$output/kitti_focal_without/0" 707.0912 707.0912)" \
+    "$(focal_error "$output/kitti_focal_with/0" 707.0912 707.0912)"
+  row "the same, KITTI 06" "what the report says" "nothing" \
+    "$(get "$(cat "$output/kitti_focal_with/report.json")" \
+      "'; '.join(c['message'] or '%.1f px' % c['estimated_px'] \
+       for c in e['focal_lengths'])")"
+}
+
+panorama() {
+  cat >"$output/panorama_rig.json" <<'JSON'
+[{"cameras": [
+  {"image_prefix": "cam0/", "ref_sensor": true,
+   "camera_model_name": "PINHOLE", "camera_params": [400, 400, 320, 240]},
+  {"image_prefix": "cam1/",
+   "cam_from_rig_rotation": [0.866025404, 0, 0.5, 0],
+   "cam_from_rig_translation": [0, 0, 0],
+   "camera_model_name": "PINHOLE", "camera_params": [400, 400, 320, 240]},
+  {"image_prefix": "cam2/",
+   "cam_from_rig_rotation": [0.866025404, 0, -0.5, 0],
+   "cam_from_rig_translation": [0, 0, 0],
+   "camera_model_name": "EQUIRECTANGULAR", "camera_params": [1600, 800]}]}]
+JSON
+  simulate panorama --preset standard --num_frames 60 \
+    --rig_config_path "$output/panorama_rig.json"
+  map panorama/single "$output/panorama/database.db" --rig_name_rule none
+  map panorama/rig "$output/panorama/database.db"
+  local before after error
+  before=$(evaluate panorama/single --gt_path "$output/panorama/truth" \
+    --rig_name_rule none)
+  after=$(evaluate panorama/rig --gt_path "$output/panorama/truth")
+  error="'%.3f m, %d of %d' % (e['position_m']['mean'], e['num_registered'], \
+   e['num_images'])"
+  row "cameras that share a centre, one EQUIRECTANGULAR; without: no rig" \
+    "position, mean; registered" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+}
+
+echo "| case | measured | without | with |"
+echo "|---|---|---|---|"
+for case in "${cases[@]}"; do "$case"; done

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/bundle/covariance.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "bundle/point_filters.h"
+#include "bundle/problem_builder.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr double kMaxSigmaRad = DegToRad(10.0);
+// As in adjustments of keypoints without noise.
+constexpr double kMinSigmaPx = 0.05;
+
+// In units of the noise of observations, as these are.
+void WeighPriors(double sigma_px, BundleProblem* problem) {
+  for (RigProblemBase::ParameterPrior& prior : problem->priors) {
+    prior.sigma /= sigma_px;
+  }
+  for (SensorPrior& prior : problem->sensor_priors) {
+    prior.sigma_rad /= sigma_px;
+    prior.sigma_length /= sigma_px;
+  }
+  for (PositionPrior& prior : problem->position_priors) {
+    prior.sqrt_information *= sigma_px;
+  }
+  problem->position_loss.scale *= sigma_px;
+}
+
+void DescribeGauge(const BuiltProblem& built, CovarianceResult* result) {
+  const BundleProblem& problem = built.problem;
+  const auto num_free = [](const PoseMask& mask) { return mask.sum(); };
+  for (size_t i = 0; i < problem.frame_masks.size(); ++i) {
+    const double free = num_free(problem.frame_masks[i]);
+    if (free == 0.0) result->held_frame_idx = built.frame_idxs[i];
+    result->scale_is_held |= free == 5.0;
+  }
+  for (const PoseMask& mask : problem.sensor_masks) {
+    result->scale_is_held |= num_free(mask) == 5.0;
+  }
+}
+
+void ScatterScaled(const std::vector<std::optional<PoseMatrix>>& from,
+                   const std::vector<int>& idxs, double factor, size_t size,
+                   std::vector<std::optional<PoseMatrix>>* to) {
+  to->resize(size);
+  for (size_t i = 0; i < from.size(); ++i) {
+    if (from[i]) (*to)[idxs[i]] = factor * *from[i];
+  }
+}
+
+void ListUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
+                      bool are_sensors, double max_sigma_length,
+                      std::vector<UnobservableDirection>* directions) {
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!poses[i]) continue;
+    for (const bool is_rotation : {true, false}) {
+      const int first = is_rotation ? 0 : 3;
+      const double most = is_rotation ? kMaxSigmaRad : max_sigma_length;
+      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
+          poses[i]->block<3, 3>(first, first));
+      for (int k = 0; k < 3; ++k) {
+        if (!(eigen.eigenvalues()[k] > most * most)) continue;
+        directions->push_back({are_sensors, static_cast<int>(i), is_rotation,
+                               eigen.eigenvectors().col(k)});
+      }
+    }
+  }
+}
+
+}  // namespace
+
+CovarianceResult ComputeCovariances(const Scene& scene,
+                                    const Reconstruction& reconstruction,
+                                    const BundleAdjustmentOptions& options,
+                                    const Context& context,
+                                    const PositionPriors& priors) {
+  CovarianceResult result;
+  result.sigma_px = RobustSigmaPx(
+      ReprojectionErrors(scene, reconstruction, context.num_threads));
+  const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
+  BundleAdjustmentOptions weighted = options;
+  weighted.loss_scale_px =
+      std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
+  BuiltProblem built =
+      BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll, priors);
+  WeighPriors(sigma_px, &built.problem);
+  DescribeGauge(built, &result);
+  const std::optional<PoseCovariances> covariances =
+      ComputePoseCovariances(built.problem, built.state, context);
+  if (!covariances) return result;
+  result.is_usable = true;
+  const double factor = sigma_px * sigma_px;
+  ScatterScaled(covariances->frames, built.frame_idxs, factor,
+                scene.frames.size(), &result.frames);
+  ScatterScaled(covariances->sensors, built.sensor_idxs, factor,
+                scene.sensors.size(), &result.sensors);
+  const double max_sigma_length =
+      std::tan(kMaxSigmaRad) *
+      MedianDistance(scene, reconstruction, context.num_threads);
+  ListUnobservable(result.sensors, true, max_sigma_length,
+                   &result.unobservable);
+  ListUnobservable(result.frames, false, max_sigma_length,
+                   &result.unobservable);
+  return result;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/least_squares/pose_covariances.h"
+
+#include <algorithm>
+
+#include "least_squares/residuals.h"
+#include "least_squares/rig_equations.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr double kDamping = 1e-12;
+constexpr size_t kBlocksPerSolve = 16;
+
+// A pose with unknowns.
+struct FreePose {
+  int block = 0;
+  const PoseMask* mask = nullptr;
+  std::optional<PoseMatrix>* covariance = nullptr;
+};
+
+// Held poses get a covariance of zero.
+void ListPoses(const std::vector<int>& blocks,
+               const std::vector<PoseMask>& masks,
+               std::vector<std::optional<PoseMatrix>>* covariances,
+               std::vector<FreePose>* poses) {
+  covariances->resize(blocks.size());
+  for (size_t i = 0; i < blocks.size(); ++i) {
+    if (blocks[i] >= 0) {
+      poses->push_back({blocks[i], &masks[i], &(*covariances)[i]});
+    } else if (masks[i].isZero(0.0)) {
+      (*covariances)[i] = PoseMatrix::Zero();
+    }
+  }
+}
+
+// For the poses begin to end - 1.
+void SolveForPoses(const RigEquationsBase& equations,
+                   const std::vector<FreePose>& poses, size_t begin,
+                   size_t end) {
+  const RigStructure& s = equations.structure();
+  const int size = s.pose_size;
+  Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(
+      s.num_unknowns, static_cast<Eigen::Index>(end - begin) * size);
+  for (size_t k = begin; k < end; ++k) {
+    const auto first = static_cast<Eigen::Index>(k - begin) * size;
+    columns.block(s.block_first[poses[k].block], first, size, size)
+        .setIdentity();
+  }
+  equations.SolveColumns(columns, &columns);
+  for (size_t k = begin; k < end; ++k) {
+    const auto first = static_cast<Eigen::Index>(k - begin) * size;
+    PoseMatrix covariance = PoseMatrix::Zero();
+    covariance.bottomRightCorner(size, size) =
+        columns.block(s.block_first[poses[k].block], first, size, size);
+    covariance = 0.5 * (covariance + covariance.transpose()).eval();
+    *poses[k].covariance =
+        poses[k].mask->asDiagonal() * covariance * poses[k].mask->asDiagonal();
+  }
+}
+
+template <class R>
+std::optional<PoseCovariances> Compute(
+    const RigProblem<typename R::Observation>& problem, const RigState& state,
+    const Context& context) {
+  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  const RigStructure& s = equations.structure();
+  PoseCovariances result;
+  std::vector<FreePose> poses;
+  ListPoses(s.frame_block, problem.frame_masks, &result.frames, &poses);
+  ListPoses(s.sensor_block, problem.sensor_masks, &result.sensors, &poses);
+  if (poses.empty()) return result;
+  equations.SetState(state);
+  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+    return std::nullopt;
+  }
+  for (size_t begin = 0; begin < poses.size(); begin += kBlocksPerSolve) {
+    context.CheckInterrupted();
+    SolveForPoses(equations, poses, begin,
+                  std::min(begin + kBlocksPerSolve, poses.size()));
+  }
+  return result;
+}
+
+}  // namespace
+
+template <>
+std::optional<PoseCovariances> ComputePoseCovariances<PixelObservation>(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const Context& context) {
+  return Compute<PixelResidual>(problem, state, context);
+}
+
+template <>
+std::optional<PoseCovariances> ComputePoseCovariances<RayObservation>(
+    const RigProblem<RayObservation>& problem, const RigState& state,
+    const Context& context) {
+  return Compute<RayResidual>(problem, state, context);
+}
+
+}  // namespace mgsfm

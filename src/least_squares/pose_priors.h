@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+
+#include "least_squares/rig_structure.h"
+#include "mgsfm/least_squares/rig_problem.h"
+
+namespace mgsfm {
+
+// The residual of a prior and its derivatives by changes of the frame and of
+// the sensor that it is about; only the first `size` rows are used.
+struct PosePriorResidual {
+  int size = 0;
+  Eigen::Matrix<double, 6, 1> value = Eigen::Matrix<double, 6, 1>::Zero();
+  Eigen::Matrix<double, 6, 6> by_frame = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 6, 6> by_sensor = Eigen::Matrix<double, 6, 6>::Zero();
+};
+
+PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
+                                        const FramePose& frame,
+                                        const Rigid3& sensor_from_rig);
+PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
+                                      const Rigid3& sensor_from_rig);
+
+// All priors on positions of images and poses of sensors: few, at most one for
+// each image and sensor.
+
+double CostOfPosePriors(const RigProblemBase& problem, const RigState& state);
+
+// Adds J^T W r, the diagonal of J^T W J, and J^T W J as far as the pattern has
+// it.
+void AddPosePriors(const RigProblemBase& problem, const RigStructure& structure,
+                   const RigState& state, Eigen::VectorXd* gradient,
+                   Eigen::VectorXd* diagonal,
+                   Eigen::SparseMatrix<double>* matrix);
+
+// y += J^T W J x.
+void MultiplyPosePriors(const RigProblemBase& problem,
+                        const RigStructure& structure, const RigState& state,
+                        const Eigen::VectorXd& x, Eigen::VectorXd* y);
+
+}  // namespace mgsfm

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/pipeline/covariance_report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+std::string Number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof(text), ",%.9g", value);
+  return text;
+}
+
+std::string Quoted(const std::string& name) {
+  std::string quoted = "\"";
+  for (const char c : name) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + "\"";
+}
+
+int CountUnobservable(const CovarianceResult& covariances, bool is_sensor,
+                      int idx, bool is_rotation) {
+  int count = 0;
+  for (const UnobservableDirection& direction : covariances.unobservable) {
+    count += direction.is_sensor == is_sensor && direction.idx == idx &&
+             direction.is_rotation == is_rotation;
+  }
+  return count;
+}
+
+std::string Line(const CovarianceResult& covariances, bool is_sensor, int idx,
+                 const std::string& name) {
+  const PoseMatrix& c =
+      *(is_sensor ? covariances.sensors : covariances.frames)[idx];
+  std::string line = (is_sensor ? "sensor," : "frame,") + Quoted(name);
+  for (int i = 0; i < 6; ++i) {
+    const double sigma = std::sqrt(std::max(0.0, c(i, i)));
+    line += Number(i < 3 ? RadToDeg(sigma) : sigma);
+  }
+  for (const bool is_rotation : {true, false}) {
+    line += "," + std::to_string(CountUnobservable(covariances, is_sensor, idx,
+                                                   is_rotation));
+  }
+  for (int i = 0; i < 6; ++i) {
+    for (int j = i; j < 6; ++j) line += Number(c(i, j));
+  }
+  return line + "\n";
+}
+
+}  // namespace
+
+std::string CovariancesToCsv(const Scene& scene,
+                             const CovarianceResult& covariances) {
+  std::string csv =
+      "kind,name,sigma_turn_x_deg,sigma_turn_y_deg,sigma_turn_z_deg,"
+      "sigma_shift_x,sigma_shift_y,sigma_shift_z,"
+      "num_unobservable_turns,num_unobservable_shifts";
+  for (int i = 0; i < 6; ++i) {
+    for (int j = i; j < 6; ++j) {
+      csv += ",c" + std::to_string(i) + std::to_string(j);
+    }
+  }
+  csv += "\n";
+  for (size_t i = 0; i < covariances.sensors.size(); ++i) {
+    if (!covariances.sensors[i]) continue;
+    csv += Line(covariances, true, static_cast<int>(i), scene.sensors[i].name);
+  }
+  for (size_t i = 0; i < covariances.frames.size(); ++i) {
+    if (!covariances.frames[i]) continue;
+    csv += Line(covariances, false, static_cast<int>(i), scene.frames[i].name);
+  }
+  return csv;
+}
+
+std::string DescribeUnobservable(const Scene& scene,
+                                 const CovarianceResult& covariances) {
+  std::string text;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    for (const bool is_rotation : {true, false}) {
+      const int count = CountUnobservable(covariances, true,
+                                          static_cast<int>(i), is_rotation);
+      if (count == 0) continue;
+      text +=
+          (text.empty() ? "" : "; ") + std::string("camera '") +
+          scene.sensors[i].name + "': " + std::to_string(count) + " of 3 " +
+          (is_rotation ? "axes of its rotation" : "directions of its place") +
+          " in the rig";
+    }
+  }
+  return text.empty() ? text : "not observable: " + text;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/synthetic/position_measurement.h"
+
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr double kMinOutlier_m = 20.0;
+constexpr double kMaxOutlier_m = 200.0;
+// Sets these random numbers apart from those of other effects.
+constexpr uint64_t kStream = 0x6d656173;
+
+Eigen::Vector3d NormalVector(Random* random) {
+  const double x = random->Normal(), y = random->Normal();
+  return {x, y, random->Normal()};
+}
+
+}  // namespace
+
+PositionPriors MeasurePositions(const Simulation& simulation,
+                                const PositionMeasurementOptions& options,
+                                uint64_t random_seed) {
+  PositionPriors priors;
+  if (options.sigma_m == 0.0) return priors;
+  const Scene& scene = simulation.scene;
+  priors.images.resize(scene.images.size());
+  const uint64_t seed = Random(random_seed, kStream).NextBits();
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    Random random(seed, f);
+    const int image_idx = scene.frames[f].image_idxs.front();
+    PositionMeasurement measured;
+    measured.position = simulation.cam_from_world[image_idx].Center() +
+                        options.sigma_m * NormalVector(&random);
+    measured.covariance *= options.sigma_m * options.sigma_m;
+    const Eigen::Vector3d direction = NormalVector(&random).normalized();
+    const double distance = random.Uniform(kMinOutlier_m, kMaxOutlier_m);
+    if (random.Uniform() < options.outlier_ratio) {
+      measured.position += distance * direction;
+    }
+    priors.images[image_idx] = measured;
+  }
+  return priors;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "view_graph/focal_pair.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "mgsfm/geometry/epipolar.h"
+#include "mgsfm/math/robust_loss.h"
+#include "view_graph/pair_estimation.h"
+
+namespace mgsfm::internal {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr size_t kMaxNumMatches = 200;
+constexpr double kStepPx = 0.5;     // of derivatives by pixels
+constexpr double kPoseStep = 1e-6;  // and by poses
+constexpr double kFocalStep = 1e-5;
+constexpr double kRansacErrorPx = 4.0;
+constexpr int kMaxNumTrials = 500;
+constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
+
+// First-order distance in pixels; 0 where the match says nothing.
+double PixelDistance(const Matrix3d& E, const RayPatch& a, const RayPatch& b) {
+  const Vector3d line2 = E * a.ray;
+  const Vector3d line1 = E.transpose() * b.ray;
+  const double variance = (b.by_pixel.transpose() * line2).squaredNorm() +
+                          (a.by_pixel.transpose() * line1).squaredNorm();
+  return variance > 1e-24 ? b.ray.dot(line2) / std::sqrt(variance) : 0.0;
+}
+
+double CostOf(const std::vector<double>& residuals) {
+  double cost = 0.0;
+  for (const double r : residuals) cost += 0.5 * kLoss.Cost(r * r);
+  return cost;
+}
+
+}  // namespace
+
+Camera WithFocalFactor(const Camera& camera, double s) {
+  Camera scaled = camera;
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  for (const int idx : info.focal_length_idxs) {
+    scaled.params[idx] *= std::exp(s);
+  }
+  return scaled;
+}
+
+FocalPair::FocalPair(const Scene& scene, const ImagePair& pair)
+    : scene_(&scene), pair_(&pair) {
+  const Image& image1 = scene.images[pair.image_idx1];
+  const Image& image2 = scene.images[pair.image_idx2];
+  camera_idx1_ = image1.camera_idx;
+  camera_idx2_ = image2.camera_idx;
+  const size_t num_used = std::min(kMaxNumMatches, pair.matches.size());
+  for (size_t i = 0; i < num_used; ++i) {
+    const Match& match = pair.matches[i * pair.matches.size() / num_used];
+    pixels1_.push_back(image1.keypoints_px[match.keypoint_idx1].cast<double>());
+    pixels2_.push_back(image2.keypoints_px[match.keypoint_idx2].cast<double>());
+  }
+}
+
+FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
+                                          const std::vector<Vector2d>& pixels) {
+  Patches patches(pixels.size());
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const auto ray_at = [&](const Vector2d& pixel) {
+      return RayFromPixel(camera.model, camera.params.data(), pixel);
+    };
+    const auto ray = ray_at(pixels[i]);
+    const auto right = ray_at(pixels[i] + Vector2d(kStepPx, 0.0));
+    const auto below = ray_at(pixels[i] + Vector2d(0.0, kStepPx));
+    // Otherwise the match says nothing.
+    if (!ray || !right || !below) continue;
+    patches[i].ray = *ray;
+    patches[i].by_pixel << (*right - *ray) / kStepPx, (*below - *ray) / kStepPx;
+  }
+  return patches;
+}
+
+FocalPair::Patches FocalPair::MovedPatches(
+    int camera_idx, double s, const std::vector<Vector2d>& pixels) const {
+  return MakePatches(
+      WithFocalFactor(scene_->cameras[camera_idx], s + kFocalStep), pixels);
+}
+
+void FocalPair::SetRays(double s1, double s2) {
+  s1_ = s1;
+  s2_ = s2;
+  patches1_ =
+      MakePatches(WithFocalFactor(scene_->cameras[camera_idx1_], s1), pixels1_);
+  patches2_ =
+      MakePatches(WithFocalFactor(scene_->cameras[camera_idx2_], s2), pixels2_);
+}
+
+void FocalPair::AddResiduals(const Rigid3& pose, const Patches& patches1,
+                             const Patches& patches2,
+                             std::vector<double>* residuals) {
+  const Matrix3d E = EssentialFromPose(pose);
+  for (size_t i = 0; i < patches1.size(); ++i) {
+    residuals->push_back(PixelDistance(E, patches1[i], patches2[i]));
+  }
+}
+
+double FocalPair::Cost() const {
+  std::vector<double> residuals;
+  AddResiduals(pose_, patches1_, patches2_, &residuals);
+  return CostOf(residuals);
+}
+
+std::vector<double> FocalPair::Residuals() const {
+  std::vector<double> residuals;
+  AddResiduals(pose_, patches1_, patches2_, &residuals);
+  for (double& r : residuals) r = std::abs(r);
+  return residuals;
+}
+
+bool FocalPair::Start(Random* random) {
+  double least = std::numeric_limits<double>::infinity();
+  const auto consider = [&](const Rigid3& pose) {
+    const Rigid3 before = pose_;
+    pose_ = pose;
+    const double cost = Cost();
+    if (cost < least) {
+      least = cost;
+    } else {
+      pose_ = before;
+    }
+  };
+  // All poses of an essential matrix have the same residuals.
+  const auto consider_matrix = [&](const Matrix3d& E) {
+    consider(DecomposeEssential(E)[0]);
+  };
+  const auto& relative = pair_->relative_pose;
+  if (relative && relative->translation_direction) {
+    consider({relative->cam2_from_cam1, *relative->translation_direction});
+  }
+  if (pair_->E) consider_matrix(*pair_->E);
+  const auto K1 = CalibrationMatrix(scene_->cameras[camera_idx1_]);
+  const auto K2 = CalibrationMatrix(scene_->cameras[camera_idx2_]);
+  if (pair_->F && K1 && K2) {
+    consider_matrix(K2->transpose() * *pair_->F * *K1);
+  }
+  if (std::isfinite(least)) return true;
+  RayMatches matches;
+  for (size_t i = 0; i < patches1_.size(); ++i) {
+    if (patches1_[i].ray.isZero(0.0) || patches2_[i].ray.isZero(0.0)) continue;
+    matches.Add(patches1_[i].ray, patches2_[i].ray);
+  }
+  RansacOptions ransac;
+  const Camera& camera = scene_->cameras[camera_idx1_];
+  ransac.max_error_rad =
+      kRansacErrorPx / PixelsPerRadian(camera.model, camera.params.data());
+  ransac.max_num_trials = kMaxNumTrials;
+  const auto pose = EstimateRelativePose(matches, ransac, random);
+  if (pose) consider(*pose);
+  return pose.has_value();
+}
+
+FocalEquations FocalPair::Linearize(bool with_focal_lengths) const {
+  std::vector<double> r0;
+  AddResiduals(pose_, patches1_, patches2_, &r0);
+  const auto size = static_cast<Eigen::Index>(r0.size());
+  Eigen::Matrix<double, Eigen::Dynamic, 7> J(size, 7);
+  J.setZero();
+  const auto set_column = [&](int column, const Rigid3& pose,
+                              const Patches& patches1, const Patches& patches2,
+                              double step) {
+    std::vector<double> r;
+    AddResiduals(pose, patches1, patches2, &r);
+    J.col(column) = (Eigen::VectorXd::Map(r.data(), size) -
+                     Eigen::VectorXd::Map(r0.data(), size)) /
+                    step;
+  };
+  for (int i = 0; i < 5; ++i) {
+    set_column(i,
+               PerturbRelativePose(
+                   pose_, kPoseStep * Eigen::Matrix<double, 5, 1>::Unit(i)),
+               patches1_, patches2_, kPoseStep);
+  }
+  if (with_focal_lengths) {
+    const Patches moved1 = MovedPatches(camera_idx1_, s1_, pixels1_);
+    const Patches moved2 = MovedPatches(camera_idx2_, s2_, pixels2_);
+    if (camera_idx1_ == camera_idx2_) {
+      set_column(5, pose_, moved1, moved2, kFocalStep);
+    } else {
+      set_column(5, pose_, moved1, patches2_, kFocalStep);
+      set_column(6, pose_, patches1_, moved2, kFocalStep);
+    }
+  }
+  FocalEquations equations;
+  for (Eigen::Index i = 0; i < size; ++i) {
+    const double weight = kLoss.Weight(r0[i] * r0[i]);
+    equations.hessian += weight * J.row(i).transpose() * J.row(i);
+    equations.gradient += weight * r0[i] * J.row(i).transpose();
+  }
+  return equations;
+}
+
+void FocalPair::MovePose(const Eigen::Matrix<double, 5, 1>& step) {
+  pose_ = PerturbRelativePose(pose_, step);
+}
+
+double FocalPair::RefinePose(int num_iterations) {
+  double cost = Cost();
+  for (int i = 0; i < num_iterations; ++i) {
+    const FocalEquations equations = Linearize(false);
+    Eigen::Matrix<double, 5, 5> H = equations.hessian.topLeftCorner<5, 5>();
+    H.diagonal() *= 1.0 + 1e-6;
+    H.diagonal().array() += 1e-9;
+    const Rigid3 before = pose_;
+    MovePose(-H.ldlt().solve(equations.gradient.head<5>()));
+    const double new_cost = Cost();
+    if (!(new_cost < cost)) {
+      pose_ = before;
+      break;
+    }
+    const bool is_settled = new_cost > (1.0 - 1e-4) * cost;
+    cost = new_cost;
+    if (is_settled) break;
+  }
+  return cost;
+}
+
+}  // namespace mgsfm::internal

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm::internal {
+
+// A pair of images in the calibration of focal lengths; see
+// mgsfm/view_graph/focal_length_calibration.h.
+
+constexpr double kFocalLossScalePx = 1.0;
+
+// A camera with its focal lengths multiplied by exp(s).
+Camera WithFocalFactor(const Camera& camera, double s);
+
+// The ray of a keypoint and its derivative by the pixel.
+struct RayPatch {
+  Eigen::Vector3d ray = Eigen::Vector3d::Zero();
+  Eigen::Matrix<double, 3, 2> by_pixel = Eigen::Matrix<double, 3, 2>::Zero();
+};
+
+// Normal equations of one pair: its pose (5), then s of both cameras, or of the
+// one camera in the first place.
+struct FocalEquations {
+  Eigen::Matrix<double, 7, 7> hessian = Eigen::Matrix<double, 7, 7>::Zero();
+  Eigen::Matrix<double, 7, 1> gradient = Eigen::Matrix<double, 7, 1>::Zero();
+};
+
+class FocalPair {
+ public:
+  // Takes at most 200 of the matches, evenly spread.
+  FocalPair(const Scene& scene, const ImagePair& pair);
+
+  int camera_idx1() const { return camera_idx1_; }
+  int camera_idx2() const { return camera_idx2_; }
+  int image_idx1() const { return pair_->image_idx1; }
+  int image_idx2() const { return pair_->image_idx2; }
+
+  // Of the cameras with s1 and s2.
+  void SetRays(double s1, double s2);
+  // An essential matrix to start with, by the geometry of the row or by RANSAC.
+  // False if there is none.
+  bool Start(Random* random);
+  // Gauss-Newton in the pose alone; the cost after it.
+  double RefinePose(int num_iterations);
+  // Without focal lengths, their rows and columns are zero.
+  FocalEquations Linearize(bool with_focal_lengths) const;
+  void MovePose(const Eigen::Matrix<double, 5, 1>& step);
+  double Cost() const;
+  // Absolute residuals, in pixels.
+  std::vector<double> Residuals() const;
+
+  const Rigid3& pose() const { return pose_; }
+  void set_pose(const Rigid3& pose) { pose_ = pose; }
+
+ private:
+  using Patches = std::vector<RayPatch>;
+  static Patches MakePatches(const Camera& camera,
+                             const std::vector<Eigen::Vector2d>& pixels);
+  Patches MovedPatches(int camera_idx, double s,
+                       const std::vector<Eigen::Vector2d>& pixels) const;
+  static void AddResiduals(const Rigid3& pose, const Patches& patches1,
+                           const Patches& patches2,
+                           std::vector<double>* residuals);
+
+  const Scene* scene_;
+  const ImagePair* pair_;
+  int camera_idx1_ = 0, camera_idx2_ = 0;
+  std::vector<Eigen::Vector2d> pixels1_, pixels2_;
+  double s1_ = 0.0, s2_ = 0.0;
+  Patches patches1_, patches2_;
+  Rigid3 pose_;
+};
+
+}  // namespace mgsfm::internal

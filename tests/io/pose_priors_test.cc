@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/pose_priors.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "io/test_database.h"
+#include "mgsfm/geometry/geodetic.h"
+#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/scene_loading.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+using CoordinateSystem = PosePriorRow::CoordinateSystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+class PosePriorsTest : public testing::Test {
+ protected:
+  PosePriorsTest()
+      : scene_(LoadScene(MakeContents({"a b/0.png", "a b/1.png", "a b/2.png"}),
+                         {}, Context())
+                   .scene) {
+    options_.use_prior_position = true;
+  }
+
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  PosePriorRow Row(int image_idx, CoordinateSystem system,
+                   const Eigen::Vector3d& position) const {
+    return {scene_.images[image_idx].id, system, position, std::nullopt};
+  }
+  PositionPriors Make(const std::vector<PosePriorRow>& rows) const {
+    return MakePositionPriors(scene_, rows, "in.db", options_);
+  }
+  std::string ErrorOfRows(const std::vector<PosePriorRow>& rows) const {
+    return ErrorOf([&] { (void)Make(rows); });
+  }
+  std::string ErrorOfFile(const std::string& text) {
+    options_.ref_images_path = Path("positions.txt");
+    WriteTextFile(options_.ref_images_path, text);
+    return ErrorOfRows({});
+  }
+
+  const TempDir dir_;
+  const Scene scene_;
+  PosePriorOptions options_;
+};
+
+TEST_F(PosePriorsTest, AreOnlyUsedIfAskedFor) {
+  options_.use_prior_position = false;
+  EXPECT_TRUE(
+      Make({Row(0, CoordinateSystem::kCartesian, {kNaN, 0.0, 0.0})}).IsEmpty());
+}
+
+TEST_F(PosePriorsTest, GpsIsEastNorthUpOfTheFirstImage) {
+  const Eigen::Vector3d origin(49.0, 8.4, 100.0), other(49.001, 8.401, 103.0);
+  const PositionPriors priors =
+      Make({Row(2, CoordinateSystem::kWgs84, other),
+            Row(1, CoordinateSystem::kWgs84, origin)});
+  ASSERT_EQ(priors.images.size(), 3u);
+  EXPECT_FALSE(priors.images[0].has_value());
+  EXPECT_EQ(*priors.origin_wgs84, origin);
+  EXPECT_LT(priors.images[1]->position.norm(), 1e-9);
+  EXPECT_EQ(priors.images[2]->position, EastNorthUp(other, origin));
+}
+
+TEST_F(PosePriorsTest, CovariancesAreGivenOrThoseOfTheOptions) {
+  options_.prior_position_std_z_m = 3.0;
+  PosePriorRow given = Row(0, CoordinateSystem::kCartesian, {1.0, 2.0, 3.0});
+  given.covariance = 4.0 * Eigen::Matrix3d::Identity();
+  const auto missing = Row(1, CoordinateSystem::kCartesian, {1.0, 2.0, 3.0});
+  const Eigen::Matrix3d by_options =
+      Eigen::Vector3d(1.0, 1.0, 9.0).asDiagonal();
+  PositionPriors priors = Make({given, missing});
+  EXPECT_FALSE(priors.origin_wgs84.has_value());
+  EXPECT_EQ(priors.images[0]->position, Eigen::Vector3d(1.0, 2.0, 3.0));
+  EXPECT_EQ(priors.images[0]->covariance, *given.covariance);
+  EXPECT_EQ(priors.images[1]->covariance, by_options);
+  options_.overwrite_priors_covariance = true;
+  EXPECT_EQ(Make({given}).images[0]->covariance, by_options);
+}
+
+TEST_F(PosePriorsTest, NamesWhatIsWrong) {
+  PosePriorRow singular = Row(0, CoordinateSystem::kCartesian, {1.0, 2.0, 3.0});
+  singular.covariance = Eigen::Matrix3d::Zero();
+  EXPECT_THAT(ErrorOfRows({singular}),
+              AllOf(HasSubstr("'a b/0.png'"), HasSubstr("positive definite")));
+  EXPECT_THAT(
+      ErrorOfRows({Row(1, CoordinateSystem::kCartesian, {kNaN, 0.0, 0.0})}),
+      AllOf(HasSubstr("in.db"), HasSubstr("'a b/1.png'"),
+            HasSubstr("not finite")));
+  EXPECT_THAT(
+      ErrorOfRows({Row(1, CoordinateSystem::kWgs84, {5430000.0, 4.0, 0.0})}),
+      HasSubstr("no latitude"));
+  EXPECT_THAT(
+      ErrorOfRows({Row(0, CoordinateSystem::kWgs84, {49.0, 8.0, 0.0}),
+                   Row(1, CoordinateSystem::kCartesian, {49.0, 8.0, 0.0})}),
+      HasSubstr("partly"));
+  EXPECT_THAT(ErrorOfRows({}), HasSubstr("no positions"));
+}
+
+TEST_F(PosePriorsTest, ReadsFiles) {
+  options_.ref_images_path = Path("positions.txt");
+  WriteTextFile(options_.ref_images_path,
+                "# name X Y Z\na b/2.png 1.5 -2 3e1\r\n\na b/0.png 1 1 1\n");
+  const PositionPriors priors = Make({});
+  EXPECT_EQ(priors.images[2]->position, Eigen::Vector3d(1.5, -2.0, 30.0));
+  EXPECT_EQ(priors.images[0]->position, Eigen::Vector3d::Ones());
+  EXPECT_FALSE(priors.images[1].has_value());
+  options_.ref_is_gps = true;
+  EXPECT_EQ(*Make({}).origin_wgs84, Eigen::Vector3d::Ones());
+}
+
+TEST_F(PosePriorsTest, NamesTheLineThatIsWrong) {
+  EXPECT_THAT(ErrorOfFile("a b/0.png 1 2\n"), HasSubstr("line 1"));
+  EXPECT_THAT(ErrorOfFile("\n c.png 1 2 3\n"),
+              AllOf(HasSubstr("line 2"), HasSubstr("'c.png'")));
+  EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3\na b/0.png 1 2 3\n"),
+              AllOf(HasSubstr("line 2"), HasSubstr("again")));
+  EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3x\n"), HasSubstr("'3x'"));
+  EXPECT_THAT(ErrorOfFile("a b/0.png 1 nan 3\n"), HasSubstr("not finite"));
+  options_.ref_images_path = Path("none.txt");
+  EXPECT_THAT(ErrorOfRows({}), HasSubstr("cannot be read"));
+}
+
+TEST_F(PosePriorsTest, DatabaseKeepsThem) {
+  PositionPriors priors;
+  priors.images.resize(3);
+  priors.images[1] = PositionMeasurement{
+      {1.0, 2.0, 3.0}, Eigen::Vector3d(1.0, 2.0, 3.0).asDiagonal()};
+  const DatabaseContents contents =
+      MakeContents({"a b/0.png", "a b/1.png", "a b/2.png"});
+  for (const auto schema : {DatabaseSchema::k38, DatabaseSchema::k312}) {
+    const std::string path =
+        Path(schema == DatabaseSchema::k38 ? "38.db" : "312.db");
+    WriteDatabase(path, contents, schema);
+    EXPECT_THAT(
+        ErrorOf([&] { (void)ReadPositionPriors(scene_, path, options_); }),
+        HasSubstr("no positions"));
+    {
+      FeatureDatabase database(path, FeatureDatabase::OpenMode::kExisting);
+      for (const PosePriorRow& row : MakePosePriorRows(scene_, priors)) {
+        database.WritePosePrior(row);
+      }
+    }
+    const PositionPriors read = ReadPositionPriors(scene_, path, options_);
+    EXPECT_EQ(read.images[1]->position, priors.images[1]->position);
+    EXPECT_EQ(read.images[1]->covariance, priors.images[1]->covariance);
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm

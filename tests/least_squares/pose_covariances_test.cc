@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/least_squares/pose_covariances.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+
+#include "least_squares/dense_equations.h"
+#include "least_squares/residuals.h"
+#include "least_squares/rig_equations.h"
+#include "least_squares/rig_fixtures.h"
+
+namespace mgsfm {
+namespace {
+
+// Against the inverse of all equations at once, points included.
+void ExpectBlocksOfDenseInverse(const RigSceneOptions& options,
+                                bool has_priors) {
+  RigScene<PixelObservation> scene = MakePixelScene(options);
+  if (has_priors) AddPosePriorsNearby(0.05, &scene);
+  const RigEquations<PixelResidual> equations(
+      scene.problem, ReducedSolver::kDirect, Threads(1));
+  const RigStructure& s = equations.structure();
+  const DenseEquations dense =
+      MakeDenseEquations(scene.problem, s, scene.truth);
+  const Eigen::MatrixXd inverse = dense.Damped(0.0).inverse();
+  const auto covariances =
+      ComputePoseCovariances(scene.problem, scene.truth, Threads(2));
+  ASSERT_TRUE(covariances.has_value());
+  const auto expect_block = [&](int block, const PoseMask& mask,
+                                const std::optional<PoseMatrix>& covariance) {
+    ASSERT_TRUE(covariance.has_value());
+    PoseMatrix expected = PoseMatrix::Zero();
+    if (block >= 0) {
+      const int n = s.pose_size;
+      expected.bottomRightCorner(n, n) =
+          inverse.block(s.block_first[block], s.block_first[block], n, n);
+    }
+    expected = mask.asDiagonal() * expected * mask.asDiagonal();
+    EXPECT_LT((*covariance - expected).norm(), 1e-4 * expected.norm() + 1e-15);
+  };
+  for (size_t i = 0; i < scene.truth.frames.size(); ++i) {
+    expect_block(s.frame_block[i], scene.problem.frame_masks[i],
+                 covariances->frames[i]);
+  }
+  for (size_t i = 0; i < scene.truth.sensors.size(); ++i) {
+    expect_block(s.sensor_block[i], scene.problem.sensor_masks[i],
+                 covariances->sensors[i]);
+  }
+}
+
+TEST(PoseCovariancesTest, AreBlocksOfTheDenseInverse) {
+  RigSceneOptions options;
+  options.cameras = {PerspectiveTestCameras()[0], PerspectiveTestCameras()[0]};
+  options.num_points = 40;
+  options.noise_px = 0.5;
+  for (const bool has_priors : {false, true}) {
+    ExpectBlocksOfDenseInverse(options, has_priors);
+  }
+  options.params_are_free = true;
+  ExpectBlocksOfDenseInverse(options, false);
+  options.rotations_are_free = false;
+  ExpectBlocksOfDenseInverse(options, false);
+}
+
+TEST(PoseCovariancesTest, WhatNothingTellsIsHuge) {
+  RigSceneOptions options;
+  options.cameras = {PerspectiveTestCameras()[0]};
+  RigScene<PixelObservation> scene = MakePixelScene(options);
+  const auto gauge_is_held =
+      ComputePoseCovariances(scene.problem, scene.truth, Threads(1));
+  ASSERT_TRUE(gauge_is_held.has_value());
+  scene.problem.frame_masks.assign(scene.problem.frame_masks.size(),
+                                   PoseMask::Ones());
+  const auto gauge_is_free =
+      ComputePoseCovariances(scene.problem, scene.truth, Threads(1));
+  if (!gauge_is_free) return;  // rounding may make it singular all the same
+  EXPECT_GT(gauge_is_free->frames[3]->trace(),
+            1e4 * gauge_is_held->frames[3]->trace());
+}
+
+}  // namespace
+}  // namespace mgsfm
