@@ -147,8 +147,8 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                                  translation.pair_contradicts);
   WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
 
-  Reconstruction initial = JoinEstimates(scene, rotations, translation.estimate,
-                                         tracks.estimate);
+  Reconstruction initial =
+      JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
   PositionPriors used_priors;
   if (!priors.IsEmpty()) {
     PositionRegistration registration =
