@@ -266,9 +266,10 @@ class Runner:
         if record["exit_code"] == 0:
             report = json.loads((model / "report.json").read_text())
             record["stages"] = measuring.stages_of(report)
-            record["seconds_counted"] = sum(
-                stage["seconds"] for name, stage in record["stages"].items()
-                if name not in NOT_COUNTED)
+            for kind in ("seconds", "processor_seconds"):
+                record[f"{kind}_counted"] = sum(
+                    stage[kind] for name, stage in record["stages"].items()
+                    if name not in NOT_COUNTED)
         return record
 
     def map_external(self, method, database, sequence, model, log):
@@ -291,7 +292,8 @@ class Runner:
         record = measuring.run_logged(command, log, self.time_limit)
         copy.unlink()
         record["command"] = " ".join(map(str, command))
-        record["seconds_counted"] = record["seconds"]
+        for kind in ("seconds", "processor_seconds"):
+            record[f"{kind}_counted"] = record[kind]
         return record
 
     def evaluate(self, sequence, database, model, path):

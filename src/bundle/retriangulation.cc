@@ -238,8 +238,13 @@ class GroupLookup {
     }
   }
 
-  int Find(const Observation& o) const {
-    return group_[begin_[o.image_idx] + o.keypoint_idx];
+  // The group of the first observation that is in one; -1: none is.
+  int FindAny(const Point3D& point) const {
+    for (const Observation& o : point.track) {
+      const int group = group_[begin_[o.image_idx] + o.keypoint_idx];
+      if (group >= 0) return group;
+    }
+    return -1;
   }
 
  private:
@@ -259,7 +264,7 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
   const GroupLookup lookup(scene, groups);
   std::vector<int> group_of_point;
   for (const Point3D& point : reconstruction->points) {
-    group_of_point.push_back(lookup.Find(point.track.front()));
+    group_of_point.push_back(lookup.FindAny(point));
   }
   const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
 

@@ -18,7 +18,8 @@ namespace mgsfm {
 // This completes, merges, splits, re-triangulates and filters points at once.
 // Accepted points satisfy all of `options`.
 //
-// Points whose first observation is in no group are kept and only filtered.
+// Points without any observation in a group are kept and only filtered, so that
+// no keypoint is in two points.
 // Groups are treated independently and in parallel; the new points are in
 // their order. Poses and intrinsics do not change.
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,

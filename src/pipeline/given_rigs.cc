@@ -12,7 +12,6 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -51,6 +50,13 @@ struct Turn {
   std::pair<int, int> Frames() const { return {frame1, frame2}; }
 };
 
+// Also where half of the pairs are wrong, a right rig has a small one.
+double LowerQuartile(std::vector<double> values) {
+  const auto nth = values.begin() + values.size() / 4;
+  std::nth_element(values.begin(), nth, values.end());
+  return *nth;
+}
+
 class RigComparison {
  public:
   RigComparison(const Scene& scene, const ViewGraph& view_graph)
@@ -64,7 +70,7 @@ class RigComparison {
   void Check() const {
     for (const auto& [sensors, samples] : frame_samples_) {
       if (samples.rotation_errors_deg.size() < kMinNumFrames) continue;
-      const double error_deg = Median(samples.rotation_errors_deg);
+      const double error_deg = LowerQuartile(samples.rotation_errors_deg);
       if (error_deg > kMaxRotationDeg) {
         Throw(sensors, "rotation", error_deg,
               samples.rotation_errors_deg.size());
@@ -73,7 +79,7 @@ class RigComparison {
     }
     for (const auto& [sensors, errors] : turn_errors_) {
       if (errors.size() < kMinNumTurns) continue;
-      const double error = Median(errors);
+      const double error = LowerQuartile(errors);
       if (error > kMaxAxisError) {
         Throw(sensors, "rotation",
               RadToDeg(2.0 * std::asin(std::min(1.0, error))), errors.size());

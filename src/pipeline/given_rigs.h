@@ -9,12 +9,12 @@ namespace mgsfm {
 // Compares given poses of sensors with the relative poses of image pairs, and
 // throws Error, naming both sensors, if these contradict each other:
 // - the relative rotation of two sensors within a frame, by more than 10
-//   degrees in the median over at least 5 frames;
+//   degrees in three quarters of at least 5 frames;
 // - its direction of translation likewise, by more than 45 degrees from the
 //   mean of the measured directions, if these agree among each other (their
 //   mean is longer than 0.9);
 // - the turns of two sensors from one frame to another, of at least 5 degrees,
-//   by more than half of the turn in the median over at least 10 frame pairs.
+//   by more than half of the turn in three quarters of at least 10 frame pairs.
 // A rig that the images cannot tell of passes. Linear in the number of pairs,
 // but for sorting.
 void CheckGivenRigs(const Scene& scene, const ViewGraph& view_graph);

@@ -15,8 +15,8 @@ using Eigen::VectorXd;
 using SparseMatrix = Eigen::SparseMatrix<double>;
 using Coordinates = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-constexpr Eigen::Index kRowsPerRange = 8192;
-constexpr int kEntriesPerRange = 1 << 15;
+constexpr Eigen::Index kRowsPerRange = 32768;
+constexpr int kEntriesPerRange = 1 << 17;
 
 // The sum of the products of a compressed row or column with x.
 template <class Matrix>

@@ -315,7 +315,7 @@ void BilinearProblem::HoldGauge() {
     for (size_t s = 0; s < initial.free_sensors.size(); ++s) {
       const auto first = 3 * static_cast<Eigen::Index>(s);
       const Vector3d part = initial.unobservable.row(row).segment<3>(first);
-      coefficients.push_back(part / initial.group_factor[0]);
+      coefficients.emplace_back(part / initial.group_factor[0]);
       blocks.push_back(SensorBlock(initial.free_sensors[s]));
     }
     problem_.AddResidualBlock(new SumCost(coefficients), nullptr, blocks);
@@ -390,8 +390,7 @@ SolveSummary RefineCamerasAndPointsBilinearly(
   problem.AddPoints(rays, track_idxs, *points);
   problem.AddDirections(kPairWeightWithPoints, false);
   problem.HoldGauge();
-  const SolveSummary summary =
-      problem.Solve(options.max_num_iterations, context);
+  SolveSummary summary = problem.Solve(options.max_num_iterations, context);
   if (!summary.IsUsable()) return summary;
   *positions = problem.Solution();
   for (size_t k = 0; k < track_idxs.size(); ++k) {

@@ -73,7 +73,7 @@ struct BlockFunction {
   }
 
   void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
-    constexpr size_t kBlocksPerItem = 4096;
+    constexpr size_t kBlocksPerItem = 16384;
     ParallelFor(
         blocks.size(), num_threads,
         [&](size_t k) {

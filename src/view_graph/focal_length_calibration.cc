@@ -35,8 +35,8 @@ constexpr double kMedianOfNormal = 0.6745;
 constexpr double kMinSigmaPx = 0.05;
 
 const char* const kReason =
-    "the views of its pairs turn too little, or only move along or across "
-    "their axis, which tells nothing of the focal length";
+    "the views of its pairs turn too little, or their axes stay parallel or in "
+    "one plane, which tells little of the focal length";
 
 class FocalLengthCalibrator {
  public:

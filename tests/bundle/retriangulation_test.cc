@@ -69,6 +69,25 @@ TEST_P(RetriangulationTest, PosesAloneGiveAllPoints) {
   ExpectTruth(result);
 }
 
+// Groups are made anew for each model, so that they need not hold the first
+// observation of a point that they hold others of.
+TEST_P(RetriangulationTest, NoKeypointIsInTwoPoints) {
+  ObservationGroups groups;
+  for (const Point3D& point : truth().points) {
+    groups.observations.insert(groups.observations.end(),
+                               point.track.begin() + 1, point.track.end());
+    groups.FinishGroup();
+  }
+  Reconstruction result = truth();
+  Retriangulate(scene(), groups, Within(1.0), 2, &result);
+  std::map<Observation, int> num_points;
+  for (const Point3D& point : result.points) {
+    for (const Observation& o : point.track) ++num_points[o];
+  }
+  ASSERT_FALSE(num_points.empty());
+  for (const auto& [observation, count] : num_points) EXPECT_EQ(count, 1);
+}
+
 TEST_P(RetriangulationTest, GroupsOfSeveralPointsAreSplit) {
   Reconstruction result = truth();
   result.points.clear();

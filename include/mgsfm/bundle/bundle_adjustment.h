@@ -121,21 +121,7 @@ struct BundleAdjustmentOptions {
     visit("refine_extra_params", self.refine_extra_params, AnyValue(), "",
           "Refine distortion parameters; auto: of cameras without a prior "
           "focal length.");
-    visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
-          GreaterThan(0.0), "",
-          "Relative standard deviation of prior focal lengths, where these are "
-          "refined.");
-    visit("sensor_from_rig_prior_sigma_deg",
-          self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
-          "Standard deviation of given rotations of cameras in the rig, where "
-          "these are refined.");
-    visit("sensor_from_rig_prior_sigma", self.sensor_from_rig_prior_sigma,
-          GreaterThan(0.0), "",
-          "The same of given translations, as a part of the largest given in "
-          "the rig.");
-    visit("prior_position_loss_scale", self.prior_position_loss_scale,
-          GreaterThan(0.0), "standard deviations",
-          "Measured positions that are farther off count less and less.");
+    DescribePriors(self, visit);
     visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
           "Rounds of triangulating all points anew and solving.");
     visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
@@ -164,6 +150,26 @@ struct BundleAdjustmentOptions {
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
+  }
+
+ private:
+  template <class Self, class Visitor>
+  static void DescribePriors(Self& self, Visitor& visit) {
+    visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
+          GreaterThan(0.0), "",
+          "Relative standard deviation of prior focal lengths, where these are "
+          "refined.");
+    visit("sensor_from_rig_prior_sigma_deg",
+          self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
+          "Standard deviation of given rotations of cameras in the rig, where "
+          "these are refined.");
+    visit("sensor_from_rig_prior_sigma", self.sensor_from_rig_prior_sigma,
+          GreaterThan(0.0), "",
+          "The same of given translations, as a part of the largest given in "
+          "the rig.");
+    visit("prior_position_loss_scale", self.prior_position_loss_scale,
+          GreaterThan(0.0), "standard deviations",
+          "Measured positions that are farther off count less and less.");
   }
 };
 

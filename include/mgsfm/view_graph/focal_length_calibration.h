@@ -31,7 +31,8 @@ namespace mgsfm {
 // out, and it is done again.
 //
 // Some motions do not tell focal lengths: views that move along their axis, or
-// side by side, without turning. The standard deviation of s is the larger of
+// side by side, without turning; or one camera whose axis stays in a plane, as
+// on a flat road. The standard deviation of s is the larger of
 // that by the noise of residuals, with pairs of one image taken for dependent,
 // and that by how much pairs disagree (sandwich). Where it is above max_sigma,
 // or s runs out of the range, the camera keeps what it had, and says so.
