@@ -12,6 +12,7 @@
 #include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
+#include "mgsfm/geometry/geodetic.h"
 #include "mgsfm/matching/match_list.h"
 
 namespace mgsfm {

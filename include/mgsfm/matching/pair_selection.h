@@ -121,11 +121,6 @@ struct SpatialMatchingOptions {
   }
 };
 
-// Coordinates in metres east, north and up of `origin`; latitude and longitude
-// in degrees, altitude in metres above the ellipsoid of WGS84.
-Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
-                            const Eigen::Vector3d& origin);
-
 // Pairs each image with the nearest ones. An image without position has that
 // of the first image of its frame with one; if there is none, it is left out.
 // O(images^2).
