@@ -16,7 +16,7 @@ namespace {
 // and its local system fits the caches.
 constexpr size_t kObservationsPerChunk = 4096;
 constexpr size_t kTermsPerChunk = 1024;
-constexpr size_t kBlocksPerChunk = 128;
+constexpr size_t kBlocksPerChunk = 256;
 constexpr uint32_t kFramesOfLocalPoint = 40;
 // Internal poses and intrinsics are eliminated last, as long as they are few or
 // meet many frames.

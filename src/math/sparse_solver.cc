@@ -78,6 +78,13 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
   cholmod_start(&common);
   common.print = 0;
   common.supernodal = CHOLMOD_SIMPLICIAL;
+  // Its own strategy goes by the fill of single numbers; a row here may stand
+  // for a block, so that dissection would hardly ever be tried.
+  constexpr int kMethods[] = {CHOLMOD_AMD, CHOLMOD_METIS, CHOLMOD_NESDIS};
+  common.nmethods = 0;
+  for (const int method : kMethods) {
+    common.method[common.nmethods++].ordering = method;
+  }
   cholmod_sparse view = ViewLower(H);
   cholmod_factor* factor = cholmod_analyze(&view, &common);
   if (factor != nullptr) {

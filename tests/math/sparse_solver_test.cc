@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/math/sparse_solver.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <cstdlib>
 #include <limits>
+#include <numeric>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -190,6 +194,60 @@ TEST(SparseCholesky, IsMovable) {
   solver.Analyze(H);
   SparseCholesky moved = std::move(solver);
   EXPECT_TRUE(moved.Factorize(H));
+}
+
+// A square grid, each node with its eight neighbours.
+SparseMatrix MakeGrid(int side) {
+  std::vector<Eigen::Triplet<double>> triplets;
+  for (int i = 0; i < side * side; ++i) {
+    for (int j = 0; j < side * side; ++j) {
+      if (std::abs(i / side - j / side) > 1) continue;
+      if (std::abs(i % side - j % side) > 1) continue;
+      triplets.emplace_back(i, j, i == j ? 9.0 : -1.0);
+    }
+  }
+  SparseMatrix H(side * side, side * side);
+  H.setFromTriplets(triplets.begin(), triplets.end());
+  return H;
+}
+
+// Entries of the factor, diagonal included, found by joining all neighbours of
+// one unknown after the other.
+size_t CountFactorEntries(const SparseMatrix& H,
+                          const std::vector<int>& order) {
+  std::vector<std::set<int>> neighbors(H.cols());
+  for (int j = 0; j < H.outerSize(); ++j) {
+    for (SparseMatrix::InnerIterator it(H, j); it; ++it) {
+      if (it.row() != j) neighbors[j].insert(static_cast<int>(it.row()));
+    }
+  }
+  size_t num_entries = 0;
+  for (const int i : order) {
+    num_entries += 1 + neighbors[i].size();
+    for (const int a : neighbors[i]) {
+      neighbors[a].erase(i);
+      for (const int b : neighbors[i]) {
+        if (a != b) neighbors[a].insert(b);
+      }
+    }
+  }
+  return num_entries;
+}
+
+TEST(EliminationOrder, CostsWhatItSaysAndLessThanTheOrderOfRows) {
+  const SparseMatrix H = MakeGrid(25);
+  const EliminationOrder found = FindEliminationOrder(H);
+  std::vector<int> rows(H.rows());
+  std::iota(rows.begin(), rows.end(), 0);
+  ASSERT_THAT(found.order, testing::UnorderedElementsAreArray(rows));
+  const size_t num_entries = CountFactorEntries(H, found.order);
+  EXPECT_EQ(found.num_factor_entries, num_entries);
+  EXPECT_LT(num_entries, CountFactorEntries(H, rows));
+}
+
+TEST(EliminationOrder, IsTheSameEachTime) {
+  const SparseMatrix H = MakeGrid(20);
+  EXPECT_EQ(FindEliminationOrder(H).order, FindEliminationOrder(H).order);
 }
 
 TEST(SparseLeastSquares, SolvesNormalEquations) {
