@@ -12,6 +12,9 @@ constexpr double kRoundOff = 1e-14;
 constexpr double kFirstLambda = 1e-4;
 constexpr double kMinLambda = 1e-16;
 constexpr double kMaxLambda = 1e16;
+// Of lambda, after a step as good as predicted; from one such step to the next
+// it is applied once more.
+constexpr double kShrinkage = 1.0 / 3.0;
 
 class LevenbergMarquardt {
  public:
@@ -72,18 +75,31 @@ class LevenbergMarquardt {
         cost_ - new_cost <= options_.function_tolerance * cost_;
     problem_.AcceptStep();
     cost_ = new_cost;
-    const double t = 2.0 * ratio - 1.0;
-    lambda_ =
-        std::max(kMinLambda, lambda_ * std::max(1.0 / 3.0, 1.0 - t * t * t));
-    lambda_growth_ = 2.0;
+    Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
     if (is_converged || cost_ == 0.0) {
       Finish(Termination::kConverged, "The cost hardly changes.");
     }
   }
 
+  // The bends of a long drive have curvatures far below those of its joints:
+  // they move only once lambda is as small, which shrinking by the same factor
+  // each time takes more steps for the longer the drive is.
+  void Shrink(double factor) {
+    if (factor < kShrinkage) {
+      lambda_ *= lambda_shrinkage_;
+      lambda_shrinkage_ *= kShrinkage;
+    } else {
+      lambda_ *= factor;
+      lambda_shrinkage_ = kShrinkage;
+    }
+    lambda_ = std::max(kMinLambda, lambda_);
+    lambda_growth_ = 2.0;
+  }
+
   void Reject() {
     lambda_ *= lambda_growth_;
     lambda_growth_ *= 2.0;
+    lambda_shrinkage_ = kShrinkage;
     if (lambda_ > kMaxLambda) {
       Finish(Termination::kFailure, "No damping gives a step.");
     }
@@ -102,6 +118,7 @@ class LevenbergMarquardt {
   double cost_ = 0.0;
   double lambda_ = kFirstLambda;
   double lambda_growth_ = 2.0;
+  double lambda_shrinkage_ = kShrinkage;
   bool is_done_ = false;
   SolveSummary summary_;
 };

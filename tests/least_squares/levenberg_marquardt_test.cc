@@ -5,8 +5,10 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <vector>
 
 #include "least_squares/rig_fixtures.h"
 
@@ -117,6 +119,92 @@ TEST(LevenbergMarquardtTest, FailsIfNotFinite) {
   Rosenbrock derivative({-1.2, 1.0});
   derivative.MakeDerivativeInfinite();
   EXPECT_EQ(Minimize(10, &derivative).termination, Termination::kFailure);
+}
+
+// A chain of springs, held at one end, of which only the whole is too long: all
+// must shrink, the last one by the sum of all.
+class Chain : public DampedProblem {
+ public:
+  explicit Chain(int size) : x_(Eigen::VectorXd::LinSpaced(size, 1.0, size)) {}
+
+  double Cost() override { return Cost(x_); }
+  bool Linearize(double lambda) override {
+    lambdas_.push_back(lambda);
+    return true;
+  }
+  // Tridiagonal: each spring on both its ends.
+  bool Solve() override {
+    const int size = static_cast<int>(x_.size());
+    Eigen::VectorXd diagonal = Diagonal();
+    diagonal *= 1.0 + lambdas_.back();
+    step_ = -Gradient(x_);
+    for (int i = 1; i < size; ++i) {
+      diagonal[i] -= 1.0 / diagonal[i - 1];
+      step_[i] += step_[i - 1] / diagonal[i - 1];
+    }
+    step_[size - 1] /= diagonal[size - 1];
+    for (int i = size - 2; i >= 0; --i) {
+      step_[i] = (step_[i] + step_[i + 1]) / diagonal[i];
+    }
+    return true;
+  }
+  TrialStep TryStep() override {
+    TrialStep step;
+    step.new_cost = Cost(x_ + step_);
+    step.predicted_decrease = Cost(x_) - step.new_cost;  // linear residuals
+    step.step_norm = step_.norm();
+    step.state_norm = x_.norm();
+    return step;
+  }
+  void AcceptStep() override { x_ += step_; }
+
+  const std::vector<double>& lambdas() const { return lambdas_; }
+
+ private:
+  static constexpr double kLength = 0.9;
+
+  static double Cost(const Eigen::VectorXd& x) {
+    double cost = 0.0, last = 0.0;
+    for (const double position : x) {
+      cost += 0.5 * std::pow(position - last - kLength, 2);
+      last = position;
+    }
+    return cost;
+  }
+  static Eigen::VectorXd Gradient(const Eigen::VectorXd& x) {
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(x.size());
+    for (Eigen::Index i = 0; i < x.size(); ++i) {
+      const double excess = x[i] - (i > 0 ? x[i - 1] : 0.0) - kLength;
+      gradient[i] += excess;
+      if (i > 0) gradient[i - 1] -= excess;
+    }
+    return gradient;
+  }
+  Eigen::VectorXd Diagonal() const {
+    Eigen::VectorXd diagonal = Eigen::VectorXd::Constant(x_.size(), 2.0);
+    diagonal[x_.size() - 1] = 1.0;
+    return diagonal;
+  }
+
+  Eigen::VectorXd x_, step_;
+  std::vector<double> lambdas_;
+};
+
+TEST(LevenbergMarquardtTest, DampingFallsFasterTheLongerStepsAreGood) {
+  RigSolverOptions options;
+  options.function_tolerance = 1e-14;
+  Chain chain(10000);
+  const SolveSummary summary =
+      MinimizeByLevenbergMarquardt(options, 100, Threads(1), &chain);
+  EXPECT_EQ(summary.termination, Termination::kConverged);
+  EXPECT_LT(summary.final_cost, 1e-9 * summary.initial_cost);
+  const std::vector<double>& lambdas = chain.lambdas();
+  ASSERT_GT(lambdas.size(), 3u);
+  for (size_t i = 0; i < lambdas.size(); ++i) {
+    const double thirds = 0.5 * static_cast<double>(i * (i + 1));
+    const double expected = lambdas[0] * std::pow(3.0, -thirds);
+    EXPECT_NEAR(lambdas[i], std::max(expected, 1e-16), 1e-9 * expected);
+  }
 }
 
 }  // namespace

@@ -19,7 +19,8 @@ enum class ReducedSolver {
 
 // Levenberg-Marquardt with points eliminated; docs/math/least_squares.md. With
 // the damping lambda, which follows the ratio of actual to predicted decrease
-// (Nielsen 1999, "Damping parameter in Marquardt's method"), a step solves
+// (Nielsen 1999, "Damping parameter in Marquardt's method", but falls ever
+// faster as long as steps are as good as predicted), a step solves
 // (J^T W J + lambda D) d = -J^T W r, D the diagonal of J^T W J and W = rho'
 // (iteratively re-weighted least squares). Ends as kConverged when
 //   |cost - new cost| <= function_tolerance cost                     or
