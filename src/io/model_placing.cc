@@ -209,10 +209,16 @@ void ModelPlacer::PlaceSensors() {
       if (!place) place = std::make_pair(frame.rig_id, *pose->second);
     }
   }
+  std::vector<char> rig_is_in_model(scene_.rigs.size(), false);
+  for (const int image_idx : image_idx_of_) {
+    const int frame_idx = scene_.images[image_idx].frame_idx;
+    rig_is_in_model[scene_.frames[frame_idx].rig_idx] = true;
+  }
   auto& poses = placed_.reconstruction.sensor_from_rig;
   poses.resize(scene_.sensors.size());
   for (size_t i = 0; i < scene_.sensors.size(); ++i) {
     const int ref_idx = scene_.rigs[scene_.sensors[i].rig_idx].ref_sensor_idx;
+    if (!rig_is_in_model[scene_.sensors[i].rig_idx]) continue;
     if (static_cast<int>(i) == ref_idx) {
       poses[i] = Rigid3();
     } else if (in_model[i] && in_model[ref_idx] &&

@@ -3,10 +3,12 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "mgsfm/math/statistics.h"
 #include "pipeline/candidates.h"
 #include "pipeline/position_registration.h"
 #include "pipeline/timed.h"
@@ -139,13 +141,74 @@ HeldPoses HoldAllOf(const Reconstruction& model) {
   return held;
 }
 
-// Whether given poses of sensors determine the unit of length.
-bool HasGivenLength(const Scene& scene) {
-  return std::any_of(scene.sensors.begin(), scene.sensors.end(),
-                     [](const Sensor& sensor) {
-                       return sensor.sensor_from_rig &&
-                              !sensor.sensor_from_rig->translation.isZero(0.0);
-                     });
+bool HasGivenLength(const Sensor& sensor) {
+  return sensor.sensor_from_rig &&
+         !sensor.sensor_from_rig->translation.isZero(0.0);
+}
+
+// Whether given poses of sensors determine the unit of length of the model.
+bool IsMetric(const Scene& scene, const Reconstruction& start) {
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    if (start.sensor_from_rig[i] && HasGivenLength(scene.sensors[i])) {
+      return true;
+    }
+  }
+  return false;
+}
+
+// A given rig that is not in the model may have another unit of length. Then
+// its frames would hardly fit, and bend the model. So its sensors are placed as
+// if nothing was given, and given lengths become those that they have there.
+// nullopt if there is no such rig.
+std::optional<Scene> AdaptGivenLengths(const Scene& scene,
+                                       const Bearings& bearings,
+                                       const ViewGraph& view_graph,
+                                       const Reconstruction& start,
+                                       const ResectionOptions& options,
+                                       const Context& context) {
+  constexpr double kMaxFactor = 1.1;  // of errors of the lengths
+  Scene without = scene;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    const int ref_idx = scene.rigs[scene.sensors[i].rig_idx].ref_sensor_idx;
+    if (start.sensor_from_rig[ref_idx]) continue;
+    if (!HasGivenLength(scene.sensors[i])) continue;
+    without.sensors[i].sensor_from_rig.reset();
+  }
+  std::vector<std::vector<double>> factors(scene.rigs.size());
+  const ResectionResult placed =
+      ResectFrames(without, bearings, view_graph, start, options, context);
+  for (const PlacedSensor& sensor : placed.sensors) {
+    const Sensor& given = scene.sensors[sensor.sensor_idx];
+    if (!HasGivenLength(given)) continue;
+    factors[given.rig_idx].push_back(
+        placed.estimate.sensor_from_rig[sensor.sensor_idx]->translation.norm() /
+        given.sensor_from_rig->translation.norm());
+  }
+  std::optional<Scene> adapted;
+  for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
+    if (factors[rig_idx].empty()) continue;
+    const double factor = Median(factors[rig_idx]);
+    if (factor < kMaxFactor && factor > 1.0 / kMaxFactor) continue;
+    if (!adapted) adapted = scene;
+    const Rig& rig = scene.rigs[rig_idx];
+    for (const int sensor_idx : rig.sensor_idxs) {
+      auto& pose = adapted->sensors[sensor_idx].sensor_from_rig;
+      if (pose) pose->translation *= factor;
+    }
+    context.Warning("the given lengths in the rig of camera '" +
+                    scene.sensors[rig.ref_sensor_idx].name + "' are " +
+                    std::to_string(factor) +
+                    " times as long in the model, whose unit is kept");
+  }
+  return adapted;
+}
+
+bool HasNewGivenRig(const Scene& scene, const Reconstruction& start) {
+  return std::any_of(
+      scene.sensors.begin(), scene.sensors.end(), [&](const Sensor& sensor) {
+        const int ref_idx = scene.rigs[sensor.rig_idx].ref_sensor_idx;
+        return HasGivenLength(sensor) && !start.sensor_from_rig[ref_idx];
+      });
 }
 
 std::string WhyNotAdded(const ResectedFrame& frame,
@@ -199,7 +262,7 @@ void AdjustAll(const Scene& scene, const CandidateSource& candidates,
                const Reconstruction& start, Reconstruction initial,
                const MapperOptions& options, const Context& context,
                const PositionPriors& priors, MapperModel* model) {
-  const bool is_metric = HasGivenLength(scene);
+  const bool is_metric = IsMetric(scene, start);
   PositionPriors used_priors;
   if (!priors.IsEmpty()) {
     PositionRegistration registration = RegisterToPriors(
@@ -287,7 +350,9 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
     rotation.num_samples = num_frames[i];
     rotation.is_observable =
         model->reconstruction.sensor_from_rig[i].has_value();
-    if (num_frames[i] > 0) {
+    if (scene.IsReference(static_cast<int>(i))) {
+      rotation.message = "the reference";
+    } else if (num_frames[i] > 0) {
       rotation.message = "from resections of single images";
     } else if (start.sensor_from_rig[i]) {
       rotation.message = "from the given model";
@@ -304,10 +369,16 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-void GoOnFromModel(const Scene& scene, const Bearings& bearings,
+void GoOnFromModel(const Scene& given_scene, const Bearings& bearings,
                    const ViewGraph& view_graph, const Reconstruction& start,
                    const MapperOptions& options, const Context& context,
                    const PositionPriors& priors, MapperResult* result) {
+  std::optional<Scene> adapted;
+  if (HasNewGivenRig(given_scene, start)) {
+    adapted = AdaptGivenLengths(given_scene, bearings, view_graph, start,
+                                options.going_on.resection, context);
+  }
+  const Scene& scene = adapted ? *adapted : given_scene;
   const bool are_fixed = options.going_on.fix_existing_frames;
   if (are_fixed && !priors.IsEmpty()) {
     throw Error(

@@ -154,7 +154,7 @@ INSTANTIATE_TEST_SUITE_P(Rigs, GoingOnTest,
                                          RigPreset::kKitti360));
 
 // Cameras 2 and 3, with other intrinsics and another baseline, drove by later.
-TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
+Simulation TwoRigs() {
   SimulationInput input;
   input.rig = MakeRig(RigPreset::kStereo);
   for (const char* name : {"cam2/", "cam3/"}) {
@@ -169,15 +169,24 @@ TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
   }
   Simulation simulation = Simulate(NoisyDrive(RigPreset::kStereo), input);
   SplitRig(2, &simulation);
+  return simulation;
+}
+
+// A model of the first rig alone.
+Reconstruction MapFirstRig(const Simulation& simulation) {
   const Scene& scene = simulation.scene;
   const auto is_of_first = [&](int i) { return scene.frames[i].rig_idx == 0; };
   const MapperResult first = RunMapper(scene, PairsOf(simulation, is_of_first),
                                        MapperOptions(), TwoThreads());
-  ASSERT_EQ(first.models.size(), 1u);
-  Reconstruction start = first.models[0].reconstruction;
-  start.sensor_from_rig[2].reset();
-  start.sensor_from_rig[3].reset();
+  MGSFM_CHECK_EQ(first.models.size(), 1u);
+  return WithoutFrames(scene, first.models[0].reconstruction,
+                       [&](int i) { return !is_of_first(i); });
+}
 
+TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
+  const Simulation simulation = TwoRigs();
+  const Scene& scene = simulation.scene;
+  const Reconstruction start = MapFirstRig(simulation);
   const MapperResult result = GoOn(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
@@ -193,6 +202,25 @@ TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
   EXPECT_NEAR(sensor.translation.norm() * error.scale,
               true_sensor.translation.norm(), 0.02);
   ASSERT_EQ(result.models[0].going_on->placed_sensors.size(), 1u);
+}
+
+// The model of the first rig, which is not known, has a unit of its own.
+TEST(GoingOn, AGivenSecondRigTakesTheUnitOfTheModel) {
+  Simulation simulation = TwoRigs();
+  const Scene& scene = simulation.scene;
+  Reconstruction start = MapFirstRig(simulation);
+  TransformWorld({0.3, Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()},
+                 &start);
+  simulation.scene.sensors[3].sensor_from_rig =
+      simulation.ground_truth.sensor_from_rig[3];
+  const MapperResult result = GoOn(simulation, start);
+  ASSERT_EQ(result.models.size(), 1u);
+  const Reconstruction& model = result.models[0].reconstruction;
+  const ModelDifference error =
+      CompareModels(scene, model, simulation.ground_truth);
+  EXPECT_EQ(error.num_images, static_cast<int>(scene.images.size()));
+  EXPECT_LT(error.max_position, 0.1);
+  EXPECT_NEAR(AlignToModel(scene, start, model, false).scale, 1.0, 1e-9);
 }
 
 // The cameras to the sides join the frames of those ahead.
