@@ -21,8 +21,9 @@ view_graph: base math geometry scene
 rotation: base math geometry scene
 tracks: base math geometry scene
 translation: base math geometry least_squares scene
+resection: base math geometry scene
 bundle: base math geometry least_squares scene
-pipeline: base math geometry least_squares scene view_graph rotation tracks translation bundle
+pipeline: base math geometry least_squares scene view_graph rotation tracks translation resection bundle
 '
 
 find include src apps -name '*.h' -o -name '*.cc' | sort |

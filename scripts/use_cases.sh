@@ -3,7 +3,7 @@
 # What users bring beside images, with and without its use: prints a table, one
 # line for each case, with an error without and with it.
 #   scripts/use_cases.sh [--data FOLDER] [--output FOLDER] [CASE...]
-# Cases: known_rig positions covariances focal_lengths panorama. FOLDER has
+# Cases: known_rig positions covariances focal_lengths panorama going_on. FOLDER has
 # kitti06_stereo/ and euroc_v101_stereo/; what is absent is left out. Simulated
 # drives are made with seed 0. Finished runs in the output folder
 # (build/use_cases) are not done again.
@@ -24,7 +24,7 @@ while [ $# -gt 0 ]; do
   esac
 done
 [ ${#cases[@]} -gt 0 ] ||
-  cases=(known_rig positions covariances focal_lengths panorama)
+  cases=(known_rig positions covariances focal_lengths panorama going_on)
 mgsfm=${MGSFM:-build/release/apps/mgsfm/mgsfm}
 mkdir -p "$output"
 
@@ -268,6 +268,104 @@ JSON
   row "cameras that share a centre, one EQUIRECTANGULAR; without: no rig" \
     "position, mean; registered" \
     "$(get "$before" "$error")" "$(get "$after" "$error")"
+}
+
+# Two rigs of two cameras each; the second, wider and tilted, for the mapper's
+# purposes drove by at another time. The poses are for simulate only.
+two_rigs() { # FILE RIGS [POSES]
+  python3 - "$@" <<'PY'
+import json, math, sys
+def turn(x, y):
+    return [math.cos(x / 2) * math.cos(y / 2), math.sin(x / 2) * math.cos(y / 2),
+            math.cos(x / 2) * math.sin(y / 2), math.sin(x / 2) * math.sin(y / 2)]
+poses = [([1, 0, 0, 0], [0, 0, 0]), ([1, 0, 0, 0], [-0.54, 0, 0]),
+         (turn(0.05, 0.1), [0.2, 0.3, 0.1]), (turn(0.05, 0.1), [-0.7, 0.3, 0.1])]
+def camera(i, is_reference):
+    c = {"image_prefix": "cam%d/" % i}
+    if is_reference:
+        c["ref_sensor"] = True
+    elif len(sys.argv) > 3:
+        c["cam_from_rig_rotation"], c["cam_from_rig_translation"] = poses[i]
+    if len(sys.argv) > 3:
+        f = 700 if i < 2 else 560
+        c["camera_model_name"] = "PINHOLE"
+        c["camera_params"] = [f, f, 620, 188]
+    return c
+rigs = {"all": [[0, 1, 2, 3]], "first": [[0, 1]], "both": [[0, 1], [2, 3]]}
+json.dump([{"cameras": [camera(i, i == rig[0]) for i in rig]}
+           for rig in rigs[sys.argv[2]]], open(sys.argv[1], "w"))
+PY
+}
+
+# list_images DATABASE CONDITION: names for which Python finds it true
+list_images() {
+  python3 - "$1" "$2" <<'PY'
+import re, sqlite3, sys
+for (name,) in sqlite3.connect("file:%s?mode=ro" % sys.argv[1], uri=True).execute(
+        "SELECT name FROM images ORDER BY name"):
+    number = int(re.search(r"(\d+)\.\w+$", name).group(1))
+    if eval(sys.argv[2]):
+        print(name)
+PY
+}
+
+going_on() {
+  local rigs=$output/two_rigs
+  two_rigs "$rigs.json" all poses
+  two_rigs "$rigs.first.json" first
+  two_rigs "$rigs.both.json" both
+  simulate going_on --preset standard --num_frames 60 --rig_config_path \
+    "$rigs.json"
+  local database=$output/going_on/database.db
+  list_images "$database" "name[:4] in ('cam0', 'cam1')" >"$rigs.txt"
+  map going_on/first "$database" --image_list_path "$rigs.txt" \
+    --rig_config_path "$rigs.first.json"
+  map going_on/both "$database" --input_path "$output/going_on/first/0" \
+    --rig_config_path "$rigs.both.json"
+  map going_on/at_once "$database" --rig_config_path "$rigs.both.json"
+  local before after error
+  error="'%d of %d, %.3f m' % (e['num_registered'], e['num_images'], \
+   e['position_m']['mean'])"
+  before=$(evaluate going_on/first --gt_path "$output/going_on/truth")
+  after=$(evaluate going_on/both --gt_path "$output/going_on/truth")
+  row "a second rig joins the model of the first, simulated" \
+    "registered; position, mean" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+  before=$(evaluate going_on/at_once --gt_path "$output/going_on/truth")
+  row "the same; without: both mapped at once" "registered; position, mean" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+  row "the same" "baseline of the second rig, true 0.900 m" "-" \
+    "$(second_baseline "$output/going_on/both/0" \
+      "$(get "$after" "e['scale']")")"
+  local kitti=$data/kitti06_stereo
+  [ -d "$kitti" ] || return 0
+  list_images "$kitti/database.db" "number < 26" >"$output/kitti_half.txt"
+  map kitti_half "$kitti/database.db" --image_list_path \
+    "$output/kitti_half.txt"
+  map kitti_going_on "$kitti/database.db" --input_path "$output/kitti_half/0"
+  map kitti_unknown "$kitti/database.db"
+  local truth=(--gt_path "$kitti/gt_poses.txt" --gt_format kitti
+    --calib_path "$kitti/calib.txt")
+  error="'%d of %d, %.4f m' % (e['num_registered'], e['num_images'], \
+   e['position_m']['mean'])"
+  before=$(evaluate kitti_half "${truth[@]}")
+  after=$(evaluate kitti_going_on "${truth[@]}")
+  row "KITTI 06 in two halves, the second added to the first" \
+    "registered; position, mean" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+  before=$(evaluate kitti_unknown "${truth[@]}")
+  row "the same; without: all mapped at once" "registered; position, mean" \
+    "$(get "$before" "$error")" "$(get "$after" "$error")"
+}
+
+# second_baseline MODEL SCALE: of the second rig, in metres
+second_baseline() {
+  python3 - "$@" <<'PY'
+import json, sys
+cameras = json.load(open(sys.argv[1] + "/rig_config.json"))[1]["cameras"]
+t = cameras[1]["cam_from_rig_translation"]
+print("%.3f m" % (float(sys.argv[2]) * sum(x * x for x in t) ** 0.5))
+PY
 }
 
 echo "| case | measured | without | with |"

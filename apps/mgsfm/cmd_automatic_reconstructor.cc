@@ -92,11 +92,17 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
   const std::string database_path = (workspace / "database.db").string();
   ExtractInto(database_path, options.image_path, options.extraction, context);
   Match(database_path, options, context);
-  return MapDatabase(
-      {database_path, (workspace / "sparse").string(), options.image_path,
-       options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options)},
-      context);
+  return MapDatabase({database_path,
+                      (workspace / "sparse").string(),
+                      options.image_path,
+                      options.output_format,
+                      options.loading,
+                      options.priors,
+                      options.mapper,
+                      OptionsToJsonOf(options),
+                      {},
+                      {}},
+                     context);
 }
 
 }  // namespace

@@ -10,6 +10,8 @@ struct MapperCommandOptions {
   std::string database_path;
   std::string output_path;
   std::string image_path;
+  std::string input_path;
+  std::string image_list_path;
   ModelFormat output_format = ModelFormat::kBinary;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -24,11 +26,18 @@ struct MapperCommandOptions {
           "replaced when the new ones are whole.");
     visit("image_path", self.image_path, AnyValue(), "",
           "Folder of the images, to colour the points.");
+    visit("input_path", self.input_path, AnyValue(), "",
+          "Folder of a model to go on from: the frames of the database that it "
+          "lacks are added.");
+    visit("image_list_path", self.image_list_path, AnyValue(), "",
+          "File with a name of an image on each line: others are left out, but "
+          "those of the model to go on from.");
     visit("output_format", self.output_format, AnyValue(), "",
           "Of the models: binary or text.");
     SceneLoadingOptions::Describe(self.loading, visit);
     PosePriorOptions::Describe(self.priors, visit);
     MapperOptions::Describe(self.mapper, visit);
+    visit.Group("Mapper", self.mapper.going_on);
   }
 };
 
@@ -37,7 +46,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options)},
+       OptionsToJsonOf(options), options.input_path, options.image_list_path},
       context);
 }
 

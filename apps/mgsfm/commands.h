@@ -13,6 +13,7 @@ Command FeatureExtractorCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();
+Command PointTriangulatorCommand();
 Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();
 Command SimulateCommand();

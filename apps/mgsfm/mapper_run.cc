@@ -2,11 +2,13 @@
 #include "mapper_run.h"
 
 #include <filesystem>
+#include <set>
 #include <utility>
 
 #include "command.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
+#include "mgsfm/io/image_list.h"
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
@@ -17,13 +19,6 @@
 namespace mgsfm {
 namespace {
 
-void CheckPaths(const MapperRun& run) {
-  if (!run.image_path.empty() &&
-      !std::filesystem::is_directory(run.image_path)) {
-    throw Error("--image_path '" + run.image_path + "' is no folder");
-  }
-}
-
 void LogInput(const LoadedScene& loaded, const Context& context) {
   context.Info("read " + std::to_string(loaded.scene.images.size()) +
                " images in " + std::to_string(loaded.scene.frames.size()) +
@@ -31,16 +26,23 @@ void LogInput(const LoadedScene& loaded, const Context& context) {
                " pairs; rigs: " + loaded.rig_source);
 }
 
-void Color(const Scene& scene, const std::string& image_path,
-           const Context& context, MapperResult* result) {
-  for (MapperModel& model : result->models) {
-    const std::vector<std::string> missing =
-        ColorPoints(scene, image_path, context, &model.reconstruction);
-    if (missing.empty()) continue;
-    context.Warning(std::to_string(missing.size()) +
-                    " images could not be read for colours, the first is " +
-                    missing.front());
+// The images to take, empty for all.
+std::set<std::string> ListImages(const std::string& list_path,
+                                 const std::optional<Model>& model) {
+  if (list_path.empty()) return {};
+  const std::vector<std::string> listed = ReadImageList(list_path);
+  std::set<std::string> names(listed.begin(), listed.end());
+  if (names.empty()) {
+    throw Error("'" + list_path + "' (--image_list_path) names no image");
   }
+  if (!model) return names;
+  for (const ModelImage& image : model->poses.images) names.insert(image.name);
+  return names;
+}
+
+void Separate(LoadedScene* loaded) {
+  loaded->scene = SeparateImages(std::move(loaded->scene));
+  loaded->rig_source = "left out, each image by itself";
 }
 
 void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
@@ -80,24 +82,81 @@ void WriteModels(const LoadedScene& loaded, const MapperResult& result,
   }
 }
 
+// Of a model that was gone on from and stayed where it was.
+void KeepGeoOrigin(const std::filesystem::path& input_path,
+                   const MapperResult& result,
+                   const std::filesystem::path& output_path) {
+  const std::filesystem::path origin = input_path / "geo_origin.json";
+  if (input_path.empty() || !std::filesystem::is_regular_file(origin)) return;
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    const auto& priors = result.models[i].position_priors;
+    if (priors && priors->is_registered) continue;
+    std::filesystem::copy_file(
+        origin, output_path / std::to_string(i) / "geo_origin.json");
+  }
+}
+
 }  // namespace
 
+void CheckImagePath(const std::string& image_path) {
+  if (!image_path.empty() && !std::filesystem::is_directory(image_path)) {
+    throw Error("--image_path '" + image_path + "' is no folder");
+  }
+}
+
+void ColorModels(const Scene& scene, const std::string& image_path,
+                 const Context& context, MapperResult* result) {
+  if (image_path.empty()) return;
+  for (MapperModel& model : result->models) {
+    const std::vector<std::string> missing =
+        ColorPoints(scene, image_path, context, &model.reconstruction);
+    if (missing.empty()) continue;
+    context.Warning(std::to_string(missing.size()) +
+                    " images could not be read for colours, the first is " +
+                    missing.front());
+  }
+}
+
+MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+                            const Context& context) {
+  std::optional<Model> model;
+  if (!run.input_path.empty()) model = ReadModel(run.input_path);
+  DatabaseContents contents = ReadDatabase(run.database_path, context);
+  const auto names = ListImages(run.image_list_path, model);
+  if (!names.empty()) {
+    KeepListedImages(names, run.image_list_path, &contents);
+  }
+  MapperInput input;
+  input.loaded = LoadScene(std::move(contents), run.loading, context);
+  if (run.mapper.method == MapperMethod::kSingle) Separate(&input.loaded);
+  if (!model) return input;
+  const auto place = [&] {
+    input.start = PlaceModel(*model, run.input_path, run.database_path,
+                             use.takes_points, &input.loaded.scene);
+  };
+  place();
+  if (use.holds_poses && !input.start->is_rigid) {
+    context.Info("the images of the model are not rigid units");
+    Separate(&input.loaded);
+    place();
+  }
+  return input;
+}
+
 int MapDatabase(const MapperRun& run, const Context& context) {
-  CheckPaths(run);
+  CheckImagePath(run.image_path);
   ResolveMethod(run.mapper);  // before anything is read
   context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description;
   description.version = MGSFM_VERSION;
   description.database_path = run.database_path;
+  description.input_path = run.input_path;
   description.options_json = run.options_json;
 
   const StageTimer reading;
-  LoadedScene loaded = LoadScene(run.database_path, run.loading, context);
-  if (run.mapper.method == MapperMethod::kSingle) {
-    loaded.scene = SeparateImages(std::move(loaded.scene));
-    loaded.rig_source = "left out, each image by itself";
-  }
+  const MapperInput input = LoadMapperInput(run, StartUse(), context);
+  const LoadedScene& loaded = input.loaded;
   CheckFormat(loaded.scene, run.output_format);
   description.rig_source = loaded.rig_source;
   description.times.push_back(reading.Stop("reading"));
@@ -106,14 +165,14 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   LogInput(loaded, context);
 
   MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors);
+      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors,
+                input.start ? &input.start->reconstruction : nullptr);
   context.Debug("writing started");
   const StageTimer writing;
-  if (!run.image_path.empty()) {
-    Color(loaded.scene, run.image_path, context, &result);
-  }
+  ColorModels(loaded.scene, run.image_path, context, &result);
   WriteModels(loaded, result, priors, run.output_format, output.StagingDir(),
               context);
+  KeepGeoOrigin(run.input_path, result, output.StagingDir());
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/model_io.h"
+#include "mgsfm/io/model_placing.h"
 #include "mgsfm/io/pose_priors.h"
 #include "mgsfm/io/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
@@ -21,8 +23,35 @@ struct MapperRun {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   MapperOptions mapper;
-  std::string options_json;  // of the command, for the report
+  std::string options_json;     // of the command, for the report
+  std::string input_path;       // of a model to go on from; may be empty
+  std::string image_list_path;  // of the images to take; empty: all
 };
+
+// A database as a run takes it, and the model that it starts from.
+struct MapperInput {
+  LoadedScene loaded;
+  std::optional<PlacedModel> start;
+};
+
+struct StartUse {
+  bool takes_points = true;  // of the model, see PlaceModel
+  // Its images stay where they are, so they are treated as single ones if they
+  // are not rigid units.
+  bool holds_poses = false;
+};
+
+// Of the database, the listed images and those of the model. Throws Error for
+// bad input.
+MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+                            const Context& context);
+
+// Gives the points of models the colours of the images.
+void ColorModels(const Scene& scene, const std::string& image_path,
+                 const Context& context, MapperResult* result);
+
+// Throws Error unless it is empty or a folder.
+void CheckImagePath(const std::string& image_path);
 
 // Returns an ExitCode. What was at output_path is replaced when the models are
 // whole. Throws Error for bad input.

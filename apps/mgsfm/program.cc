@@ -17,17 +17,12 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {AutomaticReconstructorCommand(),
-          MapperCommand(),
-          BundleAdjusterCommand(),
-          ModelEvaluatorCommand(),
-          SimulateCommand(),
-          FeatureExtractorCommand(),
-          RigConfiguratorCommand(),
-          ExhaustiveMatcherCommand(),
-          SequentialMatcherCommand(),
-          VocabTreeMatcherCommand(),
-          SpatialMatcherCommand(),
+  return {AutomaticReconstructorCommand(), MapperCommand(),
+          BundleAdjusterCommand(),         PointTriangulatorCommand(),
+          ModelEvaluatorCommand(),         SimulateCommand(),
+          FeatureExtractorCommand(),       RigConfiguratorCommand(),
+          ExhaustiveMatcherCommand(),      SequentialMatcherCommand(),
+          VocabTreeMatcherCommand(),       SpatialMatcherCommand(),
           MatchesImporterCommand()};
 }
 

@@ -9,11 +9,11 @@
 namespace mgsfm {
 
 bool SolveOnce(const Scene& scene, const PositionPriors& priors,
-               const BundleAdjustmentOptions& options, RefinedParts parts,
-               double function_tolerance, const Context& context,
-               BundleResult* result) {
+               const HeldPoses& held, const BundleAdjustmentOptions& options,
+               RefinedParts parts, double function_tolerance,
+               const Context& context, BundleResult* result) {
   BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors);
+      BuildProblem(scene, result->estimate, options, parts, priors, held);
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
@@ -55,11 +55,11 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
-                          const Context& context,
-                          const PositionPriors& priors) {
+                          const Context& context, const PositionPriors& priors,
+                          const HeldPoses& held) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, priors, options, RefinedParts::kAll,
+  SolveOnce(scene, priors, held, options, RefinedParts::kAll,
             options.function_tolerance, context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);

@@ -35,12 +35,13 @@ class ProblemBuilder {
  public:
   ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
                  const BundleAdjustmentOptions& options, RefinedParts parts,
-                 const PositionPriors& priors)
+                 const PositionPriors& priors, const HeldPoses& held)
       : scene_(scene),
         reconstruction_(reconstruction),
         options_(options),
         parts_(parts),
-        priors_(priors) {}
+        priors_(priors),
+        held_(held) {}
 
   BuiltProblem Build() {
     built_.problem.points_are_free = options_.refine_points;
@@ -51,7 +52,7 @@ class ProblemBuilder {
     for (const int camera_idx : built_.camera_idxs) AddCamera(camera_idx);
     AddPositionPriors();
     if (options_.refine_rig_from_world && options_.refine_points &&
-        built_.problem.position_priors.empty()) {
+        built_.problem.position_priors.empty() && !HoldsAFrame()) {
       FixGauge(built_.state, &built_.problem);
     }
     return std::move(built_);
@@ -66,6 +67,14 @@ class ProblemBuilder {
   std::vector<int> FreeParams(const Camera& camera) const;
   double LargestGivenTranslation(int rig_idx) const;
 
+  static bool IsSet(const std::vector<char>& flags, int idx) {
+    return !flags.empty() && flags[idx];
+  }
+  bool HoldsAFrame() const {
+    return std::any_of(
+        built_.frame_idxs.begin(), built_.frame_idxs.end(),
+        [this](int frame_idx) { return IsSet(held_.frames, frame_idx); });
+  }
   PoseMask Mask(bool is_refined) const {
     PoseMask mask = PoseMask::Zero();
     if (!is_refined) return mask;
@@ -79,6 +88,7 @@ class ProblemBuilder {
   const BundleAdjustmentOptions& options_;
   const RefinedParts parts_;
   const PositionPriors& priors_;
+  const HeldPoses& held_;
   BuiltProblem built_;
   std::vector<int> image_idxs_;  // of the images of the problem
 };
@@ -137,7 +147,8 @@ void ProblemBuilder::AddPositionPriors() {
 void ProblemBuilder::AddFrame(int frame_idx) {
   const Rigid3& pose = *reconstruction_.rig_from_world[frame_idx];
   built_.state.frames.push_back({pose.rotation, pose.Center()});
-  built_.problem.frame_masks.push_back(Mask(options_.refine_rig_from_world));
+  built_.problem.frame_masks.push_back(
+      Mask(options_.refine_rig_from_world && !IsSet(held_.frames, frame_idx)));
 }
 
 double ProblemBuilder::LargestGivenTranslation(int rig_idx) const {
@@ -153,6 +164,7 @@ void ProblemBuilder::AddSensor(int sensor_idx) {
   built_.state.sensors.push_back(*reconstruction_.sensor_from_rig[sensor_idx]);
   const Sensor& sensor = scene_.sensors[sensor_idx];
   const bool is_refined = !scene_.IsReference(sensor_idx) &&
+                          !IsSet(held_.sensors, sensor_idx) &&
                           Refines(options_.refine_sensor_from_rig,
                                   sensor.sensor_from_rig.has_value());
   BundleProblem& problem = built_.problem;
@@ -209,8 +221,10 @@ std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const PositionPriors& priors) {
-  return ProblemBuilder(scene, reconstruction, options, parts, priors).Build();
+                          RefinedParts parts, const PositionPriors& priors,
+                          const HeldPoses& held) {
+  return ProblemBuilder(scene, reconstruction, options, parts, priors, held)
+      .Build();
 }
 
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction) {

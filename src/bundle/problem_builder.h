@@ -31,8 +31,8 @@ enum class RefinedParts {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts,
-                          const PositionPriors& priors = {});
+                          RefinedParts parts, const PositionPriors& priors = {},
+                          const HeldPoses& held = {});
 
 // Writes what the problem did not hold back to the reconstruction that it was
 // built from.

@@ -13,18 +13,36 @@
 namespace mgsfm {
 namespace {
 
+PointFilterOptions MakeFilter(const Scene& scene, const Reconstruction& model,
+                              const BundleAdjustmentOptions& options,
+                              double max_error_px, const Context& context) {
+  PointFilterOptions filter;
+  filter.max_error_px = max_error_px;
+  filter.min_num_observations = options.min_num_observations;
+  filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
+  filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
+  filter.min_group_share = options.min_track_share;
+  if (options.max_relative_distance > 0.0) {
+    filter.max_distance = options.max_relative_distance *
+                          MedianDistance(scene, model, context.num_threads);
+  }
+  return filter;
+}
+
 class ReconstructionRefiner {
  public:
   ReconstructionRefiner(const Scene& scene, const CandidateSource& candidates,
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
-                        const Context& context, const PositionPriors& priors)
+                        const Context& context, const PositionPriors& priors,
+                        const HeldPoses& held)
       : scene_(scene),
         candidates_(candidates),
         initial_(initial),
         options_(options),
         context_(context),
-        priors_(priors) {
+        priors_(priors),
+        held_(held) {
     result_.estimate = initial;
   }
 
@@ -64,7 +82,10 @@ class ReconstructionRefiner {
   void DropFramesWithoutObservations();
   BundleRound StartRound(int num_rounds_left) const;
   void FinishRound(BundleRound round);
-  PointFilterOptions FilterOptions(const BundleRound& round) const;
+  PointFilterOptions FilterOf(const BundleRound& round) const {
+    return MakeFilter(scene_, result_.estimate, options_, round.max_error_px,
+                      context_);
+  }
 
   const Scene& scene_;
   const CandidateSource& candidates_;
@@ -72,6 +93,7 @@ class ReconstructionRefiner {
   const BundleAdjustmentOptions& options_;
   const Context& context_;
   const PositionPriors& priors_;
+  const HeldPoses& held_;
   BundleResult result_;
 };
 
@@ -86,7 +108,7 @@ bool ReconstructionRefiner::Solve(RefinedParts parts,
                                       result_.summary.rounds.back().sigma_px);
     options.loss_scale_px = std::min(options_.loss_scale_px, scale_px);
   }
-  const bool is_usable = SolveOnce(scene_, priors_, options, parts,
+  const bool is_usable = SolveOnce(scene_, priors_, held_, options, parts,
                                    function_tolerance, context_, &result_);
   const SolveSummary& summary = result_.summary.solves.back();
   char line[160];
@@ -136,38 +158,23 @@ void ReconstructionRefiner::FinishRound(BundleRound round) {
   result_.summary.rounds.push_back(round);
 }
 
-PointFilterOptions ReconstructionRefiner::FilterOptions(
-    const BundleRound& round) const {
-  PointFilterOptions filter;
-  filter.max_error_px = round.max_error_px;
-  filter.min_num_observations = options_.min_num_observations;
-  filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
-  filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
-  filter.min_group_share = options_.min_track_share;
-  if (options_.max_relative_distance > 0.0) {
-    filter.max_distance =
-        options_.max_relative_distance *
-        MedianDistance(scene_, result_.estimate, context_.num_threads);
-  }
-  return filter;
-}
-
 void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
   context_.CheckInterrupted();
   const BundleRound round = StartRound(num_rounds_left);
   Retriangulate(scene_, candidates_(result_.estimate, round.max_error_px),
-                FilterOptions(round), context_.num_threads, &result_.estimate);
+                FilterOf(round), context_.num_threads, &result_.estimate);
   FinishRound(round);
 }
 
 void ReconstructionRefiner::FilterAtLast() {
   const BundleRound round = StartRound(0);
-  FilterPoints(scene_, FilterOptions(round), context_.num_threads,
+  FilterPoints(scene_, FilterOf(round), context_.num_threads,
                &result_.estimate);
   FinishRound(round);
 }
 
 void ReconstructionRefiner::DropFramesWithoutObservations() {
+  if (!options_.refine_rig_from_world) return;
   std::vector<char> is_seen(scene_.frames.size(), false);
   for (const Point3D& point : result_.estimate.points) {
     for (const Observation& o : point.track) {
@@ -176,6 +183,7 @@ void ReconstructionRefiner::DropFramesWithoutObservations() {
   }
   for (size_t i = 0; i < is_seen.size(); ++i) {
     if (is_seen[i] || !result_.estimate.rig_from_world[i]) continue;
+    if (!held_.frames.empty() && held_.frames[i]) continue;
     result_.estimate.rig_from_world[i].reset();
     result_.summary.dropped_frames.push_back(
         {static_cast<int>(i), "no point agrees with its images"});
@@ -189,10 +197,24 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context,
-                                  const PositionPriors& priors) {
+                                  const PositionPriors& priors,
+                                  const HeldPoses& held) {
   return ReconstructionRefiner(scene, candidates, initial, options, context,
-                               priors)
+                               priors, held)
       .Run();
+}
+
+Reconstruction TriangulateCandidates(const Scene& scene,
+                                     const CandidateSource& candidates,
+                                     const Reconstruction& initial,
+                                     const BundleAdjustmentOptions& options,
+                                     const Context& context) {
+  Reconstruction model = initial;
+  const double max_error_px = options.max_max_error_px;
+  Retriangulate(scene, candidates(model, max_error_px),
+                MakeFilter(scene, model, options, max_error_px, context),
+                context.num_threads, &model);
+  return model;
 }
 
 }  // namespace mgsfm

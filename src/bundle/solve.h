@@ -13,9 +13,9 @@ namespace mgsfm {
 // Builds the problem of the estimate, solves it and appends to the summary. The
 // estimate is left as it was if false is returned.
 bool SolveOnce(const Scene& scene, const PositionPriors& priors,
-               const BundleAdjustmentOptions& options, RefinedParts parts,
-               double function_tolerance, const Context& context,
-               BundleResult* result);
+               const HeldPoses& held, const BundleAdjustmentOptions& options,
+               RefinedParts parts, double function_tolerance,
+               const Context& context, BundleResult* result);
 
 // Lists what the points of the estimate hardly constrain.
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

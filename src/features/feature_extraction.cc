@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
 #include <system_error>
@@ -16,6 +15,7 @@
 #include "features/ordered_pipeline.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
+#include "mgsfm/io/image_list.h"
 
 namespace mgsfm {
 namespace {
@@ -62,24 +62,13 @@ std::vector<std::string> ListFolder(const std::string& image_path) {
   return names;
 }
 
-std::vector<std::string> ReadList(const std::string& list_path) {
-  std::ifstream file(list_path);
-  if (!file) throw Error("cannot read '" + list_path + "' (--image_list_path)");
-  std::vector<std::string> names;
-  for (std::string line; std::getline(file, line);) {
-    line.erase(line.find_last_not_of(" \t\r") + 1);
-    if (!line.empty()) names.push_back(line);
-  }
-  return names;
-}
-
 // Sorted, each once.
 std::vector<std::string> FindImages(const std::string& image_path,
                                     const std::string& list_path) {
   std::error_code ignored;
   if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
   std::vector<std::string> names =
-      list_path.empty() ? ListFolder(image_path) : ReadList(list_path);
+      list_path.empty() ? ListFolder(image_path) : ReadImageList(list_path);
   std::sort(names.begin(), names.end());
   names.erase(std::unique(names.begin(), names.end()), names.end());
   if (names.empty()) {

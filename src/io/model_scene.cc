@@ -3,16 +3,15 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <limits>
 #include <map>
 #include <optional>
 #include <utility>
 #include <vector>
 
+#include "io/model_rig_poses.h"
 #include "io/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -21,13 +20,6 @@ namespace fs = std::filesystem;
 
 // Of poses that are written twice, with few digits in some text files.
 constexpr double kMaxContradiction = 1e-4;
-constexpr double kMaxRigRotationDeg = 5.0;
-constexpr size_t kMaxNumCandidates = 200;
-
-[[noreturn]] void ThrowModelError(const fs::path& folder,
-                                  const std::string& problem) {
-  throw Error("model '" + folder.string() + "': " + problem);
-}
 
 // ------------------------------------------------------------------- tables
 
@@ -128,134 +120,6 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   return contents;
 }
 
-// -------------------------------------------------------------------- poses
-
-// The pose that most of the poses agree with, see the header.
-Rigid3 TypicalPose(const std::vector<Rigid3>& poses) {
-  const size_t step =
-      (poses.size() + kMaxNumCandidates - 1) / kMaxNumCandidates;
-  double least_sum = std::numeric_limits<double>::infinity();
-  Rigid3 typical;
-  for (size_t i = 0; i < poses.size(); i += step) {
-    double sum = 0.0;
-    for (size_t j = 0; j < poses.size(); j += step) {
-      sum += AngleBetween(poses[i].rotation, poses[j].rotation);
-    }
-    if (sum >= least_sum) continue;
-    least_sum = sum;
-    typical.rotation = poses[i].rotation;
-  }
-  std::vector<double> coordinates(poses.size());
-  for (int axis = 0; axis < 3; ++axis) {
-    for (size_t i = 0; i < poses.size(); ++i) {
-      coordinates[i] = poses[i].translation[axis];
-    }
-    typical.translation[axis] = Median(coordinates);
-  }
-  return typical;
-}
-
-// From poses of images to those of sensors and frames.
-class RigPoses {
- public:
-  RigPoses(const fs::path& folder, const std::vector<ModelImage>& images,
-           const Scene& scene)
-      : folder_(folder), images_(images), scene_(scene) {}
-
-  // The poses that are there are kept.
-  void EstimateSensors(std::vector<std::optional<Rigid3>>* poses) const;
-  std::vector<std::optional<Rigid3>> PlaceFrames(
-      const std::vector<std::optional<Rigid3>>& sensor_from_rig) const;
-
- private:
-  std::vector<Rigid3> Candidates(
-      int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const;
-  void CheckMovesLikeRig(int sensor_idx, const std::vector<Rigid3>& candidates,
-                         const Rigid3& pose) const;
-
-  const fs::path& folder_;
-  const std::vector<ModelImage>& images_;
-  const Scene& scene_;
-};
-
-// Sensors are placed beside those of their frames that have a pose.
-void RigPoses::EstimateSensors(
-    std::vector<std::optional<Rigid3>>* poses) const {
-  for (size_t num_left = scene_.sensors.size(); num_left > 0; --num_left) {
-    for (size_t i = 0; i < scene_.sensors.size(); ++i) {
-      if ((*poses)[i]) continue;
-      const int sensor_idx = static_cast<int>(i);
-      const std::vector<Rigid3> candidates = Candidates(sensor_idx, *poses);
-      if (candidates.empty()) continue;
-      (*poses)[i] = TypicalPose(candidates);
-      CheckMovesLikeRig(sensor_idx, candidates, *(*poses)[i]);
-    }
-  }
-  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
-    if ((*poses)[i]) continue;
-    ThrowModelError(
-        folder_, "nothing tells the pose of sensor '" + scene_.sensors[i].name +
-                     "' in its rig, as no frame has images of it and of "
-                     "another one; give it with --rig_config_path, or treat "
-                     "images as single with --rig_name_rule none");
-  }
-}
-
-std::vector<Rigid3> RigPoses::Candidates(
-    int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const {
-  std::vector<Rigid3> candidates;
-  for (const Frame& frame : scene_.frames) {
-    const Rigid3* pose = nullptr;
-    std::optional<Rigid3> rig_from_world;
-    for (const int image_idx : frame.image_idxs) {
-      const int other_idx = scene_.images[image_idx].sensor_idx;
-      const Rigid3& cam_from_world = images_[image_idx].cam_from_world;
-      if (other_idx == sensor_idx) {
-        pose = &cam_from_world;
-      } else if (poses[other_idx] && !rig_from_world) {
-        rig_from_world = poses[other_idx]->Inverse() * cam_from_world;
-      }
-    }
-    if (pose == nullptr || !rig_from_world) continue;
-    candidates.push_back(*pose * rig_from_world->Inverse());
-  }
-  return candidates;
-}
-
-void RigPoses::CheckMovesLikeRig(int sensor_idx,
-                                 const std::vector<Rigid3>& candidates,
-                                 const Rigid3& pose) const {
-  std::vector<double> angles_deg;
-  for (const Rigid3& candidate : candidates) {
-    angles_deg.push_back(
-        RadToDeg(AngleBetween(candidate.rotation, pose.rotation)));
-  }
-  if (Median(angles_deg) < kMaxRigRotationDeg) return;
-  ThrowModelError(folder_,
-                  "images of '" + scene_.sensors[sensor_idx].name +
-                      "' turn against those of the same frames, so the cameras "
-                      "are not rigidly mounted, or the frames are wrong; say "
-                      "what makes a frame with --rig_name_rule, or treat "
-                      "images as single with --rig_name_rule none");
-}
-
-std::vector<std::optional<Rigid3>> RigPoses::PlaceFrames(
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig) const {
-  std::vector<std::optional<Rigid3>> rig_from_world;
-  for (const Frame& frame : scene_.frames) {
-    int best = frame.image_idxs.front();
-    for (const int image_idx : frame.image_idxs) {
-      if (scene_.IsReference(scene_.images[image_idx].sensor_idx)) {
-        best = image_idx;
-      }
-    }
-    const Rigid3& sensor = *sensor_from_rig[scene_.images[best].sensor_idx];
-    rig_from_world.emplace_back(sensor.Inverse() *
-                                images_[best].cam_from_world);
-  }
-  return rig_from_world;
-}
-
 // ------------------------------------------------------------------- points
 
 std::vector<Point3D> MakePoints(const Model& model) {
@@ -303,7 +167,11 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
     MGSFM_CHECK_MSG(scene.images[i].id == model.poses.images[i].id,
                     scene.images[i].name);
   }
-  const RigPoses poses(folder, model.poses.images, scene);
+  std::vector<std::optional<Rigid3>> cam_from_world;
+  for (const ModelImage& image : model.poses.images) {
+    cam_from_world.emplace_back(image.cam_from_world);
+  }
+  const RigPoses poses(folder, cam_from_world, scene);
   poses.EstimateSensors(&reconstruction.sensor_from_rig);
   reconstruction.rig_from_world =
       poses.PlaceFrames(reconstruction.sensor_from_rig);

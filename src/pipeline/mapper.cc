@@ -6,26 +6,14 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "pipeline/candidates.h"
 #include "pipeline/given_rigs.h"
+#include "pipeline/going_on.h"
 #include "pipeline/position_registration.h"
+#include "pipeline/timed.h"
 
 namespace mgsfm {
 namespace {
-
-// Runs a stage, logs and notes its time.
-template <class Function>
-auto Timed(const char* stage, const Context& context,
-           std::vector<StageTime>* times, const Function& function) {
-  context.Debug(std::string(stage) + " started");
-  context.CheckInterrupted();
-  const StageTimer timer;
-  auto result = function();
-  times->push_back(timer.Stop(stage));
-  char seconds[32];
-  std::snprintf(seconds, sizeof(seconds), "%.2f s", times->back().seconds);
-  context.Info(std::string(stage) + ": " + seconds);
-  return result;
-}
 
 std::vector<int> CountFrames(const RotationEstimate& rotations) {
   std::vector<int> num_frames;
@@ -56,26 +44,15 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
   return selected;
 }
 
-// Tracks of the matches that the model does not contradict, without the pairs
-// that turned out to contradict the others, so that neither wrong matches nor
-// copies of a structure join what is not one.
-CandidateSource MakeCandidateSource(const Scene& scene,
-                                    const ViewGraph& view_graph,
-                                    const RotationEstimate& rotations,
-                                    const std::vector<char>& pair_contradicts,
-                                    const MapperOptions& options,
-                                    const Context& context) {
+// Of the part, without the pairs that turned out to contradict the others, so
+// that neither wrong matches nor copies of a structure join what is not one.
+std::vector<char> UsedPairs(const RotationEstimate& rotations,
+                            const std::vector<char>& pair_contradicts) {
   std::vector<char> pair_is_used = rotations.pair_is_inlier;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
     if (pair_contradicts[i]) pair_is_used[i] = false;
   }
-  return [&, pair_is_used](const Reconstruction& model, double max_error_px) {
-    return EstablishCandidates(
-        scene, view_graph,
-        SelectConsistentMatches(scene, view_graph, pair_is_used, model,
-                                max_error_px, options.match_selection, context),
-        options.tracks, context);
-  };
+  return pair_is_used;
 }
 
 // Pairs of the part that its rotations or positions contradict.
@@ -161,8 +138,9 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
         scene,
-        MakeCandidateSource(scene, view_graph, rotations,
-                            translation.pair_contradicts, options, context),
+        MakeCandidateSource(scene, view_graph,
+                            UsedPairs(rotations, translation.pair_contradicts),
+                            options, context),
         initial, options.bundle_adjustment, context, used_priors);
   });
   model.bundle = std::move(bundle.summary);
@@ -242,7 +220,8 @@ MethodDefaults DefaultsOf(MapperMethod method) {
 // All after the focal lengths.
 MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                            const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors) {
+                           const PositionPriors& priors,
+                           const Reconstruction* start) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -253,6 +232,11 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
   });
   result.view_graph = verified.summary;
   CheckGivenRigs(scene, verified.estimate);
+  if (start != nullptr) {
+    GoOnFromModel(scene, bearings, verified.estimate, *start, options, context,
+                  priors, &result);
+    return result;
+  }
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
@@ -331,13 +315,14 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
 
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
                        const MapperOptions& given_options,
-                       const Context& context, const PositionPriors& priors) {
+                       const Context& context, const PositionPriors& priors,
+                       const Reconstruction* start) {
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors);
+    return MapCalibrated(scene, view_graph, options, context, priors, start);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
@@ -351,7 +336,7 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
   MapperResult result =
-      MapCalibrated(calibrated, uncalibrated, options, context, priors);
+      MapCalibrated(calibrated, uncalibrated, options, context, priors, start);
   result.focal_lengths = std::move(focal_lengths.estimates);
   result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;

@@ -55,16 +55,18 @@ Json InputToJson(const Scene& scene, const ViewGraph& view_graph,
   for (const ImagePair& pair : view_graph.pairs) {
     num_matches += pair.matches.size();
   }
-  return {{"database_path", run.database_path},
-          {"rig_source", run.rig_source},
-          {"num_cameras", scene.cameras.size()},
-          {"num_rigs", scene.rigs.size()},
-          {"num_sensors", scene.sensors.size()},
-          {"num_frames", scene.frames.size()},
-          {"num_images", scene.images.size()},
-          {"num_keypoints", num_keypoints},
-          {"num_pairs", view_graph.pairs.size()},
-          {"num_matches", num_matches}};
+  Json json = {{"database_path", run.database_path},
+               {"rig_source", run.rig_source},
+               {"num_cameras", scene.cameras.size()},
+               {"num_rigs", scene.rigs.size()},
+               {"num_sensors", scene.sensors.size()},
+               {"num_frames", scene.frames.size()},
+               {"num_images", scene.images.size()},
+               {"num_keypoints", num_keypoints},
+               {"num_pairs", view_graph.pairs.size()},
+               {"num_matches", num_matches}};
+  if (!run.input_path.empty()) json["input_path"] = run.input_path;
+  return json;
 }
 
 Json ToJson(const Scene& scene,
@@ -217,6 +219,23 @@ Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
   return json;
 }
 
+Json ToJson(const Scene& scene, const GoingOnSummary& summary) {
+  Json json = {{"num_frames_given", summary.num_frames_given},
+               {"frames_are_fixed", summary.frames_are_fixed},
+               {"num_passes", summary.num_passes},
+               {"added_frames", Json::array()}};
+  for (const GoingOnSummary::AddedFrame& added : summary.added_frames) {
+    const ResectedFrame& frame = added.frame;
+    json["added_frames"].push_back(
+        {{"frame_id", scene.frames[frame.frame_idx].id.value()},
+         {"name", scene.frames[frame.frame_idx].name},
+         {"pass", added.pass},
+         {"num_keypoints", frame.num_keypoints},
+         {"num_inliers", frame.num_inliers}});
+  }
+  return json;
+}
+
 // The calibrated rigs of one model, with what is known of each sensor.
 Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
                 const MapperModel& model) {
@@ -278,11 +297,15 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
        num_observations > 0
            ? Json(sum_errors_px / static_cast<double>(num_observations))
            : Json(nullptr)},
-      {"rigs", RigsToJson(scene, rotation, model)},
-      {"tracks", ToJson(model.tracks)},
-      {"translation_averaging", ToJson(model.translation)},
-      {"suspicious_groups", ToJson(scene, model.suspicious_groups)},
-      {"bundle_adjustment", ToJson(scene, model.bundle)}};
+      {"rigs", RigsToJson(scene, rotation, model)}};
+  if (model.going_on) {
+    json["going_on"] = ToJson(scene, *model.going_on);
+  } else {
+    json["tracks"] = ToJson(model.tracks);
+    json["translation_averaging"] = ToJson(model.translation);
+    json["suspicious_groups"] = ToJson(scene, model.suspicious_groups);
+  }
+  json["bundle_adjustment"] = ToJson(scene, model.bundle);
   if (model.position_priors) {
     json["position_priors"] = ToJson(scene, *model.position_priors);
   }
@@ -301,8 +324,10 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
   Json report = {{"mgsfm_version", run.version},
                  {"input", InputToJson(scene, view_graph, run)},
                  {"options", Json::parse(run.options_json)},
-                 {"view_graph", ToJson(result.view_graph)},
-                 {"rotation_averaging", ToJson(result.rotation)}};
+                 {"view_graph", ToJson(result.view_graph)}};
+  if (run.input_path.empty()) {
+    report["rotation_averaging"] = ToJson(result.rotation);
+  }
   if (!result.focal_lengths.empty()) {
     report["focal_lengths"] = ToJson(scene, result.focal_lengths);
   }

@@ -40,7 +40,8 @@ namespace mgsfm {
 // internal translation, unless two sensors of one frame are held, or by their
 // priors, at different places: then scale is observable, and known extrinsics
 // keep the model metric.
-// Nothing is held if frames or points are, or if positions are measured.
+// Nothing is held if frames (all, or some that HeldPoses names) or points are,
+// or if positions are measured.
 //
 // Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
 // first; the rest is a sparse Cholesky factorisation of the frames, with the
@@ -206,6 +207,12 @@ struct BundleResult {
   BundleSummary summary;
 };
 
+// Poses that stay as they are, whatever the options say. Empty: none.
+struct HeldPoses {
+  std::vector<char> frames;   // per frame of the scene
+  std::vector<char> sensors;  // per sensor of the scene
+};
+
 // One solve of (1), all blocks together. Keypoints in images without pose and
 // points with fewer than two usable observations have no part in it. If the
 // solve fails the estimate is the initial one.
@@ -213,7 +220,8 @@ struct BundleResult {
                                         const Reconstruction& initial,
                                         const BundleAdjustmentOptions& options,
                                         const Context& context,
-                                        const PositionPriors& priors = {});
+                                        const PositionPriors& priors = {},
+                                        const HeldPoses& held = {});
 
 // Groups of keypoints that may be images of one point, at most one keypoint of
 // an image in each, as far as a model can tell whose observations have errors
@@ -239,7 +247,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //   3. solve to function_tolerance (the solves before end at 100 times of it);
 //   4. drop outliers, points with too little parallax or farther away than
 //      max_relative_distance median distances, and frames that no
-//      observation is left of.
+//      observation is left of, unless their poses are held.
 // Error thresholds are error_sigma_factor robust standard deviations, within
 // bounds that tighten from round to round. So is the threshold of the loss from
 // the first triangulation on, as keypoints of sharp images are far better than
@@ -249,6 +257,14 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
-    const Context& context, const PositionPriors& priors = {});
+    const Context& context, const PositionPriors& priors = {},
+    const HeldPoses& held = {});
+
+// The triangulation of 2. by itself, with max_max_error_px as threshold: for
+// models without points, or with new frames.
+[[nodiscard]] Reconstruction TriangulateCandidates(
+    const Scene& scene, const CandidateSource& candidates,
+    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    const Context& context);
 
 }  // namespace mgsfm

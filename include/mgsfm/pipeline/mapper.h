@@ -12,6 +12,7 @@
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
+#include "mgsfm/pipeline/going_on.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
@@ -64,6 +65,7 @@ struct MapperOptions {
   MatchSelectionOptions match_selection;
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
+  GoingOnOptions going_on;  // listed by commands that can have a start
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -110,6 +112,7 @@ struct MapperModel {
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if some are given
   std::optional<CovarianceResult> covariances;          // if asked for
+  std::optional<GoingOnSummary> going_on;               // if it had a start
   // Pairs of this part that rotations or positions contradict.
   std::vector<SuspiciousGroup> suspicious_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
@@ -138,6 +141,9 @@ MapperOptions ResolveMethod(const MapperOptions& options);
 // With `priors`, models come out in their world where they determine it, and
 // bundle adjustment keeps images near them.
 //
+// With `start`, a model of some of the frames in positions of the scene, goes
+// on from it as mgsfm/pipeline/going_on.h says, and gives that one model.
+//
 // With the method kSingle all rigs of the scene must have one sensor. Throws
 // Error if given poses of sensors contradict the matches, see
 // src/pipeline/given_rigs.h. No model in the result means that the input held
@@ -146,6 +152,17 @@ MapperOptions ResolveMethod(const MapperOptions& options);
                                      const ViewGraph& view_graph,
                                      const MapperOptions& options,
                                      const Context& context,
-                                     const PositionPriors& priors = {});
+                                     const PositionPriors& priors = {},
+                                     const Reconstruction* start = nullptr);
+
+// The points of a model whose poses are held: tracks of the verified matches
+// between its images, triangulated and filtered as the mapper does, in rounds.
+// Points of `start` that are in no track are kept if they pass the filters.
+// What bundle_adjustment allows to refine is refined.
+[[nodiscard]] MapperResult TriangulatePoints(const Scene& scene,
+                                             const ViewGraph& view_graph,
+                                             const Reconstruction& start,
+                                             const MapperOptions& options,
+                                             const Context& context);
 
 }  // namespace mgsfm

@@ -13,6 +13,7 @@ namespace mgsfm {
 struct RunDescription {
   std::string version;
   std::string database_path;
+  std::string input_path;        // of the model that was gone on from, or ""
   std::string rig_source;        // in words: where rigs and frames come from
   std::string options_json;      // all options, as a JSON object
   std::vector<StageTime> times;  // of reading and writing

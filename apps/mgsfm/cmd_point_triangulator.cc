@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <utility>
+
+#include "command.h"
+#include "commands.h"
+#include "mapper_run.h"
+#include "mgsfm/base/stage_time.h"
+#include "mgsfm/io/output_file.h"
+#include "mgsfm/io/rig_config.h"
+#include "mgsfm/io/staged_output.h"
+#include "mgsfm/pipeline/report.h"
+
+namespace mgsfm {
+namespace {
+
+BundleAdjustmentOptions HoldCameras() {
+  BundleAdjustmentOptions options;
+  options.refine_rig_from_world = false;
+  options.refine_sensor_from_rig = RefineMode::kNo;
+  options.refine_focal_length = RefineMode::kNo;
+  options.refine_extra_params = RefineMode::kNo;
+  return options;
+}
+
+struct PointTriangulatorOptions {
+  std::string database_path;
+  std::string image_path;
+  std::string input_path;
+  std::string output_path;
+  bool clear_points = true;
+  ModelFormat output_format = ModelFormat::kBinary;
+  SceneLoadingOptions loading;
+  ViewGraphOptions view_graph;
+  TrackOptions tracks;
+  MatchSelectionOptions match_selection;
+  BundleAdjustmentOptions bundle_adjustment = HoldCameras();
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("database_path", self.database_path, Required(), "",
+          "COLMAP database with verified matches. It is only read.");
+    visit("image_path", self.image_path, AnyValue(), "",
+          "Folder of the images, to colour the points.");
+    visit("input_path", self.input_path, Required(), "",
+          "Folder of the model whose poses and intrinsics are held; its images "
+          "are those of the database with the same names.");
+    visit("output_path", self.output_path, Required(), "",
+          "Folder for the model and report.json. One that is there is replaced "
+          "when the new one is whole; it may be the input.");
+    visit("clear_points", self.clear_points, AnyValue(), "",
+          "Leave out the points of the model; 0 starts from them.");
+    visit("output_format", self.output_format, AnyValue(), "",
+          "Of the model: binary or text.");
+    SceneLoadingOptions::Describe(self.loading, visit);
+    visit.Group("ViewGraph", self.view_graph);
+    visit.Group("Tracks", self.tracks);
+    visit.Group("MatchSelection", self.match_selection);
+    visit.Group("BundleAdjustment", self.bundle_adjustment);
+  }
+};
+
+MapperOptions StageOptions(const PointTriangulatorOptions& options) {
+  MapperOptions stages;
+  stages.view_graph = options.view_graph;
+  stages.tracks = options.tracks;
+  stages.match_selection = options.match_selection;
+  stages.bundle_adjustment = options.bundle_adjustment;
+  return stages;
+}
+
+int RunPointTriangulator(const PointTriangulatorOptions& options,
+                         const Context& context) {
+  CheckImagePath(options.image_path);
+  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  MapperRun run;
+  run.database_path = options.database_path;
+  run.input_path = options.input_path;
+  run.loading = options.loading;
+  RunDescription description;
+  description.version = MGSFM_VERSION;
+  description.database_path = options.database_path;
+  description.input_path = options.input_path;
+  description.options_json = OptionsToJsonOf(options);
+
+  const StageTimer reading;
+  const MapperInput input =
+      LoadMapperInput(run, {!options.clear_points, true}, context);
+  const Scene& scene = input.loaded.scene;
+  CheckFormat(scene, options.output_format);
+  description.rig_source = input.loaded.rig_source;
+  description.times.push_back(reading.Stop("reading"));
+
+  MapperResult result = TriangulatePoints(scene, input.loaded.view_graph,
+                                          input.start->reconstruction,
+                                          StageOptions(options), context);
+  if (result.models.empty()) {
+    context.log(LogLevel::kError,
+                "no point could be triangulated from the matches");
+    return kExitNotSolvable;
+  }
+  const StageTimer writing;
+  ColorModels(scene, options.image_path, context, &result);
+  const Reconstruction& model = result.models.front().reconstruction;
+  WriteModel(output.StagingDir(), scene, model, options.output_format, context);
+  WriteRigConfig((output.StagingDir() / "rig_config.json").string(), scene,
+                 model);
+  description.times.push_back(writing.Stop("writing"));
+  description.peak_memory_mib = PeakMemoryMib();
+  WriteFile(
+      output.StagingDir() / "report.json",
+      MapperReportToJson(scene, input.loaded.view_graph, result, description));
+  context.CheckInterrupted();
+  output.Commit();
+  context.Info(std::to_string(model.points.size()) + " points");
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command PointTriangulatorCommand() {
+  return MakeCommand("point_triangulator",
+                     "Triangulates the points of a model with known poses.",
+                     RunPointTriangulator);
+}
+
+}  // namespace mgsfm

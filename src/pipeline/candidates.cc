@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/candidates.h"
+
+#include <utility>
+
+namespace mgsfm {
+
+CandidateSource MakeCandidateSource(const Scene& scene,
+                                    const ViewGraph& view_graph,
+                                    std::vector<char> pair_is_used,
+                                    const MapperOptions& options,
+                                    const Context& context) {
+  return [&scene, &view_graph, &options, &context,
+          pair_is_used = std::move(pair_is_used)](const Reconstruction& model,
+                                                  double max_error_px) {
+    return EstablishCandidates(
+        scene, view_graph,
+        SelectConsistentMatches(scene, view_graph, pair_is_used, model,
+                                max_error_px, options.match_selection, context),
+        options.tracks, context);
+  };
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <utility>
+
+#include "mgsfm/pipeline/mapper.h"
+#include "pipeline/candidates.h"
+#include "pipeline/going_on.h"
+#include "pipeline/timed.h"
+
+namespace mgsfm {
+
+MapperResult TriangulatePoints(const Scene& scene, const ViewGraph& view_graph,
+                               const Reconstruction& start,
+                               const MapperOptions& options,
+                               const Context& context) {
+  MapperResult result;
+  MapperModel model;
+  const ViewGraphResult verified =
+      Timed("view graph", context, &result.times, [&] {
+        return EstimateViewGraph(scene,
+                                 ComputeBearings(scene, context.num_threads),
+                                 view_graph, options.view_graph, context);
+      });
+  result.view_graph = verified.summary;
+  const CandidateSource candidates = MakeCandidateSource(
+      scene, verified.estimate,
+      std::vector<char>(verified.estimate.pairs.size(), true), options,
+      context);
+  const Reconstruction initial =
+      Timed("triangulation", context, &model.times, [&] {
+        return TriangulateCandidates(scene, candidates, start,
+                                     options.bundle_adjustment, context);
+      });
+  BundleResult bundle = Timed("refinement", context, &model.times, [&] {
+    return RefineReconstruction(scene, candidates, initial,
+                                options.bundle_adjustment, context);
+  });
+  model.bundle = std::move(bundle.summary);
+  model.reconstruction = std::move(bundle.estimate);
+  model.going_on = GoingOnSummary();
+  model.going_on->frames_are_fixed =
+      !options.bundle_adjustment.refine_rig_from_world;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const bool is_given = start.rig_from_world[i].has_value();
+    model.going_on->num_frames_given += is_given;
+    if (model.reconstruction.rig_from_world[i]) continue;
+    result.unregistered_frames.push_back(
+        {static_cast<int>(i), is_given ? "no point agrees with its images"
+                                       : "it is not in the given model"});
+  }
+  model.num_frames_in_part = model.going_on->num_frames_given;
+  DescribeSensors(scene, start, {}, &model, &result);
+  if (!model.reconstruction.points.empty()) {
+    result.models.push_back(std::move(model));
+  }
+  return result;
+}
+
+}  // namespace mgsfm

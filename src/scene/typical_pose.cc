@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/typical_pose.h"
+
+#include <limits>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/statistics.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr size_t kMaxNumCandidates = 200;
+
+}  // namespace
+
+Rigid3 TypicalPose(const std::vector<Rigid3>& poses) {
+  MGSFM_CHECK(!poses.empty());
+  const size_t step =
+      (poses.size() + kMaxNumCandidates - 1) / kMaxNumCandidates;
+  double least_sum = std::numeric_limits<double>::infinity();
+  Rigid3 typical;
+  for (size_t i = 0; i < poses.size(); i += step) {
+    double sum = 0.0;
+    for (size_t j = 0; j < poses.size(); j += step) {
+      sum += AngleBetween(poses[i].rotation, poses[j].rotation);
+    }
+    if (sum >= least_sum) continue;
+    least_sum = sum;
+    typical.rotation = poses[i].rotation;
+  }
+  std::vector<double> coordinates(poses.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    for (size_t i = 0; i < poses.size(); ++i) {
+      coordinates[i] = poses[i].translation[axis];
+    }
+    typical.translation[axis] = Median(coordinates);
+  }
+  return typical;
+}
+
+}  // namespace mgsfm
