@@ -7,6 +7,7 @@
 #include "command.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
+#include "mgsfm/io/image_timestamps.h"
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
@@ -21,6 +22,13 @@ void CheckPaths(const MapperRun& run) {
   if (!run.image_path.empty() &&
       !std::filesystem::is_directory(run.image_path)) {
     throw Error("--image_path '" + run.image_path + "' is no folder");
+  }
+  if (run.image_timestamps_path.empty() &&
+      run.mapper.loose_synchronization.method ==
+          LooseSynchronization::kTimeOffset) {
+    throw Error(
+        "--LooseSynchronization.method time_offset needs the times of images; "
+        "give --image_timestamps_path");
   }
 }
 
@@ -56,6 +64,21 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
                std::to_string(model.reconstruction.points.size()) + " points");
 }
 
+// With the poses of images if these are not those of the rig; then all are
+// frames of their own, so that no table contradicts another.
+void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
+                     const MapperModel& model, ModelFormat format,
+                     const Context& context) {
+  if (model.loose_images && model.loose_images->summary.is_usable) {
+    WriteModel(folder, SeparateImages(scene),
+               SeparateImages(model.reconstruction,
+                              model.loose_images->cam_from_world),
+               format, context);
+  } else {
+    WriteModel(folder, scene, model.reconstruction, format, context);
+  }
+}
+
 void WriteModels(const LoadedScene& loaded, const MapperResult& result,
                  const PositionPriors& priors, ModelFormat format,
                  const std::filesystem::path& output_path,
@@ -64,7 +87,7 @@ void WriteModels(const LoadedScene& loaded, const MapperResult& result,
     const std::filesystem::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
     std::filesystem::create_directory(folder);
-    WriteModel(folder, loaded.scene, model, format, context);
+    WriteModelFiles(folder, loaded.scene, result.models[i], format, context);
     WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
     const auto& registration = result.models[i].position_priors;
     if (registration && registration->is_registered && priors.origin_wgs84) {
@@ -97,6 +120,9 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   if (run.mapper.method == MapperMethod::kSingle) {
     loaded.scene = SeparateImages(std::move(loaded.scene));
     loaded.rig_source = "left out, each image by itself";
+  }
+  if (!run.image_timestamps_path.empty()) {
+    ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
   CheckFormat(loaded.scene, run.output_format);
   description.rig_source = loaded.rig_source;

@@ -21,7 +21,8 @@ struct MapperRun {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   MapperOptions mapper;
-  std::string options_json;  // of the command, for the report
+  std::string options_json;           // of the command, for the report
+  std::string image_timestamps_path;  // may be empty
 };
 
 // Returns an ExitCode. What was at output_path is replaced when the models are

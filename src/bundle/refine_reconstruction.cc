@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <string>
 
@@ -8,7 +7,6 @@
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -54,8 +52,6 @@ class ReconstructionRefiner {
   }
 
   static constexpr double kRoughToleranceFactor = 100.0;
-  // Keypoints are not located better; without noise sigma tells nothing.
-  static constexpr double kMinLossScalePx = 0.05;
 
   bool Solve(RefinedParts parts, double function_tolerance);
   void FilterGrossErrors();
@@ -81,10 +77,8 @@ bool ReconstructionRefiner::Solve(RefinedParts parts,
                           static_cast<size_t>(options_.num_rounds) + 2);
   BundleAdjustmentOptions options = options_;
   if (!result_.summary.rounds.empty()) {
-    const double scale_px =
-        std::max(kMinLossScalePx, options_.loss_sigma_factor *
-                                      result_.summary.rounds.back().sigma_px);
-    options.loss_scale_px = std::min(options_.loss_scale_px, scale_px);
+    options.loss_scale_px =
+        LossScalePx(options_, result_.summary.rounds.back().sigma_px);
   }
   const bool is_usable = SolveOnce(scene_, priors_, options, parts,
                                    function_tolerance, context_, &result_);
@@ -116,10 +110,7 @@ BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
   round.num_observations_before = NumObservations(result_.estimate);
   round.sigma_px = RobustSigmaPx(
       ReprojectionErrors(scene_, result_.estimate, context_.num_threads));
-  const double largest = std::ldexp(options_.max_max_error_px, num_rounds_left);
-  round.max_error_px =
-      std::min(largest, std::max(options_.min_max_error_px,
-                                 options_.error_sigma_factor * round.sigma_px));
+  round.max_error_px = MaxErrorPx(options_, round.sigma_px, num_rounds_left);
   return round;
 }
 
@@ -138,18 +129,8 @@ void ReconstructionRefiner::FinishRound(BundleRound round) {
 
 PointFilterOptions ReconstructionRefiner::FilterOptions(
     const BundleRound& round) const {
-  PointFilterOptions filter;
-  filter.max_error_px = round.max_error_px;
-  filter.min_num_observations = options_.min_num_observations;
-  filter.min_angle_rad = DegToRad(options_.min_triangulation_angle_deg);
-  filter.min_two_view_angle_rad = DegToRad(options_.min_two_view_angle_deg);
-  filter.min_group_share = options_.min_track_share;
-  if (options_.max_relative_distance > 0.0) {
-    filter.max_distance =
-        options_.max_relative_distance *
-        MedianDistance(scene_, result_.estimate, context_.num_threads);
-  }
-  return filter;
+  return MakeFilterOptions(scene_, result_.estimate, options_,
+                           round.max_error_px, context_);
 }
 
 void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
