@@ -21,6 +21,7 @@ namespace mgsfm {
 namespace {
 
 constexpr size_t kMaxNumSamples = 200;  // frames of a rig
+constexpr int kNumTriangulations = 5;
 constexpr double kMinShare = 0.02;      // of a spread that is not zero
 constexpr double kMinSigmaPx = 0.05;    // also of keypoints without noise
 constexpr double kMinSpreadRad = 1e-7;  // no prior need be narrower
@@ -99,9 +100,7 @@ class RigLoosener {
   }
 
  private:
-  int NumTriangulations() const {
-    return candidates_ ? bundle_options_.num_rounds : 0;
-  }
+  int NumTriangulations() const { return candidates_ ? kNumTriangulations : 0; }
 
   bool HasFrameWithSeveralImages() const;
   LooseResult Unchanged();
@@ -290,6 +289,8 @@ bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
                 "%.1f %%, time offsets by %.3g s",
                 sigma_px_, 100.0 * change, offset_change_s);
   context_.Debug(line);
+  context_.Debug(std::to_string(NumObservations(model_.separate)) +
+                 " observations");
   return change <= options_.spread_tolerance &&
          offset_change_s <= options_.time_offset_tolerance_s;
 }
@@ -309,9 +310,14 @@ double RigLoosener::EstimateSigmaPx() const {
   return std::max(kMinSigmaPx, factor * RobustSigmaPx(std::move(errors_px)));
 }
 
+// The rigid model had to drop what did not fit it, so its points say that
+// images are nearer to the rig than they are. Errors are bounded by the noise
+// of these points in the last round only.
 void RigLoosener::TriangulateAnew(int num_rounds_left) {
   const double max_error_px =
-      MaxErrorPx(bundle_options_, sigma_px_, num_rounds_left);
+      num_rounds_left > 0
+          ? std::ldexp(bundle_options_.max_max_error_px, num_rounds_left)
+          : MaxErrorPx(bundle_options_, sigma_px_, 0);
   Retriangulate(separate_, candidates_(model_.separate, max_error_px),
                 MakeFilterOptions(separate_, model_.separate, bundle_options_,
                                   max_error_px, context_),

@@ -207,7 +207,8 @@ TEST(LooseSynchronizationTest, TimeOffsetIsFound) {
     SimulationOptions options = DriveOptions(rig);
     options.trigger_offset_ms = 30.0;
     const LooseDrive drive =
-        Loosen(options, WindingPath(40), LooseSynchronization::kTimeOffset);
+        Loosen(options, WindingPath(rig == RigPreset::kStereo ? 40 : 20),
+               LooseSynchronization::kTimeOffset);
     const LooseSummary& summary = drive.loose.images.summary;
     ASSERT_TRUE(summary.is_usable) << summary.message;
     for (const LooseSensor& sensor : summary.sensors) {
