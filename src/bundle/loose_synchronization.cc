@@ -283,14 +283,13 @@ bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
   }
   spreads_ = std::move(updated);
   sigma_px_ = EstimateSigmaPx();
-  char line[120];
+  char line[160];
   std::snprintf(line, sizeof(line),
-                "loose synchronization: noise %.3f px, spreads change by "
-                "%.1f %%, time offsets by %.3g s",
-                sigma_px_, 100.0 * change, offset_change_s);
+                "loose synchronization: %zu observations, noise %.3f px, "
+                "spreads change by %.1f %%, time offsets by %.3g s",
+                NumObservations(model_.separate), sigma_px_, 100.0 * change,
+                offset_change_s);
   context_.Debug(line);
-  context_.Debug(std::to_string(NumObservations(model_.separate)) +
-                 " observations");
   return change <= options_.spread_tolerance &&
          offset_change_s <= options_.time_offset_tolerance_s;
 }
