@@ -111,7 +111,7 @@ class RigLoosener {
   std::optional<std::vector<FrameDeviations>> SampleDeviations(
       const LooseProblem& loose) const;
   bool UpdateCommon(const std::vector<FrameDeviations>& deviations);
-  double EstimateSigmaPx() const;
+  void EstimateNoise();
   void TriangulateAnew(int num_rounds_left);
   bool FinishModel();
   void Summarize();
@@ -132,7 +132,8 @@ class RigLoosener {
   std::vector<std::optional<Rigid3>> expected_;  // per image
   std::vector<Spread> spreads_;                  // per sensor
   std::vector<SpreadShare> shares_;
-  double sigma_px_ = 1.0;
+  double sigma_px_ = 1.0;        // noise of keypoints
+  double error_sigma_px_ = 1.0;  // of errors, as bundle adjustment has it
   LooseSummary summary_;
 };
 
@@ -165,7 +166,7 @@ void RigLoosener::Start() {
         initial_.CamFromWorld(scene_, static_cast<int>(i)));
   }
   model_.separate = SeparateImages(initial_, std::move(cam_from_world));
-  sigma_px_ = EstimateSigmaPx();
+  EstimateNoise();
   const double distance =
       MedianDistance(separate_, model_.separate, context_.num_threads);
   for (const Sensor& sensor : scene_.sensors) {
@@ -192,7 +193,7 @@ bool RigLoosener::RunRound() {
 
 LooseProblem RigLoosener::BuildProblemOfRound() const {
   BundleAdjustmentOptions options = bundle_options_;
-  options.loss_scale_px = LossScalePx(options, sigma_px_);
+  options.loss_scale_px = LossScalePx(options, error_sigma_px_);
   return BuildLooseProblem(scene_, separate_, model_, expected_, spreads_,
                            sigma_px_, options, priors_);
 }
@@ -282,7 +283,7 @@ bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
           &updated[s].position);
   }
   spreads_ = std::move(updated);
-  sigma_px_ = EstimateSigmaPx();
+  EstimateNoise();
   char line[160];
   std::snprintf(line, sizeof(line),
                 "loose synchronization: %zu observations, noise %.3f px, "
@@ -295,7 +296,7 @@ bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
 }
 
 // Errors are smaller than the noise, as points and frames fit it.
-double RigLoosener::EstimateSigmaPx() const {
+void RigLoosener::EstimateNoise() {
   std::vector<double> errors_px =
       ReprojectionErrors(separate_, model_.separate, context_.num_threads);
   const auto num_residuals = 2.0 * static_cast<double>(errors_px.size());
@@ -306,7 +307,8 @@ double RigLoosener::EstimateSigmaPx() const {
       std::max(num_residuals - num_unknowns, 0.2 * num_residuals);
   const double factor =
       num_free > 0.0 ? std::sqrt(num_residuals / num_free) : 1.0;
-  return std::max(kMinSigmaPx, factor * RobustSigmaPx(std::move(errors_px)));
+  error_sigma_px_ = RobustSigmaPx(std::move(errors_px));
+  sigma_px_ = std::max(kMinSigmaPx, factor * error_sigma_px_);
 }
 
 // The rigid model had to drop what did not fit it, so its points say that
@@ -314,22 +316,22 @@ double RigLoosener::EstimateSigmaPx() const {
 // of these points in the last round only.
 void RigLoosener::TriangulateAnew(int num_rounds_left) {
   const double max_error_px =
-      num_rounds_left > 0
-          ? std::ldexp(bundle_options_.max_max_error_px, num_rounds_left)
-          : MaxErrorPx(bundle_options_, sigma_px_, 0);
+      num_rounds_left > 0 ? std::ldexp(bundle_options_.max_max_error_px,
+                                       std::min(num_rounds_left, 2))
+                          : MaxErrorPx(bundle_options_, error_sigma_px_, 0);
   Retriangulate(separate_, candidates_(model_.separate, max_error_px),
                 MakeFilterOptions(separate_, model_.separate, bundle_options_,
                                   max_error_px, context_),
                 context_.num_threads, &model_.separate);
-  sigma_px_ = EstimateSigmaPx();
+  EstimateNoise();
 }
 
 bool RigLoosener::FinishModel() {
-  FilterPoints(
-      separate_,
-      MakeFilterOptions(separate_, model_.separate, bundle_options_,
-                        MaxErrorPx(bundle_options_, sigma_px_, 0), context_),
-      context_.num_threads, &model_.separate);
+  FilterPoints(separate_,
+               MakeFilterOptions(
+                   separate_, model_.separate, bundle_options_,
+                   MaxErrorPx(bundle_options_, error_sigma_px_, 0), context_),
+               context_.num_threads, &model_.separate);
   LooseProblem loose = BuildProblemOfRound();
   if (!Solve(&loose)) return false;
   ComputePointErrors(separate_, context_.num_threads, &model_.separate);
