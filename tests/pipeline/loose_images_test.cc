@@ -106,14 +106,23 @@ TEST(LooseImagesTest, ModelOnDiskHasThePosesOfTheImages) {
   WriteModel(dir.path(), SeparateImages(scene),
              SeparateImages(result.models[0].reconstruction, poses),
              ModelFormat::kBinary);
-  const ModelScene read = LoadModelScene(dir.path(), {}, {});
-  ASSERT_EQ(read.scene.images.size(), scene.images.size());
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    const int idx = static_cast<int>(i);
-    EXPECT_EQ(read.scene.images[i].name, scene.images[i].name);
-    const Rigid3 pose = *read.reconstruction.CamFromWorld(read.scene, idx);
+  const auto expect_pose = [&](size_t i, const Rigid3& pose) {
     EXPECT_LT(AngleBetween(pose.rotation, poses[i]->rotation), 1e-9);
     EXPECT_LT((pose.Center() - poses[i]->Center()).norm(), 1e-9);
+  };
+  const PoseModel written = ReadModelPoses(dir.path());
+  // By default rigs would be found anew from names.
+  SceneLoadingOptions loading;
+  loading.rig_name_rule = "none";
+  const ModelScene read = LoadModelScene(dir.path(), loading, {});
+  ASSERT_EQ(written.images.size(), scene.images.size());
+  ASSERT_EQ(read.scene.images.size(), scene.images.size());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    EXPECT_EQ(written.images[i].name, scene.images[i].name);
+    EXPECT_EQ(read.scene.images[i].name, scene.images[i].name);
+    expect_pose(i, written.images[i].cam_from_world);
+    expect_pose(
+        i, *read.reconstruction.CamFromWorld(read.scene, static_cast<int>(i)));
   }
 }
 
