@@ -112,6 +112,7 @@ class RigLoosener {
       const LooseProblem& loose) const;
   bool UpdateCommon(const std::vector<FrameDeviations>& deviations);
   void EstimateNoise();
+  double MaxErrorOfRound(int num_rounds_left) const;
   void TriangulateAnew(int num_rounds_left);
   bool FinishModel();
   void Summarize();
@@ -312,13 +313,28 @@ void RigLoosener::EstimateNoise() {
 }
 
 // The rigid model had to drop what did not fit it, so its points say that
-// images are nearer to the rig than they are. Errors are bounded by the noise
-// of these points in the last round only.
+// images are nearer to the rig than they are. Before the last round, poses may
+// be wrong by as much as the spreads.
+double RigLoosener::MaxErrorOfRound(int num_rounds_left) const {
+  if (num_rounds_left == 0) {
+    return MaxErrorPx(bundle_options_, error_sigma_px_, 0);
+  }
+  const double distance =
+      MedianDistance(separate_, model_.separate, context_.num_threads);
+  double misfit_px = 0.0;
+  for (size_t s = 0; s < spreads_.size(); ++s) {
+    const Camera& camera = model_.rig.cameras[scene_.sensors[s].camera_idx];
+    misfit_px = std::max(misfit_px,
+                         PixelsPerRadian(camera.model, camera.params.data()) *
+                             std::hypot(spreads_[s].rotation_rad,
+                                        spreads_[s].position / distance));
+  }
+  return MaxErrorPx(bundle_options_, std::hypot(error_sigma_px_, misfit_px),
+                    std::min(num_rounds_left, 2));
+}
+
 void RigLoosener::TriangulateAnew(int num_rounds_left) {
-  const double max_error_px =
-      num_rounds_left > 0 ? std::ldexp(bundle_options_.max_max_error_px,
-                                       std::min(num_rounds_left, 2))
-                          : MaxErrorPx(bundle_options_, error_sigma_px_, 0);
+  const double max_error_px = MaxErrorOfRound(num_rounds_left);
   Retriangulate(separate_, candidates_(model_.separate, max_error_px),
                 MakeFilterOptions(separate_, model_.separate, bundle_options_,
                                   max_error_px, context_),
