@@ -3,7 +3,8 @@
 # What users bring beside images, with and without its use: prints a table, one
 # line for each case, with an error without and with it.
 #   scripts/use_cases.sh [--data FOLDER] [--output FOLDER] [CASE...]
-# Cases: known_rig positions covariances focal_lengths panorama going_on. FOLDER has
+# Cases: known_rig positions covariances focal_lengths panorama going_on
+# loose_triggers. FOLDER has
 # kitti06_stereo/ and euroc_v101_stereo/; what is absent is left out. Simulated
 # drives are made with seed 0. Finished runs in the output folder
 # (build/use_cases) are not done again.
@@ -24,7 +25,8 @@ while [ $# -gt 0 ]; do
   esac
 done
 [ ${#cases[@]} -gt 0 ] ||
-  cases=(known_rig positions covariances focal_lengths panorama going_on)
+  cases=(known_rig positions covariances focal_lengths panorama going_on
+    loose_triggers)
 mgsfm=${MGSFM:-build/release/apps/mgsfm/mgsfm}
 mkdir -p "$output"
 
@@ -366,6 +368,47 @@ cameras = json.load(open(sys.argv[1] + "/rig_config.json"))[1]["cameras"]
 t = cameras[1]["cam_from_rig_translation"]
 print("%.3f m" % (float(sys.argv[2]) * sum(x * x for x in t) ** 0.5))
 PY
+}
+
+# Of images, against their own true poses.
+image_errors() { # MAP DRIVE
+  evaluate "$1" --gt_path "$output/$2/truth_images" --rig_name_rule none
+}
+
+loose_triggers() {
+  local drive=(--preset standard --rig stereo --path curve --num_frames 80)
+  local error="'%.3f m' % e['position_m']['mean']"
+  local px="'%.3f px' % e['models'][0]['mean_reprojection_error_px']"
+  local ms before after
+  for ms in 20 50; do
+    simulate "jitter_$ms" "${drive[@]}" --trigger_jitter "$ms"
+    map "jitter_$ms/rigid" "$output/jitter_$ms/database.db"
+    map "jitter_$ms/soft" "$output/jitter_$ms/database.db" \
+      --LooseSynchronization.method soft
+    before=$(image_errors "jitter_$ms/rigid" "jitter_$ms")
+    after=$(image_errors "jitter_$ms/soft" "jitter_$ms")
+    row "cameras release up to $ms ms early or late, at 10 m/s; with: soft" \
+      "position of images, mean" "$(get "$before" "$error")" \
+      "$(get "$after" "$error")"
+    row "the same" "reprojection error, mean" \
+      "$(get "$(cat "$output/jitter_$ms/rigid/report.json")" "$px")" \
+      "$(get "$(cat "$output/jitter_$ms/soft/report.json")" "$px")"
+  done
+  simulate late "${drive[@]}" --trigger_offset 30
+  map late/rigid "$output/late/database.db"
+  map late/offset "$output/late/database.db" \
+    --LooseSynchronization.method time_offset \
+    --image_timestamps_path "$output/late/timestamps.txt"
+  before=$(image_errors late/rigid late)
+  after=$(image_errors late/offset late)
+  row "one camera 30 ms late, at 10 m/s; with: time_offset" \
+    "position of images, mean" "$(get "$before" "$error")" \
+    "$(get "$after" "$error")"
+  local sensor="e['models'][0]['loose_synchronization']['sensors'][1]"
+  row "the same" "time offset, standard deviation" "none" \
+    "$(get "$(cat "$output/late/offset/report.json")" \
+      "'%.2f ms, %.2f ms' % (1e3 * $sensor['time_offset_s'], \
+        1e3 * $sensor['time_offset_sigma_s'])")"
 }
 
 echo "| case | measured | without | with |"

@@ -34,6 +34,7 @@ struct AutomaticReconstructorOptions {
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
+  std::string image_timestamps_path;
   PairMatchingOptions matching;
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
@@ -55,6 +56,9 @@ struct AutomaticReconstructorOptions {
     FeatureExtractionOptions::Describe(self.extraction, visit);
     SceneLoadingOptions::Describe(self.loading, visit);
     PosePriorOptions::Describe(self.priors, visit);
+    visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
+          "File with a line `image_name SECONDS` for each image: when it was "
+          "taken, for --LooseSynchronization.method time_offset.");
     PairMatchingOptions::Describe(self.matching, visit);
     visit.Group("SequentialMatching", self.sequential);
     visit.Group("ExhaustiveMatching", self.exhaustive);
@@ -92,17 +96,11 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
   const std::string database_path = (workspace / "database.db").string();
   ExtractInto(database_path, options.image_path, options.extraction, context);
   Match(database_path, options, context);
-  return MapDatabase({database_path,
-                      (workspace / "sparse").string(),
-                      options.image_path,
-                      options.output_format,
-                      options.loading,
-                      options.priors,
-                      options.mapper,
-                      OptionsToJsonOf(options),
-                      {},
-                      {}},
-                     context);
+  return MapDatabase(
+      {database_path, (workspace / "sparse").string(), options.image_path,
+       options.output_format, options.loading, options.priors, options.mapper,
+       OptionsToJsonOf(options), options.image_timestamps_path},
+      context);
 }
 
 }  // namespace

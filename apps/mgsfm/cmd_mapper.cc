@@ -15,6 +15,7 @@ struct MapperCommandOptions {
   ModelFormat output_format = ModelFormat::kBinary;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
+  std::string image_timestamps_path;
   MapperOptions mapper;
 
   template <class Self, class Visitor>
@@ -36,6 +37,9 @@ struct MapperCommandOptions {
           "Of the models: binary or text.");
     SceneLoadingOptions::Describe(self.loading, visit);
     PosePriorOptions::Describe(self.priors, visit);
+    visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
+          "File with a line `image_name SECONDS` for each image: when it was "
+          "taken, for --LooseSynchronization.method time_offset.");
     MapperOptions::Describe(self.mapper, visit);
     visit.Group("Mapper", self.mapper.going_on);
   }
@@ -46,7 +50,8 @@ int RunMapperCommand(const MapperCommandOptions& options,
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options), options.input_path, options.image_list_path},
+       OptionsToJsonOf(options), options.image_timestamps_path,
+       options.input_path, options.image_list_path},
       context);
 }
 

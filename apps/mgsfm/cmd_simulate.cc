@@ -7,6 +7,7 @@
 #include "commands.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database.h"
+#include "mgsfm/io/image_timestamps.h"
 #include "mgsfm/io/image_writing.h"
 #include "mgsfm/io/model_io.h"
 #include "mgsfm/io/output_file.h"
@@ -78,8 +79,9 @@ struct SimulateCommandOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("output_path", self.output_path, Required(), "",
-          "Folder for database.db or images, and the ground truth, a model in "
-          "`truth`.");
+          "Folder for database.db or images, the ground truth, a model in "
+          "`truth`, the times of frames in timestamps.txt, and, if cameras do "
+          "not release together, the poses of images in `truth_images`.");
     visit("preset", self.preset, AnyValue(), "",
           "Defaults of what follows. small: a few exact frames, as shown. "
           "street: a realistic street without noise. standard: the same with "
@@ -184,14 +186,35 @@ SimulationInput ReadInput(const SimulateCommandOptions& options) {
   return input;
 }
 
-void WriteTruth(const Simulation& simulation,
-                const std::filesystem::path& truth_path,
+bool IsSynchronized(const SimulationOptions& options) {
+  return options.trigger_jitter_ms == 0.0 && options.trigger_offset_ms == 0.0;
+}
+
+// The poses of images that were not taken at the instants of their frames.
+void WriteTrueImages(const Simulation& simulation,
+                     const std::filesystem::path& folder,
+                     const Context& context) {
+  std::filesystem::create_directory(folder);
+  WriteModel(folder, SeparateImages(simulation.scene),
+             SeparateImages(simulation.ground_truth,
+                            {simulation.cam_from_world.begin(),
+                             simulation.cam_from_world.end()}),
+             ModelFormat::kBinary, context);
+}
+
+void WriteTruth(const Simulation& simulation, const SimulationOptions& options,
+                const std::filesystem::path& staging_dir,
                 const Context& context) {
+  const std::filesystem::path truth_path = staging_dir / "truth";
   std::filesystem::create_directory(truth_path);
   WriteModel(truth_path, simulation.scene, simulation.ground_truth,
              ModelFormat::kBinary, context);
   WriteRigConfig((truth_path / "rig_config.json").string(), simulation.scene,
                  simulation.ground_truth);
+  WriteImageTimestamps(staging_dir / "timestamps.txt", simulation.scene);
+  if (!IsSynchronized(options)) {
+    WriteTrueImages(simulation, staging_dir / "truth_images", context);
+  }
 }
 
 // A line for each folder of images, as feature_extractor reads it.
@@ -257,7 +280,7 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
   RenderImages(options, renderer, simulation, output.StagingDir() / "images",
                context);
   WriteFile(output.StagingDir() / "cameras.txt", CameraLines(simulation.scene));
-  WriteTruth(simulation, output.StagingDir() / "truth", context);
+  WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   output.Commit();
   context.Info("wrote " + std::to_string(simulation.scene.images.size()) +
                " images, cameras.txt and truth");
@@ -297,7 +320,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
                 MakeDatabaseContents(simulation.scene, simulation.view_graph),
                 options.database_schema);
   WritePositions(simulation, options.positions, context, database_path);
-  WriteTruth(simulation, output.StagingDir() / "truth", context);
+  WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   output.Commit();
   context.Info("wrote database.db (" +
                std::to_string(simulation.scene.images.size()) + " images, " +

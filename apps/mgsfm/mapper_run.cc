@@ -9,6 +9,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/io/image_list.h"
+#include "mgsfm/io/image_timestamps.h"
 #include "mgsfm/io/output_file.h"
 #include "mgsfm/io/point_colors.h"
 #include "mgsfm/io/rig_config.h"
@@ -18,6 +19,16 @@
 
 namespace mgsfm {
 namespace {
+
+void CheckTimestamps(const MapperRun& run) {
+  if (run.image_timestamps_path.empty() &&
+      run.mapper.loose_synchronization.method ==
+          LooseSynchronization::kTimeOffset) {
+    throw Error(
+        "--LooseSynchronization.method time_offset needs the times of images; "
+        "give --image_timestamps_path");
+  }
+}
 
 void LogInput(const LoadedScene& loaded, const Context& context) {
   context.Info("read " + std::to_string(loaded.scene.images.size()) +
@@ -58,6 +69,21 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
                std::to_string(model.reconstruction.points.size()) + " points");
 }
 
+// With the poses of images if these are not those of the rig; then all are
+// frames of their own, so that no table contradicts another.
+void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
+                     const MapperModel& model, ModelFormat format,
+                     const Context& context) {
+  if (model.loose_images && model.loose_images->summary.is_usable) {
+    WriteModel(folder, SeparateImages(scene),
+               SeparateImages(model.reconstruction,
+                              model.loose_images->cam_from_world),
+               format, context);
+  } else {
+    WriteModel(folder, scene, model.reconstruction, format, context);
+  }
+}
+
 void WriteModels(const LoadedScene& loaded, const MapperResult& result,
                  const PositionPriors& priors, ModelFormat format,
                  const std::filesystem::path& output_path,
@@ -66,7 +92,7 @@ void WriteModels(const LoadedScene& loaded, const MapperResult& result,
     const std::filesystem::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
     std::filesystem::create_directory(folder);
-    WriteModel(folder, loaded.scene, model, format, context);
+    WriteModelFiles(folder, loaded.scene, result.models[i], format, context);
     WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
     const auto& registration = result.models[i].position_priors;
     if (registration && registration->is_registered && priors.origin_wgs84) {
@@ -129,6 +155,9 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
   MapperInput input;
   input.loaded = LoadScene(std::move(contents), run.loading, context);
   if (run.mapper.method == MapperMethod::kSingle) Separate(&input.loaded);
+  if (!run.image_timestamps_path.empty()) {
+    ReadImageTimestamps(run.image_timestamps_path, &input.loaded.scene);
+  }
   if (!model) return input;
   const auto place = [&] {
     input.start = PlaceModel(*model, run.input_path, run.database_path,
@@ -145,6 +174,7 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
 
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
+  CheckTimestamps(run);
   ResolveMethod(run.mapper);  // before anything is read
   context.Debug("reading started");
   StagedOutput output(run.output_path);

@@ -23,9 +23,10 @@ struct MapperRun {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   MapperOptions mapper;
-  std::string options_json;     // of the command, for the report
-  std::string input_path;       // of a model to go on from; may be empty
-  std::string image_list_path;  // of the images to take; empty: all
+  std::string options_json;           // of the command, for the report
+  std::string image_timestamps_path;  // may be empty
+  std::string input_path = {};        // of a model to go on from; may be empty
+  std::string image_list_path = {};   // of the images to take; empty: all
 };
 
 // A database as a run takes it, and the model that it starts from.

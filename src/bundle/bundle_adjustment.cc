@@ -1,12 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/bundle/bundle_adjustment.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "bundle/solve.h"
+#include "mgsfm/geometry/so3.h"
 #include "mgsfm/least_squares/rig_solver.h"
 
 namespace mgsfm {
+namespace {
+
+// Keypoints are not located better; without noise sigma tells nothing.
+constexpr double kMinLossScalePx = 0.05;
+
+}  // namespace
 
 bool SolveOnce(const Scene& scene, const PositionPriors& priors,
                const HeldPoses& held, const BundleAdjustmentOptions& options,
@@ -25,6 +35,37 @@ bool SolveOnce(const Scene& scene, const PositionPriors& priors,
   result->summary.num_invisible_observations = built.num_invisible_observations;
   result->summary.solves.push_back(std::move(summary));
   return is_usable;
+}
+
+PointFilterOptions MakeFilterOptions(const Scene& scene,
+                                     const Reconstruction& estimate,
+                                     const BundleAdjustmentOptions& options,
+                                     double max_error_px,
+                                     const Context& context) {
+  PointFilterOptions filter;
+  filter.max_error_px = max_error_px;
+  filter.min_num_observations = options.min_num_observations;
+  filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
+  filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
+  filter.min_group_share = options.min_track_share;
+  if (options.max_relative_distance > 0.0) {
+    filter.max_distance = options.max_relative_distance *
+                          MedianDistance(scene, estimate, context.num_threads);
+  }
+  return filter;
+}
+
+double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
+                  int num_rounds_left) {
+  const double largest = std::ldexp(options.max_max_error_px, num_rounds_left);
+  return std::min(largest, std::max(options.min_max_error_px,
+                                    options.error_sigma_factor * sigma_px));
+}
+
+double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
+  return std::min(
+      options.loss_scale_px,
+      std::max(kMinLossScalePx, options.loss_sigma_factor * sigma_px));
 }
 
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

@@ -79,17 +79,28 @@ void HoldScale(const BundleState& state, int held_frame,
   if (held != nullptr) *held = 0.0;
 }
 
-}  // namespace
-
-void FixGauge(const BundleState& state, BundleProblem* problem) {
+// nullopt if there is none.
+std::optional<int> HoldFrame(BundleProblem* problem) {
   const std::vector<int> counts = CountFrameObservations(*problem);
-  if (counts.empty()) return;
+  if (counts.empty()) return std::nullopt;
   const int held_frame = static_cast<int>(
       std::max_element(counts.begin(), counts.end()) - counts.begin());
   problem->frame_masks[held_frame].setZero();
-  if (!ScaleIsObservable(state, *problem)) {
-    HoldScale(state, held_frame, problem);
+  return held_frame;
+}
+
+}  // namespace
+
+void FixGauge(const BundleState& state, BundleProblem* problem) {
+  const std::optional<int> held_frame = HoldFrame(problem);
+  if (held_frame && !ScaleIsObservable(state, *problem)) {
+    HoldScale(state, *held_frame, problem);
   }
+}
+
+void FixGaugeAndScale(const BundleState& state, BundleProblem* problem) {
+  const std::optional<int> held_frame = HoldFrame(problem);
+  if (held_frame) HoldScale(state, *held_frame, problem);
 }
 
 }  // namespace mgsfm

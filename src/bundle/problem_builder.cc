@@ -14,6 +14,15 @@ bool Refines(RefineMode mode, bool is_known) {
   return mode == RefineMode::kYes || (mode == RefineMode::kAuto && !is_known);
 }
 
+double LargestGivenTranslation(const Scene& scene, int rig_idx) {
+  double largest = 0.0;
+  for (const int sensor_idx : scene.rigs[rig_idx].sensor_idxs) {
+    const auto& given = scene.sensors[sensor_idx].sensor_from_rig;
+    if (given) largest = std::max(largest, given->translation.norm());
+  }
+  return largest;
+}
+
 // Positions that are used, by position in the scene, and their numbers.
 class Numbering {
  public:
@@ -65,7 +74,6 @@ class ProblemBuilder {
   void AddCamera(int camera_idx);
   void AddPositionPriors();
   std::vector<int> FreeParams(const Camera& camera) const;
-  double LargestGivenTranslation(int rig_idx) const;
 
   static bool IsSet(const std::vector<char>& flags, int idx) {
     return !flags.empty() && flags[idx];
@@ -151,33 +159,16 @@ void ProblemBuilder::AddFrame(int frame_idx) {
       Mask(options_.refine_rig_from_world && !IsSet(held_.frames, frame_idx)));
 }
 
-double ProblemBuilder::LargestGivenTranslation(int rig_idx) const {
-  double largest = 0.0;
-  for (const int sensor_idx : scene_.rigs[rig_idx].sensor_idxs) {
-    const auto& given = scene_.sensors[sensor_idx].sensor_from_rig;
-    if (given) largest = std::max(largest, given->translation.norm());
-  }
-  return largest;
-}
-
 void ProblemBuilder::AddSensor(int sensor_idx) {
   built_.state.sensors.push_back(*reconstruction_.sensor_from_rig[sensor_idx]);
-  const Sensor& sensor = scene_.sensors[sensor_idx];
-  const bool is_refined = !scene_.IsReference(sensor_idx) &&
-                          !IsSet(held_.sensors, sensor_idx) &&
-                          Refines(options_.refine_sensor_from_rig,
-                                  sensor.sensor_from_rig.has_value());
+  const bool is_held = IsSet(held_.sensors, sensor_idx);
+  RefinedSensor refined =
+      is_held ? RefinedSensor() : RefineSensor(scene_, sensor_idx, options_);
   BundleProblem& problem = built_.problem;
-  problem.sensor_masks.push_back(Mask(is_refined));
-  if (!is_refined || !sensor.sensor_from_rig) return;
-  const double length = LargestGivenTranslation(sensor.rig_idx);
-  // Without a length, all given cameras share one centre.
-  if (length == 0.0) problem.sensor_masks.back().tail<3>().setZero();
-  problem.sensor_priors.push_back(
-      {static_cast<int>(problem.sensor_masks.size()) - 1,
-       *sensor.sensor_from_rig,
-       DegToRad(options_.sensor_from_rig_prior_sigma_deg),
-       length > 0.0 ? options_.sensor_from_rig_prior_sigma * length : 1.0});
+  problem.sensor_masks.push_back(refined.mask.cwiseProduct(Mask(true)));
+  if (!refined.prior) return;
+  refined.prior->sensor = static_cast<int>(problem.sensor_masks.size()) - 1;
+  problem.sensor_priors.push_back(*refined.prior);
 }
 
 void ProblemBuilder::AddCamera(int camera_idx) {
@@ -225,6 +216,27 @@ BuiltProblem BuildProblem(const Scene& scene,
                           const HeldPoses& held) {
   return ProblemBuilder(scene, reconstruction, options, parts, priors, held)
       .Build();
+}
+
+RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
+                           const BundleAdjustmentOptions& options) {
+  RefinedSensor refined;
+  const Sensor& sensor = scene.sensors[sensor_idx];
+  if (scene.IsReference(sensor_idx) ||
+      !Refines(options.refine_sensor_from_rig,
+               sensor.sensor_from_rig.has_value())) {
+    return refined;
+  }
+  refined.mask.setOnes();
+  if (!sensor.sensor_from_rig) return refined;
+  const double length = LargestGivenTranslation(scene, sensor.rig_idx);
+  // Without a length, all given cameras share one centre.
+  if (length == 0.0) refined.mask.tail<3>().setZero();
+  refined.prior = SensorPrior{
+      sensor_idx, *sensor.sensor_from_rig,
+      DegToRad(options.sensor_from_rig_prior_sigma_deg),
+      length > 0.0 ? options.sensor_from_rig_prior_sigma * length : 1.0};
+  return refined;
 }
 
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "bundle/bundle_problem.h"
@@ -34,11 +35,24 @@ BuiltProblem BuildProblem(const Scene& scene,
                           RefinedParts parts, const PositionPriors& priors = {},
                           const HeldPoses& held = {});
 
+// Which coordinates of the pose of a sensor are refined, and the prior on it,
+// if it was given; in this, `sensor` is its position in the scene.
+struct RefinedSensor {
+  PoseMask mask = PoseMask::Zero();
+  std::optional<SensorPrior> prior;
+};
+
+RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
+                           const BundleAdjustmentOptions& options);
+
 // Writes what the problem did not hold back to the reconstruction that it was
 // built from.
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction);
 
 // Holds what the residuals do not determine; see bundle_adjustment.h.
 void FixGauge(const BundleState& state, BundleProblem* problem);
+
+// The same, and scale even if residuals determine it.
+void FixGaugeAndScale(const BundleState& state, BundleProblem* problem);
 
 }  // namespace mgsfm

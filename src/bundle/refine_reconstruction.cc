@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <string>
 
@@ -8,26 +7,9 @@
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
-
-PointFilterOptions MakeFilter(const Scene& scene, const Reconstruction& model,
-                              const BundleAdjustmentOptions& options,
-                              double max_error_px, const Context& context) {
-  PointFilterOptions filter;
-  filter.max_error_px = max_error_px;
-  filter.min_num_observations = options.min_num_observations;
-  filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
-  filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
-  filter.min_group_share = options.min_track_share;
-  if (options.max_relative_distance > 0.0) {
-    filter.max_distance = options.max_relative_distance *
-                          MedianDistance(scene, model, context.num_threads);
-  }
-  return filter;
-}
 
 class ReconstructionRefiner {
  public:
@@ -72,8 +54,6 @@ class ReconstructionRefiner {
   }
 
   static constexpr double kRoughToleranceFactor = 100.0;
-  // Keypoints are not located better; without noise sigma tells nothing.
-  static constexpr double kMinLossScalePx = 0.05;
 
   bool Solve(RefinedParts parts, double function_tolerance);
   void FilterGrossErrors();
@@ -83,8 +63,8 @@ class ReconstructionRefiner {
   BundleRound StartRound(int num_rounds_left) const;
   void FinishRound(BundleRound round);
   PointFilterOptions FilterOf(const BundleRound& round) const {
-    return MakeFilter(scene_, result_.estimate, options_, round.max_error_px,
-                      context_);
+    return MakeFilterOptions(scene_, result_.estimate, options_,
+                             round.max_error_px, context_);
   }
 
   const Scene& scene_;
@@ -103,10 +83,8 @@ bool ReconstructionRefiner::Solve(RefinedParts parts,
                           static_cast<size_t>(options_.num_rounds) + 2);
   BundleAdjustmentOptions options = options_;
   if (!result_.summary.rounds.empty()) {
-    const double scale_px =
-        std::max(kMinLossScalePx, options_.loss_sigma_factor *
-                                      result_.summary.rounds.back().sigma_px);
-    options.loss_scale_px = std::min(options_.loss_scale_px, scale_px);
+    options.loss_scale_px =
+        LossScalePx(options_, result_.summary.rounds.back().sigma_px);
   }
   const bool is_usable = SolveOnce(scene_, priors_, held_, options, parts,
                                    function_tolerance, context_, &result_);
@@ -138,10 +116,7 @@ BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
   round.num_observations_before = NumObservations(result_.estimate);
   round.sigma_px = RobustSigmaPx(
       ReprojectionErrors(scene_, result_.estimate, context_.num_threads));
-  const double largest = std::ldexp(options_.max_max_error_px, num_rounds_left);
-  round.max_error_px =
-      std::min(largest, std::max(options_.min_max_error_px,
-                                 options_.error_sigma_factor * round.sigma_px));
+  round.max_error_px = MaxErrorPx(options_, round.sigma_px, num_rounds_left);
   return round;
 }
 
@@ -212,7 +187,7 @@ Reconstruction TriangulateCandidates(const Scene& scene,
   Reconstruction model = initial;
   const double max_error_px = options.max_max_error_px;
   Retriangulate(scene, candidates(model, max_error_px),
-                MakeFilter(scene, model, options, max_error_px, context),
+                MakeFilterOptions(scene, model, options, max_error_px, context),
                 context.num_threads, &model);
   return model;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
@@ -16,6 +17,21 @@ bool SolveOnce(const Scene& scene, const PositionPriors& priors,
                const HeldPoses& held, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result);
+
+// What points and observations are to satisfy whose errors may be that large.
+PointFilterOptions MakeFilterOptions(const Scene& scene,
+                                     const Reconstruction& estimate,
+                                     const BundleAdjustmentOptions& options,
+                                     double max_error_px,
+                                     const Context& context);
+
+// The largest error of an observation that is no outlier, so many rounds before
+// the last one.
+double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
+                  int num_rounds_left);
+
+// The threshold of the loss for keypoints of the given noise.
+double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
 
 // Lists what the points of the estimate hardly constrain.
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

@@ -82,6 +82,56 @@ std::optional<PoseCovariances> Compute(
   return result;
 }
 
+Eigen::MatrixXd CovarianceOfGroup(const RigEquationsBase& equations,
+                                  const std::vector<PoseMask>& masks,
+                                  const std::vector<int>& sensors) {
+  const RigStructure& s = equations.structure();
+  const Eigen::Index size = s.pose_size;
+  const auto count = static_cast<Eigen::Index>(sensors.size());
+  Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(s.num_unknowns, count * size);
+  const auto first_of = [&](Eigen::Index k) {
+    const int block = s.sensor_block[sensors[k]];
+    return block < 0 ? Eigen::Index{-1} : Eigen::Index{s.block_first[block]};
+  };
+  for (Eigen::Index k = 0; k < count; ++k) {
+    if (first_of(k) < 0) continue;
+    columns.block(first_of(k), k * size, size, size).setIdentity();
+  }
+  equations.SolveColumns(columns, &columns);
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
+  for (Eigen::Index a = 0; a < count; ++a) {
+    for (Eigen::Index b = 0; b < count; ++b) {
+      if (first_of(a) < 0 || first_of(b) < 0) continue;
+      PoseMatrix block = PoseMatrix::Zero();
+      block.bottomRightCorner(size, size) =
+          columns.block(first_of(a), b * size, size, size);
+      covariance.block<6, 6>(6 * a, 6 * b) = masks[sensors[a]].asDiagonal() *
+                                             block *
+                                             masks[sensors[b]].asDiagonal();
+    }
+  }
+  return 0.5 * (covariance + covariance.transpose());
+}
+
+template <class R>
+std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
+    const RigProblem<typename R::Observation>& problem, const RigState& state,
+    const std::vector<std::vector<int>>& groups, const Context& context) {
+  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  equations.SetState(state);
+  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+    return std::nullopt;
+  }
+  std::vector<Eigen::MatrixXd> covariances;
+  covariances.reserve(groups.size());
+  for (const std::vector<int>& sensors : groups) {
+    context.CheckInterrupted();
+    covariances.push_back(
+        CovarianceOfGroup(equations, problem.sensor_masks, sensors));
+  }
+  return covariances;
+}
+
 }  // namespace
 
 template <>
@@ -96,6 +146,14 @@ std::optional<PoseCovariances> ComputePoseCovariances<RayObservation>(
     const RigProblem<RayObservation>& problem, const RigState& state,
     const Context& context) {
   return Compute<RayResidual>(problem, state, context);
+}
+
+template <>
+std::optional<std::vector<Eigen::MatrixXd>>
+ComputeSensorCovariances<PixelObservation>(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const std::vector<std::vector<int>>& groups, const Context& context) {
+  return ComputeOfGroups<PixelResidual>(problem, state, groups, context);
 }
 
 }  // namespace mgsfm

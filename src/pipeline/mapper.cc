@@ -9,6 +9,7 @@
 #include "pipeline/candidates.h"
 #include "pipeline/given_rigs.h"
 #include "pipeline/going_on.h"
+#include "pipeline/loose_images.h"
 #include "pipeline/position_registration.h"
 #include "pipeline/timed.h"
 
@@ -156,6 +157,17 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
     JudgePriors(scene, priors, used_priors, model.reconstruction,
                 &*model.position_priors);
     LogPriors(*model.position_priors, context);
+  }
+  if (options.loose_synchronization.method != LooseSynchronization::kNone) {
+    Timed("loose synchronization", context, &model.times, [&] {
+      const Scene separate = SeparateImages(scene);
+      return LoosenModel(scene, separate,
+                         MakeCandidateSource(
+                             separate, view_graph,
+                             UsedPairs(rotations, translation.pair_contradicts),
+                             options, context),
+                         options, used_priors, context, &model);
+    });
   }
   return model;
 }

@@ -193,6 +193,38 @@ Json ToJson(const Scene& scene, const PositionPriorSummary& summary) {
   return json;
 }
 
+Json ToJson(const Scene& scene, const LooseSummary& summary) {
+  Json json = {{"is_usable", summary.is_usable},
+               {"has_converged", summary.has_converged},
+               {"message", summary.message},
+               {"noise_px", summary.sigma_px},
+               {"solves", Json::array()},
+               {"sensors", Json::array()}};
+  for (const SolveSummary& solve : summary.solves) {
+    json["solves"].push_back(ToJson(solve));
+  }
+  for (const LooseSensor& sensor : summary.sensors) {
+    json["sensors"].push_back(
+        {{"name", scene.sensors[sensor.sensor_idx].name},
+         {"num_images", sensor.num_images},
+         {"is_rigid", sensor.is_rigid},
+         {"sigma_rotation_deg", RadToDeg(sensor.sigma_rotation_rad)},
+         {"sigma_position", sensor.sigma_position},
+         {"rms_rotation_deg", RadToDeg(sensor.rms_rotation_rad)},
+         {"max_rotation_deg", RadToDeg(sensor.max_rotation_rad)},
+         {"rms_position", sensor.rms_position},
+         {"max_position", sensor.max_position},
+         {"mean_error_before_px", sensor.mean_error_before_px},
+         {"mean_error_after_px", sensor.mean_error_after_px},
+         {"num_observations_before", sensor.num_observations_before},
+         {"num_observations_after", sensor.num_observations_after},
+         {"time_offset_s", ToJson(sensor.time_offset_s)},
+         {"time_offset_sigma_s", ToJson(sensor.time_offset_sigma_s)},
+         {"message", sensor.message}});
+  }
+  return json;
+}
+
 // Standard deviations of the pose of a sensor.
 Json SensorSigmaToJson(const MapperModel& model, int sensor_idx) {
   if (!model.covariances || !model.covariances->is_usable) return nullptr;
@@ -311,6 +343,9 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   }
   if (model.covariances) {
     json["covariances"] = ToJson(scene, *model.covariances);
+  }
+  if (model.loose_images) {
+    json["loose_synchronization"] = ToJson(scene, model.loose_images->summary);
   }
   AddTimes(model.times, &json);
   return json;

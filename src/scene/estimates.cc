@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/scene/estimates.h"
 
+#include <utility>
+
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -39,6 +41,18 @@ void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction) {
   for (Point3D& point : reconstruction->points) {
     point.point_in_world = new_from_old * point.point_in_world;
   }
+}
+
+Reconstruction SeparateImages(
+    const Reconstruction& reconstruction,
+    std::vector<std::optional<Rigid3>> cam_from_world) {
+  Reconstruction separate;
+  separate.cameras = reconstruction.cameras;
+  separate.sensor_from_rig.assign(reconstruction.sensor_from_rig.size(),
+                                  Rigid3());
+  separate.rig_from_world = std::move(cam_from_world);
+  separate.points = reconstruction.points;
+  return separate;
 }
 
 Reconstruction JoinEstimates(const Scene& scene,

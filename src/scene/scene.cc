@@ -76,6 +76,18 @@ void CheckConsistent(const Scene& scene) {
   CheckFrames(scene);
 }
 
+double TimeOfFrame(const Scene& scene, int frame_idx) {
+  double sum_s = 0.0;
+  const std::vector<int>& image_idxs = scene.frames[frame_idx].image_idxs;
+  for (const int image_idx : image_idxs) {
+    const Image& image = scene.images[image_idx];
+    MGSFM_CHECK_MSG(image.timestamp_s.has_value(), image.name);
+    if (scene.IsReference(image.sensor_idx)) return *image.timestamp_s;
+    sum_s += *image.timestamp_s;
+  }
+  return sum_s / static_cast<double>(image_idxs.size());
+}
+
 Scene SeparateImages(Scene scene) {
   scene.rigs.clear();
   scene.frames.clear();

@@ -128,11 +128,14 @@ void Simulator::AddRig() {
 Exposure Simulator::Expose(int camera, int frame) const {
   Exposure exposure{camera, frame, drive_.TimeOfFrame(frame), {}};
   Rigid3 rig_from_world = drive_.PoseOfFrame(frame);
+  double delay_ms = camera == 0 ? 0.0 : options_.trigger_offset_ms;
   if (options_.trigger_jitter_ms > 0.0) {
     Random random =
         RandomOf(options_.random_seed, Effect::kTriggerJitter, exposure.Key());
-    exposure.time_s +=
-        1e-3 * options_.trigger_jitter_ms * random.Uniform(-1.0, 1.0);
+    delay_ms += options_.trigger_jitter_ms * random.Uniform(-1.0, 1.0);
+  }
+  if (delay_ms != 0.0) {
+    exposure.time_s += 1e-3 * delay_ms;
     rig_from_world = drive_.PoseAt(exposure.time_s);
   }
   exposure.cam_from_world = rig_[camera].sensor_from_rig * rig_from_world;
@@ -166,7 +169,8 @@ void Simulator::AddImages() {
            sensor_idxs_[camera],
            sensor_idxs_[camera],
            frame_idx,
-           {}});
+           {},
+           drive_.TimeOfFrame(frame)});
       photographs_.exposures.push_back(exposure);
       simulation_.cam_from_world.push_back(exposure.cam_from_world);
     }

@@ -180,6 +180,38 @@ TEST_F(MapperCommand, PositionsThatAreNoneAreRefused) {
   ExpectRefused(Map("--use_prior_position 1"), "no positions", before);
 }
 
+TEST_F(MapperCommand, LateCamerasAreFound) {
+  ASSERT_EQ(RunMgsfm("simulate --rig stereo --num_frames 25 --pixel_noise 0.3 "
+                     "--trigger_offset 30 --output_path " +
+                     Path("late"))
+                .exit_code,
+            0);
+  const std::string times =
+      "--LooseSynchronization.method time_offset --image_timestamps_path ";
+  const CommandOutput output =
+      MapFrom(Path("late/database.db"), times + Path("late/timestamps.txt"));
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err, HasSubstr("late by"));
+  const Json summary = Report()["models"][0]["loose_synchronization"];
+  ASSERT_EQ(summary["sensors"].size(), 2u);
+  EXPECT_NEAR(summary["sensors"][1]["time_offset_s"], 0.03, 0.003);
+  const Json errors = Evaluate(Out() + "/0", Path("late/truth_images"));
+  EXPECT_EQ(errors["num_registered"], 50);
+  EXPECT_LT(errors["position_m"]["max"], 0.05);
+  const Json rig = Json::parse(ReadTextFile(Out() + "/0/rig_config.json"));
+  EXPECT_EQ(rig[0]["cameras"].size(), 2u);
+}
+
+TEST_F(MapperCommand, TimesThatAreNoneAreRefused) {
+  WriteTextFile(Path("times.txt"), "cam0/000000.png nan\n");
+  PutEarlierOutput();
+  const Files before = FilesIn(dir_.path());
+  ExpectRefused(Map("--image_timestamps_path " + Path("times.txt")),
+                "finite number of seconds", before);
+  ExpectRefused(Map("--LooseSynchronization.method time_offset"),
+                "--image_timestamps_path", before);
+}
+
 TEST_F(MapperCommand, CovariancesAreWritten) {
   ASSERT_EQ(Map("--compute_covariances 1").exit_code, 0);
   const std::string csv = ReadTextFile(Out() + "/0/covariances.csv");

@@ -63,6 +63,42 @@ TEST(PoseCovariancesTest, AreBlocksOfTheDenseInverse) {
   ExpectBlocksOfDenseInverse(options, false);
 }
 
+TEST(PoseCovariancesTest, GroupsOfSensorsAreBlocksOfTheDenseInverse) {
+  RigSceneOptions options;
+  options.cameras = {PerspectiveTestCameras()[0], PerspectiveTestCameras()[0],
+                     PerspectiveTestCameras()[0]};
+  options.num_points = 40;
+  const RigScene<PixelObservation> scene = MakePixelScene(options);
+  const RigEquations<PixelResidual> equations(
+      scene.problem, ReducedSolver::kDirect, Threads(1));
+  const RigStructure& structure = equations.structure();
+  const Eigen::MatrixXd inverse =
+      MakeDenseEquations(scene.problem, structure, scene.truth)
+          .Damped(0.0)
+          .inverse();
+  const std::vector<std::vector<int>> groups = {{2, 1}, {0}};
+  const auto covariances =
+      ComputeSensorCovariances(scene.problem, scene.truth, groups, Threads(1));
+  ASSERT_TRUE(covariances.has_value());
+  ASSERT_EQ(covariances->size(), 2u);
+  Eigen::MatrixXd expected(12, 12);
+  for (int a = 0; a < 2; ++a) {
+    for (int b = 0; b < 2; ++b) {
+      const int row = structure.sensor_block[groups[0][a]];
+      const int column = structure.sensor_block[groups[0][b]];
+      ASSERT_TRUE(row >= 0 && column >= 0);
+      expected.block<6, 6>(6 * a, 6 * b) =
+          scene.problem.sensor_masks[groups[0][a]].asDiagonal() *
+          inverse.block(structure.block_first[row],
+                        structure.block_first[column], 6, 6) *
+          scene.problem.sensor_masks[groups[0][b]].asDiagonal();
+    }
+  }
+  EXPECT_LT(((*covariances)[0] - expected).norm(), 1e-4 * expected.norm());
+  // The reference sensor is held.
+  EXPECT_TRUE((*covariances)[1].isZero(0.0));
+}
+
 TEST(PoseCovariancesTest, WhatNothingTellsIsHuge) {
   RigSceneOptions options;
   options.cameras = {PerspectiveTestCameras()[0]};

@@ -185,6 +185,26 @@ TEST(SimulationTest, TriggerJitterMovesImagesWithTheSpeedOfTheDrive) {
   EXPECT_GT(max_offset_m, 0.25);
 }
 
+TEST(SimulationTest, TriggerOffsetDelaysAllCamerasButTheFirst) {
+  SimulationOptions options =
+      SmallScene(RigPreset::kStereo, PathPreset::kStraight);
+  options.trigger_offset_ms = 20.0;
+  const Simulation simulation = Simulate(options);
+  const Scene& scene = simulation.scene;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const auto at_frame =
+        simulation.ground_truth.CamFromWorld(scene, static_cast<int>(i));
+    const double offset_m =
+        (at_frame->Center() - simulation.cam_from_world[i].Center()).norm();
+    // 1 m a frame, 10 frames a second.
+    EXPECT_NEAR(offset_m,
+                scene.IsReference(scene.images[i].sensor_idx) ? 0.0 : 0.2,
+                1e-9);
+    EXPECT_NEAR(*scene.images[i].timestamp_s, 0.1 * scene.images[i].frame_idx,
+                1e-9);
+  }
+}
+
 TEST(SimulationTest, StreetsLookTheSameWhenVisitedAgain) {
   // Around a block and a good way further.
   std::vector<Rigid3> path;

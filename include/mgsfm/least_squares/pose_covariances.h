@@ -31,4 +31,14 @@ template <class Observation>
     const RigProblem<Observation>& problem, const RigState& state,
     const Context& context);
 
+// The same for groups of sensors, with the covariances between the sensors of a
+// group: square matrices of 6 times its size. Zero for sensors without
+// residuals, too.
+template <class Observation>
+[[nodiscard]] std::optional<std::vector<Eigen::MatrixXd>>
+ComputeSensorCovariances(const RigProblem<Observation>& problem,
+                         const RigState& state,
+                         const std::vector<std::vector<int>>& groups,
+                         const Context& context);
+
 }  // namespace mgsfm

@@ -12,6 +12,7 @@
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/loose_synchronization.h"
 #include "mgsfm/pipeline/going_on.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
@@ -66,6 +67,7 @@ struct MapperOptions {
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
   GoingOnOptions going_on;  // listed by commands that can have a start
+  LooseSynchronizationOptions loose_synchronization;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -86,6 +88,7 @@ struct MapperOptions {
     visit.Group("MatchSelection", self.match_selection);
     visit.Group("TranslationAveraging", self.translation_averaging);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
+    visit.Group("LooseSynchronization", self.loose_synchronization);
   }
 };
 
@@ -113,6 +116,9 @@ struct MapperModel {
   std::optional<PositionPriorSummary> position_priors;  // if some are given
   std::optional<CovarianceResult> covariances;          // if asked for
   std::optional<GoingOnSummary> going_on;               // if it had a start
+  // If asked for; then `reconstruction` has the mean rig, and points that fit
+  // these poses of images. Covariances are those before.
+  std::optional<LooseImages> loose_images;
   // Pairs of this part that rotations or positions contradict.
   std::vector<SuspiciousGroup> suspicious_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
@@ -138,6 +144,9 @@ struct MapperResult {
 // contradict each other.
 MapperOptions ResolveMethod(const MapperOptions& options);
 
+// With LooseSynchronization.method time_offset, all images of the scene must
+// have times.
+//
 // With `priors`, models come out in their world where they determine it, and
 // bundle adjustment keeps images near them.
 //

@@ -61,6 +61,12 @@ struct Reconstruction {
 // are scaled alike.
 void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction);
 
+// The model for SeparateImages(scene) whose images have the given poses; points
+// and cameras stay.
+Reconstruction SeparateImages(
+    const Reconstruction& reconstruction,
+    std::vector<std::optional<Rigid3>> cam_from_world);
+
 // Joins rotations and positions to a model whose points have the observations
 // of `tracks` that lie in registered images.
 Reconstruction JoinEstimates(const Scene& scene,

@@ -64,6 +64,8 @@ struct Image {
   int sensor_idx = 0;
   int frame_idx = 0;
   std::vector<Eigen::Vector2f> keypoints_px;
+  // When it was taken, as its camera says.
+  std::optional<double> timestamp_s = std::nullopt;
 };
 
 struct Scene {
@@ -82,6 +84,10 @@ struct Scene {
 // frames, frames with rigs, sensors with rigs, at most one image of a sensor in
 // a frame, parameter counts with models, identity for reference sensors.
 void CheckConsistent(const Scene& scene);
+
+// The time of a frame: that of its image of the reference sensor, or the mean
+// of those of its images if there is none. All images must have one.
+double TimeOfFrame(const Scene& scene, int frame_idx);
 
 // The scene without rigs: every sensor is one of its own, and every image is a
 // frame of its own with the name of the image. Images, and so the pairs of a

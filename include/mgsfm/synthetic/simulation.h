@@ -57,7 +57,8 @@ struct Simulation {
   Reconstruction ground_truth;
 
   // Per image: the pose at its own instant, which differs from that of
-  // ground_truth by the trigger jitter.
+  // ground_truth by trigger jitter and offset. The times of images of the scene
+  // are those of their frames.
   std::vector<Rigid3> cam_from_world;
   // Per image and keypoint: which of world_points it shows; -1 for clutter and
   // for vehicles that move. The copies of a structure are other points than the

@@ -90,6 +90,7 @@ struct SimulationOptions {
   double duplicated_pair_ratio = 0.0;
   double missing_image_ratio = 0.0;
   double trigger_jitter_ms = 0.0;
+  double trigger_offset_ms = 0.0;
 
   bool extrinsics_are_known = false;  // Sensor::sensor_from_rig is given
   uint64_t random_seed = 0;           // Context::random_seed of commands
@@ -180,6 +181,9 @@ struct SimulationOptions {
           "", "Share of images that were never taken.");
     visit("trigger_jitter", self.trigger_jitter_ms, AtLeast(0.0), "ms",
           "Each image is taken up to so much before or after its frame.");
+    visit("trigger_offset", self.trigger_offset_ms, AnyValue(), "ms",
+          "Images of all cameras but the first are taken so much after their "
+          "frame.");
   }
 
   template <class Self, class Visitor>

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/image_timestamps.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "io/test_database.h"
+#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/synthetic/simulation.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+class ImageTimestampsTest : public testing::Test {
+ protected:
+  ImageTimestampsTest()
+      : scene_(LoadScene(MakeContents({"a b/2.png", "a b/9.png", "a b/10.png"}),
+                         {}, Context())
+                   .scene) {}
+
+  std::string Path() const { return (dir_.path() / "times.txt").string(); }
+  void Read(const std::string& text) {
+    WriteTextFile(Path(), text);
+    ReadImageTimestamps(Path(), &scene_);
+  }
+  std::string ErrorOfText(const std::string& text) {
+    return ErrorOf([&] { Read(text); });
+  }
+  double TimeOf(const std::string& name) const {
+    for (const Image& image : scene_.images) {
+      if (image.name == name) return *image.timestamp_s;
+    }
+    return -1.0;
+  }
+
+  const TempDir dir_;
+  Scene scene_;
+};
+
+TEST_F(ImageTimestampsTest, AreReadByName) {
+  Read("# times\r\n a b/2.png 0.5\r\n\na b/10.png\t1e1  \na b/9.png 7\n");
+  EXPECT_EQ(TimeOf("a b/2.png"), 0.5);
+  EXPECT_EQ(TimeOf("a b/9.png"), 7.0);
+  EXPECT_EQ(TimeOf("a b/10.png"), 10.0);
+}
+
+TEST_F(ImageTimestampsTest, WhatIsWrittenIsRead) {
+  SimulationOptions options;
+  options.num_frames = 5;
+  const Simulation simulation = Simulate(options);
+  WriteImageTimestamps(Path(), simulation.scene);
+  Scene scene = simulation.scene;
+  for (Image& image : scene.images) image.timestamp_s.reset();
+  ReadImageTimestamps(Path(), &scene);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    EXPECT_NEAR(*scene.images[i].timestamp_s,
+                *simulation.scene.images[i].timestamp_s, 1e-9);
+  }
+}
+
+TEST_F(ImageTimestampsTest, ErrorsNameLineOrImage) {
+  const std::string rest = "a b/9.png 2\na b/10.png 3\n";
+  EXPECT_THAT(ErrorOf([&] { ReadImageTimestamps("/no/file", &scene_); }),
+              AllOf(HasSubstr("/no/file"), HasSubstr("cannot be read")));
+  EXPECT_THAT(ErrorOfText("alone\n"),
+              AllOf(HasSubstr("times.txt"), HasSubstr("line 1"),
+                    HasSubstr("image_name SECONDS")));
+  EXPECT_THAT(ErrorOfText(rest + "a b/2.png soon\n"),
+              AllOf(HasSubstr("line 3"), HasSubstr("soon")));
+  for (const char* bad : {"nan", "inf", "-inf", "1.5x"}) {
+    EXPECT_THAT(ErrorOfText("\n" + rest + "a b/2.png " + bad + "\n"),
+                AllOf(HasSubstr("line 4"), HasSubstr("a b/2.png"),
+                      HasSubstr("finite")));
+  }
+  EXPECT_THAT(ErrorOfText("a b/3.png 1\n"),
+              AllOf(HasSubstr("line 1"), HasSubstr("a b/3.png")));
+  EXPECT_THAT(
+      ErrorOfText(rest + rest),
+      AllOf(HasSubstr("line 3"), HasSubstr("a b/9.png"), HasSubstr("again")));
+  EXPECT_THAT(ErrorOfText(rest),
+              AllOf(HasSubstr("no time for image 'a b/2.png'"),
+                    HasSubstr("add a line")));
+}
+
+TEST_F(ImageTimestampsTest, TimesIncreaseInTheOrderOfNames) {
+  for (const char* time : {"2", "2.5"}) {
+    EXPECT_THAT(ErrorOfText("a b/9.png 2\na b/10.png 3\na b/2.png " +
+                            std::string(time) + "\n"),
+                AllOf(HasSubstr("a b/9.png"), HasSubstr("not later than"),
+                      HasSubstr("a b/2.png"), HasSubstr("correct the times")));
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm
