@@ -103,10 +103,12 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.times.push_back(reading.Stop("reading"));
   const PositionPriors priors =
       ReadPositionPriors(loaded.scene, run.database_path, run.priors);
+  const GravityPriors gravity =
+      ReadGravity(loaded.scene, run.database_path, run.priors);
   LogInput(loaded, context);
 
-  MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors);
+  MapperResult result = RunMapper(loaded.scene, loaded.view_graph, run.mapper,
+                                  context, priors, gravity);
   context.Debug("writing started");
   const StageTimer writing;
   if (!run.image_path.empty()) {

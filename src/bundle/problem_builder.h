@@ -34,6 +34,10 @@ BuiltProblem BuildProblem(const Scene& scene,
                           RefinedParts parts,
                           const PositionPriors& priors = {});
 
+// Whether the focal length of a camera of the scene is refined.
+bool RefinesFocalLength(const Camera& camera,
+                        const BundleAdjustmentOptions& options);
+
 // Writes what the problem did not hold back to the reconstruction that it was
 // built from.
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction);

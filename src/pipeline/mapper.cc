@@ -7,6 +7,8 @@
 
 #include "mgsfm/base/error.h"
 #include "pipeline/given_rigs.h"
+#include "pipeline/gravity_levelling.h"
+#include "pipeline/position_bending.h"
 #include "pipeline/position_registration.h"
 
 namespace mgsfm {
@@ -123,10 +125,60 @@ void LogPriors(const PositionPriorSummary& summary, const Context& context) {
                std::to_string(summary.rms.value_or(0.0)));
 }
 
+// Moves and bends the start of a model to measured positions; returns those
+// that bundle adjustment is to use.
+PositionPriors MoveToPriors(const Scene& scene, const ViewGraph& view_graph,
+                            const RotationEstimate& rotations,
+                            const PositionPriors& priors,
+                            const GravityPriors& gravity,
+                            const Context& context, Reconstruction* initial,
+                            MapperModel* model) {
+  std::optional<Eigen::Vector3d> up = GravityInWorld(scene, gravity, *initial);
+  if (up) up = -*up;
+  PositionRegistration registration =
+      RegisterToPriors(scene, priors, up, model->translation.is_metric,
+                       context.random_seed, initial);
+  model->position_priors = std::move(registration.summary);
+  if (model->position_priors->is_registered) {
+    model->position_priors->bending = BendToPriors(
+        scene, view_graph, rotations.pair_is_inlier, priors,
+        model->translation.is_metric, context, &registration.used, initial);
+  }
+  return std::move(registration.used);
+}
+
+// What is known of the model after bundle adjustment.
+void JudgeModel(const Scene& scene, const PositionPriors& priors,
+                const PositionPriors& used_priors, const GravityPriors& gravity,
+                const MapperOptions& options, const Context& context,
+                MapperModel* model) {
+  if (model->position_priors) {
+    JudgePriors(scene, priors, used_priors, model->reconstruction,
+                &*model->position_priors);
+    LogPriors(*model->position_priors, context);
+  }
+  model->focal_lengths =
+      CheckFocalLengths(scene, model->reconstruction, options.bundle_adjustment,
+                        context, used_priors);
+  for (const FocalLengthCheck& check : model->focal_lengths) {
+    if (!check.message.empty()) context.Warning(check.message);
+  }
+  model->gravity = LevelModel(
+      scene, gravity,
+      model->position_priors && model->position_priors->is_registered,
+      options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);
+  if (model->gravity) {
+    context.Info("gravity: " + std::to_string(model->gravity->num_given) +
+                 " given, " + std::to_string(model->gravity->outliers.size()) +
+                 " outliers");
+  }
+}
+
 MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
                             const PositionPriors& priors,
+                            const GravityPriors& gravity,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
@@ -151,12 +203,11 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
   PositionPriors used_priors;
   if (!priors.IsEmpty()) {
-    PositionRegistration registration =
-        RegisterToPriors(scene, priors, model.translation.is_metric,
-                         context.random_seed, &initial);
-    model.position_priors = std::move(registration.summary);
-    used_priors = std::move(registration.used);
+    used_priors = MoveToPriors(scene, view_graph, rotations, priors, gravity,
+                               context, &initial, &model);
   }
+  used_priors.gravity =
+      MakeGravityTerms(scene, gravity, options.rotation_averaging, initial);
 
   BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
     return RefineReconstruction(
@@ -167,17 +218,13 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   });
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);
+  JudgeModel(scene, priors, used_priors, gravity, options, context, &model);
   if (options.compute_covariances) {
     model.covariances = Timed("covariances", context, &model.times, [&] {
       return ComputeCovariances(scene, model.reconstruction,
                                 options.bundle_adjustment, context,
                                 used_priors);
     });
-  }
-  if (model.position_priors) {
-    JudgePriors(scene, priors, used_priors, model.reconstruction,
-                &*model.position_priors);
-    LogPriors(*model.position_priors, context);
   }
   return model;
 }
@@ -242,7 +289,8 @@ MethodDefaults DefaultsOf(MapperMethod method) {
 // All after the focal lengths.
 MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                            const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors) {
+                           const PositionPriors& priors,
+                           const GravityPriors& gravity) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -257,7 +305,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context);
+                                options.rotation_averaging, context, gravity);
       });
   result.rotation = std::move(rotation.summary);
 
@@ -270,7 +318,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
         ReconstructPart(scene, bearings, verified.estimate,
                         SelectPart(scene, verified.estimate, rotation.estimate,
                                    static_cast<int>(part)),
-                        priors, options, context);
+                        priors, gravity, options, context);
     model.num_frames_in_part = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
@@ -331,13 +379,14 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
 
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
                        const MapperOptions& given_options,
-                       const Context& context, const PositionPriors& priors) {
+                       const Context& context, const PositionPriors& priors,
+                       const GravityPriors& gravity) {
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors);
+    return MapCalibrated(scene, view_graph, options, context, priors, gravity);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
@@ -350,8 +399,8 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
       DropCalibratedGeometry(scene, focal_lengths, view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result =
-      MapCalibrated(calibrated, uncalibrated, options, context, priors);
+  MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
+                                      context, priors, gravity);
   result.focal_lengths = std::move(focal_lengths.estimates);
   result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;

@@ -31,4 +31,11 @@ template <class Observation>
     const RigProblem<Observation>& problem, const RigState& state,
     const Context& context);
 
+// Variances of the free parameters of each camera alone, likewise; empty for
+// cameras without. Cost: one factorisation, and a solve for each.
+template <class Observation>
+[[nodiscard]] std::optional<std::vector<std::vector<double>>>
+ComputeParameterVariances(const RigProblem<Observation>& problem,
+                          const RigState& state, const Context& context);
+
 }  // namespace mgsfm

@@ -12,9 +12,11 @@
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/focal_length_check.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -87,6 +89,13 @@ struct MapperOptions {
   }
 };
 
+// How far a model was bent, see src/pipeline/position_bending.h: the most that
+// any of its frames moved and turned.
+struct ModelBending {
+  double largest_shift = 0.0;
+  double largest_turn_deg = 0.0;
+};
+
 // What became of measured positions in one model.
 struct PositionPriorSummary {
   struct Outlier {
@@ -97,7 +106,8 @@ struct PositionPriorSummary {
   std::string message;         // what is not so, or what was assumed
   int num_given = 0;           // to images that had a pose when it was moved
   int num_used = 0;
-  std::optional<double> rms;  // distance of those used
+  std::optional<ModelBending> bending;  // if it had to be
+  std::optional<double> rms;            // distance of those used
   // Not used, or more than four standard deviations off in the end.
   std::vector<Outlier> outliers;
 };
@@ -109,6 +119,8 @@ struct MapperModel {
   TranslationSummary translation;
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if some are given
+  std::optional<GravitySummary> gravity;                // if it was measured
+  std::vector<FocalLengthCheck> focal_lengths;          // of those refined
   std::optional<CovarianceResult> covariances;          // if asked for
   // Pairs of this part that rotations or positions contradict.
   std::vector<SuspiciousGroup> suspicious_groups;
@@ -135,8 +147,10 @@ struct MapperResult {
 // contradict each other.
 MapperOptions ResolveMethod(const MapperOptions& options);
 
-// With `priors`, models come out in their world where they determine it, and
-// bundle adjustment keeps images near them.
+// With `priors`, models come out in their world where they determine it, bent
+// to them where they drifted, and bundle adjustment keeps images near them.
+// With `gravity` rotations are levelled by it; models that are not in the world
+// of positions have gravity along +y.
 //
 // With the method kSingle all rigs of the scene must have one sensor. Throws
 // Error if given poses of sensors contradict the matches, see
@@ -146,6 +160,7 @@ MapperOptions ResolveMethod(const MapperOptions& options);
                                      const ViewGraph& view_graph,
                                      const MapperOptions& options,
                                      const Context& context,
-                                     const PositionPriors& priors = {});
+                                     const PositionPriors& priors = {},
+                                     const GravityPriors& gravity = {});
 
 }  // namespace mgsfm
