@@ -27,20 +27,22 @@ namespace mgsfm {
 // over c', Q and s, with the position g_i of image i and its covariance C_i.
 // Lengths |D| below a tenth of their median count as that. s = 0 if the model
 // is metric, or a rig has cameras at different places, as then scale does not
-// drift. rho: Geman-McClure of scale max(4, 3 medians) of the distances in
-// standard deviations, anew in each step. The rest of the gauge needs nothing:
-// the positions tell it, or a damping of 1e-9 does.
+// drift. rho: Cauchy of scale max(2.8, 2 medians) of the distances in standard
+// deviations, anew in each step: one that forgets what is far would take a
+// stretch that drifted for outliers. The rest of the gauge needs nothing: the
+// positions tell it, or a damping of 1e-9 does.
 //
 // As stiff as the positions allow: sigma is 0.01, 0.04, 0.16, 0.64 degrees (and
-// as much of a length), until the median distance is at most two standard
-// deviations. A model of which that is true before stays as it is, to the bit.
+// as much of a length), until three quarters of the positions are at most three
+// standard deviations off. A model of which that is true before stays as it is,
+// to the bit.
 // Per sigma at most 8 Gauss-Newton steps, ending when none moves a frame by
 // more than 1e-3 standard deviations. Cost of a step: one sparse Cholesky
 // factorisation of 7 unknowns a frame.
 //
 // Points are moved by the mean of the frames that see them.
 //
-// `used` becomes what lies within the scale of rho. nullopt: nothing changed,
+// `used` becomes what lies within max(4, 3 medians). nullopt: nothing changed,
 // as nothing had to, or as the result was no better.
 std::optional<ModelBending> BendToPriors(const Scene& scene,
                                          const ViewGraph& view_graph,

@@ -12,8 +12,12 @@ namespace {
 using testing::HasSubstr;
 
 // With focal lengths that are `factor` times too long, and not trusted.
-Simulation Distrusted(RigPreset rig, PathPreset path, double factor) {
+Simulation Distrusted(RigPreset rig, PathPreset path, double factor,
+                      int num_points_per_frame = 80) {
   SimulationOptions options = SmallScene(rig, path);
+  options.num_frames = 20;
+  options.num_points_per_frame = num_points_per_frame;
+  options.max_num_features_per_image = 2 * num_points_per_frame;
   options.pixel_noise_px = 0.3;
   Simulation simulation = Simulate(options);
   for (auto* cameras :
@@ -36,7 +40,7 @@ Reconstruction Adjusted(const Simulation& simulation,
 
 TEST(FocalLengthCheckTest, TurnsTellAFocalLength) {
   const Simulation simulation =
-      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.02);
+      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.02, 400);
   const BundleAdjustmentOptions options;
   const auto checks = CheckFocalLengths(
       simulation.scene, Adjusted(simulation, options), options, Threads(2));
