@@ -193,9 +193,10 @@ void ModelBender::AddPositions(const Scene& scene, const PositionPriors& priors,
 bool ModelBender::Bend() {
   if (positions_.empty() || links_.empty()) return false;
   const double first_distance = DistanceOf(kShare);
+  if (first_distance <= kMaxDistance) return false;
   double distance = first_distance;
+  size_t num_inliers = ListInliers().size();
   for (const double sigma : kSigmas) {
-    if (distance <= kMaxDistance) break;
     for (int i = 0; i < kMaxNumSteps; ++i) {
       context_.CheckInterrupted();
       const double move = Step(sigma);
@@ -203,6 +204,8 @@ bool ModelBender::Bend() {
       if (move <= kStepTolerance) break;
     }
     distance = DistanceOf(kShare);
+    const size_t num_before = std::exchange(num_inliers, ListInliers().size());
+    if (distance <= kMaxDistance && num_inliers <= num_before) break;
   }
   return distance < first_distance;
 }
@@ -377,7 +380,6 @@ std::optional<ModelBending> BendToPriors(const Scene& scene,
                      *reconstruction);
   if (!bender.Bend()) return std::nullopt;
   bender.WriteBack(scene, reconstruction);
-  used->images.assign(scene.images.size(), std::nullopt);
   for (const int image_idx : bender.ListInliers()) {
     used->images[image_idx] = priors.images[image_idx];
   }

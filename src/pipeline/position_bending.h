@@ -32,18 +32,18 @@ namespace mgsfm {
 // stretch that drifted for outliers. The rest of the gauge needs nothing: the
 // positions tell it, or a damping of 1e-9 does.
 //
-// As stiff as the positions allow: sigma is 0.01, 0.04, 0.16, 0.64 degrees (and
-// as much of a length), until three quarters of the positions are at most three
-// standard deviations off. A model of which that is true before stays as it is,
-// to the bit.
-// Per sigma at most 8 Gauss-Newton steps, ending when none moves a frame by
-// more than 1e-3 standard deviations. Cost of a step: one sparse Cholesky
+// A model of which three quarters of the positions are at most three standard
+// deviations off stays as it is, to the bit. Else sigma is 0.01, 0.04, 0.16,
+// 0.64 degrees (and as much of a length), until that is so and the last did not
+// bring more positions within max(4, 3 medians): as stiff as they allow. Per
+// sigma at most 8 Gauss-Newton steps, ending when none moves a frame by more
+// than 1e-3 standard deviations. Cost of a step: one sparse Cholesky
 // factorisation of 7 unknowns a frame.
 //
 // Points are moved by the mean of the frames that see them.
 //
-// `used` becomes what lies within max(4, 3 medians). nullopt: nothing changed,
-// as nothing had to, or as the result was no better.
+// What is within max(4, 3 medians) in the end joins `used`. nullopt: nothing
+// changed, as nothing had to, or as the result was no better.
 std::optional<ModelBending> BendToPriors(const Scene& scene,
                                          const ViewGraph& view_graph,
                                          const std::vector<char>& pair_is_used,

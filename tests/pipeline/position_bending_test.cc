@@ -122,17 +122,14 @@ TEST(PositionBendingTest, DriftOfTurnsAndScaleIsTakenBack) {
   EXPECT_LT(after.max_point, 0.4 * bent.before.max_point);
   EXPECT_GT(bent.bending->largest_shift, 3.0);
   EXPECT_GT(bent.bending->largest_turn_deg, 3.0);
-  // Gross outliers are left out, what was far before is used.
-  int num_used = 0;
+  // What was far before is used.
   for (size_t i = 0; i < priors.images.size(); ++i) {
-    if (!bent.used.images[i]) continue;
-    ++num_used;
-    EXPECT_LT(
+    if (!priors.images[i]) continue;
+    const double error =
         (priors.images[i]->position - simulation.cam_from_world[i].Center())
-            .norm(),
-        10.0);
+            .norm();
+    EXPECT_TRUE(bent.used.images[i].has_value() || error > 1.5);
   }
-  EXPECT_GE(num_used, 95);
 }
 
 TEST(PositionBendingTest, RigsDoNotChangeTheirScale) {
