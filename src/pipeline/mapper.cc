@@ -359,6 +359,25 @@ void LogFocalLengths(const Scene& scene,
   }
 }
 
+// The noise of keypoints alone makes bundle adjustment too sure of what image
+// pairs, which tell how much they disagree, did not find.
+void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
+                       const Context& context, MapperModel* model) {
+  for (FocalLengthCheck& check : model->focal_lengths) {
+    for (const FocalLengthEstimate& estimate : estimates) {
+      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
+        continue;
+      }
+      check.relative_sigma =
+          std::max(check.relative_sigma.value_or(0.0), estimate.sigma);
+      if (!check.message.empty()) continue;
+      check.message =
+          "a refined focal length is not to be trusted: " + estimate.message;
+      context.Warning(check.message);
+    }
+  }
+}
+
 }  // namespace
 
 MapperOptions ResolveMethod(const MapperOptions& options) {
@@ -401,6 +420,9 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
   calibrated.cameras = std::move(focal_lengths.cameras);
   MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
                                       context, priors, gravity);
+  for (MapperModel& model : result.models) {
+    DoubtFocalLengths(focal_lengths.estimates, context, &model);
+  }
   result.focal_lengths = std::move(focal_lengths.estimates);
   result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;
