@@ -9,6 +9,7 @@
 #include "commands.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/focal_length_check.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/io/model_io.h"
 #include "mgsfm/io/model_scene.h"
@@ -237,6 +238,10 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
   if (!last.IsUsable()) return give_up("the solve failed, " + last.message);
   if (result.estimate.points.empty()) return give_up("all points are outliers");
   WarnOfLosses(input, result.summary, context);
+  for (const FocalLengthCheck& check : CheckFocalLengths(
+           input.scene, result.estimate, options.bundle_adjustment, context)) {
+    if (!check.message.empty()) context.Warning(check.message);
+  }
   WriteResult(input, result.estimate, options, context, &output);
   PrintResult(input, result);
   return kExitSuccess;

@@ -75,6 +75,7 @@ struct SimulateCommandOptions {
   RenderingOptions rendering;
   SimulationOptions simulation;
   PositionMeasurementOptions positions;
+  GravityMeasurementOptions gravity;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -100,6 +101,7 @@ struct SimulateCommandOptions {
     DescribeRendering(self, visit);
     SimulationOptions::Describe(self.simulation, visit);
     PositionMeasurementOptions::Describe(self.positions, visit);
+    GravityMeasurementOptions::Describe(self.gravity, visit);
   }
 
  private:
@@ -320,6 +322,12 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
                 MakeDatabaseContents(simulation.scene, simulation.view_graph),
                 options.database_schema);
   WritePositions(simulation, options.positions, context, database_path);
+  const GravityPriors gravity =
+      MeasureGravity(simulation, options.gravity, context.random_seed);
+  if (!gravity.IsEmpty()) {
+    WriteGravity((output.StagingDir() / "gravity.txt").string(),
+                 simulation.scene, gravity);
+  }
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
   output.Commit();
   context.Info("wrote database.db (" +

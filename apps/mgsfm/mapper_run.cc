@@ -192,11 +192,13 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.times.push_back(reading.Stop("reading"));
   const PositionPriors priors =
       ReadPositionPriors(loaded.scene, run.database_path, run.priors);
+  const GravityPriors gravity =
+      ReadGravity(loaded.scene, run.database_path, run.priors);
   LogInput(loaded, context);
 
   MapperResult result =
       RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors,
-                input.start ? &input.start->reconstruction : nullptr);
+                gravity, input.start ? &input.start->reconstruction : nullptr);
   context.Debug("writing started");
   const StageTimer writing;
   ColorModels(loaded.scene, run.image_path, context, &result);

@@ -31,6 +31,22 @@ void WeighPriors(double sigma_px, BundleProblem* problem) {
   problem->position_loss.scale *= sigma_px;
 }
 
+// The problem of a model, in units of the noise of its observations.
+BuiltProblem BuildWeighted(const Scene& scene,
+                           const Reconstruction& reconstruction,
+                           const BundleAdjustmentOptions& options,
+                           double sigma_px, const PositionPriors& priors) {
+  BundleAdjustmentOptions weighted = options;
+  weighted.loss_scale_px =
+      std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
+  PositionPriors positions = priors;
+  positions.gravity.reset();
+  BuiltProblem built = BuildProblem(scene, reconstruction, weighted,
+                                    RefinedParts::kAll, positions);
+  WeighPriors(sigma_px, &built.problem);
+  return built;
+}
+
 void DescribeGauge(const BuiltProblem& built, CovarianceResult* result) {
   const BundleProblem& problem = built.problem;
   const auto num_free = [](const PoseMask& mask) { return mask.sum(); };
@@ -83,12 +99,8 @@ CovarianceResult ComputeCovariances(const Scene& scene,
   result.sigma_px = RobustSigmaPx(
       ReprojectionErrors(scene, reconstruction, context.num_threads));
   const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
-  BundleAdjustmentOptions weighted = options;
-  weighted.loss_scale_px =
-      std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
-  BuiltProblem built =
-      BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll, priors);
-  WeighPriors(sigma_px, &built.problem);
+  const BuiltProblem built =
+      BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   DescribeGauge(built, &result);
   const std::optional<PoseCovariances> covariances =
       ComputePoseCovariances(built.problem, built.state, context);
@@ -107,6 +119,31 @@ CovarianceResult ComputeCovariances(const Scene& scene,
   ListUnobservable(result.frames, false, max_sigma_length,
                    &result.unobservable);
   return result;
+}
+
+std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
+    const Scene& scene, const Reconstruction& reconstruction,
+    const BundleAdjustmentOptions& options, const Context& context,
+    const PositionPriors& priors) {
+  const double sigma_px =
+      std::max(kMinSigmaPx, RobustSigmaPx(ReprojectionErrors(
+                                scene, reconstruction, context.num_threads)));
+  const BuiltProblem built =
+      BuildWeighted(scene, reconstruction, options, sigma_px, priors);
+  const auto variances =
+      ComputeParameterVariances(built.problem, built.state, context);
+  if (!variances) return std::nullopt;
+  std::vector<std::vector<double>> sigmas(scene.cameras.size());
+  for (size_t i = 0; i < built.camera_idxs.size(); ++i) {
+    const int camera_idx = built.camera_idxs[i];
+    sigmas[camera_idx].resize(scene.cameras[camera_idx].params.size(), 0.0);
+    const std::vector<int>& free = built.problem.cameras[i].free_params;
+    for (size_t k = 0; k < (*variances)[i].size(); ++k) {
+      sigmas[camera_idx][free[k]] =
+          sigma_px * std::sqrt(std::max(0.0, (*variances)[i][k]));
+    }
+  }
+  return sigmas;
 }
 
 }  // namespace mgsfm

@@ -79,27 +79,53 @@ void HoldScale(const BundleState& state, int held_frame,
   if (held != nullptr) *held = 0.0;
 }
 
+// With gravity only the turn about it is to be held, which is no coordinate of
+// a frame: the heading of the frame is a measurement instead, so weak that its
+// tilt does not matter.
+void HoldHeading(const BundleState& state, int frame, BundleProblem* problem) {
+  constexpr double kSigmaRad = 0.2;
+  const GravityPrior& level = problem->gravity_priors.front();
+  for (size_t i = 0; i < problem->images.size(); ++i) {
+    const BundleProblem::Image& image = problem->images[i];
+    if (image.frame != frame) continue;
+    GravityPrior heading;
+    heading.image = static_cast<int>(i);
+    heading.down = level.down.unitOrthogonal();
+    heading.direction = state.sensors[image.sensor].rotation *
+                        (state.frames[frame].rig_from_world * heading.down);
+    heading.sigma_rad = kSigmaRad;
+    problem->frame_masks[frame].tail<3>().setZero();
+    problem->gravity_priors.push_back(heading);
+    return;
+  }
+}
+
 // nullopt if there is none.
-std::optional<int> HoldFrame(BundleProblem* problem) {
+std::optional<int> HoldFrame(const BundleState& state, BundleProblem* problem) {
   const std::vector<int> counts = CountFrameObservations(*problem);
   if (counts.empty()) return std::nullopt;
   const int held_frame = static_cast<int>(
       std::max_element(counts.begin(), counts.end()) - counts.begin());
-  problem->frame_masks[held_frame].setZero();
+  if (problem->gravity_priors.empty() ||
+      problem->frame_masks[held_frame].head<3>().isZero(0.0)) {
+    problem->frame_masks[held_frame].setZero();
+  } else {
+    HoldHeading(state, held_frame, problem);
+  }
   return held_frame;
 }
 
 }  // namespace
 
 void FixGauge(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> held_frame = HoldFrame(problem);
+  const std::optional<int> held_frame = HoldFrame(state, problem);
   if (held_frame && !ScaleIsObservable(state, *problem)) {
     HoldScale(state, *held_frame, problem);
   }
 }
 
 void FixGaugeAndScale(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> held_frame = HoldFrame(problem);
+  const std::optional<int> held_frame = HoldFrame(state, problem);
   if (held_frame) HoldScale(state, *held_frame, problem);
 }
 

@@ -10,6 +10,9 @@
 namespace mgsfm {
 namespace {
 
+// Standard deviations from which on gravity counts less.
+constexpr double kGravityLossScale = 2.8;
+
 bool Refines(RefineMode mode, bool is_known) {
   return mode == RefineMode::kYes || (mode == RefineMode::kAuto && !is_known);
 }
@@ -60,6 +63,7 @@ class ProblemBuilder {
     for (const int sensor_idx : built_.sensor_idxs) AddSensor(sensor_idx);
     for (const int camera_idx : built_.camera_idxs) AddCamera(camera_idx);
     AddPositionPriors();
+    AddGravityPriors();
     if (options_.refine_rig_from_world && options_.refine_points &&
         built_.problem.position_priors.empty() && !HoldsAFrame()) {
       FixGauge(built_.state, &built_.problem);
@@ -73,6 +77,7 @@ class ProblemBuilder {
   void AddSensor(int sensor_idx);
   void AddCamera(int camera_idx);
   void AddPositionPriors();
+  void AddGravityPriors();
   std::vector<int> FreeParams(const Camera& camera) const;
 
   static bool IsSet(const std::vector<char>& flags, int idx) {
@@ -152,6 +157,19 @@ void ProblemBuilder::AddPositionPriors() {
   }
 }
 
+void ProblemBuilder::AddGravityPriors() {
+  if (!priors_.gravity) return;
+  const MeasuredGravity& gravity = *priors_.gravity;
+  BundleProblem& problem = built_.problem;
+  problem.gravity_loss = {RobustLossType::kCauchy, kGravityLossScale};
+  for (size_t i = 0; i < image_idxs_.size(); ++i) {
+    const auto& direction = gravity.images[image_idxs_[i]];
+    if (!direction) continue;
+    problem.gravity_priors.push_back(
+        {static_cast<int>(i), *direction, gravity.down, gravity.sigma_rad});
+  }
+}
+
 void ProblemBuilder::AddFrame(int frame_idx) {
   const Rigid3& pose = *reconstruction_.rig_from_world[frame_idx];
   built_.state.frames.push_back({pose.rotation, pose.Center()});
@@ -179,7 +197,9 @@ void ProblemBuilder::AddCamera(int camera_idx) {
   const int number = static_cast<int>(built_.problem.cameras.size());
   built_.state.cameras.push_back(params);
   built_.problem.cameras.push_back({camera.model, FreeParams(given)});
-  if (!given.has_prior_focal_length) return;
+  const double relative_sigma = given.has_prior_focal_length
+                                    ? options_.focal_length_prior_sigma
+                                    : options_.focal_length_start_sigma;
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const std::vector<int>& free = built_.problem.cameras.back().free_params;
@@ -187,7 +207,7 @@ void ProblemBuilder::AddCamera(int camera_idx) {
     if (!std::binary_search(free.begin(), free.end(), param)) continue;
     const double value = given.params[param];
     built_.problem.priors.push_back(
-        {number, param, value, options_.focal_length_prior_sigma * value});
+        {number, param, value, relative_sigma * value});
   }
 }
 
@@ -200,7 +220,7 @@ std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
     if (is_refined) free.insert(free.end(), params.begin(), params.end());
   };
   const bool is_known = camera.has_prior_focal_length;
-  add(Refines(options_.refine_focal_length, is_known), info.focal_length_idxs);
+  add(RefinesFocalLength(camera, options_), info.focal_length_idxs);
   add(options_.refine_principal_point, info.principal_point_idxs);
   add(Refines(options_.refine_extra_params, is_known), info.extra_params_idxs);
   std::sort(free.begin(), free.end());
@@ -237,6 +257,11 @@ RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
       DegToRad(options.sensor_from_rig_prior_sigma_deg),
       length > 0.0 ? options.sensor_from_rig_prior_sigma * length : 1.0};
   return refined;
+}
+
+bool RefinesFocalLength(const Camera& camera,
+                        const BundleAdjustmentOptions& options) {
+  return Refines(options.refine_focal_length, camera.has_prior_focal_length);
 }
 
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction) {

@@ -45,6 +45,10 @@ struct RefinedSensor {
 RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
                            const BundleAdjustmentOptions& options);
 
+// Whether the focal length of a camera of the scene is refined.
+bool RefinesFocalLength(const Camera& camera,
+                        const BundleAdjustmentOptions& options);
+
 // Writes what the problem did not hold back to the reconstruction that it was
 // built from.
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction);

@@ -105,6 +105,24 @@ std::string PosePriorQuery(const SqliteDatabase& database) {
          ", coordinate_system FROM pose_priors ORDER BY image_id";
 }
 
+std::string PriorGravityQuery(const SqliteDatabase& database) {
+  if (!database.HasTable("pose_priors")) return "";
+  const std::set<std::string> columns = database.Columns("pose_priors");
+  if (columns.count("gravity") == 0) return "";
+  if (columns.count("corr_data_id") > 0) {
+    return "SELECT corr_data_id, gravity FROM pose_priors WHERE "
+           "corr_sensor_type = " +
+           std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
+  }
+  return "SELECT image_id, gravity FROM pose_priors ORDER BY image_id";
+}
+
+std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob) {
+  const auto values = Decode<double, 3>(blob);
+  if (!values) return std::nullopt;
+  return Eigen::Vector3d(Eigen::Vector3d::Map(values->data()));
+}
+
 PosePriorRow DecodePosePrior(const SqliteStatement& row) {
   PosePriorRow prior;
   prior.image_id = ImageId(static_cast<uint32_t>(row.Int(0)));

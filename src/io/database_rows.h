@@ -53,6 +53,9 @@ void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
 // "SELECT image, position, covariance, coordinate system FROM pose_priors", for
 // all layouts of the table; that of 3.8 is in `images` and is not read.
 std::string PosePriorQuery(const SqliteDatabase& database);
+// "SELECT image, gravity FROM pose_priors", likewise; "" if it has none.
+std::string PriorGravityQuery(const SqliteDatabase& database);
+std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob);
 // Not finite where the row holds no position.
 PosePriorRow DecodePosePrior(const SqliteStatement& row);
 

@@ -2,15 +2,15 @@
 #include "mgsfm/io/pose_priors.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <fstream>
+#include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <utility>
 
 #include "io/database_rows.h"
+#include "io/named_vectors.h"
 #include "io/sqlite_snapshot.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/geodetic.h"
@@ -25,9 +25,6 @@ class PriorMaker {
  public:
   PriorMaker(const Scene& scene, const PosePriorOptions& options)
       : scene_(scene), options_(options) {
-    for (size_t i = 0; i < scene.images.size(); ++i) {
-      idx_of_name_[scene.images[i].name] = static_cast<int>(i);
-    }
     rows_.resize(scene.images.size());
   }
 
@@ -35,8 +32,8 @@ class PriorMaker {
                 const std::string& database_path) {
     source_ = "database '" + database_path + "'";
     std::map<ImageId, int> idx_of_id;
-    for (const auto& [name, idx] : idx_of_name_) {
-      idx_of_id[scene_.images[idx].id] = idx;
+    for (size_t i = 0; i < scene_.images.size(); ++i) {
+      idx_of_id[scene_.images[i].id] = static_cast<int>(i);
     }
     for (const PosePriorRow& row : rows) {
       // Rows left behind by an image that was deleted are harmless.
@@ -48,16 +45,13 @@ class PriorMaker {
   void ReadLines() {
     const std::string& path = options_.ref_images_path;
     source_ = "'" + path + "'";
-    std::ifstream file(path);
-    if (!file) Throw("cannot be read; check --ref_images_path");
-    std::string line;
-    for (int number = 1; std::getline(file, line); ++number) {
-      if (!line.empty() && line.back() == '\r') line.pop_back();
-      if (line.find_first_not_of(" \t") == std::string::npos ||
-          line.front() == '#') {
-        continue;
-      }
-      TakeLine(line, "line " + std::to_string(number));
+    for (const NamedVector& line :
+         ReadNamedVectors(scene_, path, "X Y Z", "--ref_images_path")) {
+      PosePriorRow row;
+      row.coordinate_system = CoordinateSystem::kUndefined;
+      row.position = line.value;
+      row.image_id = scene_.images[line.image_idx].id;
+      rows_[line.image_idx] = row;
     }
   }
 
@@ -95,7 +89,6 @@ class PriorMaker {
   [[noreturn]] void Throw(const std::string& problem) const {
     throw Error(source_ + ": " + problem);
   }
-  void TakeLine(const std::string& line, const std::string& where);
   void Check(const PosePriorRow& row, int image_idx) const;
   Eigen::Matrix3d CovarianceOf(const PosePriorRow& row) const;
 
@@ -108,40 +101,8 @@ class PriorMaker {
   const Scene& scene_;
   const PosePriorOptions& options_;
   std::string source_;
-  std::map<std::string, int> idx_of_name_;
   std::vector<std::optional<PosePriorRow>> rows_;  // per image
 };
-
-// Names may have blanks: the last three words are the position.
-void PriorMaker::TakeLine(const std::string& line, const std::string& where) {
-  std::vector<std::string> words;
-  std::istringstream stream(line);
-  for (std::string word; stream >> word;) words.push_back(word);
-  if (words.size() < 4) Throw(where + " is not 'image_name X Y Z'");
-  PosePriorRow row;
-  row.coordinate_system = CoordinateSystem::kUndefined;
-  size_t end = line.size();
-  for (int k = 2; k >= 0; --k) {
-    const std::string& word = words[words.size() - 3 + k];
-    char* rest = nullptr;
-    row.position[k] = std::strtod(word.c_str(), &rest);
-    if (rest == word.c_str() || *rest != '\0') {
-      Throw(where + " has '" + word + "' where a number should be");
-    }
-    end = line.rfind(word, end - 1);
-  }
-  std::string name = line.substr(0, end);
-  name.erase(name.find_last_not_of(" \t") + 1);
-  name.erase(0, name.find_first_not_of(" \t"));
-  const auto found = idx_of_name_.find(name);
-  if (found == idx_of_name_.end()) {
-    Throw(where + " names the image '" + name +
-          "', which the database does not have");
-  }
-  if (rows_[found->second]) Throw(where + " names '" + name + "' again");
-  row.image_id = scene_.images[found->second].id;
-  rows_[found->second] = row;
-}
 
 void PriorMaker::Check(const PosePriorRow& row, int image_idx) const {
   const std::string of_image =
@@ -176,6 +137,57 @@ Eigen::Matrix3d PriorMaker::CovarianceOf(const PosePriorRow& row) const {
       .asDiagonal();
 }
 
+GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
+  GravityPriors gravity;
+  gravity.images.resize(scene.images.size());
+  const auto lines =
+      ReadNamedVectors(scene, path, "GX GY GZ", "--gravity_path");
+  if (lines.empty()) {
+    throw Error("'" + path +
+                "': there is no line 'image_name GX GY GZ'; give some, or "
+                "leave out --gravity_path");
+  }
+  for (const NamedVector& line : lines) {
+    if (!line.value.allFinite() || line.value.isZero(0.0)) {
+      throw Error("'" + path + "': line " + std::to_string(line.line_number) +
+                  " has no direction of gravity for image '" +
+                  scene.images[line.image_idx].name +
+                  "'; numbers must be finite and not all zero");
+    }
+    gravity.images[line.image_idx] = line.value.stableNormalized();
+  }
+  return gravity;
+}
+
+// Those that are not finite are COLMAP's for none.
+GravityPriors ReadGravityColumn(const Scene& scene,
+                                const std::string& database_path) {
+  GravityPriors gravity;
+  gravity.images.resize(scene.images.size());
+  std::map<ImageId, size_t> idx_of_id;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    idx_of_id[scene.images[i].id] = i;
+  }
+  const SqliteSnapshot snapshot(database_path);
+  const std::string query = PriorGravityQuery(snapshot.database());
+  if (query.empty()) return gravity;
+  SqliteStatement row = snapshot.database().Prepare(query);
+  while (row.Step()) {
+    const auto found =
+        idx_of_id.find(ImageId(static_cast<uint32_t>(row.Int(0))));
+    const auto value = DecodeVector3(row.Blob(1));
+    if (found == idx_of_id.end() || !value || !value->allFinite()) continue;
+    if (value->isZero(0.0)) {
+      throw Error("database '" + database_path + "': the gravity of image '" +
+                  scene.images[found->second].name +
+                  "' is zero; correct it, or delete its row");
+    }
+    gravity.images[found->second] = value->stableNormalized();
+  }
+  snapshot.CheckUnchanged();
+  return gravity;
+}
+
 }  // namespace
 
 PositionPriors MakePositionPriors(const Scene& scene,
@@ -208,12 +220,44 @@ PositionPriors ReadPositionPriors(const Scene& scene,
   return MakePositionPriors(scene, rows, database_path, options);
 }
 
+GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
+                          const PosePriorOptions& options) {
+  if (!options.gravity_path.empty()) {
+    return ReadGravityFile(scene, options.gravity_path);
+  }
+  if (!options.use_prior_gravity) return {};
+  GravityPriors gravity = ReadGravityColumn(scene, database_path);
+  if (std::none_of(gravity.images.begin(), gravity.images.end(),
+                   [](const auto& g) { return g.has_value(); })) {
+    throw Error("database '" + database_path +
+                "': there are no directions of gravity; give --gravity_path, "
+                "or leave out --use_prior_gravity");
+  }
+  return gravity;
+}
+
 void WriteGeoOrigin(const std::string& path,
                     const Eigen::Vector3d& origin_wgs84) {
   const nlohmann::ordered_json json = {{"latitude_deg", origin_wgs84.x()},
                                        {"longitude_deg", origin_wgs84.y()},
                                        {"altitude_m", origin_wgs84.z()}};
   WriteFile(path, json.dump(2) + "\n");
+}
+
+void WriteGravity(const std::string& path, const Scene& scene,
+                  const GravityPriors& gravity) {
+  std::string text;
+  for (size_t i = 0; i < gravity.images.size(); ++i) {
+    if (!gravity.images[i]) continue;
+    text += scene.images[i].name;
+    for (const double value : *gravity.images[i]) {
+      char number[32];
+      std::snprintf(number, sizeof(number), " %.17g", value);
+      text += number;
+    }
+    text += "\n";
+  }
+  WriteFile(path, text);
 }
 
 std::vector<PosePriorRow> MakePosePriorRows(const Scene& scene,

@@ -282,18 +282,19 @@ void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative, int size,
   }
 }
 
-// Blocks: frame, sensor.
-class PositionPriorCost : public ceres::CostFunction {
+// Of an image. Blocks: frame, sensor.
+template <class Prior, auto kEvaluate>
+class ImagePriorCost : public ceres::CostFunction {
  public:
-  explicit PositionPriorCost(const PositionPrior& prior) : prior_(prior) {
+  explicit ImagePriorCost(const Prior& prior) : prior_(prior) {
     set_num_residuals(3);
     *mutable_parameter_block_sizes() = {7, 7};
   }
   bool Evaluate(double const* const* blocks, double* residuals,
                 double** jacobians) const override {
-    const PosePriorResidual r = EvaluatePositionPrior(
-        prior_, {RotationOf(blocks[0]), Vector3d::Map(blocks[0] + 4)},
-        {RotationOf(blocks[1]), Vector3d::Map(blocks[1] + 4)});
+    const PosePriorResidual r =
+        kEvaluate(prior_, {RotationOf(blocks[0]), Vector3d::Map(blocks[0] + 4)},
+                  {RotationOf(blocks[1]), Vector3d::Map(blocks[1] + 4)});
     std::copy_n(r.value.data(), r.size, residuals);
     if (jacobians == nullptr) return true;
     WriteJacobian(r.by_frame, r.size, jacobians[0]);
@@ -302,8 +303,10 @@ class PositionPriorCost : public ceres::CostFunction {
   }
 
  private:
-  const PositionPrior& prior_;
+  const Prior& prior_;
 };
+using PositionPriorCost = ImagePriorCost<PositionPrior, EvaluatePositionPrior>;
+using GravityPriorCost = ImagePriorCost<GravityPrior, EvaluateGravityPrior>;
 
 class SensorPriorCost : public ceres::CostFunction {
  public:
@@ -348,6 +351,7 @@ class CeresRigProblem {
         state_(*state),
         loss_(rig.loss),
         position_loss_(rig.position_loss),
+        gravity_loss_(rig.gravity_loss),
         problem_(Options()) {
     for (const FramePose& f : state->frames) {
       frames_.push_back(MakePoseBlock(f.rig_from_world, f.center));
@@ -467,6 +471,12 @@ class CeresRigProblem {
                                 frames_[image.frame].data(),
                                 sensors_[image.sensor].data());
     }
+    for (const GravityPrior& prior : rig_.gravity_priors) {
+      const RigProblemBase::Image& image = rig_.images[prior.image];
+      problem_.AddResidualBlock(new GravityPriorCost(prior), &gravity_loss_,
+                                frames_[image.frame].data(),
+                                sensors_[image.sensor].data());
+    }
     for (const SensorPrior& prior : rig_.sensor_priors) {
       problem_.AddResidualBlock(new SensorPriorCost(prior), nullptr,
                                 sensors_[prior.sensor].data());
@@ -507,7 +517,7 @@ class CeresRigProblem {
   const Problem& rig_;
   RigState& state_;
   std::vector<PoseBlock> frames_, sensors_;
-  RigLoss loss_, position_loss_;
+  RigLoss loss_, position_loss_, gravity_loss_;
   ceres::Problem problem_;
 };
 

@@ -132,6 +132,39 @@ std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
   return covariances;
 }
 
+// Diagonal elements of the inverse, for `count` unknowns from `first` on.
+std::vector<double> SolveForVariances(const RigEquationsBase& equations,
+                                      int first, int count) {
+  Eigen::MatrixXd columns =
+      Eigen::MatrixXd::Zero(equations.structure().num_unknowns, count);
+  columns.middleRows(first, count).setIdentity();
+  equations.SolveColumns(columns, &columns);
+  std::vector<double> variances;
+  for (int i = 0; i < count; ++i) variances.push_back(columns(first + i, i));
+  return variances;
+}
+
+template <class R>
+std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
+    const RigProblem<typename R::Observation>& problem, const RigState& state,
+    const Context& context) {
+  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  const RigStructure& s = equations.structure();
+  std::vector<std::vector<double>> variances(problem.cameras.size());
+  equations.SetState(state);
+  if (!equations.Linearize(kDamping) || !equations.Factorize()) {
+    return std::nullopt;
+  }
+  for (size_t i = 0; i < problem.cameras.size(); ++i) {
+    const int block = s.camera_block[i];
+    if (block < 0) continue;
+    variances[i] = SolveForVariances(
+        equations, s.block_first[block],
+        static_cast<int>(problem.cameras[i].free_params.size()));
+  }
+  return variances;
+}
+
 }  // namespace
 
 template <>
@@ -154,6 +187,14 @@ ComputeSensorCovariances<PixelObservation>(
     const RigProblem<PixelObservation>& problem, const RigState& state,
     const std::vector<std::vector<int>>& groups, const Context& context) {
   return ComputeOfGroups<PixelResidual>(problem, state, groups, context);
+}
+
+template <>
+std::optional<std::vector<std::vector<double>>>
+ComputeParameterVariances<PixelObservation>(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const Context& context) {
+  return ComputeOfParameters<PixelResidual>(problem, state, context);
 }
 
 }  // namespace mgsfm

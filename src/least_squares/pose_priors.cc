@@ -27,22 +27,38 @@ void SetColumns(int block, const PoseMask& mask, const Matrix6d& derivative,
   prior->columns[part] = derivative * mask.asDiagonal();
 }
 
+WeightedPrior WeighImagePrior(const RigProblemBase& problem,
+                              const RigStructure& s,
+                              const RigProblemBase::Image& image,
+                              const RobustLoss& loss,
+                              const PosePriorResidual& r) {
+  WeightedPrior weighted;
+  weighted.weight = loss.Weight(r.value.squaredNorm());
+  weighted.value = r.value;
+  SetColumns(s.frame_block[image.frame], problem.frame_masks[image.frame],
+             r.by_frame, 0, &weighted);
+  SetColumns(s.sensor_block[image.sensor], problem.sensor_masks[image.sensor],
+             r.by_sensor, 1, &weighted);
+  return weighted;
+}
+
 // Calls function(WeightedPrior) for each.
 template <class Function>
 void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
                  const RigState& state, const Function& function) {
   for (const PositionPrior& prior : problem.position_priors) {
     const RigProblemBase::Image& image = problem.images[prior.image];
-    const PosePriorResidual r = EvaluatePositionPrior(
-        prior, state.frames[image.frame], state.sensors[image.sensor]);
-    WeightedPrior weighted;
-    weighted.weight = problem.position_loss.Weight(r.value.squaredNorm());
-    weighted.value = r.value;
-    SetColumns(s.frame_block[image.frame], problem.frame_masks[image.frame],
-               r.by_frame, 0, &weighted);
-    SetColumns(s.sensor_block[image.sensor], problem.sensor_masks[image.sensor],
-               r.by_sensor, 1, &weighted);
-    function(weighted);
+    function(
+        WeighImagePrior(problem, s, image, problem.position_loss,
+                        EvaluatePositionPrior(prior, state.frames[image.frame],
+                                              state.sensors[image.sensor])));
+  }
+  for (const GravityPrior& prior : problem.gravity_priors) {
+    const RigProblemBase::Image& image = problem.images[prior.image];
+    function(
+        WeighImagePrior(problem, s, image, problem.gravity_loss,
+                        EvaluateGravityPrior(prior, state.frames[image.frame],
+                                             state.sensors[image.sensor])));
   }
   for (const SensorPrior& prior : problem.sensor_priors) {
     const PosePriorResidual r =
@@ -98,6 +114,21 @@ PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
   return r;
 }
 
+PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
+                                       const FramePose& frame,
+                                       const Rigid3& sensor_from_rig) {
+  const Matrix3d S = sensor_from_rig.rotation.toRotationMatrix();
+  const Vector3d in_rig = frame.rig_from_world * prior.down;
+  const Vector3d in_camera = S * in_rig;
+  PosePriorResidual r;
+  r.size = 3;
+  r.value.head<3>() = (in_camera - prior.direction) / prior.sigma_rad;
+  // Exp(w) R turns R down by w x R down; likewise S.
+  r.by_frame.topLeftCorner<3, 3>() = -S * CrossMatrix(in_rig) / prior.sigma_rad;
+  r.by_sensor.topLeftCorner<3, 3>() = -CrossMatrix(in_camera) / prior.sigma_rad;
+  return r;
+}
+
 PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
                                       const Rigid3& sensor_from_rig) {
   const Vector3d turn = LogSO3(sensor_from_rig.rotation *
@@ -123,6 +154,12 @@ double CostOfPosePriors(const RigProblemBase& problem, const RigState& state) {
     const PosePriorResidual r = EvaluatePositionPrior(
         prior, state.frames[image.frame], state.sensors[image.sensor]);
     cost += 0.5 * problem.position_loss.Cost(r.value.squaredNorm());
+  }
+  for (const GravityPrior& prior : problem.gravity_priors) {
+    const RigProblemBase::Image& image = problem.images[prior.image];
+    const PosePriorResidual r = EvaluateGravityPrior(
+        prior, state.frames[image.frame], state.sensors[image.sensor]);
+    cost += 0.5 * problem.gravity_loss.Cost(r.value.squaredNorm());
   }
   for (const SensorPrior& prior : problem.sensor_priors) {
     cost += 0.5 * EvaluateSensorPrior(prior, state.sensors[prior.sensor])

@@ -21,11 +21,14 @@ struct PosePriorResidual {
 PosePriorResidual EvaluatePositionPrior(const PositionPrior& prior,
                                         const FramePose& frame,
                                         const Rigid3& sensor_from_rig);
+PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
+                                       const FramePose& frame,
+                                       const Rigid3& sensor_from_rig);
 PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
                                       const Rigid3& sensor_from_rig);
 
-// All priors on positions of images and poses of sensors: few, at most one for
-// each image and sensor.
+// All priors on positions of images, gravity in them, and poses of sensors:
+// few, at most one of a kind for each image and sensor.
 
 double CostOfPosePriors(const RigProblemBase& problem, const RigState& state);
 

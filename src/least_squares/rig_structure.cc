@@ -419,10 +419,15 @@ Builder::Pairs Builder::UnitePairs() const {
       }
     }
   }
-  for (const PositionPrior& prior : problem_.position_priors) {
-    const int frame = BlockOfFrame(prior.image);
-    const int sensor = BlockOfSensor(prior.image);
+  const auto add_poses_of = [&](int image) {
+    const int frame = BlockOfFrame(image), sensor = BlockOfSensor(image);
     if (frame >= 0 && sensor >= 0) add(frame, sensor);
+  };
+  for (const PositionPrior& prior : problem_.position_priors) {
+    add_poses_of(prior.image);
+  }
+  for (const GravityPrior& prior : problem_.gravity_priors) {
+    add_poses_of(prior.image);
   }
   for (int a = 0; a < NumBlocks(); ++a) {
     add(a, a);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/going_on.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <optional>
 #include <string>
@@ -10,7 +9,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/math/statistics.h"
 #include "pipeline/candidates.h"
-#include "pipeline/position_registration.h"
+#include "pipeline/model_adjustment.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -257,86 +256,7 @@ void WarnOfSensors(const Scene& scene, const Reconstruction& model,
   }
 }
 
-// All after the frames were added.
-void AdjustAll(const Scene& scene, const CandidateSource& candidates,
-               const Reconstruction& start, Reconstruction initial,
-               const MapperOptions& options, const Context& context,
-               const PositionPriors& priors, MapperModel* model) {
-  const bool is_metric = IsMetric(scene, start);
-  PositionPriors used_priors;
-  if (!priors.IsEmpty()) {
-    PositionRegistration registration = RegisterToPriors(
-        scene, priors, is_metric, context.random_seed, &initial);
-    model->position_priors = std::move(registration.summary);
-    used_priors = std::move(registration.used);
-  }
-  const bool are_fixed = options.going_on.fix_existing_frames;
-  BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
-    return RefineReconstruction(scene, candidates, initial,
-                                options.bundle_adjustment, context, used_priors,
-                                are_fixed ? HoldAllOf(start) : HeldPoses());
-  });
-  model->bundle = std::move(bundle.summary);
-  model->reconstruction = std::move(bundle.estimate);
-  if (!are_fixed && used_priors.IsEmpty()) {
-    TransformWorld(AlignToModel(scene, start, model->reconstruction, is_metric),
-                   &model->reconstruction);
-  }
-  if (options.compute_covariances) {
-    model->covariances = Timed("covariances", context, &model->times, [&] {
-      return ComputeCovariances(scene, model->reconstruction,
-                                options.bundle_adjustment, context,
-                                used_priors);
-    });
-  }
-  if (model->position_priors) {
-    JudgePriors(scene, priors, used_priors, model->reconstruction,
-                &*model->position_priors);
-    if (!model->position_priors->message.empty()) {
-      context.Warning(model->position_priors->message);
-    }
-  }
-}
-
 }  // namespace
-
-Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
-                  const Reconstruction& new_model, bool is_metric) {
-  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> centers;
-  Eigen::Vector3d old_mean = Eigen::Vector3d::Zero(), new_mean = old_mean;
-  Eigen::Matrix4d moments = Eigen::Matrix4d::Zero();
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    const auto old_pose = old_model.CamFromWorld(scene, static_cast<int>(i));
-    const auto new_pose = new_model.CamFromWorld(scene, static_cast<int>(i));
-    if (!old_pose || !new_pose) continue;
-    centers.emplace_back(old_pose->Center(), new_pose->Center());
-    old_mean += centers.back().first;
-    new_mean += centers.back().second;
-    const Eigen::Vector4d q =
-        (old_pose->rotation.conjugate() * new_pose->rotation).coeffs();
-    moments += q * q.transpose();
-  }
-  Sim3 old_from_new;
-  if (centers.empty()) return old_from_new;
-  old_mean /= static_cast<double>(centers.size());
-  new_mean /= static_cast<double>(centers.size());
-  const Eigen::Vector4d mean_rotation =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(moments)
-          .eigenvectors()
-          .col(3);
-  old_from_new.rotation.coeffs() = mean_rotation;
-  double products = 0.0, squares = 0.0;
-  for (const auto& [old_center, new_center] : centers) {
-    const Eigen::Vector3d turned =
-        old_from_new.rotation * (new_center - new_mean);
-    products += turned.dot(old_center - old_mean);
-    squares += turned.squaredNorm();
-  }
-  if (!is_metric && products > 0.0) old_from_new.scale = products / squares;
-  old_from_new.translation =
-      old_mean - old_from_new.scale * (old_from_new.rotation * new_mean);
-  return old_from_new;
-}
 
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,
@@ -372,7 +292,8 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
 void GoOnFromModel(const Scene& given_scene, const Bearings& bearings,
                    const ViewGraph& view_graph, const Reconstruction& start,
                    const MapperOptions& options, const Context& context,
-                   const PositionPriors& priors, MapperResult* result) {
+                   const PositionPriors& priors, const GravityPriors& gravity,
+                   MapperResult* result) {
   std::optional<Scene> adapted;
   if (HasNewGivenRig(given_scene, start)) {
     adapted = AdaptGivenLengths(given_scene, bearings, view_graph, start,
@@ -385,10 +306,20 @@ void GoOnFromModel(const Scene& given_scene, const Bearings& bearings,
         "--Mapper.fix_existing_frames holds the model where it is, and "
         "measured positions would move it; leave one of them out");
   }
+  if (are_fixed &&
+      options.loose_synchronization.method != LooseSynchronization::kNone) {
+    throw Error(
+        "--Mapper.fix_existing_frames holds images where they are, and "
+        "--LooseSynchronization.method would move them; leave one of them out");
+  }
   MapperModel model;
+  AdjustmentInput input{scene, view_graph, priors, gravity};
+  input.pair_is_used.assign(view_graph.pairs.size(), true);
+  input.is_metric = IsMetric(scene, start);
+  input.start = &start;
+  if (are_fixed) input.held = HoldAllOf(start);
   const CandidateSource candidates = MakeCandidateSource(
-      scene, view_graph, std::vector<char>(view_graph.pairs.size(), true),
-      options, context);
+      scene, view_graph, input.pair_is_used, options, context);
   FrameAdder adder(scene, bearings, view_graph, start, candidates, options,
                    context);
   Reconstruction initial =
@@ -399,8 +330,7 @@ void GoOnFromModel(const Scene& given_scene, const Bearings& bearings,
       start.rig_from_world.begin(), start.rig_from_world.end(),
       [](const std::optional<Rigid3>& pose) { return pose.has_value(); }));
   model.num_frames_in_part = static_cast<int>(scene.frames.size());
-  AdjustAll(scene, candidates, start, std::move(initial), options, context,
-            priors, &model);
+  AdjustModel(input, options, context, std::move(initial), &model);
   DescribeSensors(scene, start, model.going_on->placed_sensors, &model, result);
   ListUnregistered(scene, adder, options, context, model, result);
   WarnOfSensors(scene, model.reconstruction, context);

@@ -15,19 +15,13 @@ namespace mgsfm {
 // What mgsfm/pipeline/going_on.h says; `view_graph` has relative poses and
 // inlier matches. Adds the model, the reasons of frames that could not be
 // added, and the sensors' part of the summary of rotations to the result.
-// Throws Error if frames are to be fixed and measured positions to be used,
-// which would move them.
+// Throws Error if frames are to be fixed and measured positions, or poses of
+// single images, to be estimated, which would move them.
 void GoOnFromModel(const Scene& scene, const Bearings& bearings,
                    const ViewGraph& view_graph, const Reconstruction& start,
                    const MapperOptions& options, const Context& context,
-                   const PositionPriors& priors, MapperResult* result);
-
-// old_from_new, which brings the images that both models have back to where
-// they were in the old one: the rotation is the mean of those of the images,
-// scale and translation fit the centres in the least squares sense. Scale is 1
-// if `is_metric` or all centres coincide.
-Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
-                  const Reconstruction& new_model, bool is_metric);
+                   const PositionPriors& priors, const GravityPriors& gravity,
+                   MapperResult* result);
 
 // Says of each sensor where its pose comes from, in the summaries that the
 // report is made of.

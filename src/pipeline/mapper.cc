@@ -6,11 +6,9 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "pipeline/candidates.h"
 #include "pipeline/given_rigs.h"
 #include "pipeline/going_on.h"
-#include "pipeline/loose_images.h"
-#include "pipeline/position_registration.h"
+#include "pipeline/model_adjustment.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -93,18 +91,11 @@ void WarnOfSuspiciousGroups(const Scene& scene,
   }
 }
 
-void LogPriors(const PositionPriorSummary& summary, const Context& context) {
-  if (!summary.message.empty()) context.Warning(summary.message);
-  if (!summary.is_registered) return;
-  context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
-               std::to_string(summary.outliers.size()) + " outliers, rms " +
-               std::to_string(summary.rms.value_or(0.0)));
-}
-
 MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
                             const PositionPriors& priors,
+                            const GravityPriors& gravity,
                             const MapperOptions& options,
                             const Context& context) {
   MapperModel model;
@@ -127,48 +118,10 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
-  PositionPriors used_priors;
-  if (!priors.IsEmpty()) {
-    PositionRegistration registration =
-        RegisterToPriors(scene, priors, model.translation.is_metric,
-                         context.random_seed, &initial);
-    model.position_priors = std::move(registration.summary);
-    used_priors = std::move(registration.used);
-  }
-
-  BundleResult bundle = Timed("bundle adjustment", context, &model.times, [&] {
-    return RefineReconstruction(
-        scene,
-        MakeCandidateSource(scene, view_graph,
-                            UsedPairs(rotations, translation.pair_contradicts),
-                            options, context),
-        initial, options.bundle_adjustment, context, used_priors);
-  });
-  model.bundle = std::move(bundle.summary);
-  model.reconstruction = std::move(bundle.estimate);
-  if (options.compute_covariances) {
-    model.covariances = Timed("covariances", context, &model.times, [&] {
-      return ComputeCovariances(scene, model.reconstruction,
-                                options.bundle_adjustment, context,
-                                used_priors);
-    });
-  }
-  if (model.position_priors) {
-    JudgePriors(scene, priors, used_priors, model.reconstruction,
-                &*model.position_priors);
-    LogPriors(*model.position_priors, context);
-  }
-  if (options.loose_synchronization.method != LooseSynchronization::kNone) {
-    Timed("loose synchronization", context, &model.times, [&] {
-      const Scene separate = SeparateImages(scene);
-      return LoosenModel(scene, separate,
-                         MakeCandidateSource(
-                             separate, view_graph,
-                             UsedPairs(rotations, translation.pair_contradicts),
-                             options, context),
-                         options, used_priors, context, &model);
-    });
-  }
+  AdjustmentInput input{scene, view_graph, priors, gravity};
+  input.pair_is_used = UsedPairs(rotations, translation.pair_contradicts);
+  input.is_metric = model.translation.is_metric;
+  AdjustModel(input, options, context, std::move(initial), &model);
   return model;
 }
 
@@ -233,6 +186,7 @@ MethodDefaults DefaultsOf(MapperMethod method) {
 MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                            const MapperOptions& options, const Context& context,
                            const PositionPriors& priors,
+                           const GravityPriors& gravity,
                            const Reconstruction* start) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
@@ -246,14 +200,14 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
   CheckGivenRigs(scene, verified.estimate);
   if (start != nullptr) {
     GoOnFromModel(scene, bearings, verified.estimate, *start, options, context,
-                  priors, &result);
+                  priors, gravity, &result);
     return result;
   }
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context);
+                                options.rotation_averaging, context, gravity);
       });
   result.rotation = std::move(rotation.summary);
 
@@ -266,7 +220,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
         ReconstructPart(scene, bearings, verified.estimate,
                         SelectPart(scene, verified.estimate, rotation.estimate,
                                    static_cast<int>(part)),
-                        priors, options, context);
+                        priors, gravity, options, context);
     model.num_frames_in_part = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
@@ -307,6 +261,25 @@ void LogFocalLengths(const Scene& scene,
   }
 }
 
+// The noise of keypoints alone makes bundle adjustment too sure of what image
+// pairs, which tell how much they disagree, did not find.
+void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
+                       const Context& context, MapperModel* model) {
+  for (FocalLengthCheck& check : model->focal_lengths) {
+    for (const FocalLengthEstimate& estimate : estimates) {
+      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
+        continue;
+      }
+      check.relative_sigma =
+          std::max(check.relative_sigma.value_or(0.0), estimate.sigma);
+      if (!check.message.empty()) continue;
+      check.message =
+          "a refined focal length is not to be trusted: " + estimate.message;
+      context.Warning(check.message);
+    }
+  }
+}
+
 }  // namespace
 
 MapperOptions ResolveMethod(const MapperOptions& options) {
@@ -328,13 +301,15 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
                        const MapperOptions& given_options,
                        const Context& context, const PositionPriors& priors,
+                       const GravityPriors& gravity,
                        const Reconstruction* start) {
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors, start);
+    return MapCalibrated(scene, view_graph, options, context, priors, gravity,
+                         start);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
@@ -347,8 +322,11 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
       DropCalibratedGeometry(scene, focal_lengths, view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result =
-      MapCalibrated(calibrated, uncalibrated, options, context, priors, start);
+  MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
+                                      context, priors, gravity, start);
+  for (MapperModel& model : result.models) {
+    DoubtFocalLengths(focal_lengths.estimates, context, &model);
+  }
   result.focal_lengths = std::move(focal_lengths.estimates);
   result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;

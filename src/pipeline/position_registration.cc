@@ -26,6 +26,7 @@ constexpr double kMinBound = 4.0;      // standard deviations
 constexpr double kMedianFactor = 3.0;  // of the bound
 constexpr double kMinExtent = 3.0;     // standard deviations
 constexpr double kUprightRad = DegToRad(10.0);
+constexpr double kGravityRad = DegToRad(1.0);
 constexpr double kMaxTurnRad = DegToRad(5.0);
 
 struct Sample {
@@ -109,7 +110,7 @@ class PositionFitter {
   }
   std::vector<char> InliersOf(const Sim3& fit) const {
     const std::vector<double> residuals = Residuals(fit);
-    const double bound = std::max(kMinBound, kMedianFactor * Median(residuals));
+    const double bound = OutlierBound(Median(residuals));
     std::vector<char> is_inlier;
     is_inlier.reserve(residuals.size());
     for (const double r : residuals) is_inlier.push_back(r <= bound);
@@ -200,8 +201,13 @@ double RelativeExtent(const std::vector<Sample>& samples) {
 }
 
 // z d^T / sigma_up^2, or zero if nothing tells what is up.
-Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth) {
+Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
+                     const std::optional<Vector3d>& measured_up) {
   if (!is_on_earth) return Matrix3d::Zero();
+  if (measured_up) {
+    return Vector3d::UnitZ() * measured_up->transpose() /
+           (kGravityRad * kGravityRad);
+  }
   Vector3d up = Vector3d::Zero();
   for (const auto& pose : reconstruction.rig_from_world) {
     if (pose) up -= pose->rotation.conjugate() * Vector3d::UnitY();
@@ -211,10 +217,26 @@ Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth) {
          (kUprightRad * kUprightRad);
 }
 
+// What is said of a turn that positions on a line do not tell.
+const char* DescribeTurn(bool is_on_earth, bool has_gravity) {
+  if (!is_on_earth) {
+    return "The positions are on a line; the turn about it is arbitrary.";
+  }
+  return has_gravity ? "The positions are on a line; the turn about it is that "
+                       "of measured gravity."
+                     : "The positions are on a line; the turn about it is that "
+                       "of cameras that are upright on the average.";
+}
+
 }  // namespace
+
+double OutlierBound(double median_distance) {
+  return std::max(kMinBound, kMedianFactor * median_distance);
+}
 
 PositionRegistration RegisterToPriors(const Scene& scene,
                                       const PositionPriors& priors,
+                                      const std::optional<Vector3d>& up,
                                       bool is_metric, uint64_t random_seed,
                                       Reconstruction* reconstruction) {
   PositionRegistration result;
@@ -235,16 +257,12 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   }
   const bool is_on_earth = priors.origin_wgs84.has_value();
   PositionFitter fitter(std::move(samples), !is_metric,
-                        UprightTerm(*reconstruction, is_on_earth));
+                        UprightTerm(*reconstruction, is_on_earth, up));
   const Sim3 fit = fitter.FitRobustly(random_seed);
   TransformWorld(fit, reconstruction);
   summary.is_registered = true;
   if (fitter.TurnSigma(fit) > kMaxTurnRad) {
-    summary.message =
-        is_on_earth ? "The positions are on a line; the turn about it is that "
-                      "of cameras that are upright on the average."
-                    : "The positions are on a line; the turn about it is "
-                      "arbitrary.";
+    summary.message = DescribeTurn(is_on_earth, up.has_value());
   }
   result.used.images.resize(scene.images.size());
   for (size_t i = 0; i < fitter.samples().size(); ++i) {

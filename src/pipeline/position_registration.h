@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
@@ -17,9 +19,10 @@ namespace mgsfm {
 //
 // over images with a centre c_i in the model and a position g_i, sigma_i^2 a
 // third of the trace of its covariance; s is 1 if the model is metric already.
-// The last term only has a say where positions are on a line: d is the mean
-// upward axis of the reference cameras, z is up, sigma_up is 10 degrees;
-// without an origin on the earth it is left out, and such a turn is arbitrary.
+// The last term only has a say where positions are on a line: z is up, d is the
+// upward direction by measured gravity, sigma_up 1 degree; without gravity the
+// mean upward axis of the reference cameras, sigma_up 10 degrees. Without an
+// origin on the earth it is left out, and such a turn is arbitrary.
 //
 // The start is the best of 500 fits to three images by the median of
 // |residual| / sigma. Then fits to all images within max(4, 3 medians) follow,
@@ -34,8 +37,13 @@ struct PositionRegistration {
 };
 PositionRegistration RegisterToPriors(const Scene& scene,
                                       const PositionPriors& priors,
+                                      const std::optional<Eigen::Vector3d>& up,
                                       bool is_metric, uint64_t random_seed,
                                       Reconstruction* reconstruction);
+
+// Positions that are more standard deviations off are outliers, given the
+// median of all.
+double OutlierBound(double median_distance);
 
 // Adds how far the final model is from the positions, and which it contradicts.
 void JudgePriors(const Scene& scene, const PositionPriors& priors,

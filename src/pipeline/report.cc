@@ -98,8 +98,34 @@ Json ToJson(const ViewGraphSummary& summary) {
             {"degenerate_or_watermark", summary.num_dropped_config}}}};
 }
 
+Json ToJson(const Scene& scene, const GravitySummary& summary) {
+  Json json = {{"num_given", summary.num_given},
+               {"median_error_deg", ToJson(summary.median_error_deg)},
+               {"outliers", Json::array()}};
+  for (const GravitySummary::Outlier& outlier : summary.outliers) {
+    json["outliers"].push_back({{"image", scene.images[outlier.image_idx].name},
+                                {"error_deg", outlier.error_deg}});
+  }
+  return json;
+}
+
+Json ToJson(const Scene& scene, const FocalLengthCheck& check) {
+  return {{"camera_id", scene.cameras[check.camera_idx].id.value()},
+          {"given_px", check.given_px},
+          {"estimated_px", check.estimated_px},
+          {"relative_sigma", ToJson(check.relative_sigma)},
+          {"message", check.message}};
+}
+
 Json ToJson(const RotationSummary& summary) {
-  return {{"images", ToJson(summary.images)},
+  Json gravity = nullptr;
+  if (summary.gravity) {
+    gravity = {{"num_given", summary.gravity->num_given},
+               {"median_error_deg", ToJson(summary.gravity->median_error_deg)},
+               {"num_outliers", summary.gravity->outliers.size()}};
+  }
+  return {{"gravity", gravity},
+          {"images", ToJson(summary.images)},
           {"frames", ToJson(summary.frames)},
           {"joint", ToJson(summary.joint)},
           {"num_parts", summary.num_parts},
@@ -185,7 +211,12 @@ Json ToJson(const Scene& scene, const PositionPriorSummary& summary) {
                {"num_given", summary.num_given},
                {"num_used", summary.num_used},
                {"rms", ToJson(summary.rms)},
+               {"bending", nullptr},
                {"outliers", Json::array()}};
+  if (summary.bending) {
+    json["bending"] = {{"largest_shift", summary.bending->largest_shift},
+                       {"largest_turn_deg", summary.bending->largest_turn_deg}};
+  }
   for (const PositionPriorSummary::Outlier& outlier : summary.outliers) {
     json["outliers"].push_back({{"image", scene.images[outlier.image_idx].name},
                                 {"distance", outlier.distance}});
@@ -340,6 +371,13 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   json["bundle_adjustment"] = ToJson(scene, model.bundle);
   if (model.position_priors) {
     json["position_priors"] = ToJson(scene, *model.position_priors);
+  }
+  if (model.gravity) json["gravity"] = ToJson(scene, *model.gravity);
+  if (!model.focal_lengths.empty()) {
+    json["focal_lengths"] = Json::array();
+    for (const FocalLengthCheck& check : model.focal_lengths) {
+      json["focal_lengths"].push_back(ToJson(scene, check));
+    }
   }
   if (model.covariances) {
     json["covariances"] = ToJson(scene, *model.covariances);

@@ -9,6 +9,7 @@
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/statistics.h"
 #include "mgsfm/scene/backbone.h"
+#include "rotation/gravity.h"
 #include "rotation/internal_rotations.h"
 #include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"
@@ -39,11 +40,13 @@ class RotationAverager {
  public:
   RotationAverager(const Scene& scene, const ViewGraph& view_graph,
                    const std::vector<char>& pair_is_used,
+                   const GravityPriors& gravity,
                    const RotationAveragingOptions& options,
                    const Context& context)
       : scene_(scene),
         view_graph_(view_graph),
         pair_is_used_(pair_is_used),
+        gravity_(gravity),
         options_(options),
         context_(context),
         max_error_(DegToRad(options.max_error_deg)) {}
@@ -63,6 +66,7 @@ class RotationAverager {
     report(2);
     if (AverageFrames() && !pairs_.problem.edges.empty()) {
       report(3);
+      AddGravity();
       RefineJointly();
       KeepConsistentPairs();
       RefineJointly();
@@ -71,6 +75,7 @@ class RotationAverager {
     NumberComponents();
     WriteInternalRotations();
     CountPairs();
+    SummarizeGravity();
     report(kNumSteps);
     return std::move(result_);
   }
@@ -88,12 +93,14 @@ class RotationAverager {
   bool IsUsable(const ImagePair& pair) const;
   PairProblem BuildFrameProblem() const;
   bool AverageFrames();
+  void AddGravity();
   void RefineJointly();
   void KeepConsistentPairs();
   void JudgePairs();
   void NumberComponents();
   void WriteInternalRotations();
   void CountPairs();
+  void SummarizeGravity();
   std::vector<GraphEdge> InlierFrameEdges() const;
 
   int FrameOf(int image_idx) const {
@@ -106,6 +113,7 @@ class RotationAverager {
   const Scene& scene_;
   const ViewGraph& view_graph_;
   const std::vector<char>& pair_is_used_;
+  const GravityPriors& gravity_;
   const RotationAveragingOptions& options_;
   const Context& context_;
   const double max_error_;
@@ -255,6 +263,33 @@ bool RotationAverager::AverageFrames() {
       AverageNodes(between_frames, options_, context_, &state_);
   has_frames_ = result_.summary.frames.IsUsable();
   return has_frames_;
+}
+
+// Also turns the world of each part so that gravity is along y.
+void RotationAverager::AddGravity() {
+  if (gravity_.IsEmpty()) return;
+  RotationProblem& problem = pairs_.problem;
+  problem.gravity_sigma_rad = DegToRad(options_.gravity_sigma_deg);
+  for (size_t i = 0; i < scene_.images.size(); ++i) {
+    const int sensor = SensorOf(static_cast<int>(i));
+    if (!gravity_.images[i] || !result_.estimate.sensor_from_rig[sensor]) {
+      continue;
+    }
+    problem.gravity.push_back(
+        {FrameOf(static_cast<int>(i)), sensor, *gravity_.images[i]});
+  }
+  LevelParts(problem, &state_);
+}
+
+void RotationAverager::SummarizeGravity() {
+  if (gravity_.IsEmpty()) return;
+  std::vector<std::optional<Quaterniond>> cam_from_world;
+  for (size_t i = 0; i < scene_.images.size(); ++i) {
+    cam_from_world.push_back(
+        result_.estimate.CamFromWorld(scene_, static_cast<int>(i)));
+  }
+  result_.summary.gravity =
+      JudgeGravity(gravity_, cam_from_world, options_.gravity_sigma_deg);
 }
 
 // Step 4. After a failure the state is what it was.
@@ -408,7 +443,10 @@ std::vector<char> FindPairsWithinDrift(const Scene& scene,
 
 RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
                                 const RotationAveragingOptions& options,
-                                const Context& context) {
+                                const Context& context,
+                                const GravityPriors& gravity) {
+  MGSFM_CHECK(gravity.IsEmpty() ||
+              gravity.images.size() == scene.images.size());
   for (const ImagePair& pair : view_graph.pairs) {
     const int num_images = static_cast<int>(scene.images.size());
     MGSFM_CHECK(pair.image_idx1 >= 0 && pair.image_idx1 < num_images);
@@ -425,11 +463,14 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   quiet.log = nullptr;
   quiet.progress = nullptr;
   const RotationResult by_backbone =
-      RotationAverager(scene, view_graph, is_in_backbone, options, quiet).Run();
+      RotationAverager(scene, view_graph, is_in_backbone, {}, options, quiet)
+          .Run();
   const std::vector<char> is_within =
       FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_backbone,
                            by_backbone.estimate, options.max_error_deg);
-  return RotationAverager(scene, view_graph, is_within, options, context).Run();
+  return RotationAverager(scene, view_graph, is_within, gravity, options,
+                          context)
+      .Run();
 }
 
 }  // namespace mgsfm

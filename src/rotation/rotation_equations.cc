@@ -27,10 +27,20 @@ RotationUnknowns NumberUnknowns(const RotationProblem& problem) {
   RotationUnknowns unknowns;
   const ConnectedParts parts = FindParts(problem);
   std::vector<char> part_is_held(parts.num_parts, 0);
+  std::vector<char> part_has_gravity(parts.num_parts, 0);
+  for (const GravityTerm& term : problem.gravity) {
+    part_has_gravity[parts.part[term.node]] = 1;
+  }
   unknowns.column_of_node.assign(problem.num_nodes, -1);
   for (int node = 0; node < problem.num_nodes; ++node) {
     char& is_held = part_is_held[parts.part[node]];
-    if (is_held) unknowns.column_of_node[node] = unknowns.num_node_columns++;
+    const bool has_gravity = part_has_gravity[parts.part[node]];
+    if (has_gravity && !is_held) {
+      unknowns.levelled_columns.push_back(unknowns.num_node_columns);
+    }
+    if (has_gravity || is_held) {
+      unknowns.column_of_node[node] = unknowns.num_node_columns++;
+    }
     is_held = 1;
   }
   for (const char is_free : problem.sensor_is_free) {
@@ -69,7 +79,8 @@ RotationEquations::RotationEquations(const RotationProblem& problem,
                                      int num_threads)
     : problem_(problem),
       unknowns_(NumberUnknowns(problem)),
-      solver_(num_threads) {
+      solver_(num_threads),
+      levelled_solver_(num_threads) {
   const int num_nodes = unknowns_.num_node_columns;
   const int num_sensors = unknowns_.num_sensor_columns;
   node_gradient_.resize(num_nodes, 3);
@@ -95,6 +106,7 @@ void RotationEquations::BuildPattern() {
   laplacian_.setFromTriplets(triplets.begin(), triplets.end());
   laplacian_.makeCompressed();
   if (size > 0) solver_.Analyze(laplacian_);
+  if (!unknowns_.levelled_columns.empty()) levelled_solver_.Analyze(laplacian_);
 
   entries_.resize(problem_.edges.size());
   for (size_t e = 0; e < entries_.size(); ++e) {
@@ -170,7 +182,8 @@ void RotationEquations::AddSensorEntries(const RotationEdge& edge,
 
 void RotationEquations::Assemble(const std::vector<double>& weights,
                                  const std::vector<Vector3d>& residuals,
-                                 const RotationState& state) {
+                                 const RotationState& state,
+                                 const GravityValues& gravity) {
   std::fill_n(laplacian_.valuePtr(), laplacian_.nonZeros(), 0.0);
   node_gradient_.setZero();
   border_.setZero();
@@ -179,9 +192,49 @@ void RotationEquations::Assemble(const std::vector<double>& weights,
   for (size_t e = 0; e < problem_.edges.size(); ++e) {
     AddNodeEntries(e, weights[e], residuals[e]);
   }
-  if (unknowns_.num_sensor_columns == 0) return;
-  for (size_t e = 0; e < problem_.edges.size(); ++e) {
-    AddSensorEntries(problem_.edges[e], weights[e], residuals[e], state);
+  if (unknowns_.num_sensor_columns > 0) {
+    for (size_t e = 0; e < problem_.edges.size(); ++e) {
+      AddSensorEntries(problem_.edges[e], weights[e], residuals[e], state);
+    }
+  }
+  if (!unknowns_.levelled_columns.empty()) AddGravity(gravity, state);
+}
+
+void RotationEquations::AddGravity(const GravityValues& gravity,
+                                   const RotationState& state) {
+  levelled_laplacian_ = laplacian_;
+  for (size_t i = 0; i < problem_.gravity.size(); ++i) {
+    const GravityTerm& term = problem_.gravity[i];
+    const int column = unknowns_.column_of_node[term.node];
+    const double weight = gravity.weights[i];
+    levelled_laplacian_.valuePtr()[FindEntry(column, column)] += weight;
+    node_gradient_.row(column) -= weight * gravity.residuals[i].transpose();
+    if (unknowns_.column_of_sensor[term.sensor] >= 0) {
+      AddGravityOfSensor(term, weight, gravity.residuals[i], state);
+    }
+  }
+  for (const int column : unknowns_.levelled_columns) {
+    laplacian_.valuePtr()[FindEntry(column, column)] += 1.0;
+  }
+}
+
+void RotationEquations::AddGravityOfSensor(const GravityTerm& term,
+                                           double weight,
+                                           const Vector3d& residual,
+                                           const RotationState& state) {
+  const int node = unknowns_.column_of_node[term.node];
+  const int sensor = unknowns_.column_of_sensor[term.sensor];
+  Matrix3d coefficients = state.nodes[term.node].conjugate().toRotationMatrix();
+  coefficients.row(1).setZero();
+  sensor_gradient_.segment<3>(3 * sensor) -=
+      weight * coefficients.transpose() * residual;
+  sensor_block_.block<3, 3>(3 * sensor, 3 * sensor) +=
+      weight * coefficients.transpose() * coefficients;
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) {
+      border_(node, 3 * (3 * sensor + column) + row) +=
+          weight * coefficients(row, column);
+    }
   }
 }
 
@@ -210,17 +263,35 @@ bool RotationEquations::SolveSensors(RotationStep* step) const {
   return true;
 }
 
-bool RotationEquations::Solve(const std::vector<double>& weights,
-                              const std::vector<Vector3d>& residuals,
-                              const RotationState& state, RotationStep* step) {
-  Assemble(weights, residuals, state);
-  step->nodes.resize(unknowns_.num_node_columns, 3);
-  step->sensors.resize(3, unknowns_.num_sensor_columns);
-  if (unknowns_.num_node_columns > 0) {
-    if (!solver_.Factorize(laplacian_)) return false;
+// L^-1 times the gradient and the border.
+bool RotationEquations::SolveNodes(RotationStep* step) {
+  if (!solver_.Factorize(laplacian_)) return false;
+  if (unknowns_.levelled_columns.empty()) {
     solver_.Solve(node_gradient_, step->nodes);
     solver_.Solve(border_, solved_border_);
+    return true;
   }
+  if (!levelled_solver_.Factorize(levelled_laplacian_)) return false;
+  const auto solve = [this](const MatrixXd& from, MatrixXd* to) {
+    for (Eigen::Index column = 0; column < from.cols(); ++column) {
+      const bool is_about_gravity = column % 3 == 1;
+      (is_about_gravity ? solver_ : levelled_solver_)
+          .Solve(from.col(column), to->col(column));
+    }
+  };
+  solve(node_gradient_, &step->nodes);
+  solve(border_, &solved_border_);
+  return true;
+}
+
+bool RotationEquations::Solve(const std::vector<double>& weights,
+                              const std::vector<Vector3d>& residuals,
+                              const RotationState& state, RotationStep* step,
+                              const GravityValues& gravity) {
+  Assemble(weights, residuals, state, gravity);
+  step->nodes.resize(unknowns_.num_node_columns, 3);
+  step->sensors.resize(3, unknowns_.num_sensor_columns);
+  if (unknowns_.num_node_columns > 0 && !SolveNodes(step)) return false;
   return SolveSensors(step) && std::isfinite(step->MaxNorm());
 }
 

@@ -11,12 +11,14 @@
 namespace mgsfm {
 
 // Which unknown a node or sensor is; -1 where it is held. Of every connected
-// part the first node is held.
+// part the first node is held; if gravity is measured in the part only its turn
+// about gravity is.
 struct RotationUnknowns {
   std::vector<int> column_of_node;
   int num_node_columns = 0;
   std::vector<int> column_of_sensor;
   int num_sensor_columns = 0;
+  std::vector<int> levelled_columns;  // of nodes that are held about gravity
 };
 
 RotationUnknowns NumberUnknowns(const RotationProblem& problem);
@@ -31,14 +33,26 @@ struct RotationStep {
 void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
                RotationState* state);
 
+// What terms of gravity say at a state, and how much that counts.
+struct GravityValues {
+  std::vector<Eigen::Vector3d> residuals;
+  std::vector<double> weights;
+};
+
 // Weighted Gauss-Newton steps: minimises over d and c
 //
-//   sum_e w_e |e + (d_1 + G_1^T c_1) - (d_2 + G_2^T c_2)|^2.
+//   sum_e w_e |e + (d_1 + G_1^T c_1) - (d_2 + G_2^T c_2)|^2
+//   + sum_g w_g |e_g + P (d + G^T c)|^2,        P = diag(1, 0, 1).
 //
 // The normal matrix is [L (x) I_3, B; B^T, D]: L the Laplacian of the graph of
 // nodes without the held ones, B and D a dense border of 3 columns for each
 // unknown sensor. L is analysed once and factorised in every step; the border
 // is eliminated by its Schur complement D - B^T (L^-1 (x) I_3) B.
+//
+// Gravity adds its weights to the diagonal of L, but not of the coordinate y:
+// there are two matrices then, and two factors. To that of y one is added for
+// the node that is held about gravity. As steps of edges do not change if all
+// nodes of a part turn alike, this holds it exactly, whatever is added.
 class RotationEquations {
  public:
   explicit RotationEquations(const RotationProblem& problem,
@@ -49,7 +63,8 @@ class RotationEquations {
   // False if the equations are singular or not finite.
   [[nodiscard]] bool Solve(const std::vector<double>& weights,
                            const std::vector<Eigen::Vector3d>& residuals,
-                           const RotationState& state, RotationStep* step);
+                           const RotationState& state, RotationStep* step,
+                           const GravityValues& gravity = {});
 
  private:
   // Positions of an edge's entries in the values of the Laplacian; -1: none.
@@ -63,11 +78,16 @@ class RotationEquations {
   int FindEntry(int row, int column) const;
   void Assemble(const std::vector<double>& weights,
                 const std::vector<Eigen::Vector3d>& residuals,
-                const RotationState& state);
+                const RotationState& state, const GravityValues& gravity);
   void AddNodeEntries(size_t e, double weight, const Eigen::Vector3d& residual);
   void AddSensorEntries(const RotationEdge& edge, double weight,
                         const Eigen::Vector3d& residual,
                         const RotationState& state);
+  void AddGravity(const GravityValues& gravity, const RotationState& state);
+  void AddGravityOfSensor(const GravityTerm& term, double weight,
+                          const Eigen::Vector3d& residual,
+                          const RotationState& state);
+  bool SolveNodes(RotationStep* step);
   bool SolveSensors(RotationStep* step) const;
 
   const RotationProblem& problem_;
@@ -75,6 +95,9 @@ class RotationEquations {
   std::vector<EdgeEntries> entries_;
   Eigen::SparseMatrix<double> laplacian_;  // lower triangle
   SparseCholesky solver_;
+  // The same for x and z, if gravity is measured.
+  Eigen::SparseMatrix<double> levelled_laplacian_;
+  SparseCholesky levelled_solver_;
   Eigen::MatrixXd node_gradient_;    // node columns x 3
   Eigen::VectorXd sensor_gradient_;  // 3 sensor columns
   // Column 3 q + a holds rows a of all nodes of border column q, so that three

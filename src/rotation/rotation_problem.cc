@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "rotation/rotation_problem.h"
 
+#include <cmath>
+
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/so3.h"
 
@@ -15,6 +17,15 @@ Vector3d RotationResidual(const RotationEdge& edge,
   const Eigen::Quaterniond cam2 =
       state.sensors[edge.sensor2] * state.nodes[edge.node2];
   return LogSO3(cam2.conjugate() * edge.cam2_from_cam1 * cam1);
+}
+
+Vector3d GravityResidual(const GravityTerm& term, const RotationState& state) {
+  const Vector3d v =
+      (state.sensors[term.sensor] * state.nodes[term.node]).conjugate() *
+      term.direction;
+  const double sine = std::hypot(v.x(), v.z());
+  if (sine == 0.0) return Vector3d(v.y() > 0.0 ? 0.0 : kPi, 0.0, 0.0);
+  return std::atan2(sine, v.y()) / sine * Vector3d(-v.z(), 0.0, v.x());
 }
 
 void ComputeResiduals(const RotationProblem& problem,

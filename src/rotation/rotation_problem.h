@@ -25,10 +25,20 @@ struct RotationEdge {
   double support = 1.0;  // number of matches, for the spanning forest
 };
 
+// The direction of gravity, a unit vector in the camera of `sensor` at `node`.
+// That of the world is y.
+struct GravityTerm {
+  int node = 0;
+  int sensor = 0;
+  Eigen::Vector3d direction;
+};
+
 struct RotationProblem {
   int num_nodes = 0;
   std::vector<char> sensor_is_free;  // per sensor: unknown
   std::vector<RotationEdge> edges;
+  std::vector<GravityTerm> gravity;
+  double gravity_sigma_rad = 1.0;
 };
 
 struct RotationState {
@@ -49,6 +59,15 @@ struct RotationState {
 // the node block of the normal equations is a graph Laplacian of scalars.
 Eigen::Vector3d RotationResidual(const RotationEdge& edge,
                                  const RotationState& state);
+
+// The shortest turn e of the world that takes v = (S G)^-1 u, where gravity is
+// by a term with direction u, to y: e = angle (v x y) / |v x y|.
+//
+// With R = S G moved to R Exp(a), a as above, v becomes Exp(-a) v, and to first
+// order e becomes e + P a, P = diag(1, 0, 1): turns about gravity do not change
+// it. The gradient of |e|^2 / 2 by a is exact, e itself.
+Eigen::Vector3d GravityResidual(const GravityTerm& term,
+                                const RotationState& state);
 
 void ComputeResiduals(const RotationProblem& problem,
                       const RotationState& state, int num_threads,

@@ -10,6 +10,7 @@
 #include "mgsfm/math/l1_admm.h"
 #include "mgsfm/math/sparse_solver.h"
 #include "mgsfm/math/statistics.h"
+#include "rotation/gravity.h"
 #include "rotation/rotation_equations.h"
 #include "rotation/rotation_initialization.h"
 
@@ -185,17 +186,20 @@ SolveSummary AverageRobust(const RotationProblem& problem,
   std::vector<double> norms = initial_norms;
   std::vector<double> weights(norms.size());
   RobustScaleSchedule schedule;
+  GravityWeighting gravity(problem);
   RobustLoss loss;
   RotationStep step;
   summary.termination = Termination::kMaxIterations;
   while (summary.num_iterations < options.max_num_iterations) {
     context.CheckInterrupted();
     loss = schedule.Next(norms);
+    const GravityValues& level =
+        gravity.Next(*state, norms, schedule.IsFinal());
     for (size_t e = 0; e < norms.size(); ++e) {
       weights[e] = problem.edges[e].weight *
                    std::max(kSmallestWeight, loss.Weight(norms[e] * norms[e]));
     }
-    if (!equations.Solve(weights, residuals, *state, &step)) {
+    if (!equations.Solve(weights, residuals, *state, &step, level)) {
       summary.termination = Termination::kFailure;
       summary.message = "The normal equations are singular.";
       return summary;
@@ -204,7 +208,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
     ApplyStep(equations.unknowns(), step, state);
     ComputeResiduals(problem, *state, context.num_threads, &residuals);
     norms = Norms(residuals);
-    if (schedule.IsFinal() &&
+    if (schedule.IsFinal() && gravity.IsFinal() &&
         step.MaxNorm() <= DegToRad(options.step_tolerance_deg)) {
       summary.termination = Termination::kConverged;
       break;

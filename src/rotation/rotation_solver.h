@@ -35,7 +35,8 @@ SolveSummary AverageL1(const RotationProblem& problem,
                        const Context& context, RotationState* state);
 
 // Minimises sum w rho(|e|^2) / 2 over nodes and free sensors by re-weighted
-// Gauss-Newton steps. Stops when all rotations change by at most
+// Gauss-Newton steps, with the terms of gravity as gravity.h weighs them; both
+// costs leave these out. Stops when all rotations change by at most
 // step_tolerance_deg at the final scale. Both costs of the summary are for the
 // final scale. After a failure the state is the last good one.
 SolveSummary AverageRobust(const RotationProblem& problem,

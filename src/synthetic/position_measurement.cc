@@ -2,6 +2,7 @@
 #include "mgsfm/synthetic/position_measurement.h"
 
 #include "mgsfm/base/random.h"
+#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -10,6 +11,7 @@ constexpr double kMinOutlier_m = 20.0;
 constexpr double kMaxOutlier_m = 200.0;
 // Sets these random numbers apart from those of other effects.
 constexpr uint64_t kStream = 0x6d656173;
+constexpr uint64_t kGravityStream = 0x67726176;
 
 Eigen::Vector3d NormalVector(Random* random) {
   const double x = random->Normal(), y = random->Normal();
@@ -41,6 +43,29 @@ PositionPriors MeasurePositions(const Simulation& simulation,
     priors.images[image_idx] = measured;
   }
   return priors;
+}
+
+GravityPriors MeasureGravity(const Simulation& simulation,
+                             const GravityMeasurementOptions& options,
+                             uint64_t random_seed) {
+  GravityPriors gravity;
+  if (options.sigma_deg == 0.0) return gravity;
+  const Scene& scene = simulation.scene;
+  gravity.images.resize(scene.images.size());
+  const uint64_t seed = Random(random_seed, kGravityStream).NextBits();
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    Random random(seed, f);
+    const int image_idx = scene.frames[f].image_idxs.front();
+    const Eigen::Vector3d turn =
+        DegToRad(options.sigma_deg) * NormalVector(&random);
+    const Eigen::Vector3d wrong = NormalVector(&random).normalized();
+    const bool is_wrong = random.Uniform() < options.outlier_ratio;
+    const Eigen::Vector3d in_world =
+        is_wrong ? wrong : ExpSO3(turn) * Eigen::Vector3d::UnitY();
+    gravity.images[image_idx] =
+        simulation.cam_from_world[image_idx].rotation * in_world;
+  }
+  return gravity;
 }
 
 }  // namespace mgsfm

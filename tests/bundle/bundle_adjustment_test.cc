@@ -352,6 +352,43 @@ TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
   EXPECT_NEAR(focal(), 1.02 * truth, 1e-4);
 }
 
+// One of ten directions is anywhere.
+TEST(AdjustBundleTest, GravityTurnsTheModelLevel) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));
+  Reconstruction tilted = simulation.ground_truth;
+  TransformWorld({1.0, ExpSO3({DegToRad(3.0), 0.0, DegToRad(-2.0)}),
+                  Eigen::Vector3d::Zero()},
+                 &tilted);
+  PositionPriors priors;
+  priors.gravity.emplace();
+  priors.gravity->sigma_rad = DegToRad(0.5);
+  Random random(2);
+  for (const Rigid3& pose : simulation.cam_from_world) {
+    const bool is_wrong = random.Uniform() < 0.1;
+    const Eigen::Vector3d in_world =
+        is_wrong ? RandomVector(1.0, &random).normalized()
+                 : ExpSO3(RandomVector(DegToRad(0.5), &random)) *
+                       Eigen::Vector3d::UnitY();
+    priors.gravity->images.push_back(pose.rotation * in_world);
+  }
+  const Reconstruction level =
+      AdjustBundle(simulation.scene, tilted, BundleAdjustmentOptions(),
+                   Threads(2), priors)
+          .estimate;
+  for (size_t f = 0; f < level.rig_from_world.size(); ++f) {
+    const Eigen::Vector3d down =
+        level.rig_from_world[f]->rotation.conjugate() *
+        (simulation.ground_truth.rig_from_world[f]->rotation *
+         Eigen::Vector3d::UnitY());
+    EXPECT_LT(RadToDeg(AngleBetween(down, Eigen::Vector3d(0.0, 1.0, 0.0))),
+              0.4);
+  }
+  const ModelDifference difference =
+      CompareModels(simulation.scene, level, simulation.ground_truth);
+  EXPECT_LT(difference.max_rotation_deg, 0.3);
+}
+
 TEST(AdjustBundleTest, OrderOfPointsDoesNotMatter) {
   const Simulation simulation =
       Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));

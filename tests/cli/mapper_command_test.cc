@@ -212,6 +212,57 @@ TEST_F(MapperCommand, TimesThatAreNoneAreRefused) {
                 "--image_timestamps_path", before);
 }
 
+// The world of the simulation has y down, as levelled ones have.
+TEST_F(MapperCommand, GravityLevelsTheModel) {
+  ASSERT_EQ(RunMgsfm("simulate --rig stereo --path curve --num_frames 20 "
+                     "--pixel_noise 0.3 --gravity_sigma 0.5 "
+                     "--gravity_outlier_ratio 0.1 --output_path " +
+                     Path("level"))
+                .exit_code,
+            0);
+  const CommandOutput output =
+      MapFrom(Path("level/database.db"), "--output_format txt --gravity_path " +
+                                             Path("level/gravity.txt"));
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Json gravity = Report()["models"][0]["gravity"];
+  EXPECT_EQ(gravity["num_given"], 20);
+  EXPECT_LT(gravity["median_error_deg"], 1.0);
+  EXPECT_LT(gravity["outliers"].size(), 6u);
+  const Json errors = Evaluate(Out() + "/0", Path("level/truth"));
+  EXPECT_LT(errors["rotation_deg"]["max"], 0.5);
+}
+
+TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
+  PutEarlierOutput();
+  const auto expect_refused = [&](const std::string& text,
+                                  const std::string& message) {
+    WriteTextFile(Path("gravity.txt"), text);
+    const Files before = FilesIn(dir_.path());
+    ExpectRefused(Map("--gravity_path " + Path("gravity.txt")), message,
+                  before);
+  };
+  expect_refused("cam0/000000.png 0 nan 0\n", "must be finite");
+  expect_refused("cam0/000000.png 0 0 0\n", "not all zero");
+  expect_refused("cam9/000000.png 0 1 0\n", "which the database does not have");
+  expect_refused("cam0/000000.png 0 1\n", "is not 'image_name GX GY GZ'");
+  expect_refused("# nothing\n", "there is no line");
+}
+
+// As on a processor without AVX2 and FMA; see docs/architecture.md.
+TEST_F(MapperCommand, PortableKernelsGiveTheSameModel) {
+  ASSERT_EQ(Map().exit_code, 0);
+  fs::rename(Out(), Path("fast"));
+  ASSERT_EQ(setenv("MGSFM_PORTABLE", "1", 1), 0);
+  const CommandOutput output = Map();
+  ASSERT_EQ(unsetenv("MGSFM_PORTABLE"), 0);
+  ASSERT_EQ(output.exit_code, 0) << output.err;
+  const Json errors = Evaluate(
+      Out() + "/0", Path("fast/0") + " --gt_format colmap --alignment none");
+  EXPECT_EQ(errors["num_registered"], 48);
+  EXPECT_LT(errors["position_m"]["max"], 1e-5);
+  EXPECT_LT(errors["rotation_deg"]["max"], 1e-5);
+}
+
 TEST_F(MapperCommand, CovariancesAreWritten) {
   ASSERT_EQ(Map("--compute_covariances 1").exit_code, 0);
   const std::string csv = ReadTextFile(Out() + "/0/covariances.csv");

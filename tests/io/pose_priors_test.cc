@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sqlite3.h>
 
 #include <limits>
 
@@ -155,6 +156,57 @@ TEST_F(PosePriorsTest, DatabaseKeepsThem) {
     EXPECT_EQ(read.images[1]->position, priors.images[1]->position);
     EXPECT_EQ(read.images[1]->covariance, priors.images[1]->covariance);
   }
+}
+
+TEST_F(PosePriorsTest, GravityIsReadAndWritten) {
+  WriteTextFile(Path("gravity.txt"),
+                "# name GX GY GZ\na b/2.png 0 9.81 0\r\n\na b/0.png 3 0 -4\n");
+  options_.gravity_path = Path("gravity.txt");
+  const GravityPriors gravity = ReadGravity(scene_, "", options_);
+  ASSERT_EQ(gravity.images.size(), 3u);
+  EXPECT_EQ(*gravity.images[2], Eigen::Vector3d::UnitY());
+  EXPECT_LT((*gravity.images[0] - Eigen::Vector3d(0.6, 0.0, -0.8)).norm(),
+            1e-15);
+  EXPECT_FALSE(gravity.images[1].has_value());
+  WriteGravity(Path("copy.txt"), scene_, gravity);
+  options_.gravity_path = Path("copy.txt");
+  const GravityPriors copy = ReadGravity(scene_, "", options_);
+  EXPECT_LT((*copy.images[0] - *gravity.images[0]).norm(), 1e-15);
+  EXPECT_TRUE(ReadGravity(scene_, "", {}).IsEmpty());
+}
+
+void Execute(const std::string& path, const std::string& statement) {
+  sqlite3* database = nullptr;
+  ASSERT_EQ(sqlite3_open(path.c_str(), &database), SQLITE_OK);
+  EXPECT_EQ(
+      sqlite3_exec(database, statement.c_str(), nullptr, nullptr, nullptr),
+      SQLITE_OK);
+  sqlite3_close(database);
+}
+
+// As COLMAP 3.13 has it.
+TEST_F(PosePriorsTest, GravityOfTheDatabase) {
+  options_.use_prior_gravity = true;
+  const std::string path = Path("in.db");
+  WriteDatabase(path, MakeContents({"a b/0.png", "a b/1.png", "a b/2.png"}),
+                DatabaseSchema::k312);
+  const auto error = [&] {
+    return ErrorOf([&] { (void)ReadGravity(scene_, path, options_); });
+  };
+  EXPECT_THAT(error(), HasSubstr("no directions of gravity"));
+  const std::string id = std::to_string(scene_.images[1].id.value());
+  Execute(path,
+          "ALTER TABLE pose_priors ADD COLUMN gravity BLOB; "
+          "INSERT INTO pose_priors (image_id, coordinate_system, gravity) "
+          "VALUES (" +
+              id +
+              ", -1, X'0000000000000000"
+              "00000000000000400000000000000000');");
+  const GravityPriors gravity = ReadGravity(scene_, path, options_);
+  EXPECT_EQ(*gravity.images[1], Eigen::Vector3d::UnitY());
+  EXPECT_FALSE(gravity.images[0].has_value());
+  Execute(path, "UPDATE pose_priors SET gravity = zeroblob(24);");
+  EXPECT_THAT(error(), HasSubstr("is zero"));
 }
 
 }  // namespace

@@ -107,6 +107,15 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
         {prior.sqrt_information * (cam_from_world.Center() - prior.position),
          problem.position_loss});
   }
+  for (const GravityPrior& prior : problem.gravity_priors) {
+    const RigProblemBase::Image& image = problem.images[prior.image];
+    const Eigen::Quaterniond cam_from_world =
+        state.sensors[image.sensor].rotation *
+        state.frames[image.frame].rig_from_world;
+    groups.push_back(
+        {(cam_from_world * prior.down - prior.direction) / prior.sigma_rad,
+         problem.gravity_loss});
+  }
   for (const SensorPrior& prior : problem.sensor_priors) {
     const Rigid3& sensor = state.sensors[prior.sensor];
     Eigen::VectorXd value(6);

@@ -233,13 +233,14 @@ inline void Perturb(const RigProblemBase& problem, double size, Random* random,
   }
 }
 
-// Priors on the positions of all images and the poses of all sensors, about
-// `error` from the truth, with a loss that some of them feel.
+// Priors on the positions of all images, gravity in them, and the poses of all
+// sensors, about `error` from the truth, with a loss that some of them feel.
 template <class Observation>
 void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
   RigProblem<Observation>& problem = scene->problem;
   Random random(17);
   problem.position_loss = {RobustLossType::kCauchy, 1.5};
+  problem.gravity_loss = {RobustLossType::kCauchy, 2.0};
   for (size_t i = 0; i < problem.images.size(); ++i) {
     const RigProblemBase::Image& image = problem.images[i];
     const FramePose& frame = scene->truth.frames[image.frame];
@@ -254,6 +255,13 @@ void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
     }
     prior.sqrt_information /= error;
     problem.position_priors.push_back(prior);
+    GravityPrior gravity;
+    gravity.image = prior.image;
+    gravity.down = Eigen::Vector3d(0.3, 1.0, -0.2).normalized();
+    gravity.direction = ExpSO3(RandomVector(error, &random)) *
+                        (cam_from_world.rotation * gravity.down);
+    gravity.sigma_rad = error;
+    problem.gravity_priors.push_back(gravity);
   }
   for (size_t s = 0; s < scene->truth.sensors.size(); ++s) {
     Rigid3 given = scene->truth.sensors[s];

@@ -15,6 +15,7 @@
 #include "mgsfm/io/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "pipeline/model_adjustment.h"
 #include "support/model_comparison.h"
 #include "support/partial_model.h"
 #include "support/permuted_ids.h"
@@ -72,7 +73,7 @@ Reconstruction MapFirstPart(const Simulation& simulation) {
 MapperResult GoOn(const Simulation& simulation, const Reconstruction& start,
                   const MapperOptions& options = {}) {
   return RunMapper(simulation.scene, simulation.view_graph, options,
-                   TwoThreads(), {}, &start);
+                   TwoThreads(), {}, {}, &start);
 }
 
 MapperOptions Fixed() {
@@ -271,8 +272,9 @@ TEST(GoingOn, FramesThatCannotBeAddedAreNamed) {
   context.log = [&](LogLevel level, const std::string& message) {
     if (level == LogLevel::kWarning) warning += message;
   };
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        MapperOptions(), context, {}, &start);
+  const MapperResult result =
+      RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
+                context, {}, {}, &start);
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_EQ(result.unregistered_frames.size(), 1u);
   EXPECT_EQ(result.unregistered_frames[0].frame_idx, kNumFrames - 1);
@@ -287,7 +289,7 @@ TEST(GoingOn, FixedFramesAndMeasuredPositionsContradict) {
   PositionPriors priors;
   priors.images.resize(simulation.scene.images.size());
   EXPECT_THROW((void)RunMapper(simulation.scene, simulation.view_graph, Fixed(),
-                               TwoThreads(), priors, &start),
+                               TwoThreads(), priors, {}, &start),
                Error);
 }
 
@@ -309,7 +311,7 @@ TEST(GoingOn, IdsDoNotChangeTheResult) {
     EXPECT_TRUE(start.is_rigid);
     MapperResult result =
         RunMapper(loaded.scene, loaded.view_graph, MapperOptions(),
-                  TwoThreads(), {}, &start.reconstruction);
+                  TwoThreads(), {}, {}, &start.reconstruction);
     ASSERT_EQ(result.models.size(), 1u);
     models.push_back(std::move(result.models[0].reconstruction));
   }

@@ -49,7 +49,7 @@ TEST(PositionRegistrationTest, RecoversTheWorldInSpiteOfOutliers) {
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
   const PositionPriors priors = Measured(simulation, 0.1, 0.3);
-  auto [summary, used] = RegisterToPriors(simulation.scene, priors,
+  auto [summary, used] = RegisterToPriors(simulation.scene, priors, {},
                                           /*is_metric=*/false, 0, &model);
   EXPECT_TRUE(summary.is_registered);
   EXPECT_EQ(summary.message, "");
@@ -72,7 +72,7 @@ TEST(PositionRegistrationTest, MetricModelKeepsItsUnit) {
   for (auto& prior : priors.images) {
     if (prior) prior->position *= 1.01;
   }
-  RegisterToPriors(simulation.scene, priors, /*is_metric=*/true, 0, &model);
+  RegisterToPriors(simulation.scene, priors, {}, /*is_metric=*/true, 0, &model);
   EXPECT_NEAR(model.sensor_from_rig[1]->translation.norm(),
               simulation.ground_truth.sensor_from_rig[1]->translation.norm(),
               1e-9);
@@ -97,7 +97,7 @@ TEST(PositionRegistrationTest, CamerasOnALineAreUpright) {
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
   const PositionPriorSummary summary =
-      RegisterToPriors(simulation.scene, priors, false, 0, &model).summary;
+      RegisterToPriors(simulation.scene, priors, {}, false, 0, &model).summary;
   EXPECT_NE(summary.message.find("upright"), std::string::npos);
   EXPECT_LT(AngleBetween(model.rig_from_world[0]->rotation,
                          simulation.ground_truth.rig_from_world[0]->rotation),
@@ -108,7 +108,7 @@ TEST(PositionRegistrationTest, WithoutExtentTheModelKeepsItsWorld) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kStanding));
   Reconstruction model = simulation.ground_truth;
   const PositionRegistration registration = RegisterToPriors(
-      simulation.scene, Measured(simulation, 0.5, 0.0), false, 0, &model);
+      simulation.scene, Measured(simulation, 0.5, 0.0), {}, false, 0, &model);
   EXPECT_FALSE(registration.summary.is_registered);
   EXPECT_NE(registration.summary.message, "");
   EXPECT_TRUE(registration.used.IsEmpty());

@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdlib>
+
 // Functions marked MGSFM_TARGET_AVX2 are compiled for x86-64 processors with
-// AVX2 and FMA; HasAvx2() tells whether the program runs on one of those.
+// AVX2 and FMA; HasAvx2() tells whether the program runs on one of those, and
+// the environment variable MGSFM_PORTABLE is not set: with it, all processors
+// compute as those without.
 #if defined(__x86_64__) && defined(__GNUC__)
 #define MGSFM_TARGET_AVX2 __attribute__((target("avx2,fma")))
 #else
@@ -21,8 +25,9 @@ namespace mgsfm {
 
 inline bool HasAvx2() {
 #if defined(__x86_64__) && defined(__GNUC__)
-  static const bool has_avx2 =
-      __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  static const bool has_avx2 = std::getenv("MGSFM_PORTABLE") == nullptr &&
+                               __builtin_cpu_supports("avx2") &&
+                               __builtin_cpu_supports("fma");
   return has_avx2;
 #else
   return false;

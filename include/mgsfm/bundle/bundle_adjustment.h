@@ -21,21 +21,24 @@ namespace mgsfm {
 // poses, internal poses, points and, if asked, intrinsics:
 //
 //   min 1/2 sum_o rho(|Project(K, S R (p - c) + t) - x_o|^2)
-//     + 1/2 sum_f ((f - f_given) / (sigma f_given))^2                      (1)
+//     + 1/2 sum_f ((f - f_given) / (sigma_f f_given))^2                    (1)
 //     + 1/2 sum_k (|Log(S S_given^T)|^2 / sigma_R^2
 //                  + |t - t_given|^2 / sigma_t^2)
 //     + 1/2 sum_i rho_g((c_i - g_i)^T C_i^-1 (c_i - g_i))
+//     + 1/2 sum_j rho_g(|S R down - u_j|^2 / sigma_u^2)
 //
 // R, c: rotation and centre of the frame; S, t: sensor_from_rig, the constant
 // identity for the reference sensor; rho: Huber, in pixels. The second sum is
-// over refined focal lengths whose given value is trusted: a straight drive
-// does not determine them, and must not spoil them. The third is over refined
+// over refined focal lengths: a straight drive does not determine them, and
+// must not spoil them; sigma_f is larger where the given value is not trusted.
+// The third is over refined
 // sensors whose pose was given; sigma_t is a part of the largest given |t| of
 // the rig. The fourth is over images with a measured position g_i, of
 // covariance C_i, of their centre c_i, in the world of the model; rho_g:
-// Cauchy.
+// Cauchy. The last is over images with measured gravity u_j, if it was.
 //
-// Gauge. The frame with the most observations is held. Scale is held by the
+// Gauge. The frame with the most observations is held; with measured gravity
+// its centre, and by a weak term its heading. Scale is held by the
 // largest coordinate of the offset of a frame at a typical distance, or of an
 // internal translation, unless two sensors of one frame are held, or by their
 // priors, at different places: then scale is observable, and known extrinsics
@@ -79,6 +82,11 @@ struct BundleAdjustmentOptions {
   bool refine_principal_point = false;
   RefineMode refine_extra_params = RefineMode::kAuto;
   double focal_length_prior_sigma = 1e-3;
+  double focal_length_start_sigma = 0.2;
+  double max_focal_length_sigma = 0.01;
+  double min_focal_length_ratio = 0.1;
+  double max_focal_length_ratio = 10.0;
+  double max_extra_param = 1.0;
   double sensor_from_rig_prior_sigma_deg = 0.1;
   double sensor_from_rig_prior_sigma = 0.01;
   double prior_position_loss_scale = 2.8;
@@ -160,6 +168,23 @@ struct BundleAdjustmentOptions {
           GreaterThan(0.0), "",
           "Relative standard deviation of prior focal lengths, where these are "
           "refined.");
+    visit("focal_length_start_sigma", self.focal_length_start_sigma,
+          GreaterThan(0.0), "",
+          "The same of those without a prior, of the value that refinement "
+          "starts from: keeps what the motion does not tell from wandering.");
+    visit("max_focal_length_sigma", self.max_focal_length_sigma,
+          GreaterThan(0.0), "",
+          "Refined focal lengths that the images tell with a larger relative "
+          "standard deviation are reported as not observable.");
+    visit("min_focal_length_ratio", self.min_focal_length_ratio,
+          GreaterThan(0.0), "",
+          "Refined focal lengths below this part of the larger side of the "
+          "image are reported as not plausible.");
+    visit("max_focal_length_ratio", self.max_focal_length_ratio,
+          GreaterThan(0.0), "", "The same of those above.");
+    visit("max_extra_param", self.max_extra_param, GreaterThan(0.0), "",
+          "The same of refined distortion parameters whose magnitude is "
+          "above.");
     visit("sensor_from_rig_prior_sigma_deg",
           self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
           "Standard deviation of given rotations of cameras in the rig, where "

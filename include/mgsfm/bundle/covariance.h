@@ -18,7 +18,8 @@ namespace mgsfm {
 // observations tells: sigma^2 (J^T W J)^-1 for the objective (1) of
 // bundle_adjustment.h at the model, with sigma the robust standard deviation of
 // the reprojection errors, and priors weighted as they are given. Intrinsics
-// that are held count as exact, and so do all poses that are held.
+// that are held count as exact, and so do all poses that are held; measured
+// gravity is left out.
 //
 // Coordinates of a pose are a turn (radians, R <- Exp(w) R) and a shift: of a
 // sensor, both in axes of its camera (S, t); of a frame, the turn in axes of
@@ -56,5 +57,15 @@ struct CovarianceResult {
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
     const PositionPriors& priors = {});
+
+// Standard deviations of intrinsics in the same sense, per camera of the scene
+// and parameter: zero where it is held. Empty for cameras without observations;
+// nullopt if the equations could not be solved. Cost: one linearisation and
+// factorisation.
+[[nodiscard]] std::optional<std::vector<std::vector<double>>>
+ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
+                       const BundleAdjustmentOptions& options,
+                       const Context& context,
+                       const PositionPriors& priors = {});
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/feature_database.h"
+#include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
@@ -13,7 +14,8 @@ namespace mgsfm {
 
 // Measured positions of images, by GPS or in any Cartesian world: from the
 // table pose_priors of the database, or from a file with a line
-// "image_name X Y Z" for each, '#' starting comments.
+// "image_name X Y Z" for each, '#' starting comments. And their measured
+// gravity.
 struct PosePriorOptions {
   bool use_prior_position = false;
   std::string ref_images_path;
@@ -22,6 +24,8 @@ struct PosePriorOptions {
   double prior_position_std_x_m = 1.0;
   double prior_position_std_y_m = 1.0;
   double prior_position_std_z_m = 1.0;
+  bool use_prior_gravity = false;
+  std::string gravity_path;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -45,6 +49,12 @@ struct PosePriorOptions {
           "m", "The same to the north.");
     visit("prior_position_std_z", self.prior_position_std_z_m, GreaterThan(0.0),
           "m", "The same upwards.");
+    visit("use_prior_gravity", self.use_prior_gravity, AnyValue(), "",
+          "Use the directions of gravity in the table pose_priors: rotations "
+          "are levelled by them, and models come out with gravity along +y.");
+    visit("gravity_path", self.gravity_path, AnyValue(), "",
+          "Take them from this file instead: a line `image_name GX GY GZ` "
+          "each, in the frame of the camera.");
   }
 
   bool AreUsed() const {
@@ -66,6 +76,17 @@ struct PosePriorOptions {
 [[nodiscard]] PositionPriors ReadPositionPriors(
     const Scene& scene, const std::string& database_path,
     const PosePriorOptions& options);
+
+// The directions of gravity in a file with lines "image_name GX GY GZ", or in
+// the column `gravity` that pose_priors of COLMAP 3.13 and later has, in the
+// frame of the camera, of any length; empty if the options use none. Throws
+// Error, naming the line or image, for a direction that is not finite (in a
+// file) or zero, and as above.
+[[nodiscard]] GravityPriors ReadGravity(const Scene& scene,
+                                        const std::string& database_path,
+                                        const PosePriorOptions& options);
+void WriteGravity(const std::string& path, const Scene& scene,
+                  const GravityPriors& gravity);
 
 // Writes {"latitude_deg", "longitude_deg", "altitude_m"} of the origin of a
 // world that is east, north, up.

@@ -41,4 +41,11 @@ ComputeSensorCovariances(const RigProblem<Observation>& problem,
                          const std::vector<std::vector<int>>& groups,
                          const Context& context);
 
+// Variances of the free parameters of each camera alone, likewise; empty for
+// cameras without. Cost: one factorisation, and a solve for each.
+template <class Observation>
+[[nodiscard]] std::optional<std::vector<std::vector<double>>>
+ComputeParameterVariances(const RigProblem<Observation>& problem,
+                          const RigState& state, const Context& context);
+
 }  // namespace mgsfm

@@ -95,6 +95,15 @@ struct PositionPrior {
   Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
 };
 
+// The direction of gravity in an image, as measured: the residual
+// (S R down - direction) / sigma_rad, both unit vectors.
+struct GravityPrior {
+  int image = 0;
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitY();  // in the camera
+  Eigen::Vector3d down = Eigen::Vector3d::UnitY();       // in the world
+  double sigma_rad = 1.0;
+};
+
 // The pose of a sensor, as given: the residuals Log(S S_0^T) / sigma_rad and
 // (t - t_0) / sigma_length.
 struct SensorPrior {
@@ -128,6 +137,7 @@ struct RigProblemBase {
   std::vector<PoseMask> sensor_masks;
   std::vector<ParameterPrior> priors;
   std::vector<PositionPrior> position_priors;
+  std::vector<GravityPrior> gravity_priors;
   std::vector<SensorPrior> sensor_priors;
   std::vector<BaselineTerm> baselines;
   std::vector<LinearTerm> linear_terms;
@@ -140,6 +150,7 @@ struct RigProblemBase {
   bool points_are_free = true;
   RobustLoss loss = {RobustLossType::kHuber, 1.0};
   RobustLoss position_loss;  // of position_priors
+  RobustLoss gravity_loss;   // of gravity_priors
 
   size_t num_points() const { return point_begin.size() - 1; }
 };
@@ -149,8 +160,8 @@ struct RigProblemBase {
 //           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //
 // over what the masks free: o observations, b baseline terms, l linear terms, k
-// priors of parameters, g of positions with their loss rho_g, s of sensors; rho
-// is the loss.
+// priors of parameters, g of positions and of gravity with their losses rho_g,
+// s of sensors; rho is the loss.
 template <class Observation>
 struct RigProblem : RigProblemBase {
   std::vector<Observation> observations;

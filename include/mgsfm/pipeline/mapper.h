@@ -12,11 +12,13 @@
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/focal_length_check.h"
 #include "mgsfm/bundle/loose_synchronization.h"
 #include "mgsfm/pipeline/going_on.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -92,6 +94,13 @@ struct MapperOptions {
   }
 };
 
+// How far a model was bent, see src/pipeline/position_bending.h: the most that
+// any of its frames moved and turned.
+struct ModelBending {
+  double largest_shift = 0.0;
+  double largest_turn_deg = 0.0;
+};
+
 // What became of measured positions in one model.
 struct PositionPriorSummary {
   struct Outlier {
@@ -102,7 +111,8 @@ struct PositionPriorSummary {
   std::string message;         // what is not so, or what was assumed
   int num_given = 0;           // to images that had a pose when it was moved
   int num_used = 0;
-  std::optional<double> rms;  // distance of those used
+  std::optional<ModelBending> bending;  // if it had to be
+  std::optional<double> rms;            // distance of those used
   // Not used, or more than four standard deviations off in the end.
   std::vector<Outlier> outliers;
 };
@@ -114,6 +124,8 @@ struct MapperModel {
   TranslationSummary translation;
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if some are given
+  std::optional<GravitySummary> gravity;                // if it was measured
+  std::vector<FocalLengthCheck> focal_lengths;          // of those refined
   std::optional<CovarianceResult> covariances;          // if asked for
   std::optional<GoingOnSummary> going_on;               // if it had a start
   // If asked for; then `reconstruction` has the mean rig, and points that fit
@@ -147,8 +159,10 @@ MapperOptions ResolveMethod(const MapperOptions& options);
 // With LooseSynchronization.method time_offset, all images of the scene must
 // have times.
 //
-// With `priors`, models come out in their world where they determine it, and
-// bundle adjustment keeps images near them.
+// With `priors`, models come out in their world where they determine it, bent
+// to them where they drifted, and bundle adjustment keeps images near them.
+// With `gravity` rotations are levelled by it; models that are not in the world
+// of positions, nor of `start`, have gravity along +y.
 //
 // With `start`, a model of some of the frames in positions of the scene, goes
 // on from it as mgsfm/pipeline/going_on.h says, and gives that one model.
@@ -162,6 +176,7 @@ MapperOptions ResolveMethod(const MapperOptions& options);
                                      const MapperOptions& options,
                                      const Context& context,
                                      const PositionPriors& priors = {},
+                                     const GravityPriors& gravity = {},
                                      const Reconstruction* start = nullptr);
 
 // The points of a model whose poses are held: tracks of the verified matches

@@ -11,6 +11,7 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -50,6 +51,13 @@ namespace mgsfm {
 // Cost: a sparse Cholesky factorisation of a frames x frames matrix in each
 // iteration, with 3 + 9 K right-hand sides for K unknown sensors.
 //
+// With the direction of gravity measured in images, u in the camera, step 4
+// also minimises sum_g w_g rho_g(angle((S_k G_f)^T u, y)^2) / 2, after every
+// part was levelled as a whole: worlds have gravity along +y, and do not tilt,
+// how long ever the chain of frames is. w_g is the ratio of the variances of e
+// and of gravity; rho_g: Geman-McClure. What is off in the end by more than
+// four standard deviations is listed as an outlier.
+//
 // That is the strategy `decoupled`. `joint` (as MMA has it) does without images
 // alone: S_k starts at the median of the relative rotations measured inside
 // frames, or at the identity where the sensors share no view; the frames
@@ -76,6 +84,7 @@ struct RotationAveragingOptions {
   int max_num_iterations = 100;
   double step_tolerance_deg = 5e-5;
   double min_hand_eye_rotation_deg = 3.0;
+  double gravity_sigma_deg = 1.0;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -97,6 +106,9 @@ struct RotationAveragingOptions {
           Between(0.0, 90.0), "deg",
           "Turns about a second axis (root mean square) below which a sensor "
           "that shares no view with the others counts as unobservable.");
+    visit("gravity_sigma_deg", self.gravity_sigma_deg, GreaterThan(0.0), "deg",
+          "Standard deviation of measured directions of gravity; if they are "
+          "worse, that is noticed.");
   }
 };
 
@@ -106,6 +118,18 @@ struct InternalRotationSummary {
   std::optional<double> median_deviation_deg;  // of the samples
   bool is_observable = false;
   std::string message;  // how it was found, or why it was not, in words
+};
+
+// What became of measured directions of gravity.
+struct GravitySummary {
+  struct Outlier {
+    int image_idx = 0;
+    double error_deg = 0.0;
+  };
+  int num_given = 0;       // to images with a rotation
+  double sigma_deg = 0.0;  // as given, or what the median tells if that is more
+  std::optional<double> median_error_deg;
+  std::vector<Outlier> outliers;
 };
 
 struct RotationSummary {
@@ -118,6 +142,7 @@ struct RotationSummary {
   int num_pairs_dropped = 0;       // of all others: not consistent
   int num_parts = 0;               // connected parts of the result
   std::optional<double> median_error_deg;  // of the pairs kept
+  std::optional<GravitySummary> gravity;   // if it was measured
 };
 
 struct RotationResult {
@@ -127,6 +152,14 @@ struct RotationResult {
 
 [[nodiscard]] RotationResult AverageRotations(
     const Scene& scene, const ViewGraph& view_graph,
-    const RotationAveragingOptions& options, const Context& context);
+    const RotationAveragingOptions& options, const Context& context,
+    const GravityPriors& gravity = {});
+
+// How far measured gravity is from the +y of the world that given rotations of
+// images have; those without one are left out.
+[[nodiscard]] GravitySummary JudgeGravity(
+    const GravityPriors& gravity,
+    const std::vector<std::optional<Eigen::Quaterniond>>& cam_from_world,
+    double sigma_deg);
 
 }  // namespace mgsfm

@@ -13,6 +13,14 @@ struct PositionMeasurement {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
 };
 
+// The direction of gravity in images, a unit vector in the camera, and in the
+// world.
+struct MeasuredGravity {
+  std::vector<std::optional<Eigen::Vector3d>> images;
+  Eigen::Vector3d down = Eigen::Vector3d::UnitY();
+  double sigma_rad = 1.0;
+};
+
 // Where images were taken, as measured: of their camera centres, in one common
 // world.
 struct PositionPriors {
@@ -20,8 +28,10 @@ struct PositionPriors {
   // Latitude and longitude (degrees, WGS84) and altitude (metres) of the origin
   // of the world if that is local: x east, y north, z up.
   std::optional<Eigen::Vector3d> origin_wgs84;
+  // For bundle adjustment, which may have this alone.
+  std::optional<MeasuredGravity> gravity;
 
-  bool IsEmpty() const { return images.empty(); }
+  bool IsEmpty() const { return images.empty(); }  // of positions
 };
 
 }  // namespace mgsfm

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "mgsfm/base/options.h"
+#include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/synthetic/simulation.h"
 
@@ -28,5 +29,26 @@ struct PositionMeasurementOptions {
 PositionPriors MeasurePositions(const Simulation& simulation,
                                 const PositionMeasurementOptions& options,
                                 uint64_t random_seed);
+
+struct GravityMeasurementOptions {
+  double sigma_deg = 0.0;  // 0: no measured gravity
+  double outlier_ratio = 0.0;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("gravity_sigma", self.sigma_deg, AtLeast(0.0), "deg",
+          "Write the measured direction of gravity of one image of each frame "
+          "to gravity.txt, with this standard deviation of each of two axes; "
+          "0: none.");
+    visit("gravity_outlier_ratio", self.outlier_ratio, Between(0.0, 0.9), "",
+          "Share of them that point anywhere.");
+  }
+};
+
+// Measured gravity, +y of the world, in the first image of each frame. Empty
+// without a standard deviation.
+GravityPriors MeasureGravity(const Simulation& simulation,
+                             const GravityMeasurementOptions& options,
+                             uint64_t random_seed);
 
 }  // namespace mgsfm

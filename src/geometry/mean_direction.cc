@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/geometry/mean_direction.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr size_t kMaxNumStarts = 100;
+constexpr int kMaxNumMeans = 50;
+constexpr double kTolerance = 1e-9;
+constexpr double kMedianFactor = 3.0;
+constexpr double kMinAngleRad = 1e-6;
+
+double MedianAngle(const std::vector<Vector3d>& directions,
+                   const Vector3d& mean) {
+  std::vector<double> angles;
+  angles.reserve(directions.size());
+  for (const Vector3d& v : directions) angles.push_back(AngleBetween(mean, v));
+  const auto middle = angles.begin() + (angles.size() - 1) / 2;
+  std::nth_element(angles.begin(), middle, angles.end());
+  return *middle;
+}
+
+Vector3d BestSample(const std::vector<Vector3d>& directions) {
+  const size_t step = (directions.size() + kMaxNumStarts - 1) / kMaxNumStarts;
+  Vector3d best = directions.front();
+  double least = std::numeric_limits<double>::infinity();
+  for (size_t i = 0; i < directions.size(); i += step) {
+    const double median = MedianAngle(directions, directions[i]);
+    if (median >= least) continue;
+    least = median;
+    best = directions[i];
+  }
+  return best;
+}
+
+}  // namespace
+
+Vector3d RobustMeanDirection(const std::vector<Vector3d>& directions) {
+  MGSFM_CHECK(!directions.empty());
+  Vector3d mean = BestSample(directions);
+  for (int i = 0; i < kMaxNumMeans; ++i) {
+    const double bound =
+        std::max(kMinAngleRad, kMedianFactor * MedianAngle(directions, mean));
+    Vector3d sum = Vector3d::Zero();
+    for (const Vector3d& v : directions) {
+      const double angle = AngleBetween(mean, v);
+      if (angle > bound) continue;
+      sum += v / std::max(angle, 0.01 * bound);
+    }
+    if (!(sum.norm() > 0.0)) break;
+    const Vector3d next = sum.normalized();
+    const double move = (next - mean).norm();
+    mean = next;
+    if (move < kTolerance) break;
+  }
+  return mean;
+}
+
+}  // namespace mgsfm

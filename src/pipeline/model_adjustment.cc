@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/model_adjustment.h"
+
+#include <Eigen/Eigenvalues>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "pipeline/candidates.h"
+#include "pipeline/gravity_levelling.h"
+#include "pipeline/loose_images.h"
+#include "pipeline/position_bending.h"
+#include "pipeline/position_registration.h"
+#include "pipeline/timed.h"
+
+namespace mgsfm {
+namespace {
+
+void LogPriors(const PositionPriorSummary& summary, const Context& context) {
+  if (!summary.message.empty()) context.Warning(summary.message);
+  if (!summary.is_registered) return;
+  context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
+               std::to_string(summary.outliers.size()) + " outliers, rms " +
+               std::to_string(summary.rms.value_or(0.0)));
+}
+
+// Moves and bends the start of a model to measured positions; returns those
+// that bundle adjustment is to use.
+PositionPriors MoveToPriors(const AdjustmentInput& input,
+                            const Context& context, Reconstruction* initial,
+                            MapperModel* model) {
+  std::optional<Eigen::Vector3d> up =
+      GravityInWorld(input.scene, input.gravity, *initial);
+  if (up) up = -*up;
+  PositionRegistration registration =
+      RegisterToPriors(input.scene, input.positions, up, input.is_metric,
+                       context.random_seed, initial);
+  model->position_priors = std::move(registration.summary);
+  if (model->position_priors->is_registered) {
+    model->position_priors->bending = BendToPriors(
+        input.scene, input.view_graph, input.pair_is_used, input.positions,
+        input.is_metric, context, &registration.used, initial);
+  }
+  return std::move(registration.used);
+}
+
+void JudgeFocalLengths(const AdjustmentInput& input,
+                       const PositionPriors& used_priors,
+                       const MapperOptions& options, const Context& context,
+                       MapperModel* model) {
+  model->focal_lengths =
+      CheckFocalLengths(input.scene, model->reconstruction,
+                        options.bundle_adjustment, context, used_priors);
+  for (const FocalLengthCheck& check : model->focal_lengths) {
+    if (!check.message.empty()) context.Warning(check.message);
+  }
+}
+
+// To where the model is to be.
+void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
+                  const Context& context, MapperModel* model) {
+  const bool is_registered =
+      model->position_priors && model->position_priors->is_registered;
+  const bool is_at_start = input.start != nullptr && !is_registered;
+  if (is_at_start && input.held.frames.empty()) {
+    TransformWorld(AlignToModel(input.scene, *input.start,
+                                model->reconstruction, input.is_metric),
+                   &model->reconstruction);
+  }
+  model->gravity = LevelModel(
+      input.scene, input.gravity, is_registered || is_at_start,
+      options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);
+  if (model->gravity) {
+    context.Info("gravity: " + std::to_string(model->gravity->num_given) +
+                 " given, " + std::to_string(model->gravity->outliers.size()) +
+                 " outliers");
+  }
+}
+
+// Gives images poses of their own.
+bool Loosen(const AdjustmentInput& input, const PositionPriors& used_priors,
+            const MapperOptions& options, const Context& context,
+            MapperModel* model) {
+  const Scene separate = SeparateImages(input.scene);
+  return LoosenModel(input.scene, separate,
+                     MakeCandidateSource(separate, input.view_graph,
+                                         input.pair_is_used, options, context),
+                     options, used_priors, context, model);
+}
+
+}  // namespace
+
+void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
+                 const Context& context, Reconstruction initial,
+                 MapperModel* model) {
+  const Scene& scene = input.scene;
+  PositionPriors used_priors;
+  if (!input.positions.IsEmpty()) {
+    used_priors = MoveToPriors(input, context, &initial, model);
+  }
+  used_priors.gravity = MakeGravityTerms(scene, input.gravity,
+                                         options.rotation_averaging, initial);
+  BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
+    return RefineReconstruction(
+        scene,
+        MakeCandidateSource(scene, input.view_graph, input.pair_is_used,
+                            options, context),
+        initial, options.bundle_adjustment, context, used_priors, input.held);
+  });
+  model->bundle = std::move(bundle.summary);
+  model->reconstruction = std::move(bundle.estimate);
+  if (model->position_priors) {
+    JudgePriors(scene, input.positions, used_priors, model->reconstruction,
+                &*model->position_priors);
+    LogPriors(*model->position_priors, context);
+  }
+  JudgeFocalLengths(input, used_priors, options, context, model);
+  PlaceInWorld(input, options, context, model);
+  if (options.compute_covariances) {
+    model->covariances = Timed("covariances", context, &model->times, [&] {
+      return ComputeCovariances(scene, model->reconstruction,
+                                options.bundle_adjustment, context,
+                                used_priors);
+    });
+  }
+  if (options.loose_synchronization.method != LooseSynchronization::kNone) {
+    Timed("loose synchronization", context, &model->times,
+          [&] { return Loosen(input, used_priors, options, context, model); });
+  }
+}
+
+Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
+                  const Reconstruction& new_model, bool is_metric) {
+  std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>> centers;
+  Eigen::Vector3d old_mean = Eigen::Vector3d::Zero(), new_mean = old_mean;
+  Eigen::Matrix4d moments = Eigen::Matrix4d::Zero();
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const auto old_pose = old_model.CamFromWorld(scene, static_cast<int>(i));
+    const auto new_pose = new_model.CamFromWorld(scene, static_cast<int>(i));
+    if (!old_pose || !new_pose) continue;
+    centers.emplace_back(old_pose->Center(), new_pose->Center());
+    old_mean += centers.back().first;
+    new_mean += centers.back().second;
+    const Eigen::Vector4d q =
+        (old_pose->rotation.conjugate() * new_pose->rotation).coeffs();
+    moments += q * q.transpose();
+  }
+  Sim3 old_from_new;
+  if (centers.empty()) return old_from_new;
+  old_mean /= static_cast<double>(centers.size());
+  new_mean /= static_cast<double>(centers.size());
+  const Eigen::Vector4d mean_rotation =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(moments)
+          .eigenvectors()
+          .col(3);
+  old_from_new.rotation.coeffs() = mean_rotation;
+  double products = 0.0, squares = 0.0;
+  for (const auto& [old_center, new_center] : centers) {
+    const Eigen::Vector3d turned =
+        old_from_new.rotation * (new_center - new_mean);
+    products += turned.dot(old_center - old_mean);
+    squares += turned.squaredNorm();
+  }
+  if (!is_metric && products > 0.0) old_from_new.scale = products / squares;
+  old_from_new.translation =
+      old_mean - old_from_new.scale * (old_from_new.rotation * new_mean);
+  return old_from_new;
+}
+
+}  // namespace mgsfm

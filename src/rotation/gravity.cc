@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "rotation/gravity.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "mgsfm/geometry/mean_direction.h"
+#include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/robust_loss.h"
+#include "mgsfm/math/statistics.h"
+#include "mgsfm/rotation/rotation_averaging.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+constexpr double kFirstScaleRad = DegToRad(20.0);
+constexpr double kScaleDecay = 0.7;
+constexpr double kScaleInSigmas = 3.0;
+// Residuals of a mere chain of edges are zero, whatever their errors.
+constexpr double kMinSigmaRatio = 0.1;
+constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
+constexpr double kSmallestWeight = 1e-6;
+constexpr double kOutlierInSigmas = 4.0;
+
+double RobustSigma(double given, std::vector<double> angles) {
+  return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
+}
+
+}  // namespace
+
+void GravityWeighting::AdjustScale(const std::vector<double>& angles,
+                                   const std::vector<double>& edge_norms,
+                                   bool edges_are_final) {
+  const double sigma = RobustSigma(problem_.gravity_sigma_rad, angles);
+  const double edge_sigma =
+      edge_norms.empty() ? 0.0 : RobustSigmaOfNorms3(edge_norms);
+  const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
+  variance_ratio_ = ratio * ratio;
+  const double target = kScaleInSigmas * sigma;
+  const double next = scale_ > 0.0 ? kScaleDecay * scale_
+                                   : std::max(kFirstScaleRad, 2.0 * target);
+  is_final_ = edges_are_final && next <= target;
+  scale_ = std::max(next, target);
+}
+
+const GravityValues& GravityWeighting::Next(
+    const RotationState& state, const std::vector<double>& edge_norms,
+    bool edges_are_final) {
+  values_.residuals.clear();
+  for (const GravityTerm& term : problem_.gravity) {
+    values_.residuals.push_back(GravityResidual(term, state));
+  }
+  if (!is_final_) {
+    AdjustScale(Norms(values_.residuals), edge_norms, edges_are_final);
+  }
+  const RobustLoss loss = {RobustLossType::kGemanMcClure, scale_};
+  values_.weights.clear();
+  for (const Vector3d& residual : values_.residuals) {
+    values_.weights.push_back(
+        variance_ratio_ *
+        std::max(kSmallestWeight, loss.Weight(residual.squaredNorm())));
+  }
+  return values_;
+}
+
+void LevelParts(const RotationProblem& problem, RotationState* state) {
+  const ConnectedParts parts = FindParts(problem);
+  std::vector<std::vector<Vector3d>> directions(parts.num_parts);
+  for (const GravityTerm& term : problem.gravity) {
+    directions[parts.part[term.node]].push_back(
+        (state->sensors[term.sensor] * state->nodes[term.node]).conjugate() *
+        term.direction);
+  }
+  std::vector<Quaterniond> old_from_new(parts.num_parts,
+                                        Quaterniond::Identity());
+  for (int part = 0; part < parts.num_parts; ++part) {
+    if (directions[part].empty()) continue;
+    old_from_new[part].setFromTwoVectors(Vector3d::UnitY(),
+                                         RobustMeanDirection(directions[part]));
+  }
+  for (int node = 0; node < problem.num_nodes; ++node) {
+    Quaterniond& G = state->nodes[node];
+    if (directions[parts.part[node]].empty()) continue;
+    G = (G * old_from_new[parts.part[node]]).normalized();
+  }
+}
+
+GravitySummary JudgeGravity(
+    const GravityPriors& gravity,
+    const std::vector<std::optional<Quaterniond>>& cam_from_world,
+    double sigma_deg) {
+  GravitySummary summary;
+  std::vector<double> errors_deg;
+  std::vector<int> image_idxs;
+  for (size_t i = 0; i < gravity.images.size(); ++i) {
+    if (!gravity.images[i] || !cam_from_world[i]) continue;
+    errors_deg.push_back(RadToDeg(
+        AngleBetween(cam_from_world[i]->conjugate() * *gravity.images[i],
+                     Vector3d::UnitY().eval())));
+    image_idxs.push_back(static_cast<int>(i));
+  }
+  summary.num_given = static_cast<int>(errors_deg.size());
+  summary.sigma_deg = sigma_deg;
+  if (errors_deg.empty()) return summary;
+  summary.median_error_deg = Median(errors_deg);
+  summary.sigma_deg = RobustSigma(sigma_deg, errors_deg);
+  const double bound = kOutlierInSigmas * summary.sigma_deg;
+  for (size_t i = 0; i < errors_deg.size(); ++i) {
+    if (errors_deg[i] <= bound) continue;
+    summary.outliers.push_back({image_idxs[i], errors_deg[i]});
+  }
+  return summary;
+}
+
+}  // namespace mgsfm

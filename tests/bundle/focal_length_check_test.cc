@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/bundle/focal_length_check.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "bundle/bundle_fixtures.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::HasSubstr;
+
+// With focal lengths that are `factor` times too long, and not trusted.
+Simulation Distrusted(RigPreset rig, PathPreset path, double factor,
+                      int num_points_per_frame = 80) {
+  SimulationOptions options = SmallScene(rig, path);
+  options.num_frames = 20;
+  options.num_points_per_frame = num_points_per_frame;
+  options.max_num_features_per_image = 2 * num_points_per_frame;
+  options.pixel_noise_px = 0.3;
+  Simulation simulation = Simulate(options);
+  for (auto* cameras :
+       {&simulation.scene.cameras, &simulation.ground_truth.cameras}) {
+    for (Camera& camera : *cameras) {
+      camera.params[0] *= factor;
+      camera.params[1] *= factor;
+      camera.has_prior_focal_length = false;
+    }
+  }
+  return simulation;
+}
+
+Reconstruction Adjusted(const Simulation& simulation,
+                        const BundleAdjustmentOptions& options) {
+  return AdjustBundle(simulation.scene, simulation.ground_truth, options,
+                      Threads(2))
+      .estimate;
+}
+
+TEST(FocalLengthCheckTest, TurnsTellAFocalLength) {
+  const Simulation simulation =
+      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.02, 400);
+  const BundleAdjustmentOptions options;
+  const auto checks = CheckFocalLengths(
+      simulation.scene, Adjusted(simulation, options), options, Threads(2));
+  ASSERT_EQ(checks.size(), simulation.scene.cameras.size());
+  for (const FocalLengthCheck& check : checks) {
+    EXPECT_EQ(check.message, "");
+    ASSERT_TRUE(check.relative_sigma.has_value());
+    EXPECT_LT(*check.relative_sigma, 0.01);
+    EXPECT_GT(*check.relative_sigma, 0.0);
+    // Within five standard deviations of the truth.
+    const double truth = check.given_px / 1.02;
+    EXPECT_LT(std::abs(check.estimated_px / truth - 1.0),
+              5.0 * *check.relative_sigma);
+  }
+}
+
+// One camera straight ahead: depth can be stretched with the focal length.
+TEST(FocalLengthCheckTest, StraightDrivesDoNot) {
+  const Simulation simulation =
+      Distrusted(RigPreset::kMono, PathPreset::kStraight, 1.0);
+  const BundleAdjustmentOptions options;
+  const auto checks = CheckFocalLengths(
+      simulation.scene, Adjusted(simulation, options), options, Threads(2));
+  ASSERT_EQ(checks.size(), 1u);
+  ASSERT_TRUE(checks[0].relative_sigma.has_value());
+  EXPECT_GT(*checks[0].relative_sigma, 0.01);
+  // No more than the prior of the start leaves.
+  EXPECT_LT(*checks[0].relative_sigma, 1.01 * options.focal_length_start_sigma);
+  EXPECT_THAT(checks[0].message, HasSubstr("does not tell"));
+}
+
+TEST(FocalLengthCheckTest, HeldOnesAreNotChecked) {
+  Simulation simulation =
+      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.0);
+  BundleAdjustmentOptions options;
+  options.refine_focal_length = RefineMode::kNo;
+  EXPECT_TRUE(CheckFocalLengths(simulation.scene, simulation.ground_truth,
+                                options, Threads(1))
+                  .empty());
+}
+
+TEST(FocalLengthCheckTest, ImplausibleOnesAreNamed) {
+  Simulation simulation =
+      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.0);
+  const BundleAdjustmentOptions options;
+  Reconstruction model = simulation.ground_truth;
+  const auto message = [&] {
+    return CheckFocalLengths(simulation.scene, model, options, Threads(1))[0]
+        .message;
+  };
+  std::vector<double>& params = model.cameras[0].params;
+  const std::vector<double> given = params;
+  params[0] = params[1] = 20.0 * model.cameras[0].width_px;
+  EXPECT_THAT(message(), HasSubstr("no lens"));
+  params[0] = params[1] = 2.5 * given[0];
+  EXPECT_THAT(message(), HasSubstr("by a factor of 2.5"));
+}
+
+// What images do not tell stays where it started, and what is held does not
+// notice.
+TEST(FocalLengthCheckTest, StartKeepsWhatIsNotTold) {
+  const Simulation simulation =
+      Distrusted(RigPreset::kMono, PathPreset::kStraight, 1.0);
+  BundleAdjustmentOptions options;
+  options.focal_length_start_sigma = 1e-6;
+  const double truth = simulation.ground_truth.cameras[0].params[0];
+  EXPECT_NEAR(Adjusted(simulation, options).cameras[0].params[0], truth,
+              1e-3 * truth);
+  options.refine_focal_length = RefineMode::kNo;
+  options.refine_extra_params = RefineMode::kNo;
+  const Reconstruction a = Adjusted(simulation, options);
+  options.focal_length_start_sigma = 0.2;
+  const Reconstruction b = Adjusted(simulation, options);
+  for (size_t f = 0; f < a.rig_from_world.size(); ++f) {
+    EXPECT_EQ(a.rig_from_world[f]->translation,
+              b.rig_from_world[f]->translation);
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm
