@@ -1,25 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/geometry/absolute_pose.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/pose_refinement.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kSampleSize = 3;
-constexpr int kMaxNumIterations = 20;
-constexpr double kRelativeCostTolerance = 1e-8;
-constexpr double kInitialDamping = 1e-4;
 constexpr double kLossScale = 0.5;  // of max_error, among the samples
 constexpr double kMinLossScale = 0.02;
 
@@ -46,15 +40,9 @@ double Error(const PlacedCamera& placed, const CameraPoints& camera, size_t i) {
   return (y.stableNormalized() - camera.rays[i]).norm() / camera.max_error_rad;
 }
 
-struct NormalEquations {
-  Matrix6d hessian = Matrix6d::Zero();
-  Vector6d gradient = Vector6d::Zero();
-  double cost = 0.0;
-};
-
-NormalEquations Linearize(const std::vector<CameraPoints>& cameras,
-                          double loss_scale, const Rigid3& unit_from_world) {
-  NormalEquations equations;
+PoseEquations Linearize(const std::vector<CameraPoints>& cameras,
+                        double loss_scale, const Rigid3& unit_from_world) {
+  PoseEquations equations;
   const double squared_scale = loss_scale * loss_scale;
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
@@ -231,37 +219,11 @@ SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
     summary.message = "too few points";
     return summary;
   }
-  NormalEquations equations = Linearize(cameras, loss_scale, *unit_from_world);
-  summary.initial_cost = equations.cost;
-  summary.termination = Termination::kMaxIterations;
-  double damping = kInitialDamping;
-  while (summary.num_iterations < kMaxNumIterations) {
-    ++summary.num_iterations;
-    Matrix6d damped = equations.hessian;
-    damped.diagonal() *= 1.0 + damping;
-    damped.diagonal().array() += 1e-12 * damped.diagonal().maxCoeff() + 1e-300;
-    const Vector6d step = -damped.ldlt().solve(equations.gradient);
-    const Rigid3 candidate{
-        (ExpSO3(step.head<3>()) * unit_from_world->rotation).normalized(),
-        unit_from_world->translation + step.tail<3>()};
-    const NormalEquations next = Linearize(cameras, loss_scale, candidate);
-    const double decrease = equations.cost - next.cost;
-    if (!(decrease >= 0.0)) {
-      damping *= 10.0;
-      continue;
-    }
-    const bool is_converged =
-        decrease <= kRelativeCostTolerance * equations.cost;
-    *unit_from_world = candidate;
-    equations = next;
-    damping *= 0.1;
-    if (is_converged) {
-      summary.termination = Termination::kConverged;
-      break;
-    }
-  }
-  summary.final_cost = equations.cost;
-  return summary;
+  constexpr PoseRefinementOptions kOptions{20, 1e-8, 1e-12};
+  return RefinePose(
+      kOptions,
+      [&](const Rigid3& pose) { return Linearize(cameras, loss_scale, pose); },
+      unit_from_world);
 }
 
 std::optional<Rigid3> EstimateAbsolutePose(

@@ -1,24 +1,19 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/geometry/generalized_pose.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/pose_refinement.h"
 
 namespace mgsfm {
 namespace {
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kSampleSize = 6;
-constexpr int kMaxNumIterations = 10;
-constexpr double kRelativeCostTolerance = 1e-6;
-constexpr double kInitialDamping = 1e-4;
 constexpr double kLossScale = 0.5;  // of max_error
 // Lengths tried for a guess, each from another match.
 constexpr int kNumLengthsOfGuess = 20;
@@ -114,15 +109,9 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   return e * by_e;
 }
 
-struct NormalEquations {
-  Matrix6d hessian = Matrix6d::Zero();
-  Vector6d gradient = Vector6d::Zero();
-  double cost = 0.0;
-};
-
-NormalEquations Linearize(const std::vector<UnitMatches>& pairs,
-                          const Rigid3& unit2_from_unit1) {
-  NormalEquations equations;
+PoseEquations Linearize(const std::vector<UnitMatches>& pairs,
+                        const Rigid3& unit2_from_unit1) {
+  PoseEquations equations;
   Vector6d gradient;
   for (const UnitMatches& pair : pairs) {
     const Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
@@ -307,37 +296,10 @@ SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
     summary.message = "too few matches";
     return summary;
   }
-  NormalEquations equations = Linearize(pairs, *unit2_from_unit1);
-  summary.initial_cost = summary.final_cost = equations.cost;
-  summary.termination = Termination::kMaxIterations;
-  double damping = kInitialDamping;
-  while (summary.num_iterations < kMaxNumIterations) {
-    ++summary.num_iterations;
-    Matrix6d damped = equations.hessian;
-    damped.diagonal() *= 1.0 + damping;
-    damped.diagonal().array() += 1e-9 * damped.diagonal().maxCoeff() + 1e-300;
-    const Vector6d step = -damped.ldlt().solve(equations.gradient);
-    const Rigid3 candidate{
-        (ExpSO3(step.head<3>()) * unit2_from_unit1->rotation).normalized(),
-        unit2_from_unit1->translation + step.tail<3>()};
-    const NormalEquations next = Linearize(pairs, candidate);
-    const double decrease = equations.cost - next.cost;
-    if (!(decrease >= 0.0)) {
-      damping *= 10.0;
-      continue;
-    }
-    const bool is_converged =
-        decrease <= kRelativeCostTolerance * equations.cost;
-    *unit2_from_unit1 = candidate;
-    equations = next;
-    damping *= 0.1;
-    if (is_converged) {
-      summary.termination = Termination::kConverged;
-      break;
-    }
-  }
-  summary.final_cost = equations.cost;
-  return summary;
+  constexpr PoseRefinementOptions kOptions{10, 1e-6, 1e-9};
+  return RefinePose(
+      kOptions, [&](const Rigid3& pose) { return Linearize(pairs, pose); },
+      unit2_from_unit1);
 }
 
 std::optional<Rigid3> EstimateUnitPose(const std::vector<UnitMatches>& pairs,

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include "mgsfm/base/summary.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/geometry/so3.h"
+
+namespace mgsfm {
+
+// Of a pose that is turned from the left by the first three unknowns, and whose
+// translation the others are added to.
+struct PoseEquations {
+  Eigen::Matrix<double, 6, 6> hessian = Eigen::Matrix<double, 6, 6>::Zero();
+  Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
+  double cost = 0.0;
+};
+
+struct PoseRefinementOptions {
+  int max_num_iterations = 10;
+  double relative_cost_tolerance = 1e-6;
+  double ridge = 1e-9;  // of the largest diagonal element, added to all
+};
+
+// Levenberg-Marquardt over one pose: damping starts at 1e-4, falls to a tenth
+// with a step that does not raise the cost and grows tenfold with any other.
+// Ends when a step lowers the cost by at most relative_cost_tolerance of it.
+// Linearize(pose) gives PoseEquations.
+template <class Linearize>
+SolveSummary RefinePose(const PoseRefinementOptions& options,
+                        const Linearize& linearize, Rigid3* pose) {
+  SolveSummary summary;
+  PoseEquations equations = linearize(*pose);
+  summary.initial_cost = equations.cost;
+  summary.termination = Termination::kMaxIterations;
+  double damping = 1e-4;
+  while (summary.num_iterations < options.max_num_iterations) {
+    ++summary.num_iterations;
+    Eigen::Matrix<double, 6, 6> damped = equations.hessian;
+    damped.diagonal() *= 1.0 + damping;
+    damped.diagonal().array() +=
+        options.ridge * damped.diagonal().maxCoeff() + 1e-300;
+    const Eigen::Matrix<double, 6, 1> step =
+        -damped.ldlt().solve(equations.gradient);
+    const Rigid3 candidate{
+        (ExpSO3(step.head<3>()) * pose->rotation).normalized(),
+        pose->translation + step.tail<3>()};
+    const PoseEquations next = linearize(candidate);
+    const double decrease = equations.cost - next.cost;
+    if (!(decrease >= 0.0)) {
+      damping *= 10.0;
+      continue;
+    }
+    const bool is_converged =
+        decrease <= options.relative_cost_tolerance * equations.cost;
+    *pose = candidate;
+    equations = next;
+    damping *= 0.1;
+    if (is_converged) {
+      summary.termination = Termination::kConverged;
+      break;
+    }
+  }
+  summary.final_cost = equations.cost;
+  return summary;
+}
+
+}  // namespace mgsfm
