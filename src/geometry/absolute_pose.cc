@@ -219,8 +219,8 @@ SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
     summary.message = "too few points";
     return summary;
   }
-  constexpr PoseRefinementOptions kOptions{20, 1e-8, 1e-12};
-  return RefinePose(
+  constexpr PoseStepOptions kOptions{20, 1e-8, 1e-12};
+  return MinimizeOverPose(
       kOptions,
       [&](const Rigid3& pose) { return Linearize(cameras, loss_scale, pose); },
       unit_from_world);

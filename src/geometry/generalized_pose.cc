@@ -296,8 +296,8 @@ SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
     summary.message = "too few matches";
     return summary;
   }
-  constexpr PoseRefinementOptions kOptions{10, 1e-6, 1e-9};
-  return RefinePose(
+  constexpr PoseStepOptions kOptions{10, 1e-6, 1e-9};
+  return MinimizeOverPose(
       kOptions, [&](const Rigid3& pose) { return Linearize(pairs, pose); },
       unit2_from_unit1);
 }

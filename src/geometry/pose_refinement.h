@@ -18,7 +18,7 @@ struct PoseEquations {
   double cost = 0.0;
 };
 
-struct PoseRefinementOptions {
+struct PoseStepOptions {
   int max_num_iterations = 10;
   double relative_cost_tolerance = 1e-6;
   double ridge = 1e-9;  // of the largest diagonal element, added to all
@@ -29,8 +29,8 @@ struct PoseRefinementOptions {
 // Ends when a step lowers the cost by at most relative_cost_tolerance of it.
 // Linearize(pose) gives PoseEquations.
 template <class Linearize>
-SolveSummary RefinePose(const PoseRefinementOptions& options,
-                        const Linearize& linearize, Rigid3* pose) {
+SolveSummary MinimizeOverPose(const PoseStepOptions& options,
+                              const Linearize& linearize, Rigid3* pose) {
   SolveSummary summary;
   PoseEquations equations = linearize(*pose);
   summary.initial_cost = equations.cost;
