@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kWidth = 680.0;
+constexpr double kWidth = 740.0;
 constexpr double kHeight = 590.0;
 constexpr double kLeft = 80.0;
 constexpr double kPlotWidth = 400.0;

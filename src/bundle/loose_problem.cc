@@ -23,7 +23,7 @@ void SetFrames(const Scene& scene, const Reconstruction& rig,
       built.frame_idxs.push_back(frame_idx);
       const Rigid3& pose = *rig.rig_from_world[frame_idx];
       built.state.frames.push_back({pose.rotation, pose.Center()});
-      built.problem.frame_masks.push_back(PoseMask::Ones());
+      built.problem.frame_masks.emplace_back(PoseMask::Ones());
     }
     built.problem.images[i].frame = number[frame_idx];
   }
@@ -45,7 +45,7 @@ void SetSensors(const Scene& scene, const LooseModel& model,
     built.state.sensors.push_back(
         *model.separate.rig_from_world[image_idx] *
         model.rig.rig_from_world[image.frame_idx]->Inverse());
-    built.problem.sensor_masks.push_back(PoseMask::Ones());
+    built.problem.sensor_masks.emplace_back(PoseMask::Ones());
     const Spread& spread = spreads[image.sensor_idx];
     built.problem.sensor_priors.push_back(
         {static_cast<int>(i), *expected[image_idx],

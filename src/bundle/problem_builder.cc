@@ -183,7 +183,7 @@ void ProblemBuilder::AddSensor(int sensor_idx) {
   RefinedSensor refined =
       is_held ? RefinedSensor() : RefineSensor(scene_, sensor_idx, options_);
   BundleProblem& problem = built_.problem;
-  problem.sensor_masks.push_back(refined.mask.cwiseProduct(Mask(true)));
+  problem.sensor_masks.emplace_back(refined.mask.cwiseProduct(Mask(true)));
   if (!refined.prior) return;
   refined.prior->sensor = static_cast<int>(problem.sensor_masks.size()) - 1;
   problem.sensor_priors.push_back(*refined.prior);

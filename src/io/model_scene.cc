@@ -112,7 +112,7 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
     ImageRow row{image.id, image.name, image.camera_id, {}};
     row.keypoints_px.reserve(model.keypoints[i].size());
     for (const ModelKeypoint& keypoint : model.keypoints[i]) {
-      row.keypoints_px.push_back(keypoint.position_px.cast<float>());
+      row.keypoints_px.emplace_back(keypoint.position_px.cast<float>());
     }
     contents.images.push_back(std::move(row));
   }

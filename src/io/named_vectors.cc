@@ -68,8 +68,8 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
     const std::string name = SplitLine(line, columns, &vector.value, &problem);
     const auto found = idx_of_name.find(name);
     if (problem.empty() && found == idx_of_name.end()) {
-      problem =
-          "names the image '" + name + "', which the database does not have";
+      problem = "names the image '";
+      problem += name + "', which the database does not have";
     } else if (problem.empty() && is_named[found->second]) {
       problem = "names '" + name + "' again";
     }

@@ -40,9 +40,11 @@ struct Lanes {
 #if defined(__GNUC__)
 template <>
 struct Lanes<6> {
-  // Of doubles anywhere in memory.
+  // Of doubles anywhere in memory; `using` does not take such attributes.
+  // NOLINTBEGIN(modernize-use-using)
   typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
   typedef double Two __attribute__((vector_size(16), aligned(8), may_alias));
+  // NOLINTEND(modernize-use-using)
   Four four;
   Two two;
 

@@ -25,12 +25,11 @@ constexpr size_t kNumSections = 32;
 }  // namespace
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
-                                   std::vector<int> image_of_observation,
+                                   const std::vector<int>& image_of_observation,
                                    ReducedSolver solver, const Context& context)
     : problem_(problem),
       context_(context),
-      structure_(problem, std::move(image_of_observation), solver,
-                 context.num_threads),
+      structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
       chunk_costs_(structure_.chunks.size()),
       chunk_sums_(structure_.chunks.size()),

@@ -35,8 +35,8 @@ namespace mgsfm {
 class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
-                   std::vector<int> image_of_observation, ReducedSolver solver,
-                   const Context& context);
+                   const std::vector<int>& image_of_observation,
+                   ReducedSolver solver, const Context& context);
 
   // Takes a copy of a state as the present one, and gives it back.
   void SetState(const RigState& state);

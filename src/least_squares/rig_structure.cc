@@ -567,7 +567,7 @@ void Builder::PlaceChunk(size_t chunk_idx) {
 }  // namespace
 
 RigStructure::RigStructure(const RigProblemBase& problem,
-                           std::vector<int> image_of_observation,
+                           const std::vector<int>& image_of_observation,
                            ReducedSolver solver, int num_threads) {
   Builder(problem, image_of_observation, solver, num_threads, this).Build();
 }

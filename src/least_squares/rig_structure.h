@@ -60,8 +60,8 @@ struct RigStructure {
   // `image_of_observation` is that of the problem's observations; it becomes
   // observation_image.
   RigStructure(const RigProblemBase& problem,
-               std::vector<int> image_of_observation, ReducedSolver solver,
-               int num_threads);
+               const std::vector<int>& image_of_observation,
+               ReducedSolver solver, int num_threads);
 
   // Coordinates of a pose in its block: 6, or 3 if no rotation is free.
   int pose_size = 3;

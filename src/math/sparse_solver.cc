@@ -12,10 +12,12 @@
 #include "mgsfm/base/error.h"
 
 // Of OpenMP, whose header not every compiler brings.
+// NOLINTBEGIN(readability-identifier-naming)
 extern "C" {
 int omp_get_max_active_levels();
 void omp_set_max_active_levels(int levels);
 }
+// NOLINTEND(readability-identifier-naming)
 
 namespace mgsfm {
 namespace {
@@ -100,7 +102,7 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
 }
 
 struct SparseCholesky::Impl {
-  explicit Impl(int num_threads_) : num_threads(num_threads_) {
+  explicit Impl(int count) : num_threads(count) {
     cholmod_start(&common);
     common.print = 0;
     // LL^T, not LDL^T: the latter also factorises indefinite matrices.
@@ -216,7 +218,8 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
 
 SparseLeastSquares::SparseLeastSquares(Eigen::SparseMatrix<double> A,
                                        int num_threads)
-    : A_(std::move(A)), solver_(num_threads) {
+    : solver_(num_threads) {
+  A_.swap(A);
   A_.makeCompressed();
   Eigen::SparseMatrix<double> H = A_.transpose() * A_;
   H.makeCompressed();

@@ -25,10 +25,10 @@ namespace mgsfm {
 
 inline bool HasAvx2() {
 #if defined(__x86_64__) && defined(__GNUC__)
-  static const bool has_avx2 = std::getenv("MGSFM_PORTABLE") == nullptr &&
+  static const bool kHasAvx2 = std::getenv("MGSFM_PORTABLE") == nullptr &&
                                __builtin_cpu_supports("avx2") &&
                                __builtin_cpu_supports("fma");
-  return has_avx2;
+  return kHasAvx2;
 #else
   return false;
 #endif

@@ -18,6 +18,7 @@ struct TwoViewGeometryOptions {
   double max_error = 4.0;
   double confidence = 0.999;
   int max_num_trials = 10000;
+  // As COLMAP spells it. NOLINTNEXTLINE(readability-identifier-naming)
   double max_H_inlier_ratio = 0.8;
   bool detect_watermark = true;
   double watermark_border_size = 0.1;
