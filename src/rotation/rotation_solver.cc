@@ -93,8 +93,7 @@ class L1Steps {
     admm_.x.setZero(op_.cols(), 3);
     admm_.z.resize(0, 0);
     admm_.rho = 0.0;
-    const SolveSummary summary =
-        MinimizeByAdmm(op_, b_, norms_, options, &admm_);
+    SolveSummary summary = MinimizeByAdmm(op_, b_, norms_, options, &admm_);
     step->nodes = admm_.x;
     return summary;
   }
@@ -102,7 +101,7 @@ class L1Steps {
  private:
   L1Steps(const RotationProblem& problem, Differences differences,
           int num_threads)
-      : op_(std::move(differences.matrix), num_threads),
+      : op_(differences.matrix, num_threads),
         edges_(std::move(differences.edges)),
         b_(op_.rows(), 3) {
     norms_.weights.resize(op_.rows());
