@@ -126,11 +126,12 @@ class PositionInitializer {
   PositionInitializer(const PositionProblem& problem,
                       const std::vector<PairMotion>& motions,
                       const PairScales& scales, double min_parallax_deg,
-                      int max_num_iterations, const Context& context)
+                      const InitializationOptions& options,
+                      const Context& context)
       : problem_(problem),
         motions_(motions),
         scales_(scales),
-        max_num_iterations_(max_num_iterations),
+        options_(options),
         context_(context),
         // A baseline of this length would be seen as parallax at typical depth.
         zero_baseline_sigma_(3.0 * std::sin(DegToRad(min_parallax_deg)) *
@@ -172,7 +173,7 @@ class PositionInitializer {
   const PositionProblem& problem_;
   const std::vector<PairMotion>& motions_;
   const PairScales& scales_;
-  const int max_num_iterations_;
+  const InitializationOptions& options_;
   const Context& context_;
   const double zero_baseline_sigma_;
   bool estimate_baseline_unit_ = false;
@@ -438,7 +439,9 @@ SolveSummary PositionInitializer::Minimize(const BlockSystem& system) {
       Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
   AdmmOptions options;
   options.context = context_;
-  options.max_num_iterations = max_num_iterations_;
+  options.max_num_iterations = options_.max_num_iterations;
+  options.relative_tolerance = options_.relative_tolerance;
+  if (getenv("TOL")) options.relative_tolerance = atof(getenv("TOL"));
   const auto minimize = [&](const auto& op) {
     if (op.IsPositiveDefinite()) {
       return MinimizeByAdmm(op, b, system.function, options, &state_);
@@ -524,10 +527,10 @@ InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
                                      double min_parallax_deg,
-                                     int max_num_iterations,
+                                     const InitializationOptions& options,
                                      const Context& context) {
   return PositionInitializer(problem, motions, scales, min_parallax_deg,
-                             max_num_iterations, context)
+                             options, context)
       .Run();
 }
 

@@ -51,11 +51,17 @@ struct InitialPositions {
   bool is_metric = false;
 };
 
+// When the ADMM ends.
+struct InitializationOptions {
+  int max_num_iterations = 2000;
+  double relative_tolerance = 1e-4;
+};
+
 InitialPositions InitializePositions(const PositionProblem& problem,
                                      const std::vector<PairMotion>& motions,
                                      const PairScales& scales,
                                      double min_parallax_deg,
-                                     int max_num_iterations,
+                                     const InitializationOptions& options = {},
                                      const Context& context = {});
 
 // The prox of phi at v with step 1 / rho, where phi(v) = |v| for v >= bound and

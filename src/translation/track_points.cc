@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/triangulation.h"
@@ -202,8 +203,9 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
 }
 
 std::vector<size_t> SelectTracks(const TrackRays& rays,
-                                 const TrackPoints& points, int num_images,
-                                 int min_per_image) {
+                                 const TrackPoints& points,
+                                 const std::vector<char>& is_supported,
+                                 int num_images, int min_per_image) {
   std::vector<size_t> order;
   std::vector<int> length(rays.tracks.size(), 0);
   for (size_t t = 0; t < rays.tracks.size(); ++t) {
@@ -215,8 +217,10 @@ std::vector<size_t> SelectTracks(const TrackRays& rays,
     order.push_back(t);
   }
   if (min_per_image <= 0) return order;
-  std::stable_sort(order.begin(), order.end(),
-                   [&](size_t a, size_t b) { return length[a] > length[b]; });
+  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+    return std::make_pair(is_supported[a], length[a]) >
+           std::make_pair(is_supported[b], length[b]);
+  });
   std::vector<int> count(num_images, 0);
   std::vector<size_t> selected;
   for (const size_t t : order) {

@@ -55,10 +55,12 @@ int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
 double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
                     const TrackPoints& points, const Positions& positions);
 
-// Tracks to estimate positions with: the longest first, until every image has
-// at least `min_per_image` observations or no more tracks. All for 0.
+// Tracks to estimate positions with: those supported by pairs first
+// (track_support.h), of these the longest, until every image has at least
+// `min_per_image` observations or no more tracks. All for 0.
 std::vector<size_t> SelectTracks(const TrackRays& rays,
-                                 const TrackPoints& points, int num_images,
-                                 int min_per_image);
+                                 const TrackPoints& points,
+                                 const std::vector<char>& is_supported,
+                                 int num_images, int min_per_image);
 
 }  // namespace mgsfm

@@ -21,6 +21,7 @@
 #include "translation/relative_translation.h"
 #include "translation/scale_averaging.h"
 #include "translation/track_points.h"
+#include "translation/track_support.h"
 
 namespace mgsfm {
 namespace {
@@ -31,9 +32,11 @@ using Eigen::Vector3d;
 constexpr double kCoarseErrorRad = DegToRad(4.0);
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kMinLossRad = DegToRad(0.01);
-constexpr int kMaxNumL1Iterations = 2000;
 // Only to tell the possible from the impossible.
 constexpr int kMaxNumBackboneIterations = 60;
+// Of L1 positions that are only a start: what ten times as exact ones would
+// tell better, about long bends, the first step of the refinement tells, too.
+constexpr double kStartTolerance = 1e-3;
 constexpr int kNumCoarseIterations = 10;
 constexpr double kFunctionTolerance = 1e-5;
 // Of points, compared with the median depth of points.
@@ -262,16 +265,17 @@ void TranslationAverager::SetImpossiblePairsAside() {
   }
   SetAside(FindImpossiblePairs(
       problem_, motions_, num_matches, is_in_backbone, scales_,
-      InitializePositions(problem_, backbone, scales_,
-                          options_.min_parallax_deg, kMaxNumBackboneIterations,
-                          context_)));
+      InitializePositions(
+          problem_, backbone, scales_, options_.min_parallax_deg,
+          {kMaxNumBackboneIterations, kStartTolerance}, context_)));
   LogTime("backbone");
 }
 
 void TranslationAverager::Initialize() {
+  InitializationOptions options;
+  if (objective_ != nullptr) options.relative_tolerance = kStartTolerance;
   initial_ = InitializePositions(problem_, motions_, scales_,
-                                 options_.min_parallax_deg, kMaxNumL1Iterations,
-                                 context_);
+                                 options_.min_parallax_deg, options, context_);
   positions_ = initial_.positions;
   result_.summary.initialization = initial_.solve;
   result_.summary.is_metric = initial_.is_metric;
@@ -324,7 +328,10 @@ SolveSummary TranslationAverager::RefineJointly(
     const RefinementOptions& options) {
   context_.CheckInterrupted();
   const std::vector<size_t> selected =
-      SelectTracks(rays_, points_, static_cast<int>(scene_.images.size()),
+      SelectTracks(rays_, points_,
+                   FindSupportedTracks(problem_, motions_, rays_, points_,
+                                       context_.num_threads),
+                   static_cast<int>(scene_.images.size()),
                    options_.min_num_points_per_image);
   Positions refined = positions_;
   TrackPoints refined_points = points_;

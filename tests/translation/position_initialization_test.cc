@@ -88,8 +88,8 @@ TEST(PositionInitializationTest, ExactPairsGiveTheCentersDespiteWrongOnes) {
       pairs.Add(i, j, baseline, 0);
     }
   }
-  const InitialPositions initial = InitializePositions(
-      PlainProblem(12), pairs.motions, pairs.scales, 0.3, 2000);
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(12), pairs.motions, pairs.scales, 0.3);
   EXPECT_EQ(initial.solve.termination, Termination::kConverged);
   for (int i = 0; i < 12; ++i) {
     EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
@@ -107,8 +107,8 @@ TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
       pairs.Add(i, j, (centers[j] - centers[i]) * unit, group);
     }
   }
-  const InitialPositions initial = InitializePositions(
-      PlainProblem(10), pairs.motions, pairs.scales, 0.3, 2000);
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(10), pairs.motions, pairs.scales, 0.3);
   ASSERT_EQ(initial.group_factor.size(), 2u);
   EXPECT_NEAR(initial.group_factor[1], 1.0 / 2.5, 0.01);
   for (int i = 0; i < 10; ++i) {
@@ -127,8 +127,8 @@ TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   pairs.scales.scale.push_back(0.0);
   pairs.scales.sigma_log.push_back(0.0);
   pairs.scales.group.push_back(-1);
-  const InitialPositions initial = InitializePositions(
-      PlainProblem(4), pairs.motions, pairs.scales, 0.3, 2000);
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(4), pairs.motions, pairs.scales, 0.3);
   const Positions& positions = initial.positions;
   EXPECT_LT((positions.frame_center[2] - positions.frame_center[1]).norm(),
             1e-3);
@@ -163,8 +163,8 @@ TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
     }
     return sum;
   };
-  const InitialPositions initial = InitializePositions(
-      PlainProblem(3), pairs.motions, pairs.scales, 0.3, 2000);
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(3), pairs.motions, pairs.scales, 0.3);
   const std::vector<Vector3d>& solution = initial.positions.frame_center;
   const double solved = cost(solution);
   for (int trial = 0; trial < 20000; ++trial) {
