@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 
+#include "mgsfm/base/error.h"
 #include "mgsfm/math/union_find.h"
 
 namespace mgsfm {
@@ -88,6 +89,30 @@ std::vector<ForestStep> WalkForest(int num_nodes,
     }
   }
   return steps;
+}
+
+ForestWays::ForestWays(int num_nodes, const std::vector<GraphEdge>& edges,
+                       const std::vector<double>& lengths)
+    : parent_(num_nodes, -1), depth_(num_nodes, 0), way_(num_nodes, 0.0) {
+  MGSFM_CHECK_EQ(edges.size(), lengths.size());
+  const std::vector<int> forest = MaximumSpanningForest(num_nodes, edges);
+  for (const ForestStep& step : WalkForest(num_nodes, edges, forest)) {
+    if (step.edge < 0) continue;
+    parent_[step.node] = step.parent;
+    depth_[step.node] = depth_[step.parent] + 1;
+    way_[step.node] = lengths[step.edge];
+  }
+}
+
+double ForestWays::Between(int a, int b) const {
+  double way = 0.0;
+  while (a != b) {
+    if (depth_[a] < depth_[b]) std::swap(a, b);
+    if (parent_[a] < 0) return way;
+    way += way_[a];
+    a = parent_[a];
+  }
+  return way;
 }
 
 }  // namespace mgsfm

@@ -7,6 +7,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/spanning_tree.h"
 #include "mgsfm/math/statistics.h"
 #include "mgsfm/scene/backbone.h"
 #include "rotation/gravity.h"
@@ -40,12 +41,13 @@ class RotationAverager {
  public:
   RotationAverager(const Scene& scene, const ViewGraph& view_graph,
                    const std::vector<char>& pair_is_used,
-                   const GravityPriors& gravity,
+                   const RotationEstimate* start, const GravityPriors& gravity,
                    const RotationAveragingOptions& options,
                    const Context& context)
       : scene_(scene),
         view_graph_(view_graph),
         pair_is_used_(pair_is_used),
+        start_(start),
         gravity_(gravity),
         options_(options),
         context_(context),
@@ -85,6 +87,8 @@ class RotationAverager {
   bool HasUnknownSensor() const;
   ImageRotations NoImages();
   ImageRotations AverageImages();
+  NodeStart StartOfImages() const;
+  NodeStart StartOfFrames() const;
   PairProblem BuildImageProblem() const;
   ImageRotations CollectImageRotations(const PairProblem& pairs,
                                        const RotationState& state) const;
@@ -113,6 +117,7 @@ class RotationAverager {
   const Scene& scene_;
   const ViewGraph& view_graph_;
   const std::vector<char>& pair_is_used_;
+  const RotationEstimate* start_;  // null: none
   const GravityPriors& gravity_;
   const RotationAveragingOptions& options_;
   const Context& context_;
@@ -161,12 +166,28 @@ PairProblem RotationAverager::BuildImageProblem() const {
   return pairs;
 }
 
+NodeStart RotationAverager::StartOfFrames() const {
+  if (start_ == nullptr) return {};
+  return {start_->rig_from_world, start_->component};
+}
+
+NodeStart RotationAverager::StartOfImages() const {
+  NodeStart start;
+  if (start_ == nullptr) return start;
+  for (size_t i = 0; i < scene_.images.size(); ++i) {
+    const int image_idx = static_cast<int>(i);
+    start.rotations.push_back(start_->CamFromWorld(scene_, image_idx));
+    start.parts.push_back(start_->component[FrameOf(image_idx)]);
+  }
+  return start;
+}
+
 ImageRotations RotationAverager::AverageImages() {
   const PairProblem pairs = BuildImageProblem();
   RotationState state;
   state.sensors = {Quaterniond::Identity()};
   result_.summary.images =
-      AverageNodes(pairs.problem, options_, context_, &state);
+      AverageNodes(pairs.problem, StartOfImages(), options_, context_, &state);
   return CollectImageRotations(pairs, state);
 }
 
@@ -253,14 +274,14 @@ bool RotationAverager::AverageFrames() {
                              }),
               edges.end());
   if (IsJoint()) {
-    InitializeNodes(between_frames, max_error_, &state_);
+    InitializeNodes(between_frames, max_error_, StartOfFrames(), &state_);
     result_.summary.frames.termination = Termination::kConverged;
     result_.summary.frames.message = "Only a start: all are solved jointly.";
     has_frames_ = true;
     return true;
   }
-  result_.summary.frames =
-      AverageNodes(between_frames, options_, context_, &state_);
+  result_.summary.frames = AverageNodes(between_frames, StartOfFrames(),
+                                        options_, context_, &state_);
   has_frames_ = result_.summary.frames.IsUsable();
   return has_frames_;
 }
@@ -402,19 +423,14 @@ void RotationAverager::CountPairs() {
   }
 }
 
-// Pairs that the rotations of the backbone alone contradict by more than their
-// drift; in a part that the backbone connects.
-std::vector<char> FindPairsWithinDrift(const Scene& scene,
-                                       const ViewGraph& view_graph,
-                                       const std::vector<char>& pair_is_used,
-                                       const std::vector<char>& is_in_backbone,
-                                       const RotationEstimate& by_backbone,
-                                       double max_error_deg) {
-  // Of the backbone; a chain of thousands of frames drifts less.
-  constexpr double kMaxDriftDeg = 10.0;
-  std::vector<char> is_within = pair_is_used;
-  int num_tested = 0, num_beyond = 0;
-  for (size_t i = 0; i < is_within.size(); ++i) {
+// How far pairs are from the rotations of the backbone alone; nullopt where it
+// does not tell.
+std::vector<std::optional<double>> DistancesFromBackbone(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<char>& pair_is_used,
+    const RotationEstimate& by_backbone) {
+  std::vector<std::optional<double>> distances(view_graph.pairs.size());
+  for (size_t i = 0; i < distances.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     if (!pair_is_used[i] || !pair.relative_pose) continue;
     const auto rotation1 = by_backbone.CamFromWorld(scene, pair.image_idx1);
@@ -422,21 +438,71 @@ std::vector<char> FindPairsWithinDrift(const Scene& scene,
     const auto part = [&](int image_idx) {
       return by_backbone.component[scene.images[image_idx].frame_idx];
     };
-    if (!rotation1 || !rotation2 ||
-        part(pair.image_idx1) != part(pair.image_idx2)) {
-      continue;
+    if (rotation1 && rotation2 &&
+        part(pair.image_idx1) == part(pair.image_idx2)) {
+      distances[i] = AngleBetween(
+          pair.relative_pose->cam2_from_cam1 * *rotation1, *rotation2);
     }
-    const double error = AngleBetween(
-        pair.relative_pose->cam2_from_cam1 * *rotation1, *rotation2);
-    ++num_tested;
-    if (is_in_backbone[i] || error <= DegToRad(max_error_deg + kMaxDriftDeg)) {
+  }
+  return distances;
+}
+
+// Numbers of frames along the strongest tree of the backbone.
+ForestWays WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
+                          const std::vector<char>& is_in_backbone) {
+  std::vector<GraphEdge> edges;
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    if (!is_in_backbone[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    edges.push_back({scene.images[pair.image_idx1].frame_idx,
+                     scene.images[pair.image_idx2].frame_idx,
+                     static_cast<double>(pair.matches.size())});
+  }
+  return {static_cast<int>(scene.frames.size()), edges,
+          std::vector<double>(edges.size(), 1.0)};
+}
+
+// Leaves out pairs that the rotations of the backbone alone contradict by more
+// than errors of pairs and the drift of the backbone explain: a random walk of
+// steps with the robust standard deviation of all distances. Copies of a
+// structure often are but some degrees off, and enough of them tear the road
+// where few pairs hold it.
+std::vector<char> FindPairsWithinDrift(const Scene& scene,
+                                       const ViewGraph& view_graph,
+                                       const std::vector<char>& pair_is_used,
+                                       const std::vector<char>& is_in_backbone,
+                                       const RotationEstimate& by_backbone,
+                                       double max_error_deg) {
+  constexpr double kMaxDriftDeg = 10.0;
+  constexpr double kMaxErrorOfPair = 0.3;  // of max_error_deg
+  constexpr double kDriftInSigmas = 2.0;
+  const std::vector<std::optional<double>> distances =
+      DistancesFromBackbone(scene, view_graph, pair_is_used, by_backbone);
+  std::vector<double> known;
+  for (const auto& distance : distances) {
+    if (distance) known.push_back(*distance);
+  }
+  if (known.empty()) return pair_is_used;
+  const double sigma = RobustSigmaOfNorms3(known);
+  const ForestWays ways = WaysOfBackbone(scene, view_graph, is_in_backbone);
+  std::vector<char> is_within = pair_is_used;
+  size_t num_beyond = 0;
+  for (size_t i = 0; i < is_within.size(); ++i) {
+    if (!distances[i] || is_in_backbone[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    const double way = ways.Between(scene.images[pair.image_idx1].frame_idx,
+                                    scene.images[pair.image_idx2].frame_idx);
+    const double drift = std::min(
+        kDriftInSigmas * sigma * std::sqrt(way),
+        DegToRad(kMaxDriftDeg + (1.0 - kMaxErrorOfPair) * max_error_deg));
+    if (*distances[i] <= DegToRad(kMaxErrorOfPair * max_error_deg) + drift) {
       continue;
     }
     is_within[i] = false;
     ++num_beyond;
   }
-  return num_beyond > kMaxShareBeyondDrift * num_tested ? pair_is_used
-                                                        : is_within;
+  return num_beyond > kMaxShareBeyondDrift * known.size() ? pair_is_used
+                                                          : is_within;
 }
 
 }  // namespace
@@ -463,13 +529,14 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   quiet.log = nullptr;
   quiet.progress = nullptr;
   const RotationResult by_backbone =
-      RotationAverager(scene, view_graph, is_in_backbone, {}, options, quiet)
+      RotationAverager(scene, view_graph, is_in_backbone, nullptr, {}, options,
+                       quiet)
           .Run();
   const std::vector<char> is_within =
       FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_backbone,
                            by_backbone.estimate, options.max_error_deg);
-  return RotationAverager(scene, view_graph, is_within, gravity, options,
-                          context)
+  return RotationAverager(scene, view_graph, is_within, &by_backbone.estimate,
+                          gravity, options, context)
       .Run();
 }
 

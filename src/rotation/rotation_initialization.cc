@@ -87,9 +87,17 @@ std::vector<NodeRotation> MergeParallel(
 }  // namespace
 
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
-                     RotationState* state) {
-  const std::vector<NodeRotation> merged =
+                     const NodeStart& start, RotationState* state) {
+  // More than any number of matches.
+  constexpr double kSupportOfKnown = 1e12;
+  std::vector<NodeRotation> merged =
       MergeParallel(CollectNodeRotations(problem, *state), max_error_rad);
+  for (NodeRotation& r : merged) {
+    if (!start.Knows(r.low, r.high)) continue;
+    r.high_from_low =
+        *start.rotations[r.high] * start.rotations[r.low]->conjugate();
+    r.support += kSupportOfKnown;
+  }
   std::vector<GraphEdge> edges;
   edges.reserve(merged.size());
   for (const NodeRotation& r : merged) {

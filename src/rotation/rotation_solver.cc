@@ -222,9 +222,11 @@ SolveSummary AverageRobust(const RotationProblem& problem,
 }
 
 SolveSummary AverageNodes(const RotationProblem& problem,
+                          const NodeStart& start,
                           const RotationAveragingOptions& options,
                           const Context& context, RotationState* state) {
-  InitializeNodes(problem, DegToRad(options.max_error_deg), state);
+  InitializeNodes(problem, DegToRad(options.max_error_deg), start, state);
+  if (!start.IsEmpty()) return AverageRobust(problem, options, context, state);
   const SolveSummary l1 = AverageL1(problem, options, context, state);
   SolveSummary summary = AverageRobust(problem, options, context, state);
   std::ostringstream message;

@@ -7,6 +7,7 @@
 #include "mgsfm/base/summary.h"
 #include "mgsfm/math/robust_loss.h"
 #include "mgsfm/rotation/rotation_averaging.h"
+#include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"
 
 namespace mgsfm {
@@ -45,8 +46,10 @@ SolveSummary AverageRobust(const RotationProblem& problem,
 
 // The start by a spanning forest (rotation_initialization.h), AverageL1() and
 // AverageRobust(), whose summary is returned. Should the L1 step fail, the last
-// goes on from what it left.
+// goes on from what it left. With a start the L1 step is left out: it counts
+// votes, whatever it starts from, while the last keeps to what is close.
 SolveSummary AverageNodes(const RotationProblem& problem,
+                          const NodeStart& start,
                           const RotationAveragingOptions& options,
                           const Context& context, RotationState* state);
 

@@ -14,16 +14,16 @@ namespace mgsfm {
 namespace {
 
 constexpr int kMaxFrameGap = 3;
-constexpr double kMinStrength = 0.6;
-constexpr double kMinConnectingStrength = 0.5;  // of the strongest
 
 class BackboneSelector {
  public:
   BackboneSelector(const Scene& scene, const ViewGraph& view_graph,
-                   const std::vector<char>& pair_is_used)
+                   const std::vector<char>& pair_is_used,
+                   const BackboneOptions& options)
       : scene_(scene),
         view_graph_(view_graph),
         is_used_(pair_is_used),
+        options_(options),
         strengths_(view_graph.pairs.size(), 0.0),
         is_selected_(view_graph.pairs.size(), false),
         parts_(scene.frames.size()) {}
@@ -31,7 +31,8 @@ class BackboneSelector {
   std::vector<char> Run() {
     ComputeStrengths();
     for (size_t i = 0; i < is_selected_.size(); ++i) {
-      if (is_used_[i] && (!IsBetweenFrames(i) || strengths_[i] > kMinStrength))
+      if (is_used_[i] &&
+          (!IsBetweenFrames(i) || strengths_[i] > options_.min_strength))
         Select(i);
     }
     while (ConnectParts()) {
@@ -98,7 +99,7 @@ class BackboneSelector {
     std::vector<size_t> connecting;
     for (size_t i = 0; i < strengths_.size(); ++i) {
       if (LeavesPart(i) &&
-          strengths_[i] >= kMinConnectingStrength *
+          strengths_[i] >= options_.min_connecting_strength *
                                std::min(strongest[parts_.Find(Frame1(i))],
                                         strongest[parts_.Find(Frame2(i))])) {
         connecting.push_back(i);
@@ -111,6 +112,7 @@ class BackboneSelector {
   const Scene& scene_;
   const ViewGraph& view_graph_;
   const std::vector<char>& is_used_;
+  const BackboneOptions& options_;
   std::vector<double> strengths_;
   std::vector<char> is_selected_;
   UnionFind parts_;  // of frames
@@ -120,9 +122,10 @@ class BackboneSelector {
 
 std::vector<char> SelectBackbone(const Scene& scene,
                                  const ViewGraph& view_graph,
-                                 const std::vector<char>& pair_is_used) {
+                                 const std::vector<char>& pair_is_used,
+                                 const BackboneOptions& options) {
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
-  return BackboneSelector(scene, view_graph, pair_is_used).Run();
+  return BackboneSelector(scene, view_graph, pair_is_used, options).Run();
 }
 
 std::vector<SuspiciousGroup> GroupSuspiciousPairs(

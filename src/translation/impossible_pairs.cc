@@ -32,38 +32,6 @@ std::vector<FramePair> FramesOfPairs(const PositionProblem& problem,
   return pairs;
 }
 
-// Ways along a tree over the frames.
-class TreeWays {
- public:
-  TreeWays(int num_frames, const std::vector<GraphEdge>& edges,
-           const std::vector<double>& lengths)
-      : parent_(num_frames, -1), depth_(num_frames, 0), way_(num_frames, 0.0) {
-    const std::vector<int> forest = MaximumSpanningForest(num_frames, edges);
-    for (const ForestStep& step : WalkForest(num_frames, edges, forest)) {
-      if (step.edge < 0) continue;
-      parent_[step.node] = step.parent;
-      depth_[step.node] = depth_[step.parent] + 1;
-      way_[step.node] = lengths[step.edge];
-    }
-  }
-
-  double Between(int a, int b) const {
-    double way = 0.0;
-    while (a != b) {
-      if (depth_[a] < depth_[b]) std::swap(a, b);
-      if (parent_[a] < 0) return way;  // another tree: no way between them
-      way += way_[a];
-      a = parent_[a];
-    }
-    return way;
-  }
-
- private:
-  std::vector<int> parent_;
-  std::vector<int> depth_;
-  std::vector<double> way_;  // to the parent
-};
-
 }  // namespace
 
 std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
@@ -84,7 +52,7 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
                      static_cast<double>(num_matches[i])});
     lengths.push_back(scales.scale[i] * unit);
   }
-  const TreeWays ways(problem.num_frames, edges, lengths);
+  const ForestWays ways(problem.num_frames, edges, lengths);
   std::vector<char> is_impossible(motions.size(), false);
   int num_tested = 0, num_impossible = 0;
   for (size_t i = 0; i < motions.size(); ++i) {

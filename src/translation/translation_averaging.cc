@@ -116,6 +116,7 @@ class TranslationAverager {
   void TriangulateOnly();
   void EstimatePairs();
   void SetImpossiblePairsAside();
+  std::vector<char> JudgeBy(const std::vector<char>& is_in_backbone) const;
   void SetAside(const std::vector<char>& is_set_aside);
   void Initialize();
   void RefineWithPairs();
@@ -248,27 +249,38 @@ void TranslationAverager::SetAside(const std::vector<char>& is_set_aside) {
   }
 }
 
+// Copies may be strong enough for the backbone where a road shows little else.
+// The spine does not have them; what it cannot explain is not let in.
 void TranslationAverager::SetImpossiblePairsAside() {
+  std::vector<char> is_candidate(motions_.size());
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    is_candidate[i] = motions_[i].kind == MotionKind::kDirection;
+  }
+  const std::vector<char> is_beyond_spine =
+      JudgeBy(SelectBackbone(scene_, view_graph_, is_candidate, kSpine));
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    if (is_beyond_spine[i]) is_candidate[i] = false;
+  }
+  SetAside(JudgeBy(SelectBackbone(scene_, view_graph_, is_candidate)));
+  LogTime("backbone");
+}
+
+// Per pair: whether positions by a backbone make it impossible.
+std::vector<char> TranslationAverager::JudgeBy(
+    const std::vector<char>& is_in_backbone) const {
   std::vector<int> num_matches(motions_.size());
-  std::vector<char> has_direction(motions_.size());
+  std::vector<PairMotion> backbone = motions_;
   for (size_t i = 0; i < motions_.size(); ++i) {
     num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
-    has_direction[i] = motions_[i].kind == MotionKind::kDirection;
-  }
-  const std::vector<char> is_in_backbone =
-      SelectBackbone(scene_, view_graph_, has_direction);
-  std::vector<PairMotion> backbone = motions_;
-  for (size_t i = 0; i < backbone.size(); ++i) {
-    if (has_direction[i] && !is_in_backbone[i]) {
+    if (backbone[i].kind == MotionKind::kDirection && !is_in_backbone[i]) {
       backbone[i].kind = MotionKind::kUnused;
     }
   }
-  SetAside(FindImpossiblePairs(
+  return FindImpossiblePairs(
       problem_, motions_, num_matches, is_in_backbone, scales_,
       InitializePositions(
           problem_, backbone, scales_, options_.min_parallax_deg,
-          {kMaxNumBackboneIterations, kStartTolerance}, context_)));
-  LogTime("backbone");
+          {kMaxNumBackboneIterations, kStartTolerance}, context_));
 }
 
 void TranslationAverager::Initialize() {

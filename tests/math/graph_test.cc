@@ -4,6 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <limits>
+
 #include "mgsfm/base/random.h"
 #include "mgsfm/math/spanning_tree.h"
 #include "mgsfm/math/union_find.h"
@@ -114,6 +117,42 @@ TEST(WalkForest, VisitsParentsFirst) {
     EXPECT_EQ(edge.node1 + edge.node2, step.node + step.parent);
   }
   EXPECT_EQ(num_roots, 2);
+}
+
+TEST(ForestWays, AreThoseAlongTheForest) {
+  constexpr int kNumNodes = 30;
+  Random random(5);
+  std::vector<GraphEdge> edges;
+  std::vector<double> lengths;
+  for (int e = 0; e < 45; ++e) {
+    edges.push_back({static_cast<int>(random.Index(kNumNodes)),
+                     static_cast<int>(random.Index(kNumNodes)),
+                     random.Uniform()});
+    lengths.push_back(random.Uniform(1.0, 2.0));
+  }
+  const double infinity = std::numeric_limits<double>::infinity();
+  std::vector<std::vector<double>> expected(
+      kNumNodes, std::vector<double>(kNumNodes, infinity));
+  for (int i = 0; i < kNumNodes; ++i) expected[i][i] = 0.0;
+  for (const int e : MaximumSpanningForest(kNumNodes, edges)) {
+    expected[edges[e].node1][edges[e].node2] = lengths[e];
+    expected[edges[e].node2][edges[e].node1] = lengths[e];
+  }
+  for (int k = 0; k < kNumNodes; ++k) {
+    for (int i = 0; i < kNumNodes; ++i) {
+      for (int j = 0; j < kNumNodes; ++j) {
+        expected[i][j] =
+            std::min(expected[i][j], expected[i][k] + expected[k][j]);
+      }
+    }
+  }
+  const ForestWays ways(kNumNodes, edges, lengths);
+  for (int i = 0; i < kNumNodes; ++i) {
+    for (int j = 0; j < kNumNodes; ++j) {
+      if (expected[i][j] == infinity) continue;
+      EXPECT_NEAR(ways.Between(i, j), expected[i][j], 1e-12);
+    }
+  }
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <limits>
 #include <numeric>
 
@@ -177,6 +178,43 @@ TEST(RotationAveraging, StrongWrongPairsAreFound) {
   const RotationResult result = Average(simulation);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
   EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 0.5);
+}
+
+// Where few pairs hold the road together, more pairs of a copy would turn it.
+TEST(RotationAveraging, CopiesSomeDegreesOffDoNotTearTheRoad) {
+  constexpr int kNumFrames = 60, kCut = 30;
+  SimulationOptions options = SmallSimulation();
+  options.rig = RigPreset::kMono;
+  options.num_frames = kNumFrames;
+  options.relative_rotation_noise_deg = 0.1;
+  Simulation simulation = Simulate(options);
+  const auto& truth = simulation.ground_truth.rig_from_world;
+  auto& pairs = simulation.view_graph.pairs;
+  KeepPairs(&simulation, [](const Image& image1, const Image& image2) {
+    const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
+    return high - low <= (low < kCut && high >= kCut ? 2 : 4);
+  });
+  for (ImagePair& pair : pairs) {
+    const int gap =
+        std::abs(simulation.scene.images[pair.image_idx1].frame_idx -
+                 simulation.scene.images[pair.image_idx2].frame_idx);
+    pair.matches.resize(120 / gap);
+  }
+  const Quaterniond turn = ExpSO3({0.0, DegToRad(8.0), 0.0});
+  for (int i = 10; i < 16; ++i) {
+    for (int k = i + 34; k <= i + 36; ++k) {
+      ImagePair copy = pairs.front();
+      copy.image_idx1 = simulation.scene.frames[i].image_idxs.front();
+      copy.image_idx2 = simulation.scene.frames[k].image_idxs.front();
+      copy.relative_pose->cam2_from_cam1 =
+          turn * truth[k]->rotation * truth[i]->rotation.conjugate();
+      copy.matches.resize(50);
+      pairs.push_back(copy);
+    }
+  }
+  const RotationResult result = Average(simulation);
+  EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
 }
 
 // A sensor that never overlaps with the others in a frame, but sees what they

@@ -69,7 +69,7 @@ TEST(InitializeNodes, ChainsExactRotations) {
   Random random(1);
   const Example example = MakeRing(30, 0.0, 0.0, 0.0, &random);
   RotationState state{{}, example.truth.sensors};
-  InitializeNodes(example.problem, 0.1, &state);
+  InitializeNodes(example.problem, 0.1, {}, &state);
   EXPECT_LT(MaxErrorDeg(state, example.truth), 1e-9);
 }
 
@@ -88,9 +88,32 @@ TEST(InitializeNodes, ParallelEdgesOutvoteAStrongWrongOne) {
   problem.edges[1].cam2_from_cam1 = ExpSO3({1.0, 1.0, 1.0});
   problem.edges[1].support = 1000.0;
   RotationState state{{}, {Quaterniond::Identity()}};
-  InitializeNodes(problem, 0.1, &state);
+  InitializeNodes(problem, 0.1, {}, &state);
   EXPECT_LT(AngleBetween(state.nodes[1] * state.nodes[0].conjugate(), truth),
             1e-9);
+}
+
+TEST(InitializeNodes, WhatIsKnownGoesBeforeEdges) {
+  Random random(3);
+  const Example example = MakeRing(12, 0.0, 0.0, 0.0, &random);
+  // Two parts, each in a world of its own; one node is not known.
+  NodeStart start;
+  for (int i = 0; i < 12; ++i) {
+    const Quaterniond world = ExpSO3({0.1 * (i / 6), 0.2, 0.3});
+    start.rotations.emplace_back(example.truth.nodes[i] * world);
+    start.parts.emplace_back(i / 6);
+  }
+  start.rotations[3].reset();
+  start.parts[3].reset();
+  RotationProblem wrong = example.problem;
+  for (RotationEdge& edge : wrong.edges) {
+    if (start.Knows(edge.node1, edge.node2)) {
+      edge.cam2_from_cam1 = ExpSO3({1.0, 0.0, 0.0});
+    }
+  }
+  RotationState state{{}, example.truth.sensors};
+  InitializeNodes(wrong, 0.1, start, &state);
+  EXPECT_LT(MaxErrorDeg(state, example.truth), 1e-9);
 }
 
 // Small outliers are where an L1 step with a fixed penalty does nothing.
@@ -116,7 +139,7 @@ TEST(AverageRobust, IsExactWithWrongEdgesButNoNoise) {
   const Example example = MakeRing(60, 0.0, 0.3, 1.0, &random);
   RotationState state{{}, example.truth.sensors};
   const SolveSummary summary = AverageNodes(
-      example.problem, RotationAveragingOptions(), Context(), &state);
+      example.problem, {}, RotationAveragingOptions(), Context(), &state);
   EXPECT_EQ(summary.termination, Termination::kConverged) << summary.message;
   EXPECT_LE(summary.final_cost, summary.initial_cost);
   EXPECT_LT(MaxErrorDeg(state, example.truth), 1e-6);
@@ -130,7 +153,7 @@ TEST(AverageRobust, ThreadsDoNotChangeTheResult) {
     Context context;
     context.num_threads = num_threads;
     RotationState state{{}, example.truth.sensors};
-    ASSERT_TRUE(AverageNodes(example.problem, RotationAveragingOptions(),
+    ASSERT_TRUE(AverageNodes(example.problem, {}, RotationAveragingOptions(),
                              context, &state)
                     .IsUsable());
     states.push_back(state);

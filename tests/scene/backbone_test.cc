@@ -63,6 +63,21 @@ TEST(Backbone, WeakLinksConnectWhatNothingElseDoes) {
             (std::vector<char>{true, true, true, true, true, true, false}));
 }
 
+TEST(Backbone, SpineKeepsCopiesOut) {
+  const Scene scene = MakeScene(6);
+  ViewGraph view_graph;
+  AddPair(0, 1, 100, &view_graph);
+  AddPair(1, 2, 100, &view_graph);
+  AddPair(2, 3, 80, &view_graph);  // joins what is strong
+  AddPair(3, 4, 100, &view_graph);
+  AddPair(4, 5, 100, &view_graph);
+  AddPair(0, 4, 70, &view_graph);  // a copy on a road with little else
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph)),
+            std::vector<char>(6, true));
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph), kSpine),
+            (std::vector<char>{true, true, true, true, true, false}));
+}
+
 TEST(Backbone, LeavesOutWhatIsNotUsed) {
   const Scene scene = MakeScene(3);
   ViewGraph view_graph;

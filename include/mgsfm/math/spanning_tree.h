@@ -27,4 +27,20 @@ std::vector<ForestStep> WalkForest(int num_nodes,
                                    const std::vector<GraphEdge>& edges,
                                    const std::vector<int>& forest);
 
+// Ways along the spanning forest of maximum weight of edges with lengths.
+class ForestWays {
+ public:
+  ForestWays(int num_nodes, const std::vector<GraphEdge>& edges,
+             const std::vector<double>& lengths);
+
+  // The length of the way from a to b; of the parts of it that there are, if
+  // they are in different trees. Cost: the number of edges on the way.
+  double Between(int a, int b) const;
+
+ private:
+  std::vector<int> parent_;  // -1 for roots
+  std::vector<int> depth_;
+  std::vector<double> way_;  // to the parent
+};
+
 }  // namespace mgsfm

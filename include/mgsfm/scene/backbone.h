@@ -19,14 +19,22 @@ namespace mgsfm {
 // that of the best partner of either frame, whichever gives more: the cameras
 // of a rig vote together, and a pair that is wrong by itself stands alone
 // against all pairs of two neighbours. Pairs are in the backbone whose frames
-// are stronger than 0.6, or in one frame, or needed to connect its parts: of
-// the pairs that leave a part, those with at least half the strength of the
-// strongest.
+// are stronger than min_strength, or in one frame, or needed to connect its
+// parts: of the pairs that leave a part, those with at least half the strength
+// of the strongest.
 //
 // Per pair; false where pair_is_used is.
+struct BackboneOptions {
+  double min_strength = 0.6;
+  double min_connecting_strength = 0.5;  // of the strongest
+};
+// Hardly more than a chain of neighbours, with what copies do not reach, even
+// on a road with little else to see.
+constexpr BackboneOptions kSpine = {0.9, 0.9};
 std::vector<char> SelectBackbone(const Scene& scene,
                                  const ViewGraph& view_graph,
-                                 const std::vector<char>& pair_is_used);
+                                 const std::vector<char>& pair_is_used,
+                                 const BackboneOptions& options = {});
 
 // Of the pairs of a view graph that a backbone can judge, more than this share
 // cannot be wrong; if so it is the backbone that is.
