@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "least_squares/scale_elimination.h"
+
 namespace mgsfm {
 namespace {
 
@@ -17,33 +19,55 @@ Vector3d CenterOf(const ImagePose& pose) {
              Vector3d::Map(pose.translation);
 }
 
+const BaselineTerm& TermOf(const TermInput& in, size_t t) {
+  return in.problem.baselines[in.structure.term_order[t]];
+}
+
+double ScaleOf(const TermInput& in, size_t t) {
+  return in.scales.empty() ? 1.0 : in.scales[t];
+}
+
+BaselineResidual ResidualOf(const TermInput& in, size_t t) {
+  const BaselineTerm& term = TermOf(in, t);
+  return EvaluateBaselineTerm(
+      term, CenterOf(in.poses[term.image2]) - CenterOf(in.poses[term.image1]),
+      ScaleOf(in, t));
+}
+
 // A term with its derivatives by the blocks of a chunk, times the root of its
-// weight.
+// weight; its scale, if it has one, is eliminated.
 class LinearTermOfBlocks {
  public:
-  LinearTermOfBlocks(const RigProblemBase& problem,
-                     const RigStructure& structure, const ChunkRanges& chunk,
-                     const std::vector<ImagePose>& poses, size_t t) {
-    const BaselineTerm& term = problem.baselines[structure.term_order[t]];
+  LinearTermOfBlocks(const TermInput& in, const ChunkRanges& chunk, size_t t)
+      : residual_(ResidualOf(in, t)) {
+    const RigStructure& structure = in.structure;
+    const RobustLoss& loss = in.problem.loss;
     for (int side = 0; side < 2; ++side) {
       images_[side] = &structure.chunk_images[chunk.images.begin +
                                               structure.term_images[t][side]];
     }
-    residual_ = EvaluateBaselineTerm(
-        term, CenterOf(poses[term.image2]) - CenterOf(poses[term.image1]));
-    const double root =
-        std::sqrt(problem.loss.Weight(residual_.value.squaredNorm()));
+    const double root = std::sqrt(loss.Weight(residual_.value.squaredNorm()));
     residual_.value *= root;
     residual_.by_baseline *= root;
+    if (TermOf(in, t).kind == BaselineTerm::Kind::kBilinear) {
+      const double length = residual_.length_value;
+      const double length_root = std::sqrt(loss.Weight(length * length));
+      residual_.by_scale *= root;
+      // by_baseline is symmetric, as row-major as not.
+      scale_ = EliminateScale(
+          ScaleOf(in, t), in.lambda, residual_.by_scale.data(),
+          length_root * residual_.length_by_scale, length_root * length,
+          residual_.by_baseline.data(), residual_.value.data());
+    }
     for (int side = 0; side < 2; ++side) {
       const double sign = side == 0 ? -1.0 : 1.0;
-      const ImagePose& pose = poses[images_[side]->image];
-      const auto& image = problem.images[images_[side]->image];
+      const ImagePose& pose = in.poses[images_[side]->image];
+      const auto& image = in.problem.images[images_[side]->image];
       Add(images_[side]->frame, sign * Matrix3d::Identity(),
-          problem.frame_masks[image.frame]);
+          in.problem.frame_masks[image.frame]);
       Add(images_[side]->sensor,
           -sign * RowMajor3d::Map(pose.cam_from_world).transpose(),
-          problem.sensor_masks[image.sensor]);
+          in.problem.sensor_masks[image.sensor]);
     }
   }
 
@@ -66,6 +90,25 @@ class LinearTermOfBlocks {
   void MultiplyTo(const std::vector<ImagePose>& poses,
                   const std::vector<ImageTwist>& twists,
                   ChunkWorkspace* w) const {
+    const Vector3d force =
+        residual_.by_baseline.transpose() *
+        (residual_.by_baseline * ChangeOfBaseline(poses, twists));
+    for (int a = 0; a < num_blocks_; ++a) {
+      Eigen::Map<Vector3d>(w->product.data() + w->block_first[blocks_[a]]) +=
+          coefficients_[a].transpose() * force;
+    }
+  }
+
+  double MovedScale(const std::vector<ImagePose>& poses,
+                    const std::vector<ImageTwist>& twists, double scale,
+                    StepSums* sums) const {
+    return MoveScale(scale_, scale, ChangeOfBaseline(poses, twists).data(),
+                     sums);
+  }
+
+ private:
+  Vector3d ChangeOfBaseline(const std::vector<ImagePose>& poses,
+                            const std::vector<ImageTwist>& twists) const {
     // A centre moves by -(S R)^T shift.
     Vector3d change = Vector3d::Zero();
     for (int side = 0; side < 2; ++side) {
@@ -75,15 +118,8 @@ class LinearTermOfBlocks {
           Vector3d::Map(twists[image].shift);
       change += side == 0 ? moved : Vector3d(-moved);
     }
-    const Vector3d force =
-        residual_.by_baseline.transpose() * (residual_.by_baseline * change);
-    for (int a = 0; a < num_blocks_; ++a) {
-      Eigen::Map<Vector3d>(w->product.data() + w->block_first[blocks_[a]]) +=
-          coefficients_[a].transpose() * force;
-    }
+    return change;
   }
-
- private:
   void Add(int block, const Matrix3d& coefficients, const PoseMask& mask) {
     if (block < 0) return;
     int k = 0;
@@ -97,6 +133,7 @@ class LinearTermOfBlocks {
 
   std::array<const ChunkImage*, 2> images_;
   BaselineResidual residual_;
+  EliminatedScale scale_;
   int num_blocks_ = 0;
   std::array<int, 4> blocks_;
   std::array<Matrix3d, 4> coefficients_;
@@ -105,8 +142,17 @@ class LinearTermOfBlocks {
 }  // namespace
 
 BaselineResidual EvaluateBaselineTerm(const BaselineTerm& term,
-                                      const Vector3d& baseline) {
+                                      const Vector3d& baseline, double scale) {
   BaselineResidual r;
+  if (term.kind == BaselineTerm::Kind::kBilinear) {
+    r.size = 3;
+    r.value = term.weight * (term.direction - scale * baseline);
+    r.by_baseline = -term.weight * scale * Matrix3d::Identity();
+    r.by_scale = -term.weight * baseline;
+    r.length_value = term.length_weight * (scale * term.length - 1.0);
+    r.length_by_scale = term.length_weight * term.length;
+    return r;
+  }
   if (term.kind == BaselineTerm::Kind::kZero) {
     r.size = 3;
     r.value = term.weight * baseline;
@@ -130,36 +176,42 @@ BaselineResidual EvaluateBaselineTerm(const BaselineTerm& term,
   return r;
 }
 
-double CostOfTerms(const RigProblemBase& problem, const RigStructure& structure,
-                   const ChunkRanges& chunk,
-                   const std::vector<ImagePose>& poses) {
+double CostOfTerms(const TermInput& in, const ChunkRanges& chunk) {
+  const RobustLoss& loss = in.problem.loss;
   double cost = 0.0;
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-    const BaselineTerm& term = problem.baselines[structure.term_order[t]];
-    const BaselineResidual r = EvaluateBaselineTerm(
-        term, CenterOf(poses[term.image2]) - CenterOf(poses[term.image1]));
-    cost += 0.5 * problem.loss.Cost(r.value.squaredNorm());
+    const BaselineResidual r = ResidualOf(in, t);
+    cost += 0.5 * loss.Cost(r.value.squaredNorm());
+    if (TermOf(in, t).kind == BaselineTerm::Kind::kBilinear) {
+      cost += 0.5 * loss.Cost(r.length_value * r.length_value);
+    }
   }
   return cost;
 }
 
-void AddTermsToSystem(const RigProblemBase& problem,
-                      const RigStructure& structure, const ChunkRanges& chunk,
-                      const std::vector<ImagePose>& poses,
+void AddTermsToSystem(const TermInput& in, const ChunkRanges& chunk,
                       ChunkWorkspace* workspace) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-    LinearTermOfBlocks(problem, structure, chunk, poses, t).AddTo(workspace);
+    LinearTermOfBlocks(in, chunk, t).AddTo(workspace);
   }
 }
 
-void MultiplyTerms(const RigProblemBase& problem, const RigStructure& structure,
-                   const ChunkRanges& chunk,
-                   const std::vector<ImagePose>& poses,
+void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    const std::vector<ImageTwist>& twists,
                    ChunkWorkspace* workspace) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-    LinearTermOfBlocks(problem, structure, chunk, poses, t)
-        .MultiplyTo(poses, twists, workspace);
+    LinearTermOfBlocks(in, chunk, t).MultiplyTo(in.poses, twists, workspace);
+  }
+}
+
+void MoveScalesOfTerms(const TermInput& in, const ChunkRanges& chunk,
+                       const std::vector<ImageTwist>& twists,
+                       std::vector<double>* new_scales, StepSums* sums) {
+  if (in.scales.empty()) return;
+  for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
+    if (TermOf(in, t).kind != BaselineTerm::Kind::kBilinear) continue;
+    (*new_scales)[t] = LinearTermOfBlocks(in, chunk, t)
+                           .MovedScale(in.poses, twists, in.scales[t], sums);
   }
 }
 

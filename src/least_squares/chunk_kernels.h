@@ -7,9 +7,11 @@
 #include <vector>
 
 #include "least_squares/chunk_workspace.h"
+#include "least_squares/damping.h"
 #include "least_squares/image_poses.h"
 #include "least_squares/residuals.h"
 #include "least_squares/rig_structure.h"
+#include "least_squares/scale_elimination.h"
 
 // The inner loops over the observations of points. Everything here is inlined
 // into the passes of chunk_passes.h, which are compiled for several
@@ -75,6 +77,7 @@ struct PassInput {
   const std::vector<double>& measured;  // R::kDim for each observation
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
+  const std::vector<double>& scales;  // of observations, if they have any
   double lambda = 0.0;
 };
 
@@ -82,14 +85,6 @@ struct PassInput {
 struct PointHessian {
   double values[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
 };
-
-constexpr double kMinDamping = 1e-6;
-constexpr double kMaxDamping = 1e32;
-
-MGSFM_ALWAYS_INLINE double ClampDiagonal(double value) {
-  return value < kMinDamping ? kMinDamping
-                             : (value > kMaxDamping ? kMaxDamping : value);
-}
 
 // Cholesky factor of V + lambda D, with the inverse of its diagonal.
 struct PointFactor {
@@ -152,16 +147,23 @@ struct ObservationTerms {
   double K[kDim * kMaxNumCameraParams];  // by free parameters
 };
 
+// The scale of an observation; of no use to those without.
+template <class R>
+MGSFM_ALWAYS_INLINE double ScaleOf(const std::vector<double>& scales,
+                                   size_t observation) {
+  return R::kHasScale ? scales[observation] : 1.0;
+}
+
 // False where the residual is not defined.
 template <class R>
-MGSFM_ALWAYS_INLINE bool LinearizeObservation(const RobustLoss& loss,
-                                              const ImagePose& pose,
-                                              const double* point,
-                                              const double* measured,
-                                              ObservationTerms<R::kDim>* o) {
+MGSFM_ALWAYS_INLINE bool LinearizeObservation(
+    const RobustLoss& loss, const ImagePose& pose, const double* point,
+    const double* measured, ObservationTerms<R::kDim>* o, double scale = 1.0) {
   double x[3];
   TransformPoint(pose, point, o->y, x);
-  if (!R::Linearize(pose, x, measured, o->residual, o->P, o->K)) return false;
+  if (!R::Linearize(pose, x, measured, scale, o->residual, o->P, o->K)) {
+    return false;
+  }
   double squared = 0.0;
   for (int i = 0; i < R::kDim; ++i) squared += o->residual[i] * o->residual[i];
   const double weight = LossWeight(loss, squared);
@@ -173,6 +175,17 @@ MGSFM_ALWAYS_INLINE bool LinearizeObservation(const RobustLoss& loss,
     for (int i = 0; i < R::kDim * pose.num_free_params; ++i) o->K[i] *= root;
   }
   return true;
+}
+
+// Eliminates the scale of an observation.
+template <class R>
+MGSFM_ALWAYS_INLINE EliminatedScale
+EliminateScaleOf(const ImagePose& pose, double scale, double lambda,
+                 ObservationTerms<R::kDim>* o) {
+  double x[3], a[3];
+  for (int i = 0; i < 3; ++i) x[i] = o->y[i] + pose.translation[i];
+  R::ByScale(x, o->P, scale, a);
+  return EliminateScale(scale, lambda, a, 0.0, 0.0, o->P, o->residual);
 }
 
 // The three columns of what couples a block to the current point.
@@ -364,8 +377,12 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
     const int i = s.observation_image[k];
     const ImagePose& pose = in.poses[images[i].image];
     if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
-                                 in.measured.data() + kDim * k, &o)) {
+                                 in.measured.data() + kDim * k, &o,
+                                 ScaleOf<R>(in.scales, k))) {
       return false;
+    }
+    if constexpr (R::kHasScale) {
+      EliminateScaleOf<R>(pose, in.scales[k], in.lambda, &o);
     }
     ObservationRows<kDim, N> rows;
     ComputeRows<kDim, N>(pose, o, &rows);

@@ -65,16 +65,23 @@ struct ImageSteps {
   std::vector<std::array<double, kMaxNumCameraParams>> params;
 };
 
+// How x moves in the camera: turn x y + shift.
+MGSFM_ALWAYS_INLINE void ApplyTwist(const double* y, const ImageTwist& twist,
+                                    double* dx) {
+  const double* w = twist.turn;
+  dx[0] = w[1] * y[2] - w[2] * y[1] + twist.shift[0];
+  dx[1] = w[2] * y[0] - w[0] * y[2] + twist.shift[1];
+  dx[2] = w[0] * y[1] - w[1] * y[0] + twist.shift[2];
+}
+
 // u (kDim) = [turn, shift, free parameters] step.
 template <int kDim>
 MGSFM_ALWAYS_INLINE void ApplyStep(const double* y, const double* P,
                                    const double* K, int num_free,
                                    const ImageTwist& twist,
                                    const double* params, double* u) {
-  const double* w = twist.turn;
-  const double dx[3] = {w[1] * y[2] - w[2] * y[1] + twist.shift[0],
-                        w[2] * y[0] - w[0] * y[2] + twist.shift[1],
-                        w[0] * y[1] - w[1] * y[0] + twist.shift[2]};
+  double dx[3];
+  ApplyTwist(y, twist, dx);
   for (int k = 0; k < kDim; ++k) {
     u[k] = P[3 * k] * dx[0] + P[3 * k + 1] * dx[1] + P[3 * k + 2] * dx[2];
     for (int i = 0; i < num_free; ++i) u[k] += K[k * num_free + i] * params[i];
@@ -101,6 +108,7 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
                                        const RigStructure& s,
                                        const ChunkRanges& chunk,
                                        const std::vector<double>& measured,
+                                       const std::vector<double>& scales,
                                        const std::vector<ImagePose>& poses,
                                        size_t p, const double* point) {
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
@@ -109,7 +117,8 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
     const ImagePose& pose = poses[images[s.observation_image[k]].image];
     double y[3], x[3], r[R::kDim];
     TransformPoint(pose, point, y, x);
-    if (!R::Evaluate(pose, x, measured.data() + R::kDim * k, r)) {
+    if (!R::Evaluate(pose, x, measured.data() + R::kDim * k,
+                     ScaleOf<R>(scales, k), r)) {
       return std::numeric_limits<double>::infinity();
     }
     double squared = 0.0;
@@ -119,20 +128,13 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
   return cost;
 }
 
-// Sums over a chunk.
-struct StepSums {
-  double cost = 0.0;              // of the new state
-  double decrease = 0.0;          // lambda d^T D d - g^T d of points
-  double squared_step = 0.0;      // of points
-  double squared_position = 0.0;  // of points, before
-};
-
 template <class R>
 struct StepInput {
   const std::vector<PointHessian>& hessians;
   const std::vector<Eigen::Vector3d>& gradients;
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
+  std::vector<double>* new_scales = nullptr;
 };
 
 // -(V + lambda D)^-1 (g + W z).
@@ -151,8 +153,12 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
     const int image = images[s.observation_image[k]].image;
     const ImagePose& pose = in.poses[image];
     if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
-                                 in.measured.data() + kDim * k, &o)) {
+                                 in.measured.data() + kDim * k, &o,
+                                 ScaleOf<R>(in.scales, k))) {
       continue;
+    }
+    if constexpr (R::kHasScale) {
+      EliminateScaleOf<R>(pose, in.scales[k], in.lambda, &o);
     }
     const int num_free = R::kHasCamera ? pose.num_free_params : 0;
     const double* params =
@@ -169,7 +175,35 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
   for (int i = 0; i < 3; ++i) d[i] = -b[i];
 }
 
-// Moves the points, given the step of everything else, and evaluates the cost.
+// Moves the scales of a point's observations, given its step d.
+template <class R>
+MGSFM_ALWAYS_INLINE void MoveScalesOfPoint(const PassInput<R>& in,
+                                           const StepInput<R>& step,
+                                           const ChunkRanges& chunk, size_t p,
+                                           const double* d, StepSums* sums) {
+  const RigStructure& s = in.structure;
+  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  ObservationTerms<R::kDim> o;
+  for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
+    const int image = images[s.observation_image[k]].image;
+    const ImagePose& pose = in.poses[image];
+    const double scale = in.scales[k];
+    LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
+                            in.measured.data() + R::kDim * k, &o, scale);
+    const EliminatedScale eliminated =
+        EliminateScaleOf<R>(pose, scale, in.lambda, &o);
+    double dx[3];
+    ApplyTwist(o.y, step.steps.twists[image], dx);
+    const double* m = pose.cam_from_world;
+    for (int i = 0; i < 3; ++i) {
+      dx[i] += m[3 * i] * d[0] + m[3 * i + 1] * d[1] + m[3 * i + 2] * d[2];
+    }
+    (*step.new_scales)[k] = MoveScale(eliminated, scale, dx, sums);
+  }
+}
+
+// Moves points and scales, given the step of everything else, and evaluates the
+// cost.
 template <class R>
 MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
     const PassInput<R>& in, const StepInput<R>& step, const ChunkRanges& chunk,
@@ -188,12 +222,15 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
       sums.squared_step += d[i] * d[i];
       sums.squared_position += old_point[i] * old_point[i];
     }
+    if constexpr (R::kHasScale) {
+      MoveScalesOfPoint(in, step, chunk, p, d, &sums);
+    }
     double cost = 0.0;
     for (double fraction = 1.0; fraction >= 0.0;
          fraction = fraction > 0.25 ? 0.5 * fraction : fraction - 0.25) {
       for (int i = 0; i < 3; ++i) point[i] = old_point[i] + fraction * d[i];
       cost = CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
-                            step.new_poses, p, point);
+                            *step.new_scales, step.new_poses, p, point);
       if (std::isfinite(cost)) break;
     }
     sums.cost += cost;

@@ -11,25 +11,30 @@
 
 namespace mgsfm {
 
-// The kinds of residuals r of a point at x in the camera of an image. A kind is
-// a struct with
+// The kinds of residuals r of a point at x in the camera of an image, some with
+// a scale d. A kind is a struct with
 //   Observation  what is in the problem
 //   kDim         size of the residual
 //   kHasCamera   whether there are parameters
+//   kHasScale    whether there is a scale; kDim is 3 then
 //   Measured()   kDim values that Evaluate and Linearize need
-//   Evaluate()   r; false where it is not defined
+//   Evaluate()   r; false where it is not defined. Those without a scale leave
+//                it unread
 //   Linearize()  also P = dr/dx, kDim x 3, and K = dr/d(free parameters),
 //                both row-major; K only if there are any
+//   ByScale()    dr/dd, given P, if there is a scale
 struct PixelResidual {
   using Observation = PixelObservation;
   static constexpr int kDim = 2;
   static constexpr bool kHasCamera = true;
+  static constexpr bool kHasScale = false;
 
   static const double* Measured(const Observation& o) { return o.pixel.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose& pose,
                                            const double* x,
-                                           const double* measured, double* r) {
+                                           const double* measured, double,
+                                           double* r) {
     if (!pose.projection.project(pose.params, x, r)) return false;
     r[0] -= measured[0];
     r[1] -= measured[1];
@@ -38,8 +43,8 @@ struct PixelResidual {
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
                                             const double* x,
-                                            const double* measured, double* r,
-                                            double* P, double* K) {
+                                            const double* measured, double,
+                                            double* r, double* P, double* K) {
     double all[2 * kMaxNumCameraParams];
     const int num_free = pose.num_free_params;
     if (!pose.projection.linearize(pose.params, x, r, P,
@@ -60,11 +65,13 @@ struct RayResidual {
   using Observation = RayObservation;
   static constexpr int kDim = 3;
   static constexpr bool kHasCamera = false;
+  static constexpr bool kHasScale = false;
 
   static const double* Measured(const Observation& o) { return o.ray.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
-                                           const double* measured, double* r) {
+                                           const double* measured, double,
+                                           double* r) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;
     for (int i = 0; i < 3; ++i) r[i] = x[i] / norm - measured[i];
@@ -72,8 +79,8 @@ struct RayResidual {
   }
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose&, const double* x,
-                                            const double* measured, double* r,
-                                            double* P, double*) {
+                                            const double* measured, double,
+                                            double* r, double* P, double*) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;
     const double inverse = 1.0 / norm;
@@ -85,6 +92,37 @@ struct RayResidual {
       }
     }
     return true;
+  }
+};
+
+struct ScaledRayResidual {
+  using Observation = ScaledRayObservation;
+  static constexpr int kDim = 3;
+  static constexpr bool kHasCamera = false;
+  static constexpr bool kHasScale = true;
+
+  static const double* Measured(const Observation& o) { return o.ray.data(); }
+
+  static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
+                                           const double* measured, double scale,
+                                           double* r) {
+    for (int i = 0; i < 3; ++i) r[i] = measured[i] - scale * x[i];
+    return true;
+  }
+
+  static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
+                                            const double* x,
+                                            const double* measured,
+                                            double scale, double* r, double* P,
+                                            double*) {
+    for (int i = 0; i < 9; ++i) P[i] = i % 4 == 0 ? -scale : 0.0;
+    return Evaluate(pose, x, measured, scale, r);
+  }
+
+  // P is weighted, and so is this.
+  static MGSFM_ALWAYS_INLINE void ByScale(const double* x, const double* P,
+                                          double scale, double* by_scale) {
+    for (int i = 0; i < 3; ++i) by_scale[i] = P[0] / scale * x[i];
   }
 };
 

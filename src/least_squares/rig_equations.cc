@@ -6,10 +6,10 @@
 #include <cmath>
 #include <utility>
 
-#include "least_squares/baseline_terms.h"
 #include "least_squares/conjugate_gradient.h"
 #include "least_squares/linear_terms.h"
 #include "least_squares/pose_priors.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/so3.h"
 
@@ -21,6 +21,12 @@ constexpr double kConjugateGradientTolerance = 1e-2;
 constexpr int kMaxNumConjugateGradients = 500;
 // Of the values of the reduced matrix; chunks are merged to several at a time.
 constexpr size_t kNumSections = 32;
+// A step promises at least this share of what it would without bounds.
+constexpr double kMinShareOfDecrease = 1e-3;
+
+bool HasScale(const BaselineTerm& term) {
+  return term.kind == BaselineTerm::Kind::kBilinear;
+}
 
 }  // namespace
 
@@ -40,6 +46,10 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
   trial_points_.resize(num_points);
   point_hessians_.resize(num_points);
   point_gradients_.resize(num_points);
+  if (std::any_of(problem.baselines.begin(), problem.baselines.end(),
+                  HasScale)) {
+    term_scales_.resize(problem.baselines.size());
+  }
   steps_.twists.resize(problem.images.size());
   steps_.params.resize(problem.cameras.size());
   const int num_unknowns = structure_.num_unknowns;
@@ -69,6 +79,18 @@ void RigEquationsBase::SetState(const RigState& state) {
   for (size_t p = 0; p < points_.size(); ++p) {
     points_[p] = state.points[structure_.point_order[p]];
   }
+  MGSFM_CHECK(scales_.empty() ||
+              state.observation_scales.size() == scales_.size());
+  for (size_t k = 0; k < scales_.size(); ++k) {
+    scales_[k] = state.observation_scales[structure_.observation_order[k]];
+  }
+  MGSFM_CHECK(term_scales_.empty() ||
+              state.baseline_scales.size() == term_scales_.size());
+  for (size_t t = 0; t < term_scales_.size(); ++t) {
+    term_scales_[t] = state.baseline_scales[structure_.term_order[t]];
+  }
+  trial_scales_ = scales_;
+  trial_term_scales_ = term_scales_;
   ComputeImagePoses(problem_, state_, &poses_);
 }
 
@@ -79,6 +101,12 @@ void RigEquationsBase::GetState(RigState* state) const {
   for (size_t p = 0; p < points_.size(); ++p) {
     state->points[structure_.point_order[p]] = points_[p];
   }
+  for (size_t k = 0; k < scales_.size(); ++k) {
+    state->observation_scales[structure_.observation_order[k]] = scales_[k];
+  }
+  for (size_t t = 0; t < term_scales_.size(); ++t) {
+    state->baseline_scales[structure_.term_order[t]] = term_scales_[t];
+  }
 }
 
 double RigEquationsBase::Cost() {
@@ -86,8 +114,7 @@ double RigEquationsBase::Cost() {
       chunk_costs_.size(), context_.num_threads,
       [this](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
-        chunk_costs_[c] = CostOfChunk(chunk) +
-                          CostOfTerms(problem_, structure_, chunk, poses_);
+        chunk_costs_[c] = CostOfChunk(chunk) + CostOfTerms(Terms(), chunk);
       },
       1);
   double cost =
@@ -110,7 +137,7 @@ bool RigEquationsBase::Linearize(double lambda) {
         workspace->Start(problem_, structure_, chunk, poses_);
         if (!LinearizeChunk(chunk, workspace)) is_valid = false;
         AddImagesToSystem(problem_, structure_, chunk, poses_, workspace);
-        AddTermsToSystem(problem_, structure_, chunk, poses_, workspace);
+        AddTermsToSystem(Terms(), chunk, workspace);
       },
       [&](size_t c, size_t section, ChunkWorkspace* workspace) {
         MergeSystem(structure_.chunks[c], section, *workspace);
@@ -222,8 +249,7 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         workspace->Start(problem_, structure_, chunk, poses_);
         MultiplyChunk(chunk, workspace);
         AddImageVectors(problem_, structure_, chunk, poses_, workspace);
-        MultiplyTerms(problem_, structure_, chunk, poses_, steps_.twists,
-                      workspace);
+        MultiplyTerms(Terms(), chunk, steps_.twists, workspace);
       },
       [&](size_t c, size_t, ChunkWorkspace* workspace) {
         const IndexRange& blocks = structure_.chunks[c].blocks;
@@ -325,8 +351,9 @@ TrialStep RigEquationsBase::TryStep() {
       [this](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
         chunk_sums_[c] = StepChunk(chunk);
-        chunk_sums_[c].cost +=
-            CostOfTerms(problem_, structure_, chunk, trial_poses_);
+        MoveScalesOfTerms(Terms(), chunk, steps_.twists, &trial_term_scales_,
+                          &chunk_sums_[c]);
+        chunk_sums_[c].cost += CostOfTerms(TrialTerms(), chunk);
       },
       1);
   TrialStep step;
@@ -340,12 +367,16 @@ TrialStep RigEquationsBase::TryStep() {
                             gradient_[i]);
   }
   double squared_state = SquaredStateLength();
-  double squared_step = step_.squaredNorm();
+  double squared_step = step_.squaredNorm(), lost = 0.0;
   for (const StepSums& sums : chunk_sums_) {
     step.new_cost += sums.cost;
     decrease += sums.decrease;
+    lost += sums.lost;
     squared_step += sums.squared_step;
     squared_state += sums.squared_position;
+  }
+  if (lost > 0.0) {
+    decrease = std::max(decrease - lost, kMinShareOfDecrease * decrease);
   }
   step.predicted_decrease = 0.5 * decrease;
   step.step_norm = std::sqrt(squared_step);
@@ -356,6 +387,8 @@ TrialStep RigEquationsBase::TryStep() {
 void RigEquationsBase::AcceptStep() {
   std::swap(state_, trial_state_);
   std::swap(points_, trial_points_);
+  std::swap(scales_, trial_scales_);
+  std::swap(term_scales_, trial_term_scales_);
   std::swap(poses_, trial_poses_);
 }
 

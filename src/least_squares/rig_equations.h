@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "least_squares/baseline_terms.h"
 #include "least_squares/chunk_passes.h"
 #include "least_squares/chunk_workspace.h"
 #include "least_squares/levenberg_marquardt.h"
@@ -24,7 +25,9 @@ namespace mgsfm {
 //
 // with residuals weighted by rho' (iteratively re-weighted least squares), D
 // the diagonal of the undamped matrix within [1e-6, 1e32], and V block-diagonal
-// over the points. Points are eliminated first:
+// over the points. Scales, if there are any, are eliminated from each residual
+// before (scale_elimination.h); (1) is what is left, D its diagonal. Points are
+// eliminated first:
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
@@ -63,6 +66,11 @@ class RigEquationsBase : public DampedProblem {
   const std::vector<Eigen::Vector3d>& trial_points() const {
     return trial_points_;
   }
+  // Those of observations after TryStep(), likewise, and those of terms.
+  const std::vector<double>& trial_scales() const { return trial_scales_; }
+  const std::vector<double>& trial_term_scales() const {
+    return trial_term_scales_;
+  }
 
  protected:
   // The passes over one chunk; see chunk_passes.h.
@@ -78,6 +86,8 @@ class RigEquationsBase : public DampedProblem {
   RigStructure structure_;
   double lambda_ = 0.0;
   std::vector<Eigen::Vector3d> points_, trial_points_;
+  // Of observations, in the structure's order; empty if they have none.
+  std::vector<double> scales_, trial_scales_;
   std::vector<ImagePose> poses_, trial_poses_;
   std::vector<PointHessian> point_hessians_;      // V without damping
   std::vector<Eigen::Vector3d> point_gradients_;  // g_p
@@ -95,8 +105,15 @@ class RigEquationsBase : public DampedProblem {
   PoseVector PosePart(const Eigen::VectorXd& z, int block) const;
   void MoveBlocks();
   double SquaredStateLength() const;
+  TermInput Terms() const {
+    return {problem_, structure_, poses_, term_scales_, lambda_};
+  }
+  TermInput TrialTerms() const {
+    return {problem_, structure_, trial_poses_, trial_term_scales_, lambda_};
+  }
 
   RigState state_, trial_state_;  // without points
+  std::vector<double> term_scales_, trial_term_scales_;
   OrderedChunks chunks_;
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
@@ -124,7 +141,11 @@ class RigEquations : public RigEquationsBase {
       const double* values = R::Measured(problem.observations[o]);
       measured_.insert(measured_.end(), values, values + R::kDim);
     }
-    structure_.observation_order = {};
+    if constexpr (R::kHasScale) {
+      scales_.resize(problem.observations.size());
+    } else {
+      structure_.observation_order = {};
+    }
     if (!structure_.is_iterative) return;
     int num_params = 0;
     for (const RigProblemBase::Camera& camera : problem.cameras) {
@@ -139,8 +160,8 @@ class RigEquations : public RigEquationsBase {
   double CostOfChunk(const ChunkRanges& chunk) const override {
     double cost = 0.0;
     for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-      cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, poses_, p,
-                             points_[p].data());
+      cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, scales_,
+                             poses_, p, points_[p].data());
     }
     return cost;
   }
@@ -157,7 +178,7 @@ class RigEquations : public RigEquationsBase {
   StepSums StepChunk(const ChunkRanges& chunk) override {
     const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
     const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                               trial_poses_};
+                               trial_poses_, &trial_scales_};
     return function(Input(), step, chunk, &trial_points_);
   }
 
@@ -178,7 +199,7 @@ class RigEquations : public RigEquationsBase {
     return images;
   }
   PassInput<R> Input() const {
-    return {problem_, structure_, measured_, poses_, points_, lambda_};
+    return {problem_, structure_, measured_, poses_, points_, scales_, lambda_};
   }
   LinearizeOutput<R> Output() {
     return {point_hessians_, point_gradients_, kept_, kept_size_};

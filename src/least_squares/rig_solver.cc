@@ -22,6 +22,10 @@ template <>
 struct ResidualOf<RayObservation> {
   using Type = RayResidual;
 };
+template <>
+struct ResidualOf<ScaledRayObservation> {
+  using Type = ScaledRayResidual;
+};
 
 }  // namespace
 
@@ -56,9 +60,9 @@ template <class Observation>
 SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
                                            RigState* state) {
   if (!impl_->equations) {
-    return SolveByCeres<typename Impl::Residual>(
-        impl_->problem, impl_->options, max_num_iterations,
-        impl_->context.num_threads, state);
+    return SolveByCeres<typename Impl::Residual>(impl_->problem, impl_->options,
+                                                 max_num_iterations,
+                                                 impl_->context, state);
   }
   impl_->equations->SetState(*state);
   const SolveSummary summary = MinimizeByLevenbergMarquardt(
@@ -80,9 +84,12 @@ double RigCost(const RigProblem<Observation>& problem, const RigState& state,
 
 template class RigSolver<PixelObservation>;
 template class RigSolver<RayObservation>;
+template class RigSolver<ScaledRayObservation>;
 template double RigCost(const RigProblem<PixelObservation>&, const RigState&,
                         int);
 template double RigCost(const RigProblem<RayObservation>&, const RigState&,
                         int);
+template double RigCost(const RigProblem<ScaledRayObservation>&,
+                        const RigState&, int);
 
 }  // namespace mgsfm

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <Eigen/Core>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -9,20 +8,6 @@
 #include "translation/refinement_terms.h"
 
 namespace mgsfm {
-
-// A residual of the refinements below, and its derivatives.
-struct BilinearResidual {
-  Eigen::Vector3d value;       // w (v - d C)
-  double by_difference = 0.0;  // times the identity
-  Eigen::Vector3d by_scale;
-};
-
-inline BilinearResidual EvaluateBilinear(const Eigen::Vector3d& direction,
-                                         const Eigen::Vector3d& difference,
-                                         double scale, double weight) {
-  return {weight * (direction - scale * difference), -weight * scale,
-          -weight * difference};
-}
 
 // The refinements of angle_refinement.h with bilinear residuals, to compare
 // with (BATA, Zhuang et al. 2018; global positioning of GLOMAP; eqs. (14), (15)
@@ -41,10 +26,9 @@ inline BilinearResidual EvaluateBilinear(const Eigen::Vector3d& direction,
 // by linear terms. The scale is free, steps are damped.
 // Start: d = 1 / |C|; where positions start at random, d = 1.
 //
-// By Ceres: Levenberg-Marquardt on one thread, so that sums have a fixed order.
-// Ends when the relative decrease of the cost is below function_tolerance. Cost
-// of an iteration: linear in the observations, and a sparse Cholesky
-// factorisation over all unknowns.
+// Levenberg-Marquardt with scales and points eliminated
+// (mgsfm/least_squares/rig_solver.h); ends when the relative decrease of the
+// cost is below function_tolerance.
 SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
                                      const RefinementOptions& options,
                                      const Context& context,

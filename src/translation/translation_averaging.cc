@@ -200,6 +200,7 @@ void TranslationAverager::PositionByTracks() {
   options.loss = RobustLossType::kHuber;
   options.loss_scale_rad = kRandomStartLossRad;
   options.starts_at_random = true;
+  options.backend = options_.backend;
   options.function_tolerance = kFunctionTolerance;
   options.max_num_iterations =
       std::max(kNumRandomStartIterations, options_.max_num_iterations);

@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <vector>
 
+#include "least_squares/baseline_terms.h"
 #include "least_squares/chunk_kernels.h"
 #include "least_squares/dense_equations.h"
 #include "least_squares/rig_fixtures.h"
@@ -49,6 +51,35 @@ RigSceneOptions SmallScene(const std::vector<TestCamera>& cameras,
   return options;
 }
 
+// What a trial step adds to the unknowns of the dense equations.
+template <class R>
+Eigen::VectorXd TrialStepOf(const RigEquations<R>& equations,
+                            const RigProblemBase& problem, RigState state) {
+  const RigStructure& s = equations.structure();
+  RigState moved = state;
+  for (size_t k = 0; k < state.observation_scales.size(); ++k) {
+    moved.observation_scales[s.observation_order[k]] =
+        equations.trial_scales()[k];
+  }
+  for (size_t t = 0; t < equations.trial_term_scales().size(); ++t) {
+    moved.baseline_scales[s.term_order[t]] = equations.trial_term_scales()[t];
+  }
+  const std::vector<double*> before = ScalesOf(problem, &state);
+  const std::vector<double*> after = ScalesOf(problem, &moved);
+  const size_t num_points = problem.points_are_free ? problem.num_points() : 0;
+  const size_t first_scale = s.num_unknowns + 3 * num_points;
+  Eigen::VectorXd step(static_cast<Eigen::Index>(first_scale + before.size()));
+  step.head(s.num_unknowns) = equations.step();
+  for (size_t p = 0; p < num_points; ++p) {
+    step.segment<3>(s.num_unknowns + 3 * s.point_order[p]) =
+        equations.trial_points()[p] - equations.points()[p];
+  }
+  for (size_t k = 0; k < before.size(); ++k) {
+    step[first_scale + k] = *after[k] - *before[k];
+  }
+  return step;
+}
+
 // Compares a step, the decrease it promises and the cost it leads to with those
 // of the dense equations. Differences are measured in the norm of the
 // equations, in which all units are one.
@@ -66,12 +97,7 @@ void ExpectStepOfDenseEquations(
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
   const TrialStep trial = equations.TryStep();
-  Eigen::VectorXd step(expected.size());
-  step.head(s.num_unknowns) = equations.step();
-  for (size_t p = 0; p < problem.num_points() && problem.points_are_free; ++p) {
-    step.segment<3>(s.num_unknowns + 3 * s.point_order[p]) =
-        equations.trial_points()[p] - equations.points()[p];
-  }
+  const Eigen::VectorXd step = TrialStepOf(equations, problem, state);
   const Eigen::VectorXd error = step - expected;
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
             2e-6 * std::sqrt(expected.dot(damped * expected)));
@@ -204,6 +230,112 @@ TEST(RigEquationsTest, RaysAndBaselinesSolveTheFullEquations) {
       ExpectStepOfDenseEquations<RayResidual>(scene.problem, state);
     }
   }
+}
+
+TEST(RigEquationsTest, ScaledRaysAndBilinearTermsSolveTheFullEquations) {
+  for (const bool sensors : {false, true}) {
+    for (const bool points : {false, true}) {
+      SCOPED_TRACE(testing::Message() << sensors << points);
+      const Freedom freedom{"", false, sensors, false, points};
+      const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
+      const RigScene<ScaledRayObservation> scene =
+          MakeScaledRayScene(SmallScene(cameras, freedom), 0.01);
+      RigState state = scene.truth;
+      Random random(4);
+      Perturb(scene.problem, 5e-3, &random, &state);
+      ExpectStepOfDenseEquations<ScaledRayResidual>(scene.problem, state);
+    }
+  }
+}
+
+// Scales at their bound stay, others stop there, and the step promises what is
+// possible with that.
+TEST(RigEquationsTest, ScalesStopAtTheirBound) {
+  const Freedom freedom{"", false, true, false, true};
+  const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
+  RigScene<ScaledRayObservation> scene =
+      MakeScaledRayScene(SmallScene(cameras, freedom), 0.01, 16);
+  scene.problem.loss = {RobustLossType::kTrivial, 1.0};
+  RigState state = scene.truth;
+  // Half of the wrong ones start at the bound.
+  for (size_t o = 3; o < 7 * 8; o += 7) state.observation_scales[o] = kMinScale;
+  RigEquations<ScaledRayResidual> equations(scene.problem,
+                                            ReducedSolver::kDirect, Threads(2));
+  equations.SetState(state);
+  const RigStructure& s = equations.structure();
+  ASSERT_TRUE(equations.Linearize(kLambda));
+  ASSERT_TRUE(equations.Solve());
+  const TrialStep trial = equations.TryStep();
+  size_t num_at_bound = 0;
+  for (size_t k = 0; k < equations.trial_scales().size(); ++k) {
+    const size_t o = s.observation_order[k];
+    const bool is_at_bound = equations.trial_scales()[k] == kMinScale;
+    EXPECT_EQ(is_at_bound, o % 7 == 3 && o < 7 * 16) << o;
+    num_at_bound += is_at_bound;
+  }
+  EXPECT_EQ(num_at_bound, 16u);
+  const Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
+  const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
+  const double predicted =
+      -dense.gradient.dot(step) - 0.5 * step.dot(dense.hessian * step);
+  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
+  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
+  const double new_cost = CostOfResiduals(
+      AllResiduals(scene.problem, Moved(scene.problem, s, state, step)));
+  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+}
+
+BaselineTerm RandomBilinearTerm(Random* random) {
+  BaselineTerm term;
+  term.kind = BaselineTerm::Kind::kBilinear;
+  term.direction = RandomVector(1.0, random).normalized();
+  term.length = random->Uniform(0.5, 2.0);
+  term.weight = random->Uniform(0.1, 2.0);
+  term.length_weight = random->Uniform(0.1, 2.0);
+  return term;
+}
+
+TEST(BilinearTermTest, DerivativesAreThoseOfDifferences) {
+  Random random(3);
+  constexpr double kStep = 1e-6;
+  for (int trial = 0; trial < 20; ++trial) {
+    const BaselineTerm term = RandomBilinearTerm(&random);
+    const Eigen::Vector3d C = RandomVector(1.0, &random);
+    const double scale = random.Uniform(0.1, 3.0);
+    const BaselineResidual at = EvaluateBaselineTerm(term, C, scale);
+    const auto difference = [&](const Eigen::Vector3d& by_C, double by_scale) {
+      const BaselineResidual after =
+          EvaluateBaselineTerm(term, C + by_C, scale + by_scale);
+      const BaselineResidual before =
+          EvaluateBaselineTerm(term, C - by_C, scale - by_scale);
+      Eigen::Vector4d d;
+      d << after.value - before.value, after.length_value - before.length_value;
+      return Eigen::Vector4d(d / (2.0 * kStep));
+    };
+    for (int i = 0; i < 3; ++i) {
+      const Eigen::Vector3d step = kStep * Eigen::Vector3d::Unit(i);
+      EXPECT_LT(
+          (difference(step, 0.0).head<3>() - at.by_baseline.col(i)).norm(),
+          1e-8);
+    }
+    const Eigen::Vector4d by_scale = difference(Eigen::Vector3d::Zero(), kStep);
+    EXPECT_LT((by_scale.head<3>() - at.by_scale).norm(), 1e-8);
+    EXPECT_NEAR(by_scale[3], at.length_by_scale, 1e-8);
+  }
+}
+
+// With the best scale the residual is the sine of the angle.
+TEST(BilinearTermTest, BestScaleGivesTheSine) {
+  BaselineTerm term;
+  term.kind = BaselineTerm::Kind::kBilinear;
+  term.direction = Eigen::Vector3d::UnitZ();
+  double least = 1.0;
+  for (double scale = 0.0; scale < 1.0; scale += 1e-4) {
+    const BaselineResidual r =
+        EvaluateBaselineTerm(term, Eigen::Vector3d(0.0, 3.0, 4.0), scale);
+    least = std::min(least, r.value.norm());
+  }
+  EXPECT_NEAR(least, 0.6, 1e-6);
 }
 
 TEST(RigEquationsTest, RaysWithFreeRotationsSolveTheFullEquations) {

@@ -3,13 +3,9 @@
 // with.
 #include <gtest/gtest.h>
 
-#include <algorithm>
-#include <limits>
 #include <tuple>
 
 #include "mgsfm/base/error.h"
-#include "translation/bilinear_refinement.h"
-#include "translation/random_start.h"
 #include "translation/translation_test_utils.h"
 
 namespace mgsfm {
@@ -132,50 +128,6 @@ TEST(ObjectivesTest, DistancesNeedRelativeTranslations) {
   }
   EXPECT_NO_THROW(CheckTranslationOptions(
       Options(TranslationSource::kAuto, TranslationObjective::kDistance)));
-}
-
-TEST(BilinearResidualTest, DerivativesAreThoseOfDifferences) {
-  Random random(3);
-  const auto vector = [&] {
-    return Vector3d(random.Normal(), random.Normal(), random.Normal());
-  };
-  constexpr double kStep = 1e-6;
-  for (int trial = 0; trial < 20; ++trial) {
-    const Vector3d direction = vector().normalized();
-    const Vector3d difference = vector();
-    const double scale = random.Uniform(0.1, 3.0);
-    const double weight = random.Uniform(0.1, 2.0);
-    const BilinearResidual at =
-        EvaluateBilinear(direction, difference, scale, weight);
-    for (int i = 0; i < 3; ++i) {
-      const Vector3d step = kStep * Vector3d::Unit(i);
-      const Vector3d by_difference =
-          (EvaluateBilinear(direction, difference + step, scale, weight).value -
-           EvaluateBilinear(direction, difference - step, scale, weight)
-               .value) /
-          (2.0 * kStep);
-      EXPECT_LT((by_difference - at.by_difference * Vector3d::Unit(i)).norm(),
-                1e-8);
-    }
-    const Vector3d by_scale =
-        (EvaluateBilinear(direction, difference, scale + kStep, weight).value -
-         EvaluateBilinear(direction, difference, scale - kStep, weight).value) /
-        (2.0 * kStep);
-    EXPECT_LT((by_scale - at.by_scale).norm(), 1e-8);
-  }
-}
-
-// With the best scale the residual is the sine of the angle.
-TEST(BilinearResidualTest, BestScaleGivesTheSine) {
-  const Vector3d direction = Vector3d::UnitZ();
-  const Vector3d difference(0.0, 3.0, 4.0);
-  double least = std::numeric_limits<double>::infinity();
-  for (double scale = 0.0; scale < 1.0; scale += 1e-4) {
-    least = std::min(
-        least,
-        EvaluateBilinear(direction, difference, scale, 1.0).value.norm());
-  }
-  EXPECT_NEAR(least, 0.6, 1e-6);
 }
 
 }  // namespace

@@ -101,12 +101,12 @@ struct TranslationAveragingOptions {
           "of the mapper says, else hybrid.");
     visit("objective", self.objective, AnyValue(), "",
           "What is minimised: angles (non_bilinear), the same with a scale for "
-          "each observation as unknown (bilinear, by Ceres), or distances "
-          "alone, which need relative_translations; auto: as the method of "
-          "the mapper says, else non_bilinear.");
+          "each observation as unknown (bilinear), or distances alone, which "
+          "need relative_translations; auto: as the method of the mapper says, "
+          "else non_bilinear.");
     visit("backend", self.backend, AnyValue(), "",
-          "Solver of non-bilinear refinements: that of this program, or Ceres "
-          "with the same derivatives, for comparison.");
+          "Solver of refinements: that of this program, or Ceres with the "
+          "same derivatives, for comparison.");
     visit("min_parallax_deg", self.min_parallax_deg, Between(0.0, 60.0), "deg",
           "Matches with less parallax do not vote on relative translations, "
           "nor are points with less used.");
