@@ -299,6 +299,10 @@ std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
       (*surfaces)[j].original_of = number;
       Surface surface =
           Transformed(duplicates.back().copy_from_original, (*surfaces)[j]);
+      // A bend of the road, or another, may be where the original has none.
+      if (road.IsNear(0.5 * (surface.a + surface.b), kFacadeClearance_m)) {
+        continue;
+      }
       surface.original_of = -1;
       surface.copy_of = number;
       surface.node = -1;

@@ -11,7 +11,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kMaxDrift = 0.2;
 constexpr double kMaxErrorInDepths = 0.25;
 
 // Frames of a pair with a direction; equal for all others.
@@ -39,7 +38,8 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
                                       const std::vector<int>& num_matches,
                                       const std::vector<char>& is_in_backbone,
                                       const PairScales& scales,
-                                      const InitialPositions& by_backbone) {
+                                      const InitialPositions& by_backbone,
+                                      double max_drift) {
   const std::vector<FramePair> pairs = FramesOfPairs(problem, motions);
   const Positions& positions = by_backbone.positions;
   const double unit =
@@ -67,7 +67,7 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
         scales.scale[i] * unit * motions[i].direction;
     is_impossible[i] =
         error.norm() >
-        kMaxDrift * ways.Between(pairs[i].frame_idx1, pairs[i].frame_idx2) +
+        max_drift * ways.Between(pairs[i].frame_idx1, pairs[i].frame_idx2) +
             kMaxErrorInDepths * scales.typical_depth * unit;
     ++num_tested;
     num_impossible += is_impossible[i];

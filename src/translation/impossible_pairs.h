@@ -15,7 +15,7 @@ namespace mgsfm {
 // along its strongest tree: a pair with measured baseline m = s b is impossible
 // if for C = c_j - c_i
 //
-//   |C - m| > 0.2 way + a quarter of a typical depth.
+//   |C - m| > max_drift way + a quarter of a typical depth.
 //
 // Nothing is impossible if more than kMaxShareBeyondDrift of all pairs were.
 // Per motion. Cost: a way through the tree for each pair.
@@ -24,6 +24,7 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
                                       const std::vector<int>& num_matches,
                                       const std::vector<char>& is_in_backbone,
                                       const PairScales& scales,
-                                      const InitialPositions& by_backbone);
+                                      const InitialPositions& by_backbone,
+                                      double max_drift);
 
 }  // namespace mgsfm

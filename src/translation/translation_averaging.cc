@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <utility>
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
@@ -37,6 +39,10 @@ constexpr int kMaxNumBackboneIterations = 60;
 // Of L1 positions that are only a start: what ten times as exact ones would
 // tell better, about long bends, the first step of the refinement tells, too.
 constexpr double kStartTolerance = 1e-3;
+// What a backbone may drift, of the way. The least strict is taken that leaves
+// most of the backbone whole: one camera drifts in scale, and a loop must
+// close.
+constexpr double kMaxDrifts[] = {0.2, 0.1, 0.05, 0.02};
 constexpr int kNumCoarseIterations = 10;
 constexpr double kFunctionTolerance = 1e-5;
 // Of points, compared with the median depth of points.
@@ -115,8 +121,15 @@ class TranslationAverager {
   void PositionByTracks();
   void TriangulateOnly();
   void EstimatePairs();
-  void SetImpossiblePairsAside();
-  std::vector<char> JudgeBy(const std::vector<char>& is_in_backbone) const;
+  struct Backbone {
+    std::vector<char> is_in_backbone;  // per pair
+    InitialPositions positions;
+  };
+  Backbone FindBackbone() const;
+  Backbone PositionBackbone(std::vector<char> is_in_backbone) const;
+  std::vector<char> FindImpossible(const Backbone& backbone,
+                                   double max_drift) const;
+  int NumTornPairs(const Backbone& backbone) const;
   void SetAside(const std::vector<char>& is_set_aside);
   void Initialize();
   void RefineWithPairs();
@@ -177,7 +190,6 @@ class TranslationAverager {
 
 void TranslationAverager::PositionByPairs() {
   EstimatePairs();
-  SetImpossiblePairsAside();
   Initialize();
   if (objective_ == nullptr) {
     result_.summary.camera_refinement = NothingToDo("Not asked for.");
@@ -252,43 +264,84 @@ void TranslationAverager::SetAside(const std::vector<char>& is_set_aside) {
 
 // Copies may be strong enough for the backbone where a road shows little else.
 // The spine does not have them; what it cannot explain is not let in.
-void TranslationAverager::SetImpossiblePairsAside() {
+TranslationAverager::Backbone TranslationAverager::FindBackbone() const {
   std::vector<char> is_candidate(motions_.size());
   for (size_t i = 0; i < motions_.size(); ++i) {
     is_candidate[i] = motions_[i].kind == MotionKind::kDirection;
   }
   const std::vector<char> is_beyond_spine =
-      JudgeBy(SelectBackbone(scene_, view_graph_, is_candidate, kSpine));
+      FindImpossible(PositionBackbone(SelectBackbone(scene_, view_graph_,
+                                                     is_candidate, kSpine)),
+                     kMaxDrifts[0]);
   for (size_t i = 0; i < motions_.size(); ++i) {
     if (is_beyond_spine[i]) is_candidate[i] = false;
   }
-  SetAside(JudgeBy(SelectBackbone(scene_, view_graph_, is_candidate)));
-  LogTime("backbone");
+  return PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate));
+}
+
+TranslationAverager::Backbone TranslationAverager::PositionBackbone(
+    std::vector<char> is_in_backbone) const {
+  std::vector<PairMotion> motions = motions_;
+  for (size_t i = 0; i < motions.size(); ++i) {
+    if (motions[i].kind == MotionKind::kDirection && !is_in_backbone[i]) {
+      motions[i].kind = MotionKind::kUnused;
+    }
+  }
+  return {std::move(is_in_backbone),
+          InitializePositions(
+              problem_, motions, scales_, options_.min_parallax_deg,
+              {kMaxNumBackboneIterations, kStartTolerance}, context_)};
 }
 
 // Per pair: whether positions by a backbone make it impossible.
-std::vector<char> TranslationAverager::JudgeBy(
-    const std::vector<char>& is_in_backbone) const {
+std::vector<char> TranslationAverager::FindImpossible(const Backbone& backbone,
+                                                      double max_drift) const {
   std::vector<int> num_matches(motions_.size());
-  std::vector<PairMotion> backbone = motions_;
   for (size_t i = 0; i < motions_.size(); ++i) {
     num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
-    if (backbone[i].kind == MotionKind::kDirection && !is_in_backbone[i]) {
-      backbone[i].kind = MotionKind::kUnused;
-    }
   }
-  return FindImpossiblePairs(
-      problem_, motions_, num_matches, is_in_backbone, scales_,
-      InitializePositions(
-          problem_, backbone, scales_, options_.min_parallax_deg,
-          {kMaxNumBackboneIterations, kStartTolerance}, context_));
+  return FindImpossiblePairs(problem_, motions_, num_matches,
+                             backbone.is_in_backbone, scales_,
+                             backbone.positions, max_drift);
+}
+
+// Pairs of the backbone that positions contradict: where copies that drift
+// might explain outvote it, the road is torn.
+int TranslationAverager::NumTornPairs(const Backbone& backbone) const {
+  const std::vector<char> contradicts = FindContradictingPairs(
+      problem_, motions_, scales_, initial_, initial_.positions);
+  int num_torn = 0;
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    num_torn += backbone.is_in_backbone[i] && contradicts[i];
+  }
+  return num_torn;
 }
 
 void TranslationAverager::Initialize() {
+  const Backbone backbone = FindBackbone();
+  LogTime("backbone");
   InitializationOptions options;
   if (objective_ != nullptr) options.relative_tolerance = kStartTolerance;
-  initial_ = InitializePositions(problem_, motions_, scales_,
-                                 options_.min_parallax_deg, options, context_);
+  const std::vector<PairMotion> all_motions = motions_;
+  std::vector<PairMotion> best_motions;
+  InitialPositions best;
+  int least_torn = std::numeric_limits<int>::max();
+  for (const double max_drift : kMaxDrifts) {
+    motions_ = all_motions;
+    SetAside(FindImpossible(backbone, max_drift));
+    initial_ =
+        InitializePositions(problem_, motions_, scales_,
+                            options_.min_parallax_deg, options, context_);
+    const int num_torn = NumTornPairs(backbone);
+    if (num_torn < least_torn) {
+      least_torn = num_torn;
+      best_motions = motions_;
+      best = initial_;
+    }
+    if (num_torn == 0) break;
+  }
+  motions_ = std::move(best_motions);
+  initial_ = std::move(best);
   positions_ = initial_.positions;
   result_.summary.initialization = initial_.solve;
   result_.summary.is_metric = initial_.is_metric;

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "translation/impossible_pairs.h"
+
+#include <gtest/gtest.h>
+
+namespace mgsfm {
+namespace {
+
+// A row of single cameras, one unit apart, whose neighbours are the backbone.
+struct Row {
+  explicit Row(int num_frames) {
+    problem.num_frames = num_frames;
+    problem.sensor_kind = {SensorKind::kFixed};
+    problem.fixed_translation = {Eigen::Vector3d::Zero()};
+    Positions& positions = by_backbone.positions;
+    positions.sensor_translation = problem.fixed_translation;
+    by_backbone.group_factor = {1.0};
+    scales.typical_depth = 1.0;
+    for (int i = 0; i < num_frames; ++i) {
+      problem.world_from_cam.emplace_back(Eigen::Matrix3d::Identity());
+      problem.frame_idx.push_back(i);
+      problem.sensor_idx.push_back(0);
+      positions.frame_is_placed.push_back(true);
+      positions.frame_center.emplace_back(i, 0.0, 0.0);
+      if (i > 0) Add(i - 1, i, 1.0, true);
+    }
+  }
+  void Add(int i, int j, double length, bool is_in_the_backbone = false) {
+    PairMotion motion;
+    motion.image_idx1 = i;
+    motion.image_idx2 = j;
+    motion.kind = MotionKind::kDirection;
+    motion.direction = Eigen::Vector3d::UnitX();
+    motions.push_back(motion);
+    scales.scale.push_back(length);
+    scales.group.push_back(0);
+    is_in_backbone.push_back(is_in_the_backbone);
+  }
+  std::vector<char> Impossible(double max_drift) const {
+    const std::vector<int> num_matches(motions.size(), 100);
+    const std::vector<char> all =
+        FindImpossiblePairs(problem, motions, num_matches, is_in_backbone,
+                            scales, by_backbone, max_drift);
+    return {all.begin() + problem.num_frames - 1, all.end()};
+  }
+
+  PositionProblem problem;
+  std::vector<PairMotion> motions;
+  PairScales scales;
+  std::vector<char> is_in_backbone;
+  InitialPositions by_backbone;
+};
+
+TEST(ImpossiblePairsTest, GoByTheWayAndTheDriftThatIsAllowed) {
+  Row row(21);
+  row.Add(0, 20, 20.0);  // exact
+  row.Add(0, 20, 17.0);  // 3 of a way of 20
+  row.Add(0, 20, 1.0);   // a copy of what is near
+  row.Add(4, 6, 1.8);    // what a quarter of a depth allows
+  row.Add(4, 6, 1.0);
+  EXPECT_EQ(row.Impossible(0.2), (std::vector<char>{0, 0, 1, 0, 1}));
+  EXPECT_EQ(row.Impossible(0.1), (std::vector<char>{0, 1, 1, 0, 1}));
+}
+
+TEST(ImpossiblePairsTest, NothingIsIfItWereTooMuch) {
+  Row row(5);
+  for (int k = 0; k < 10; ++k) row.Add(0, 4, 0.5);
+  EXPECT_EQ(row.Impossible(0.2), std::vector<char>(10, 0));
+}
+
+}  // namespace
+}  // namespace mgsfm
