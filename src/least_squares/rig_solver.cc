@@ -33,9 +33,9 @@ template <class Observation>
 struct RigSolver<Observation>::Impl {
   using Residual = typename ResidualOf<Observation>::Type;
 
-  Impl(const RigProblem<Observation>& problem_,
-       const RigSolverOptions& options_, const Context& context_)
-      : problem(problem_), options(options_), context(context_) {
+  Impl(const RigProblem<Observation>& the_problem,
+       const RigSolverOptions& the_options, const Context& the_context)
+      : problem(the_problem), options(the_options), context(the_context) {
     if (options.backend == SolverBackend::kNative) {
       equations.emplace(problem, options.reduced_solver, context);
     }

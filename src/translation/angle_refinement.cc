@@ -39,7 +39,7 @@ SolveSummary RefineCameras(const RefinementInput& input,
   AddLengths(input, &angles);
   angles.AddZeroBaselines();
   angles.HoldGauge();
-  const SolveSummary summary = angles.SolveAnnealed(context);
+  SolveSummary summary = angles.SolveAnnealed(context);
   angles.WriteBack(positions);
   return summary;
 }
@@ -56,7 +56,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
   AddDirections(input, kPairWeightWithPoints, &angles);
   angles.HoldGauge();
   if (!options.starts_at_random) angles.HoldScale();
-  const SolveSummary summary = angles.Solve(context);
+  SolveSummary summary = angles.Solve(context);
   angles.WriteBack(positions);
   angles.WriteBack(track_idxs, points);
   return summary;

@@ -71,7 +71,7 @@ SolveSummary RefineCamerasBilinearly(const RefinementInput& input,
   bilinear.AddZeroBaselines();
   bilinear.HoldGauge();
   StartScales(options.starts_at_random, &bilinear);
-  const SolveSummary summary = bilinear.SolveAnnealed(context);
+  SolveSummary summary = bilinear.SolveAnnealed(context);
   bilinear.WriteBack(positions);
   return summary;
 }
@@ -86,7 +86,7 @@ SolveSummary RefineCamerasAndPointsBilinearly(
   AddDirections(input, kPairWeightWithPoints, false, &bilinear);
   bilinear.HoldGauge();
   StartScales(options.starts_at_random, &bilinear);
-  const SolveSummary summary = bilinear.Solve(context);
+  SolveSummary summary = bilinear.Solve(context);
   bilinear.WriteBack(positions);
   bilinear.WriteBack(track_idxs, points);
   return summary;

@@ -401,7 +401,7 @@ SolveSummary TranslationAverager::RefineJointly(
                    options_.min_num_points_per_image);
   Positions refined = positions_;
   TrackPoints refined_points = points_;
-  const SolveSummary summary = objective_->refine_cameras_and_points(
+  SolveSummary summary = objective_->refine_cameras_and_points(
       Input(), rays_, selected, options, context_, &refined, &refined_points);
   if (summary.IsUsable()) {
     positions_ = std::move(refined);
