@@ -8,6 +8,14 @@
 
 namespace mgsfm {
 
+struct BackboneOptions {
+  double min_strength = 0.6;
+  double min_connecting_strength = 0.5;  // of the strongest
+};
+// Hardly more than a chain of neighbours, with what copies do not reach, even
+// on a road with little else to see.
+constexpr BackboneOptions kSpine = {0.9, 0.9};
+
 // Pairs of neighbours. Counting votes does not tell a road from one that is
 // folded so that two equal facades meet: few pairs cross the place where it
 // would tear, and many may join the facades. What tells them apart is strength.
@@ -20,17 +28,10 @@ namespace mgsfm {
 // of a rig vote together, and a pair that is wrong by itself stands alone
 // against all pairs of two neighbours. Pairs are in the backbone whose frames
 // are stronger than min_strength, or in one frame, or needed to connect its
-// parts: of the pairs that leave a part, those with at least half the strength
-// of the strongest.
+// parts: of the pairs that leave a part, those with at least
+// min_connecting_strength times the strength of the strongest.
 //
 // Per pair; false where pair_is_used is.
-struct BackboneOptions {
-  double min_strength = 0.6;
-  double min_connecting_strength = 0.5;  // of the strongest
-};
-// Hardly more than a chain of neighbours, with what copies do not reach, even
-// on a road with little else to see.
-constexpr BackboneOptions kSpine = {0.9, 0.9};
 std::vector<char> SelectBackbone(const Scene& scene,
                                  const ViewGraph& view_graph,
                                  const std::vector<char>& pair_is_used,
