@@ -8,6 +8,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
 #include "tracks/component_splitting.h"
+#include "tracks/match_bridges.h"
 #include "tracks/match_graph.h"
 #include "tracks/track_selection.h"
 
@@ -66,11 +67,11 @@ struct JoinedMatches {
   size_t num_components_with_conflicts = 0;
 };
 
-JoinedMatches JoinMatches(const Scene& scene, const ViewGraph& view_graph,
+JoinedMatches JoinMatches(const Scene& scene,
+                          const internal::KeypointNodes& nodes,
+                          const ViewGraph& view_graph,
                           const MatchSelection& selection,
                           const TrackOptions& options, const Context& context) {
-  MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
-  const internal::KeypointNodes nodes(scene);
   const MatchComponents components =
       internal::FindComponents(nodes, view_graph, selection);
   context.CheckInterrupted();
@@ -87,6 +88,43 @@ JoinedMatches JoinMatches(const Scene& scene, const ViewGraph& view_graph,
   return joined;
 }
 
+// The selection without the bridges between images that are not poor.
+MatchSelection DropBridges(const ViewGraph& view_graph,
+                           const MatchSelection& selection,
+                           const std::vector<char>& is_bridge,
+                           const std::vector<char>& is_poor) {
+  MatchSelection confirmed = selection;
+  if (confirmed.match_is_used.empty()) {
+    confirmed.match_is_used.assign(is_bridge.size(), true);
+  }
+  size_t position = 0;
+  for (const ImagePair& pair : view_graph.pairs) {
+    const bool may_bridge =
+        is_poor[pair.image_idx1] || is_poor[pair.image_idx2];
+    for (size_t k = 0; k < pair.matches.size(); ++k, ++position) {
+      if (is_bridge[position] && !may_bridge) {
+        confirmed.match_is_used[position] = false;
+      }
+    }
+  }
+  return confirmed;
+}
+
+// Images with fewer tracks than they should have.
+std::vector<char> FindPoorImages(const ObservationGroups& tracks,
+                                 size_t num_images,
+                                 const TrackOptions& options) {
+  std::vector<int> num_tracks(num_images, 0);
+  for (const Observation& observation : tracks.observations) {
+    ++num_tracks[observation.image_idx];
+  }
+  std::vector<char> is_poor(num_images);
+  std::transform(
+      num_tracks.begin(), num_tracks.end(), is_poor.begin(),
+      [&](int number) { return number < options.min_tracks_per_image; });
+  return is_poor;
+}
+
 }  // namespace
 
 ObservationGroups EstablishCandidates(const Scene& scene,
@@ -94,18 +132,34 @@ ObservationGroups EstablishCandidates(const Scene& scene,
                                       const MatchSelection& selection,
                                       const TrackOptions& options,
                                       const Context& context) {
-  return JoinMatches(scene, view_graph, selection, options, context).candidates;
+  MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
+  return JoinMatches(scene, internal::KeypointNodes(scene), view_graph,
+                     selection, options, context)
+      .candidates;
 }
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
                             const MatchSelection& selection,
                             const TrackOptions& options,
                             const Context& context) {
-  const JoinedMatches joined =
-      JoinMatches(scene, view_graph, selection, options, context);
+  MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
+  const internal::KeypointNodes nodes(scene);
+  const std::vector<char> is_bridge =
+      internal::FindBridges(nodes, view_graph, selection);
+  context.CheckInterrupted();
+  std::vector<char> is_poor(scene.images.size(), false);
+  JoinedMatches joined;
   TrackResult result;
-  result.estimate =
-      internal::SelectTracks(joined.candidates, scene.images.size(), options);
+  // What all images have without bridges tells which of them need bridges.
+  for (int pass = 0; pass < 2; ++pass) {
+    joined = JoinMatches(scene, nodes, view_graph,
+                         DropBridges(view_graph, selection, is_bridge, is_poor),
+                         options, context);
+    result.estimate =
+        internal::SelectTracks(joined.candidates, scene.images.size(), options);
+    is_poor = FindPoorImages(result.estimate, scene.images.size(), options);
+    if (std::count(is_poor.begin(), is_poor.end(), char{true}) == 0) break;
+  }
   TrackSummary& summary = result.summary;
   summary.num_components = joined.num_components;
   summary.num_components_with_conflicts = joined.num_components_with_conflicts;

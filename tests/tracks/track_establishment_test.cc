@@ -352,6 +352,77 @@ TEST(TrackEstablishmentTest, OrderOfMatchesAndThreadsDoNotMatter) {
   EXPECT_EQ(ToVectors(result.estimate), ToVectors(shuffled.estimate));
 }
 
+// A drive past `num_points` points in each of two places that nothing but one
+// wrong pair of images joins, each match of it another two points.
+struct TwoPlaces {
+  static constexpr int kImagesOfPlace = 5;
+  static constexpr int kNumPoints = 60;
+
+  TwoPlaces() {
+    for (const int first : {0, kImagesOfPlace}) {
+      for (int point = 0; point < kNumPoints; ++point) {
+        Group track;
+        for (int i = 0; i < kImagesOfPlace; ++i) {
+          track.push_back({first + i, point});
+        }
+        AddClique(track, &matches);
+        tracks.push_back(track);
+      }
+    }
+    for (int point = 0; point < kNumPoints; ++point) {
+      matches.push_back({{1, point}, {kImagesOfPlace + 1, point}});
+    }
+    std::sort(tracks.begin(), tracks.end());
+  }
+
+  Scene MakeScene() const {
+    return mgsfm::MakeScene(2 * kImagesOfPlace, kNumPoints + 1);
+  }
+
+  std::vector<TestMatch> matches;
+  std::vector<Group> tracks;  // the true ones
+};
+
+TEST(TrackEstablishmentTest, AWrongPairDoesNotJoinTwoPlaces) {
+  const TwoPlaces places;
+  const ViewGraph view_graph = MakeViewGraph(places.matches);
+  const TrackResult result = Establish(places.MakeScene(), view_graph, {});
+  EXPECT_EQ(ToVectors(result.estimate), places.tracks);
+  EXPECT_EQ(Candidates(places.MakeScene(), view_graph).size(),
+            places.tracks.size() / 2);
+}
+
+TEST(TrackEstablishmentTest, AnImageWithTooFewTracksKeepsUnconfirmedMatches) {
+  TwoPlaces places;
+  // One more image, of the first place, that is matched with one image only.
+  const int last = 2 * TwoPlaces::kImagesOfPlace;
+  for (int point = 0; point < 20; ++point) {
+    places.matches.push_back({{0, point}, {last, point}});
+    auto track = std::find_if(places.tracks.begin(), places.tracks.end(),
+                              [&](const Group& group) {
+                                return group[0] == Observation{0, point};
+                              });
+    track->push_back({last, point});
+  }
+  const Scene scene = MakeScene(last + 1, TwoPlaces::kNumPoints);
+  const TrackResult result =
+      Establish(scene, MakeViewGraph(places.matches), {});
+  EXPECT_EQ(ToVectors(result.estimate), places.tracks);
+}
+
+// What nothing confirms anywhere is all there is.
+TEST(TrackEstablishmentTest, ChainsAreTracks) {
+  std::vector<TestMatch> matches;
+  std::vector<Group> tracks;
+  for (int point = 0; point < 30; ++point) {
+    tracks.push_back({{0, point}, {1, point}, {2, point}, {3, point}});
+    AddChain(tracks.back(), &matches);
+  }
+  const TrackResult result =
+      Establish(MakeScene(4, 30), MakeViewGraph(matches), {});
+  EXPECT_EQ(ToVectors(result.estimate), tracks);
+}
+
 TEST(TrackEstablishmentTest, NoMatchesGiveNoTracks) {
   const TrackResult result = Establish(MakeScene(3, 4), ViewGraph());
   EXPECT_EQ(result.summary.num_components, 0u);
