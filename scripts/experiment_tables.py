@@ -68,11 +68,11 @@ def statistic(record, kind, name):
     return values[name] if values else None
 
 
-def accuracy(records, sequences, methods, kind, unit):
+def accuracy(records, sequences, methods, kind, unit, name=None, what=None):
     quantity = kind.split("_")[0]
-    table = Table(f"{quantity}_error",
-                  f"{quantity.capitalize()} error of images, median / mean "
-                  f"({unit})", ["sequence", *methods], 3)
+    what = what or f"{quantity.capitalize()} error of images"
+    table = Table(name or f"{quantity}_error",
+                  f"{what}, median / mean ({unit})", ["sequence", *methods], 3)
     for sequence in sequences:
         row = [sequence]
         for method in methods:
@@ -117,21 +117,25 @@ def areas(records, sequences, methods):
     return table
 
 
-def internal_poses(records, sequences, methods):
+def internal_poses(records, sequences, methods, averaged):
+    """Of the `averaged`, which share their rotations, one shows those."""
+    first = averaged[:1]
     table = Table("internal_poses",
                   "Errors of cameras in the rig: rotation, direction of "
                   "translation (deg), length (%)",
-                  ["sequence, camera", *methods], 3)
+                  ["sequence, camera", *methods,
+                   *["rotation before bundle adjustment" for _ in first]], 3)
     for sequence in sequences:
         by_camera = {}
-        for method in methods:
+        for method in [*methods, *first]:
             errors = records.get((sequence, method), {}).get("errors") or {}
             for sensor in errors.get("sensors", []):
                 by_camera.setdefault(sensor["name"], {})[method] = sensor
         for camera, found in by_camera.items():
             row = [f"{sequence}, {camera}"]
-            for method in methods:
-                row.append(internal_cell(found.get(method)))
+            row += [internal_cell(found.get(method)) for method in methods]
+            row += [found[m]["rotation_deg"] if m in found else None
+                    for m in first]
             table.rows.append(row)
     return table
 
@@ -158,14 +162,14 @@ def runtime(records, sequences, methods, kind):
 
 def translation_seconds(records, sequences, methods):
     table = Table("translation_averaging",
-                  "Seconds of translation averaging", ["sequence", *methods],
-                  2)
+                  "Processor seconds of translation averaging",
+                  ["sequence", *methods], 2)
     for sequence in sequences:
         row = [sequence]
         for method in methods:
             stages = records.get((sequence, method), {}).get("stages", {})
             stage = stages.get("translation averaging")
-            row.append(stage["seconds"] if stage else None)
+            row.append(stage["processor_seconds"] if stage else None)
         table.rows.append(row)
     return table
 
@@ -179,26 +183,19 @@ def memory(records, sequences, methods):
     return table
 
 
-def ablation(records, sequences, names, same_as):
-    table = Table("ablation",
-                  "Inputs and objectives of translation averaging: position "
-                  "error, median / mean (m)", ["sequence", *names], 3)
-    for sequence in sequences:
-        row = [sequence]
-        for name in names:
-            record = records.get((sequence, same_as.get(name, name)))
-            values = [statistic(record, "position_m", n)
-                      for n in ("median", "mean")]
-            row.append(MISSING if None in values else
-                       f"{values[0]:.3f} / {values[1]:.3f}")
-        table.rows.append(row)
-    return table
+def ablation(records, sequences, names):
+    return [
+        accuracy(records, sequences, names, "position_m", "m",
+                 "ablation", "Inputs and objectives of translation averaging, "
+                 "before bundle adjustment: position error"),
+        translation_seconds(records, sequences, names)]
 
 
-def make_tables(records, methods, ablation_names, same_as):
+def make_tables(records, methods, ablation_names):
     sequences = list(dict.fromkeys(r["sequence"] for r in records))
     by_name = {(r["sequence"], r["method"]): r for r in records}
     main = [m for m in methods if m not in ablation_names]
+    compared = [m for m in methods if m in ablation_names]
     tables = []
     if main:
         tables += [
@@ -206,13 +203,13 @@ def make_tables(records, methods, ablation_names, same_as):
             accuracy(by_name, sequences, main, "position_m", "m"),
             areas(by_name, sequences, main),
             registered(by_name, sequences, main),
-            internal_poses(by_name, sequences, main)]
-    if any(m in ablation_names for m in methods):
-        tables.append(ablation(by_name, sequences, ablation_names, same_as))
-    return tables + [runtime(by_name, sequences, methods, "seconds"),
-                     runtime(by_name, sequences, methods, "processor_seconds"),
-                     translation_seconds(by_name, sequences, methods),
-                     memory(by_name, sequences, methods)]
+            internal_poses(by_name, sequences, main, compared),
+            runtime(by_name, sequences, main, "seconds"),
+            runtime(by_name, sequences, main, "processor_seconds"),
+            memory(by_name, sequences, main)]
+    if compared:
+        tables += ablation(by_name, sequences, compared)
+    return tables
 
 
 def write_tables(tables, path, description):
