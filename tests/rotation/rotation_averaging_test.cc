@@ -217,6 +217,23 @@ TEST(RotationAveraging, CopiesSomeDegreesOffDoNotTearTheRoad) {
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
 }
 
+// Where images are missing, a frame may have more matches with an unrelated
+// place than with its neighbours, and few pairs hold the road together.
+TEST(RotationAveraging, LoneWrongPairsDoNotTearAThinRoad) {
+  for (const uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8, 9, 10}) {
+    SimulationOptions options = StreetSimulation(RigPreset::kKitti360);
+    options.num_frames = 30;
+    options.relative_rotation_noise_deg = 0.1;
+    options.missing_image_ratio = 0.6;
+    options.isolated_wrong_pair_ratio = 0.1;
+    options.random_seed = seed;
+    const Simulation simulation = Simulate(options);
+    const RotationResult result = Average(simulation);
+    EXPECT_EQ(result.summary.num_parts, 1);
+    EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0) << seed;
+  }
+}
+
 // A sensor that never overlaps with the others in a frame, but sees what they
 // saw at other times.
 TEST(RotationAveraging, SensorLinkedAcrossTimeOnly) {
