@@ -9,7 +9,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/math/union_find.h"
-#include "scene/confirmed_matches.h"
+#include "mgsfm/scene/confirmed_matches.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "scene/confirmed_matches.h"
+#include "mgsfm/scene/confirmed_matches.h"
 
 #include <algorithm>
 #include <cstddef>
