@@ -133,7 +133,8 @@ Json ToJson(const RotationSummary& summary) {
           {"dropped",
            {{"without_relative_rotation", summary.num_pairs_without_rotation},
             {"of_unobservable_sensors", summary.num_pairs_unobservable},
-            {"inconsistent", summary.num_pairs_dropped}}}};
+            {"inconsistent", summary.num_pairs_dropped},
+            {"doubtful_bridges", summary.num_doubtful_bridges}}}};
 }
 
 Json ToJson(const TrackSummary& summary) {

@@ -10,6 +10,7 @@
 #include "mgsfm/math/spanning_tree.h"
 #include "mgsfm/math/statistics.h"
 #include "mgsfm/scene/backbone.h"
+#include "rotation/doubtful_bridges.h"
 #include "rotation/gravity.h"
 #include "rotation/internal_rotations.h"
 #include "rotation/rotation_initialization.h"
@@ -74,6 +75,7 @@ class RotationAverager {
       RefineJointly();
     }
     JudgePairs();
+    LeaveOutDoubtfulBridges();
     NumberComponents();
     WriteInternalRotations();
     CountPairs();
@@ -101,6 +103,7 @@ class RotationAverager {
   void RefineJointly();
   void KeepConsistentPairs();
   void JudgePairs();
+  void LeaveOutDoubtfulBridges();
   void NumberComponents();
   void WriteInternalRotations();
   void CountPairs();
@@ -356,6 +359,24 @@ void RotationAverager::JudgePairs() {
   }
   if (!errors.empty()) {
     result_.summary.median_error_deg = RadToDeg(Median(std::move(errors)));
+  }
+}
+
+// Of all pairs, not of those of a backbone that is but a start.
+void RotationAverager::LeaveOutDoubtfulBridges() {
+  if (start_ == nullptr) return;
+  const std::vector<char> is_doubtful =
+      FindDoubtfulBridges(scene_, view_graph_, result_.estimate.pair_is_inlier);
+  for (size_t i = 0; i < is_doubtful.size(); ++i) {
+    if (!is_doubtful[i]) continue;
+    result_.estimate.pair_is_inlier[i] = 0;
+    ++result_.summary.num_doubtful_bridges;
+    const ImagePair& pair = view_graph_.pairs[i];
+    context_.Warning("The images '" + scene_.images[pair.image_idx1].name +
+                     "' and '" + scene_.images[pair.image_idx2].name +
+                     "' alone would join two parts of the frames; no third "
+                     "image confirms their matches, and other pairs "
+                     "contradict. The parts are left apart.");
   }
 }
 

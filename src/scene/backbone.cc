@@ -9,6 +9,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/math/union_find.h"
+#include "mgsfm/scene/confirmed_matches.h"
 
 namespace mgsfm {
 namespace {
@@ -28,15 +29,11 @@ class BackboneSelector {
         is_selected_(view_graph.pairs.size(), false),
         parts_(scene.frames.size()) {}
 
+  // First by what is confirmed. The rest only joins what that leaves apart.
   std::vector<char> Run() {
-    ComputeStrengths();
-    for (size_t i = 0; i < is_selected_.size(); ++i) {
-      if (is_used_[i] &&
-          (!IsBetweenFrames(i) || strengths_[i] > options_.min_strength))
-        Select(i);
-    }
-    while (ConnectParts()) {
-    }
+    SelectInsideFrames();
+    SelectBetweenFrames(CountConfirmedMatches(view_graph_, is_used_));
+    SelectBetweenFrames(CountMatches());
     return std::move(is_selected_);
   }
 
@@ -59,21 +56,49 @@ class BackboneSelector {
     parts_.Union(Frame1(i), Frame2(i));
   }
 
-  // All pairs of two frames have the strength of the frames.
-  void ComputeStrengths() {
+  std::vector<int> CountMatches() const {
+    std::vector<int> num_matches;
+    for (const ImagePair& pair : view_graph_.pairs) {
+      num_matches.push_back(std::max(1, static_cast<int>(pair.matches.size())));
+    }
+    return num_matches;
+  }
+
+  void SelectInsideFrames() {
+    for (size_t i = 0; i < is_selected_.size(); ++i) {
+      if (is_used_[i] && !IsBetweenFrames(i)) is_selected_[i] = true;
+    }
+  }
+
+  void SelectBetweenFrames(const std::vector<int>& num_matches) {
+    ComputeStrengths(num_matches);
+    std::vector<size_t> strong;
+    for (size_t i = 0; i < is_selected_.size(); ++i) {
+      if (LeavesPart(i) && strengths_[i] > options_.min_strength) {
+        strong.push_back(i);
+      }
+    }
+    for (const size_t i : strong) Select(i);
+    while (ConnectParts()) {
+    }
+  }
+
+  // All pairs of two frames have the strength of the frames, but those without
+  // a match have none.
+  void ComputeStrengths(const std::vector<int>& num_matches_of_pair) {
     using FramePair = std::pair<int, int>;
     std::vector<std::pair<FramePair, size_t>> order;  // pairs, by frames
     for (size_t i = 0; i < strengths_.size(); ++i) {
       if (is_used_[i] && IsBetweenFrames(i)) order.emplace_back(Frames(i), i);
     }
     std::sort(order.begin(), order.end());
-    std::vector<size_t> most(scene_.frames.size(), 1);
-    std::vector<size_t> num_matches(strengths_.size(), 0);  // of the frames
+    std::vector<int> most(scene_.frames.size(), 1);
+    std::vector<int> num_matches(strengths_.size(), 0);  // of the frames
     for (size_t begin = 0, end = 0; begin < order.size(); begin = end) {
-      size_t num = 0;
+      int num = 0;
       for (; end < order.size() && order[end].first == order[begin].first;
            ++end) {
-        num += view_graph_.pairs[order[end].second].matches.size();
+        num += num_matches_of_pair[order[end].second];
       }
       for (size_t k = begin; k < end; ++k) num_matches[order[k].second] = num;
       const auto [frame1, frame2] = order[begin].first;
@@ -81,12 +106,14 @@ class BackboneSelector {
       most[frame2] = std::max(most[frame2], num);
     }
     for (const auto& [frames, i] : order) {
-      const size_t best = std::min(most[frames.first], most[frames.second]);
-      strengths_[i] = static_cast<double>(num_matches[i]) / best;
+      const int best = std::min(most[frames.first], most[frames.second]);
+      strengths_[i] = num_matches_of_pair[i] == 0
+                          ? 0.0
+                          : static_cast<double>(num_matches[i]) / best;
     }
   }
 
-  // False if no pair leaves its part.
+  // False if no pair with any strength leaves its part.
   bool ConnectParts() {
     std::vector<double> strongest(parts_.size(), 0.0);  // by representative
     for (size_t i = 0; i < strengths_.size(); ++i) {
@@ -98,7 +125,7 @@ class BackboneSelector {
     }
     std::vector<size_t> connecting;
     for (size_t i = 0; i < strengths_.size(); ++i) {
-      if (LeavesPart(i) &&
+      if (LeavesPart(i) && strengths_[i] > 0.0 &&
           strengths_[i] >= options_.min_connecting_strength *
                                std::min(strongest[parts_.Find(Frame1(i))],
                                         strongest[parts_.Find(Frame2(i))])) {

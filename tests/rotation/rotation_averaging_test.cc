@@ -217,6 +217,52 @@ TEST(RotationAveraging, CopiesSomeDegreesOffDoNotTearTheRoad) {
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
 }
 
+// Where images are missing, a frame may have more matches with an unrelated
+// place than with its neighbours, and few pairs hold the road together.
+TEST(RotationAveraging, LoneWrongPairsDoNotTearAThinRoad) {
+  for (const uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8, 9, 10}) {
+    SimulationOptions options = StreetSimulation(RigPreset::kKitti360);
+    options.num_frames = 30;
+    options.relative_rotation_noise_deg = 0.1;
+    options.missing_image_ratio = 0.6;
+    options.isolated_wrong_pair_ratio = 0.1;
+    options.random_seed = seed;
+    const Simulation simulation = Simulate(options);
+    const RotationResult result = Average(simulation);
+    EXPECT_EQ(result.summary.num_parts, 1);
+    EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0) << seed;
+  }
+}
+
+// One pair says so, and one says otherwise.
+TEST(RotationAveraging, PartsThatOnlyContradictionsJoinStayApart) {
+  constexpr int kNumFrames = 24, kCut = 12;
+  SimulationOptions options = SmallSimulation();
+  options.rig = RigPreset::kMono;
+  options.num_frames = kNumFrames;
+  Simulation simulation = Simulate(options);
+  KeepPairs(&simulation, [](const Image& image1, const Image& image2) {
+    const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
+    return (low < kCut) == (high < kCut) || high - low == 1;
+  });
+  EXPECT_EQ(Average(simulation).summary.num_parts, 1);
+  auto& pairs = simulation.view_graph.pairs;
+  ImagePair wrong = pairs.front();
+  wrong.image_idx1 = 3;
+  wrong.image_idx2 = 20;
+  wrong.relative_pose->cam2_from_cam1 = ExpSO3({0.0, DegToRad(-40.0), 0.0});
+  for (uint32_t k = 0; k < wrong.matches.size(); ++k) {
+    wrong.matches[k] = {1000 + k, 1000 + k};  // keypoints without other matches
+  }
+  pairs.push_back(wrong);
+  const RotationResult result = Average(simulation);
+  EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
+  EXPECT_EQ(result.summary.num_parts, 2);
+  EXPECT_EQ(result.summary.num_doubtful_bridges, 1);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 0), 1e-6);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 1), 1e-6);
+}
+
 // A sensor that never overlaps with the others in a frame, but sees what they
 // saw at other times.
 TEST(RotationAveraging, SensorLinkedAcrossTimeOnly) {

@@ -17,13 +17,26 @@ Scene MakeScene(int num_frames) {
   return scene;
 }
 
-void AddPair(int image_idx1, int image_idx2, int num_matches,
-             ViewGraph* view_graph) {
+// Of keypoints begin_point to end_point, which show the points of these
+// numbers.
+void AddPair(int image_idx1, int image_idx2, uint32_t begin_point,
+             uint32_t end_point, ViewGraph* view_graph) {
   ImagePair pair;
   pair.image_idx1 = image_idx1;
   pair.image_idx2 = image_idx2;
-  pair.matches.resize(num_matches);
+  for (uint32_t point = begin_point; point < end_point; ++point) {
+    pair.matches.push_back({point, point});
+  }
   view_graph->pairs.push_back(pair);
+}
+
+// Of points that no other pair shows.
+void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
+             ViewGraph* view_graph) {
+  const auto begin_point =
+      static_cast<uint32_t>(1000 * view_graph->pairs.size());
+  AddPair(image_idx1, image_idx2, begin_point, begin_point + num_matches,
+          view_graph);
 }
 
 std::vector<char> All(const ViewGraph& view_graph) {
@@ -76,6 +89,44 @@ TEST(Backbone, SpineKeepsCopiesOut) {
             std::vector<char>(6, true));
   EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph), kSpine),
             (std::vector<char>{true, true, true, true, true, false}));
+}
+
+// Of two frames that each lost images, one has more matches with an unrelated
+// place than with its neighbours. But these see the same as each other.
+TEST(Backbone, ManyMatchesThatNothingConfirmsMakeNoNeighbours) {
+  const Scene scene = MakeScene(8);
+  ViewGraph view_graph;
+  const auto add_place = [&](int first, uint32_t begin_point) {
+    for (int i = first; i < first + 4; ++i) {
+      for (int j = i + 1; j < first + 4; ++j) {
+        AddPair(i, j, begin_point, begin_point + 20, &view_graph);
+      }
+    }
+  };
+  add_place(0, 0);
+  add_place(4, 100);
+  AddPair(3, 4, 100, 110, &view_graph);  // a little of the other place
+  AddPair(3, 5, 100, 110, &view_graph);
+  const size_t num_true = view_graph.pairs.size();
+  AddPair(0, 7, 60, &view_graph);
+  AddPair(1, 6, 300, 360, &view_graph);
+  std::vector<char> expected(view_graph.pairs.size(), true);
+  for (size_t i = num_true; i < expected.size(); ++i) expected[i] = false;
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph)), expected);
+}
+
+// Where nothing else leads there, one is as good as the other.
+TEST(Backbone, WhatNothingConfirmsConnectsTheRest) {
+  const Scene scene = MakeScene(5);
+  ViewGraph view_graph;
+  AddPair(0, 1, 0, 50, &view_graph);
+  AddPair(0, 2, 0, 50, &view_graph);
+  AddPair(1, 2, 0, 50, &view_graph);
+  AddPair(2, 3, 60, &view_graph);
+  AddPair(1, 3, 20, &view_graph);
+  AddPair(3, 4, 30, &view_graph);
+  EXPECT_EQ(SelectBackbone(scene, view_graph, All(view_graph)),
+            (std::vector<char>{true, true, true, true, false, true}));
 }
 
 TEST(Backbone, LeavesOutWhatIsNotUsed) {

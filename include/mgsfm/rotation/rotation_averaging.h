@@ -40,7 +40,9 @@ namespace mgsfm {
 // 4. All G_f and S_k together (exact coefficients).
 // 5. Pairs with |e_ij| > max_error_deg are dropped, connectivity is checked
 //    anew, step 4 is repeated on the pairs kept, and all pairs are judged
-//    again.
+//    again. Of these, pairs of two frames that alone join two parts are left
+//    out where others contradict them and no third image confirms them
+//    (rotation/doubtful_bridges.h): the parts stay apart, with a warning.
 //
 // Weights: w_ij = sqrt(min(n, inlier_cap) / inlier_cap) with n matches.
 // rho: Geman-McClure, its scale lowered from 5 deg to six robust standard
@@ -140,7 +142,9 @@ struct RotationSummary {
   int num_pairs_without_rotation = 0;            // no relative pose: never used
   int num_pairs_unobservable = 0;  // of sensors without internal rotation
   int num_pairs_dropped = 0;       // of all others: not consistent
-  int num_parts = 0;               // connected parts of the result
+  // Of these: would alone join two parts, but see rotation/doubtful_bridges.h.
+  int num_doubtful_bridges = 0;
+  int num_parts = 0;                       // connected parts of the result
   std::optional<double> median_error_deg;  // of the pairs kept
   std::optional<GravitySummary> gravity;   // if it was measured
 };

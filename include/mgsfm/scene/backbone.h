@@ -23,13 +23,20 @@ constexpr BackboneOptions kSpine = {0.9, 0.9};
 // only these. So a first estimate is made from the backbone alone, and pairs
 // that its drift cannot explain are left out of the second.
 //
-// The strength of two frames is the number of matches of all their pairs over
-// that of the best partner of either frame, whichever gives more: the cameras
-// of a rig vote together, and a pair that is wrong by itself stands alone
-// against all pairs of two neighbours. Pairs are in the backbone whose frames
-// are stronger than min_strength, or in one frame, or needed to connect its
-// parts: of the pairs that leave a part, those with at least
-// min_connecting_strength times the strength of the strongest.
+// A pair of unrelated places may have more matches than the neighbours of a
+// frame that misses most of its images. But no third image confirms its
+// matches, as there are no other pairs between these places. So what counts are
+// matches of two keypoints that are both matched with one of a third image.
+//
+// The strength of two frames is the number of such matches of all their pairs
+// over that of the best partner of either frame, whichever gives more: the
+// cameras of a rig vote together, and a pair that is wrong by itself stands
+// alone against all pairs of two neighbours. In the backbone are pairs that
+// have such matches and whose frames are stronger than min_strength, pairs in
+// one frame, and those needed to connect parts: of the pairs that leave a part,
+// those with at least min_connecting_strength times the strength of the
+// strongest. Only what is apart then is connected in the same way by all
+// matches: a chain of which only neighbours are matched confirms nothing.
 //
 // Per pair; false where pair_is_used is.
 std::vector<char> SelectBackbone(const Scene& scene,
