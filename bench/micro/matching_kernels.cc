@@ -152,8 +152,7 @@ void JoinSets(benchmark::State& state) {
 
 void JoinTracks(benchmark::State& state) {
   const Simulation& street = Street();
-  const MatchSelection all{
-      std::vector<char>(street.view_graph.pairs.size(), true), {}};
+  const std::vector<char> all(street.view_graph.pairs.size(), true);
   const Context context = Threads(static_cast<int>(state.range(0)));
   for (auto _ : state) {
     benchmark::DoNotOptimize(

@@ -75,9 +75,9 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
       scene, bearings, input.view_graph, options.view_graph, context);
   const RotationResult rotation = AverageRotations(
       scene, view_graph.estimate, options.rotation_averaging, context);
-  const TrackResult tracks = EstablishTracks(
-      scene, view_graph.estimate, {rotation.estimate.pair_is_inlier, {}},
-      options.tracks, context);
+  const TrackResult tracks = EstablishTracks(scene, view_graph.estimate,
+                                             rotation.estimate.pair_is_inlier,
+                                             options.tracks, context);
   const TranslationResult translation = AverageTranslations(
       scene, bearings, view_graph.estimate, rotation.estimate, tracks.estimate,
       options.translation_averaging, context);

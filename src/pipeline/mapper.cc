@@ -100,7 +100,7 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                             const Context& context) {
   MapperModel model;
   const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
-    return EstablishTracks(scene, view_graph, {rotations.pair_is_inlier, {}},
+    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
                            options.tracks, context);
   });
   model.tracks = tracks.summary;

@@ -28,10 +28,11 @@ struct Link {
 class BridgeFinder {
  public:
   BridgeFinder(const Scene& scene, const ViewGraph& view_graph,
-               const std::vector<char>& pair_is_consistent)
+               const std::vector<char>& pair_is_consistent, int num_threads)
       : scene_(scene),
         view_graph_(view_graph),
         is_consistent_(pair_is_consistent),
+        num_threads_(num_threads),
         links_of_frame_(scene.frames.size()),
         nodes_(scene.frames.size()) {}
 
@@ -41,6 +42,10 @@ class BridgeFinder {
       if (nodes_[f].enter < 0) Walk(static_cast<int>(f));
     }
     std::vector<char> is_doubtful(view_graph_.pairs.size(), false);
+    if (std::none_of(nodes_.begin(), nodes_.end(), IsBelowBridge)) {
+      return is_doubtful;
+    }
+    CountConfirmed();
     for (size_t f = 0; f < nodes_.size(); ++f) {
       if (!IsBelowLoneBridge(f)) continue;
       const Link& bridge = links_[nodes_[f].link_to_parent];
@@ -73,8 +78,6 @@ class BridgeFinder {
   }
 
   void CollectLinks() {
-    const std::vector<int> num_confirmed =
-        CountConfirmedMatches(view_graph_, is_consistent_);
     std::vector<std::pair<std::pair<int, int>, size_t>> order;
     for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
       const std::pair<int, int> frames = FramesOf(i);
@@ -92,8 +95,17 @@ class BridgeFinder {
       }
       Link& link = links_.back();
       link.num_matches += static_cast<int>(view_graph_.pairs[i].matches.size());
-      link.num_confirmed += num_confirmed[i];
       link.pair_idxs.push_back(i);
+    }
+  }
+
+  void CountConfirmed() {
+    const std::vector<int> num_confirmed =
+        CountConfirmedMatches(view_graph_, is_consistent_, num_threads_);
+    for (Link& link : links_) {
+      for (const size_t i : link.pair_idxs) {
+        link.num_confirmed += num_confirmed[i];
+      }
     }
   }
 
@@ -136,9 +148,13 @@ class BridgeFinder {
     });
   }
 
+  static bool IsBelowBridge(const Node& node) {
+    return node.link_to_parent >= 0 && node.lowest >= node.enter;
+  }
+
   bool IsBelowLoneBridge(size_t frame_idx) const {
     const Node& node = nodes_[frame_idx];
-    if (node.link_to_parent < 0 || node.lowest < node.enter) return false;
+    if (!IsBelowBridge(node)) return false;
     const Link& bridge = links_[node.link_to_parent];
     return bridge.num_confirmed == 0 && (HasConfirmedLink(bridge.frame_idx1) ||
                                          HasConfirmedLink(bridge.frame_idx2));
@@ -165,6 +181,7 @@ class BridgeFinder {
   const Scene& scene_;
   const ViewGraph& view_graph_;
   const std::vector<char>& is_consistent_;
+  const int num_threads_;
   std::vector<Link> links_;
   std::vector<std::vector<size_t>> links_of_frame_;
   std::vector<Node> nodes_;                   // per frame
@@ -176,8 +193,8 @@ class BridgeFinder {
 
 std::vector<char> FindDoubtfulBridges(
     const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_consistent) {
-  return BridgeFinder(scene, view_graph, pair_is_consistent).Run();
+    const std::vector<char>& pair_is_consistent, int num_threads) {
+  return BridgeFinder(scene, view_graph, pair_is_consistent, num_threads).Run();
 }
 
 }  // namespace mgsfm

@@ -22,10 +22,11 @@ namespace mgsfm {
 // The third spares chains of which only neighbours were matched: there nothing
 // is confirmed, and one wrong pair would cut them all.
 //
-// Per pair; false where pair_is_consistent is. Cost: linear in the matches, and
-// the number of such links times the number of contradicting pairs.
+// Per pair; false where pair_is_consistent is. Cost: linear in the links; if
+// some are bridges, in the matches; and the number of doubtful ones times the
+// number of contradicting pairs.
 std::vector<char> FindDoubtfulBridges(
     const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_consistent);
+    const std::vector<char>& pair_is_consistent, int num_threads = 1);
 
 }  // namespace mgsfm

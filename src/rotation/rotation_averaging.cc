@@ -366,7 +366,8 @@ void RotationAverager::JudgePairs() {
 void RotationAverager::LeaveOutDoubtfulBridges() {
   if (start_ == nullptr) return;
   const std::vector<char> is_doubtful =
-      FindDoubtfulBridges(scene_, view_graph_, result_.estimate.pair_is_inlier);
+      FindDoubtfulBridges(scene_, view_graph_, result_.estimate.pair_is_inlier,
+                          context_.num_threads);
   for (size_t i = 0; i < is_doubtful.size(); ++i) {
     if (!is_doubtful[i]) continue;
     result_.estimate.pair_is_inlier[i] = 0;
@@ -545,7 +546,7 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
     pair_is_used[i] = view_graph.pairs[i].relative_pose.has_value();
   }
   const std::vector<char> is_in_backbone =
-      SelectBackbone(scene, view_graph, pair_is_used);
+      SelectBackbone(scene, view_graph, pair_is_used, {}, context.num_threads);
   Context quiet = context;
   quiet.log = nullptr;
   quiet.progress = nullptr;

@@ -20,11 +20,12 @@ class BackboneSelector {
  public:
   BackboneSelector(const Scene& scene, const ViewGraph& view_graph,
                    const std::vector<char>& pair_is_used,
-                   const BackboneOptions& options)
+                   const BackboneOptions& options, int num_threads)
       : scene_(scene),
         view_graph_(view_graph),
         is_used_(pair_is_used),
         options_(options),
+        num_threads_(num_threads),
         strengths_(view_graph.pairs.size(), 0.0),
         is_selected_(view_graph.pairs.size(), false),
         parts_(scene.frames.size()) {}
@@ -32,7 +33,8 @@ class BackboneSelector {
   // First by what is confirmed. The rest only joins what that leaves apart.
   std::vector<char> Run() {
     SelectInsideFrames();
-    SelectBetweenFrames(CountConfirmedMatches(view_graph_, is_used_));
+    SelectBetweenFrames(
+        CountConfirmedMatches(view_graph_, is_used_, num_threads_));
     SelectBetweenFrames(CountMatches());
     return std::move(is_selected_);
   }
@@ -140,6 +142,7 @@ class BackboneSelector {
   const ViewGraph& view_graph_;
   const std::vector<char>& is_used_;
   const BackboneOptions& options_;
+  const int num_threads_;
   std::vector<double> strengths_;
   std::vector<char> is_selected_;
   UnionFind parts_;  // of frames
@@ -150,9 +153,11 @@ class BackboneSelector {
 std::vector<char> SelectBackbone(const Scene& scene,
                                  const ViewGraph& view_graph,
                                  const std::vector<char>& pair_is_used,
-                                 const BackboneOptions& options) {
+                                 const BackboneOptions& options,
+                                 int num_threads) {
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
-  return BackboneSelector(scene, view_graph, pair_is_used, options).Run();
+  return BackboneSelector(scene, view_graph, pair_is_used, options, num_threads)
+      .Run();
 }
 
 std::vector<SuspiciousGroup> GroupSuspiciousPairs(

@@ -7,58 +7,12 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/math/sorted_adjacency.h"
+
 namespace mgsfm::internal {
 namespace {
 
 constexpr uint32_t kNone = MatchComponents::kNone;
-
-// The neighbours of each node, sorted, in flat arrays.
-class Adjacency {
- public:
-  Adjacency(size_t num_nodes, const ComponentMatch* matches, size_t num_matches)
-      : offsets_(num_nodes + 1, 0), neighbours_(2 * num_matches) {
-    for (size_t i = 0; i < num_matches; ++i) {
-      ++offsets_[matches[i].first + 1];
-      ++offsets_[matches[i].second + 1];
-    }
-    std::partial_sum(offsets_.begin(), offsets_.end(), offsets_.begin());
-    std::vector<size_t> next(offsets_.begin(), offsets_.end() - 1);
-    for (size_t i = 0; i < num_matches; ++i) {
-      neighbours_[next[matches[i].first]++] = matches[i].second;
-      neighbours_[next[matches[i].second]++] = matches[i].first;
-    }
-    for (size_t node = 0; node < num_nodes; ++node) {
-      std::sort(neighbours_.begin() + offsets_[node],
-                neighbours_.begin() + offsets_[node + 1]);
-    }
-  }
-
-  const uint32_t* begin(uint32_t node) const {
-    return neighbours_.data() + offsets_[node];
-  }
-  const uint32_t* end(uint32_t node) const {
-    return neighbours_.data() + offsets_[node + 1];
-  }
-
-  uint32_t NumCommonNeighbours(uint32_t a, uint32_t b) const {
-    uint32_t num_common = 0;
-    const uint32_t *i = begin(a), *j = begin(b);
-    while (i != end(a) && j != end(b)) {
-      if (*i == *j) {
-        ++num_common;
-        ++i;
-        ++j;
-      } else {
-        *i < *j ? ++i : ++j;
-      }
-    }
-    return num_common;
-  }
-
- private:
-  std::vector<size_t> offsets_;
-  std::vector<uint32_t> neighbours_;
-};
 
 // Disjoint sets of nodes that never hold two keypoints of an image, except
 // those that are one point detected twice. Members are linked lists.
@@ -137,7 +91,7 @@ class ConflictFreeSets {
 };
 
 // Positions of the matches from the best supported to the least.
-std::vector<uint32_t> OrderBySupport(const Adjacency& adjacency,
+std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
                                      const ComponentMatch* matches,
                                      size_t num_matches) {
   std::vector<uint32_t> support(num_matches), order(num_matches);
@@ -158,7 +112,8 @@ std::vector<uint32_t> OrderBySupport(const Adjacency& adjacency,
 // For each node whether it is the one to stay of its set's keypoints in its
 // image: the one with the most matches within the set, then the first.
 std::vector<char> ChooseDuplicates(const Observation* observations,
-                                   size_t num_nodes, const Adjacency& adjacency,
+                                   size_t num_nodes,
+                                   const SortedAdjacency& adjacency,
                                    const std::vector<uint32_t>& set_of_node) {
   std::vector<uint32_t> degree(num_nodes, 0);
   for (uint32_t node = 0; node < num_nodes; ++node) {
@@ -213,7 +168,11 @@ ObservationGroups SplitComponent(const Scene& scene,
                                  const ComponentMatch* matches,
                                  size_t num_matches,
                                  double max_duplicate_distance_px) {
-  const Adjacency adjacency(num_observations, matches, num_matches);
+  const SortedAdjacency adjacency(num_observations, [&](const auto& visit) {
+    for (size_t i = 0; i < num_matches; ++i) {
+      visit(matches[i].first, matches[i].second);
+    }
+  });
   ConflictFreeSets sets(scene, observations, num_observations,
                         max_duplicate_distance_px);
   for (const uint32_t i : OrderBySupport(adjacency, matches, num_matches)) {

@@ -10,6 +10,27 @@
 namespace mgsfm::internal {
 namespace {
 
+// Calls function(node1, node2, num_matches_of_the_pair) for all used matches.
+template <class Function>
+void ForEachMatch(const KeypointNodes& nodes, const ViewGraph& view_graph,
+                  const MatchSelection& selection, const Function& function) {
+  const bool has_all_matches = selection.match_is_used.empty();
+  size_t next = 0;
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    const size_t first = next;
+    next += pair.matches.size();
+    if (!selection.pair_is_used[i]) continue;
+    const uint32_t num_matches = static_cast<uint32_t>(pair.matches.size());
+    for (size_t k = first; k < next; ++k) {
+      if (!has_all_matches && !selection.match_is_used[k]) continue;
+      const Match& match = pair.matches[k - first];
+      function(nodes.NodeOf(pair.image_idx1, match.keypoint_idx1),
+               nodes.NodeOf(pair.image_idx2, match.keypoint_idx2), num_matches);
+    }
+  }
+}
+
 // Two neighbours in the sorted group of the same image.
 bool HasConflict(const ObservationGroups& groups, size_t group) {
   return std::adjacent_find(groups.begin(group), groups.end(group),
@@ -19,14 +40,6 @@ bool HasConflict(const ObservationGroups& groups, size_t group) {
 }
 
 }  // namespace
-
-size_t NumMatches(const ViewGraph& view_graph) {
-  size_t num_matches = 0;
-  for (const ImagePair& pair : view_graph.pairs) {
-    num_matches += pair.matches.size();
-  }
-  return num_matches;
-}
 
 KeypointNodes::KeypointNodes(const Scene& scene) {
   size_t num_nodes = 0;
@@ -48,9 +61,10 @@ MatchComponents FindComponents(const KeypointNodes& nodes,
                                const ViewGraph& view_graph,
                                const MatchSelection& selection) {
   UnionFind union_find(nodes.size());
-  ForEachMatch(nodes, view_graph, selection, [&](const UsedMatch& match) {
-    union_find.Union(match.node1, match.node2);
-  });
+  ForEachMatch(nodes, view_graph, selection,
+               [&](uint32_t node1, uint32_t node2, uint32_t) {
+                 union_find.Union(node1, node2);
+               });
   const uint32_t num_nodes = static_cast<uint32_t>(nodes.size());
   std::vector<uint32_t> root(num_nodes), size_of_root(num_nodes, 0);
   for (uint32_t node = 0; node < num_nodes; ++node) {
@@ -101,23 +115,26 @@ ConflictingMatches GatherConflictingMatches(const KeypointNodes& nodes,
   const auto& position_of_node = components.position_of_node;
   ConflictingMatches result;
   result.offsets.assign(components.groups.size() + 1, 0);
-  ForEachMatch(nodes, view_graph, selection, [&](const UsedMatch& match) {
-    const uint32_t component = component_of_node[match.node1];
-    if (!components.has_conflict[component]) return;
-    ++result.offsets[component + 1];
-  });
+  ForEachMatch(nodes, view_graph, selection,
+               [&](uint32_t node1, uint32_t, uint32_t) {
+                 const uint32_t component = component_of_node[node1];
+                 if (!components.has_conflict[component]) return;
+                 ++result.offsets[component + 1];
+               });
   for (size_t i = 1; i < result.offsets.size(); ++i) {
     result.offsets[i] += result.offsets[i - 1];
   }
   result.matches.resize(result.offsets.back());
   std::vector<size_t> next(result.offsets.begin(), result.offsets.end() - 1);
-  ForEachMatch(nodes, view_graph, selection, [&](const UsedMatch& match) {
-    const uint32_t component = component_of_node[match.node1];
-    if (!components.has_conflict[component]) return;
-    const auto [first, second] = std::minmax(position_of_node[match.node1],
-                                             position_of_node[match.node2]);
-    result.matches[next[component]++] = {first, second, match.num_pair_matches};
-  });
+  ForEachMatch(
+      nodes, view_graph, selection,
+      [&](uint32_t node1, uint32_t node2, uint32_t num_matches) {
+        const uint32_t component = component_of_node[node1];
+        if (!components.has_conflict[component]) return;
+        const auto [first, second] =
+            std::minmax(position_of_node[node1], position_of_node[node2]);
+        result.matches[next[component]++] = {first, second, num_matches};
+      });
   return result;
 }
 

@@ -32,36 +32,6 @@ class KeypointNodes {
   std::vector<int> image_idx_of_node_;
 };
 
-size_t NumMatches(const ViewGraph& view_graph);
-
-struct UsedMatch {
-  uint32_t node1, node2;
-  uint32_t position;          // among the matches of all pairs
-  uint32_t num_pair_matches;  // of the pair of images that it belongs to
-};
-
-// Calls function(UsedMatch) for all used matches, pair by pair.
-template <class Function>
-void ForEachMatch(const KeypointNodes& nodes, const ViewGraph& view_graph,
-                  const MatchSelection& selection, const Function& function) {
-  const bool has_all_matches = selection.match_is_used.empty();
-  uint32_t next = 0;
-  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    const ImagePair& pair = view_graph.pairs[i];
-    const uint32_t num_matches = static_cast<uint32_t>(pair.matches.size());
-    const uint32_t first = next;
-    next += num_matches;
-    if (!selection.pair_is_used[i]) continue;
-    for (uint32_t k = 0; k < num_matches; ++k) {
-      if (!has_all_matches && !selection.match_is_used[first + k]) continue;
-      const Match& match = pair.matches[k];
-      function(UsedMatch{nodes.NodeOf(pair.image_idx1, match.keypoint_idx1),
-                         nodes.NodeOf(pair.image_idx2, match.keypoint_idx2),
-                         first + k, num_matches});
-    }
-  }
-}
-
 // The connected components with at least two nodes.
 struct MatchComponents {
   static constexpr uint32_t kNone = UINT32_MAX;

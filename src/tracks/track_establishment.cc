@@ -7,8 +7,8 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
+#include "mgsfm/scene/confirmed_matches.h"
 #include "tracks/component_splitting.h"
-#include "tracks/match_bridges.h"
 #include "tracks/match_graph.h"
 #include "tracks/track_selection.h"
 
@@ -88,26 +88,21 @@ JoinedMatches JoinMatches(const Scene& scene,
   return joined;
 }
 
-// The selection without the bridges between images that are not poor.
-MatchSelection DropBridges(const ViewGraph& view_graph,
-                           const MatchSelection& selection,
-                           const std::vector<char>& is_bridge,
-                           const std::vector<char>& is_poor) {
-  MatchSelection confirmed = selection;
-  if (confirmed.match_is_used.empty()) {
-    confirmed.match_is_used.assign(is_bridge.size(), true);
-  }
-  size_t position = 0;
+// The confirmed matches, and all that poor images have.
+MatchSelection SelectConfirmed(const ViewGraph& view_graph,
+                               const std::vector<char>& pair_is_used,
+                               const std::vector<char>& is_confirmed,
+                               const std::vector<char>& is_poor) {
+  MatchSelection selection{pair_is_used, is_confirmed};
+  auto begin = selection.match_is_used.begin();
   for (const ImagePair& pair : view_graph.pairs) {
-    const bool may_bridge =
-        is_poor[pair.image_idx1] || is_poor[pair.image_idx2];
-    for (size_t k = 0; k < pair.matches.size(); ++k, ++position) {
-      if (is_bridge[position] && !may_bridge) {
-        confirmed.match_is_used[position] = false;
-      }
+    const auto end = begin + static_cast<std::ptrdiff_t>(pair.matches.size());
+    if (is_poor[pair.image_idx1] || is_poor[pair.image_idx2]) {
+      std::fill(begin, end, char{true});
     }
+    begin = end;
   }
-  return confirmed;
+  return selection;
 }
 
 // Images with fewer tracks than they should have.
@@ -139,22 +134,23 @@ ObservationGroups EstablishCandidates(const Scene& scene,
 }
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
-                            const MatchSelection& selection,
+                            const std::vector<char>& pair_is_used,
                             const TrackOptions& options,
                             const Context& context) {
-  MGSFM_CHECK_EQ(selection.pair_is_used.size(), view_graph.pairs.size());
+  MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   const internal::KeypointNodes nodes(scene);
-  const std::vector<char> is_bridge =
-      internal::FindBridges(nodes, view_graph, selection);
+  const std::vector<char> is_confirmed =
+      FindConfirmedMatches(view_graph, pair_is_used, context.num_threads);
   context.CheckInterrupted();
   std::vector<char> is_poor(scene.images.size(), false);
   JoinedMatches joined;
   TrackResult result;
-  // What all images have without bridges tells which of them need bridges.
+  // What all images have of confirmed matches tells which of them need more.
   for (int pass = 0; pass < 2; ++pass) {
-    joined = JoinMatches(scene, nodes, view_graph,
-                         DropBridges(view_graph, selection, is_bridge, is_poor),
-                         options, context);
+    joined = JoinMatches(
+        scene, nodes, view_graph,
+        SelectConfirmed(view_graph, pair_is_used, is_confirmed, is_poor),
+        options, context);
     result.estimate =
         internal::SelectTracks(joined.candidates, scene.images.size(), options);
     is_poor = FindPoorImages(result.estimate, scene.images.size(), options);

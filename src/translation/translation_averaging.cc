@@ -269,14 +269,15 @@ TranslationAverager::Backbone TranslationAverager::FindBackbone() const {
   for (size_t i = 0; i < motions_.size(); ++i) {
     is_candidate[i] = motions_[i].kind == MotionKind::kDirection;
   }
-  const std::vector<char> is_beyond_spine =
-      FindImpossible(PositionBackbone(SelectBackbone(scene_, view_graph_,
-                                                     is_candidate, kSpine)),
-                     kMaxDrifts[0]);
+  const std::vector<char> is_beyond_spine = FindImpossible(
+      PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate, kSpine,
+                                      context_.num_threads)),
+      kMaxDrifts[0]);
   for (size_t i = 0; i < motions_.size(); ++i) {
     if (is_beyond_spine[i]) is_candidate[i] = false;
   }
-  return PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate));
+  return PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate, {},
+                                         context_.num_threads));
 }
 
 TranslationAverager::Backbone TranslationAverager::PositionBackbone(

@@ -94,7 +94,7 @@ TrackResult Establish(const Scene& scene, const ViewGraph& view_graph,
                       const TrackOptions& options = KeepAll(),
                       const Context& context = {}) {
   return EstablishTracks(scene, view_graph,
-                         {std::vector<char>(view_graph.pairs.size(), true), {}},
+                         std::vector<char>(view_graph.pairs.size(), true),
                          options, context);
 }
 
@@ -279,7 +279,7 @@ TEST(TrackEstablishmentTest, UnusedPairsAreNotUsed) {
   AddChain({{0, 0}, {1, 0}, {2, 0}}, &matches);
   const ViewGraph view_graph = MakeViewGraph(matches);
   const TrackResult result =
-      EstablishTracks(MakeScene(3, 1), view_graph, {{1, 0}, {}}, KeepAll(), {});
+      EstablishTracks(MakeScene(3, 1), view_graph, {1, 0}, KeepAll(), {});
   EXPECT_EQ(ToVectors(result.estimate), (std::vector<Group>{{{0, 0}, {1, 0}}}));
 }
 

@@ -42,7 +42,8 @@ constexpr BackboneOptions kSpine = {0.9, 0.9};
 std::vector<char> SelectBackbone(const Scene& scene,
                                  const ViewGraph& view_graph,
                                  const std::vector<char>& pair_is_used,
-                                 const BackboneOptions& options = {});
+                                 const BackboneOptions& options = {},
+                                 int num_threads = 1);
 
 // Of the pairs of a view graph that a backbone can judge, more than this share
 // cannot be wrong; if so it is the backbone that is.

@@ -7,12 +7,20 @@
 
 namespace mgsfm {
 
-// Of each pair: its matches that a third image confirms, which has a keypoint
-// that is matched with both. Neighbours on a path have many; a pair of
+// A match is confirmed if a third image has a keypoint that is matched with
+// both of its keypoints. Neighbours on a path have many such matches; a pair of
 // unrelated places, however many matches agree on its motion, has none but by
-// chance. Only matches of the pairs that pair_is_used names count; 0 elsewhere.
+// chance. Only the pairs that pair_is_used names count, false or 0 elsewhere.
 // Cost: linear in the matches times the length of tracks.
+
+// Per match of all pairs, one pair after the other.
+std::vector<char> FindConfirmedMatches(const ViewGraph& view_graph,
+                                       const std::vector<char>& pair_is_used,
+                                       int num_threads = 1);
+
+// Per pair.
 std::vector<int> CountConfirmedMatches(const ViewGraph& view_graph,
-                                       const std::vector<char>& pair_is_used);
+                                       const std::vector<char>& pair_is_used,
+                                       int num_threads = 1);
 
 }  // namespace mgsfm

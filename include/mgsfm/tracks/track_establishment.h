@@ -72,15 +72,14 @@ struct TrackResult {
     const Context& context);
 
 // Tracks that are fit for averaging, which knows no poses yet that could tell a
-// wrong match: made as candidates are, but without bridges, that is, matches
-// that alone hold their component together, so that at least two matches link
-// every keypoint. Images with fewer than min_tracks_per_image of such tracks
-// keep their bridges. Selected, longest first, as the options say, such that
-// every image stays constrained. Components of the summary are those of the
-// matches that are left.
+// wrong match: made as candidates are, but of confirmed matches only
+// (confirmed_matches.h). Images with fewer than
+// min_tracks_per_image of such tracks keep all their matches. Selected, longest
+// first, as the options say, such that every image stays constrained.
+// Components of the summary are those of the matches that are left.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
-                                          const MatchSelection& selection,
+                                          const std::vector<char>& pair_is_used,
                                           const TrackOptions& options,
                                           const Context& context);
 
