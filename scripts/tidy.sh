@@ -8,7 +8,8 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 
 if [ "${1:-}" = --since ]; then
-  mapfile -t files < <(git diff --name-only --diff-filter=d "$2" -- '*.cc')
+  mapfile -t files < <(git diff --name-only --diff-filter=d "$2" -- \
+    'src/*.cc' 'apps/*.cc')
 elif [ $# -gt 0 ]; then
   files=("$@")
 else
