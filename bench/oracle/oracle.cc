@@ -12,7 +12,10 @@
 namespace mgsfm {
 namespace {
 
+// They start at the truth, and an oracle that stops early is too good: along
+// weak directions, such as the bends of a long drive, it has hardly moved.
 constexpr double kOracleTolerance = 1e-8;
+constexpr int kMaxNumOracleIterations = 1000;
 // That of RefineReconstruction.
 constexpr double kMinLossScalePx = 0.05;
 
@@ -67,6 +70,7 @@ OracleResult Solve(const Simulation& simulation, const Reconstruction& initial,
                    const Context& context) {
   options.loss_scale_px = loss_scale_px;
   options.function_tolerance = kOracleTolerance;
+  options.max_num_iterations = kMaxNumOracleIterations;
   const Timer timer;
   BundleResult adjusted =
       AdjustBundle(simulation.scene, initial, options, context);
