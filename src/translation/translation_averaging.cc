@@ -328,7 +328,7 @@ void TranslationAverager::Initialize() {
   InitialPositions best;
   int least_torn = std::numeric_limits<int>::max();
   for (const double max_drift : kMaxDrifts) {
-    motions_ = all_motions;
+    motions_ = std::vector<PairMotion>(all_motions);
     SetAside(FindImpossible(backbone, max_drift));
     initial_ =
         InitializePositions(problem_, motions_, scales_,
@@ -336,7 +336,7 @@ void TranslationAverager::Initialize() {
     const int num_torn = NumTornPairs(backbone);
     if (num_torn < least_torn) {
       least_torn = num_torn;
-      best_motions = motions_;
+      best_motions = std::vector<PairMotion>(motions_);
       best = initial_;
     }
     if (num_torn == 0) break;
