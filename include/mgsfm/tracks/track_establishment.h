@@ -73,10 +73,10 @@ struct TrackResult {
 
 // Tracks that are fit for averaging, which knows no poses yet that could tell a
 // wrong match: made as candidates are, but of confirmed matches only
-// (confirmed_matches.h). Images with fewer than
-// min_tracks_per_image of such tracks keep all their matches. Selected, longest
-// first, as the options say, such that every image stays constrained.
-// Components of the summary are those of the matches that are left.
+// (confirmed_matches.h). Images with fewer than min_tracks_per_image of such
+// tracks keep all their matches. Selected, longest first, as the options say,
+// such that every image stays constrained. Components of the summary are those
+// of the matches that are left.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
                                           const std::vector<char>& pair_is_used,
