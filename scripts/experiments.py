@@ -236,12 +236,17 @@ class Runner:
         write_json(done, {"features": features, "matches": matches})
         return database
 
+    def record(self, sequence, method):
+        """Of a run that was done before, or None."""
+        path = self.folder(sequence) / f"{method}.json"
+        return json.loads(path.read_text()) if path.exists() else None
+
     def map(self, sequence, method):
         """The record of a run, from its file if it was done before."""
+        record = self.record(sequence, method)
+        if record:
+            return record
         folder = self.folder(sequence)
-        done = folder / f"{method}.json"
-        if done.exists():
-            return json.loads(done.read_text())
         database = self.make_database(sequence)
         model = folder / method
         log = folder / f"{method}.log"
@@ -255,7 +260,7 @@ class Runner:
             record["model"] = str(chosen.relative_to(self.work))
             record["errors"] = self.evaluate(sequence, database, chosen,
                                              folder / f"{method}.errors.json")
-        write_json(done, record)
+        write_json(folder / f"{method}.json", record)
         print_record(record)
         return record
 
@@ -414,6 +419,9 @@ def argument_parser(description, default_work):
     parser.add_argument("--mapper_options", default="",
                         help="further ones of mgsfm mapper, in one word")
     parser.add_argument("--no_pictures", action="store_true")
+    parser.add_argument("--only_done", action="store_true",
+                        help="run nothing: tables and pictures of what is "
+                        "done")
     return parser
 
 
@@ -426,8 +434,9 @@ def run(arguments, sequences, title):
     methods = choose_methods(arguments.methods, external)
     runner = Runner(arguments)
     runner.work.mkdir(parents=True, exist_ok=True)
-    records = [runner.map(sequence, method)
-               for sequence in sequences for method in methods]
+    runs = [(sequence, method) for sequence in sequences for method in methods
+            if not arguments.only_done or runner.record(sequence, method)]
+    records = [runner.map(sequence, method) for sequence, method in runs]
     tables = experiment_tables.make_tables(records, methods, ABLATION)
     experiment_tables.write_tables(tables, runner.work / "tables", {
         "title": title, "versions": external, "records": records})

@@ -96,8 +96,7 @@ CovarianceResult ComputeCovariances(const Scene& scene,
                                     const Context& context,
                                     const PositionPriors& priors) {
   CovarianceResult result;
-  result.sigma_px = RobustSigmaPx(
-      ReprojectionErrors(scene, reconstruction, context.num_threads));
+  result.sigma_px = NoiseSigmaPx(scene, reconstruction, context.num_threads);
   const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
@@ -125,9 +124,8 @@ std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
     const PositionPriors& priors) {
-  const double sigma_px =
-      std::max(kMinSigmaPx, RobustSigmaPx(ReprojectionErrors(
-                                scene, reconstruction, context.num_threads)));
+  const double sigma_px = std::max(
+      kMinSigmaPx, NoiseSigmaPx(scene, reconstruction, context.num_threads));
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   const auto variances =

@@ -133,8 +133,7 @@ class RigLoosener {
   std::vector<std::optional<Rigid3>> expected_;  // per image
   std::vector<Spread> spreads_;                  // per sensor
   std::vector<SpreadShare> shares_;
-  double sigma_px_ = 1.0;        // noise of keypoints
-  double error_sigma_px_ = 1.0;  // of errors, as bundle adjustment has it
+  double sigma_px_ = 1.0;  // noise of keypoints
   LooseSummary summary_;
 };
 
@@ -194,7 +193,7 @@ bool RigLoosener::RunRound() {
 
 LooseProblem RigLoosener::BuildProblemOfRound() const {
   BundleAdjustmentOptions options = bundle_options_;
-  options.loss_scale_px = LossScalePx(options, error_sigma_px_);
+  options.loss_scale_px = LossScalePx(options, sigma_px_);
   return BuildLooseProblem(scene_, separate_, model_, expected_, spreads_,
                            sigma_px_, options, priors_);
 }
@@ -296,20 +295,9 @@ bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
          offset_change_s <= options_.time_offset_tolerance_s;
 }
 
-// Errors are smaller than the noise, as points and frames fit it.
 void RigLoosener::EstimateNoise() {
-  std::vector<double> errors_px =
-      ReprojectionErrors(separate_, model_.separate, context_.num_threads);
-  const auto num_residuals = 2.0 * static_cast<double>(errors_px.size());
-  const auto num_unknowns =
-      3.0 * static_cast<double>(model_.separate.points.size()) +
-      6.0 * static_cast<double>(scene_.frames.size());
-  const double num_free =
-      std::max(num_residuals - num_unknowns, 0.2 * num_residuals);
-  const double factor =
-      num_free > 0.0 ? std::sqrt(num_residuals / num_free) : 1.0;
-  error_sigma_px_ = RobustSigmaPx(std::move(errors_px));
-  sigma_px_ = std::max(kMinSigmaPx, factor * error_sigma_px_);
+  sigma_px_ = std::max(kMinSigmaPx, NoiseSigmaPx(separate_, model_.separate,
+                                                 context_.num_threads));
 }
 
 // The rigid model had to drop what did not fit it, so its points say that
@@ -317,7 +305,7 @@ void RigLoosener::EstimateNoise() {
 // be wrong by as much as the spreads.
 double RigLoosener::MaxErrorOfRound(int num_rounds_left) const {
   if (num_rounds_left == 0) {
-    return MaxErrorPx(bundle_options_, error_sigma_px_, 0);
+    return MaxErrorPx(bundle_options_, sigma_px_, 0);
   }
   const double distance =
       MedianDistance(separate_, model_.separate, context_.num_threads);
@@ -329,7 +317,7 @@ double RigLoosener::MaxErrorOfRound(int num_rounds_left) const {
                              std::hypot(spreads_[s].rotation_rad,
                                         spreads_[s].position / distance));
   }
-  return MaxErrorPx(bundle_options_, std::hypot(error_sigma_px_, misfit_px),
+  return MaxErrorPx(bundle_options_, std::hypot(sigma_px_, misfit_px),
                     std::min(num_rounds_left, 2));
 }
 
@@ -343,11 +331,11 @@ void RigLoosener::TriangulateAnew(int num_rounds_left) {
 }
 
 bool RigLoosener::FinishModel() {
-  FilterPoints(separate_,
-               MakeFilterOptions(
-                   separate_, model_.separate, bundle_options_,
-                   MaxErrorPx(bundle_options_, error_sigma_px_, 0), context_),
-               context_.num_threads, &model_.separate);
+  FilterPoints(
+      separate_,
+      MakeFilterOptions(separate_, model_.separate, bundle_options_,
+                        MaxErrorPx(bundle_options_, sigma_px_, 0), context_),
+      context_.num_threads, &model_.separate);
   LooseProblem loose = BuildProblemOfRound();
   if (!Solve(&loose)) return false;
   ComputePointErrors(separate_, context_.num_threads, &model_.separate);

@@ -85,10 +85,28 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
   return errors;
 }
 
-double RobustSigmaPx(std::vector<double> errors_px) {
-  if (errors_px.empty()) return 0.0;
+double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
+                    int num_threads) {
+  std::vector<double> errors =
+      ReprojectionErrors(scene, reconstruction, num_threads);
+  size_t end = 0, num_kept = 0;
+  for (const Point3D& point : reconstruction.points) {
+    const size_t begin = end;
+    for (const Observation& o : point.track) {
+      end += reconstruction.IsRegistered(scene, o.image_idx) ? 1 : 0;
+    }
+    const size_t num_residuals = 2 * (end - begin);
+    if (num_residuals <= 3) continue;
+    const double factor = std::sqrt(static_cast<double>(num_residuals) /
+                                    static_cast<double>(num_residuals - 3));
+    for (size_t k = begin; k < end; ++k)
+      errors[num_kept++] = factor * errors[k];
+  }
+  errors.resize(num_kept);
   // The median of the length of a standard normal 2-vector is sqrt(2 ln 2).
-  return Median(std::move(errors_px)) / std::sqrt(2.0 * std::log(2.0));
+  return errors.empty()
+             ? 0.0
+             : Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));
 }
 
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,

@@ -21,9 +21,12 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
                                        const Reconstruction& reconstruction,
                                        int num_threads);
 
-// Standard deviation of each coordinate if the errors were those of normal
-// noise, from their median. 0 without errors.
-double RobustSigmaPx(std::vector<double> errors_px);
+// Standard deviation of the noise of each coordinate of the keypoints, from the
+// median of the errors. A point takes 3 of the 2n residuals of its track, so
+// that the errors of a short one are smaller than the noise: they count
+// sqrt(2n / (2n - 3)) times. 0 without points of two observations.
+double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
+                    int num_threads);
 
 struct PointFilterOptions {
   double max_error_px = 4.0;

@@ -114,8 +114,7 @@ BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
   BundleRound round;
   round.num_points_before = result_.estimate.points.size();
   round.num_observations_before = NumObservations(result_.estimate);
-  round.sigma_px = RobustSigmaPx(
-      ReprojectionErrors(scene_, result_.estimate, context_.num_threads));
+  round.sigma_px = NoiseSigmaPx(scene_, result_.estimate, context_.num_threads);
   round.max_error_px = MaxErrorPx(options_, round.sigma_px, num_rounds_left);
   return round;
 }

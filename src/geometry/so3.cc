@@ -63,6 +63,11 @@ Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
   return Eigen::Matrix3d::Identity() + 0.5 * w + c * w * w;
 }
 
+Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q) {
+  constexpr double kRounding = 1e-14;
+  return std::abs(q.squaredNorm() - 1.0) <= kRounding ? q : q.normalized();
+}
+
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
   return LogSO3(a.conjugate() * b).norm();
 }

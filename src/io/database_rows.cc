@@ -10,6 +10,7 @@
 #include <set>
 
 #include "io/database_pair_id.h"
+#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -88,7 +89,7 @@ std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
       !(pose.rotation.norm() > 0.0)) {
     return std::nullopt;
   }
-  pose.rotation.normalize();
+  pose.rotation = ToUnitQuaternion(pose.rotation);
   return pose;
 }
 

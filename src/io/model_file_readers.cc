@@ -7,6 +7,7 @@
 #include <locale>
 
 #include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -26,7 +27,7 @@ Rigid3 ReadPoseOf(File* file) {
       !translation.allFinite()) {
     file->ThrowBad("a pose is no rotation and translation");
   }
-  return {rotation.normalized(), translation};
+  return {ToUnitQuaternion(rotation), translation};
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 
 #include "io/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/geometry/so3.h"
 #include "mgsfm/io/model_scene.h"
 #include "mgsfm/io/output_file.h"
 
@@ -97,7 +98,7 @@ Rigid3 ReadPose(const ObjectReader& object) {
   if (!(pose.rotation.norm() > 0.0)) {
     object.Throw(std::string("has a '") + kRotation + "' of length zero");
   }
-  pose.rotation.normalize();
+  pose.rotation = ToUnitQuaternion(pose.rotation);
   return pose;
 }
 

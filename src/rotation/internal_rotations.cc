@@ -125,7 +125,7 @@ void InternalRotationEstimator::SetKnownSensors() {
     for (int k = 0; k < num_sensors; ++k) {
       const auto& sensor_from_rig = scene_.sensors[k].sensor_from_rig;
       if (!sensor_from_rig || scene_.IsReference(k) != is_reference) continue;
-      SetDetermined(k, sensor_from_rig->rotation.normalized());
+      SetDetermined(k, ToUnitQuaternion(sensor_from_rig->rotation));
       result_.summaries[k].message =
           is_reference ? "reference sensor" : "known beforehand";
     }

@@ -95,6 +95,20 @@ TEST(SO3, InverseRightJacobian) {
   }
 }
 
+TEST(SO3, UnitQuaternionsKeepTheirBits) {
+  Random random(5);
+  for (int i = 0; i < 1000; ++i) {
+    const Eigen::Quaterniond unit =
+        ExpSO3(random.Uniform(0.0, 3.0) * RandomDirection(&random));
+    EXPECT_EQ(ToUnitQuaternion(unit).coeffs(), unit.coeffs());
+    const double length = std::exp(random.Uniform(-20.0, 20.0));
+    const Eigen::Quaterniond scaled(length * unit.coeffs());
+    const Eigen::Quaterniond result = ToUnitQuaternion(scaled);
+    EXPECT_LT((result.coeffs() - unit.coeffs()).norm(), 1e-15);
+    EXPECT_EQ(ToUnitQuaternion(result).coeffs(), result.coeffs());
+  }
+}
+
 TEST(SO3, AngleBetweenRotations) {
   Random random(5);
   for (const double angle : Angles()) {

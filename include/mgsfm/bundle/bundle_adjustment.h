@@ -114,8 +114,8 @@ struct BundleAdjustmentOptions {
     visit("loss_scale", self.loss_scale_px, GreaterThan(0.0), "px",
           "Reprojection errors above count linearly, not squared.");
     visit("loss_sigma_factor", self.loss_sigma_factor, GreaterThan(0.0), "",
-          "Lowers loss_scale to so many robust standard deviations of "
-          "reprojection error, once points were triangulated anew.");
+          "Lowers loss_scale to so many standard deviations of the noise of "
+          "keypoints, once points were triangulated anew.");
     visit("refine_rig_from_world", self.refine_rig_from_world, AnyValue(), "",
           "Refine the poses of frames.");
     visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
@@ -133,9 +133,10 @@ struct BundleAdjustmentOptions {
     DescribePriors(self, visit);
     visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
           "Rounds of triangulating all points anew and solving.");
-    visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
-          "Observations with more than so many robust standard deviations of "
-          "reprojection error are outliers.");
+    visit(
+        "error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
+        "Observations with more than so many standard deviations of the noise "
+        "of keypoints are outliers.");
     visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
           "Reprojection errors up to this are never outliers.");
     visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
@@ -201,7 +202,7 @@ struct BundleAdjustmentOptions {
 
 // What happened between two solves.
 struct BundleRound {
-  double sigma_px = 0.0;      // robust standard deviation per coordinate
+  double sigma_px = 0.0;      // noise of a coordinate of the keypoints
   double max_error_px = 0.0;  // threshold that follows
   size_t num_points_before = 0;
   size_t num_points_after = 0;
@@ -273,7 +274,8 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //   4. drop outliers, points with too little parallax or farther away than
 //      max_relative_distance median distances, and frames that no
 //      observation is left of, unless their poses are held.
-// Error thresholds are error_sigma_factor robust standard deviations, within
+// Error thresholds are error_sigma_factor standard deviations of the noise of
+// keypoints, from the median of the errors and what points took of them, within
 // bounds that tighten from round to round. So is the threshold of the loss from
 // the first triangulation on, as keypoints of sharp images are far better than
 // a pixel, and wrong matches within it would bias weakly observed quantities,

@@ -16,10 +16,10 @@ namespace mgsfm {
 
 // How exact the poses of an adjusted model are, as far as the noise of its
 // observations tells: sigma^2 (J^T W J)^-1 for the objective (1) of
-// bundle_adjustment.h at the model, with sigma the robust standard deviation of
-// the reprojection errors, and priors weighted as they are given. Intrinsics
-// that are held count as exact, and so do all poses that are held; measured
-// gravity is left out.
+// bundle_adjustment.h at the model, with sigma the noise of the keypoints as
+// bundle adjustment estimates it, and priors weighted as they are given.
+// Intrinsics that are held count as exact, and so do all poses that are held;
+// measured gravity is left out.
 //
 // Coordinates of a pose are a turn (radians, R <- Exp(w) R) and a shift: of a
 // sensor, both in axes of its camera (S, t); of a frame, the turn in axes of

@@ -23,6 +23,10 @@ Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
 Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega);
 Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega);
 
+// q at length one, which must not be zero. As it is if its length is one up to
+// rounding, so that a rotation that was written is read with the same bits.
+Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q);
+
 // Geodesic distance in [0, pi], radians.
 double AngleBetween(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b);
 
