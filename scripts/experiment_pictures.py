@@ -16,31 +16,21 @@ TRUE_COLOR = "#d1495b"
 COLUMNS = 3
 
 
-def fit_similarity(source, target):
-    """The scaled rotation and shift that map source onto target (Umeyama)."""
-    mean_source, mean_target = source.mean(0), target.mean(0)
-    a, b = source - mean_source, target - mean_target
-    u, d, vt = np.linalg.svd(b.T @ a / len(a))
-    signs = np.ones(3)
-    if np.linalg.det(u) * np.linalg.det(vt) < 0:
-        signs[2] = -1
-    scale = (d * signs).sum() / (a ** 2).sum() * len(a)
-    matrix = scale * u @ np.diag(signs) @ vt
-    return matrix, mean_target - matrix @ mean_source
-
-
 class Path:
     """An aligned path of the reference camera, in the order of the drive."""
 
-    def __init__(self, truth, model):
-        names = [n for n in sorted(truth) if n in model]
-        true = np.array([truth[n] for n in names])
-        estimate = np.array([model[n] for n in names])
-        matrix, shift = fit_similarity(estimate, true)
+    def __init__(self, truth, model, errors):
+        """errors: of the model, as model_evaluator has them."""
         prefix = reference_prefix(truth)
-        keep = [i for i, n in enumerate(names) if n.startswith(prefix)]
-        self.true = true[keep]
-        self.estimate = (estimate @ matrix.T + shift)[keep]
+        names = [n for n in sorted(truth)
+                 if n in model and n.startswith(prefix)]
+        self.true = np.array([truth[n] for n in names])
+        aligned = errors["world_from_model"]
+        rotation = np.array(
+            experiments.rotation_rows(*aligned["rotation_wxyz"]))
+        self.estimate = (aligned["scale"] * np.array([model[n] for n in names])
+                         @ rotation.T + aligned["translation_m"])
+        self.mean_error = errors["position_m"]["mean"]
         steps = np.linalg.norm(np.diff(self.true, axis=0), axis=1)
         self.driven = np.concatenate([[0.0], np.cumsum(steps)])
         self.errors = np.linalg.norm(self.estimate - self.true, axis=1)
@@ -106,7 +96,7 @@ def draw_paths(paths, truth, path, title):
         axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
         axes.plot(*estimate.T, color="black", linewidth=1.0, label=method)
         axes.set_aspect("equal")
-        axes.set_title(f"{method}: mean {one.errors.mean():.2f} m")
+        axes.set_title(f"{method}: mean {one.mean_error:.3g} m")
         axes.set_xlabel("m")
         axes.set_ylabel("m")
         axes.grid(color="#e6e6e6")
@@ -162,11 +152,11 @@ def draw(work, sequences, records):
         truth = sequence.truth_positions()
         paths = {}
         for record in records:
-            if record["sequence"] != sequence.name or "model" not in record:
-                continue
-            model = experiments.read_positions(work / record["model"])
-            if len(set(model) & set(truth)) >= 3:
-                paths[record["method"]] = Path(truth, model)
+            errors = record.get("errors") or {}
+            if (record["sequence"] == sequence.name
+                    and "world_from_model" in errors):
+                model = experiments.read_positions(work / record["model"])
+                paths[record["method"]] = Path(truth, model, errors)
         if not paths:
             continue
         draw_paths(paths, truth, folder / f"{sequence.name}_paths",

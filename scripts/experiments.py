@@ -323,13 +323,17 @@ def largest_model(folder):
     return best
 
 
-def center(quaternion, translation):
-    """-R^T t of a pose of an image."""
-    w, x, y, z = quaternion
-    a, b, c = translation
-    rows = ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+def rotation_rows(w, x, y, z):
+    """Of the matrix of a unit quaternion."""
+    return ((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
             (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
             (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)))
+
+
+def center(quaternion, translation):
+    """-R^T t of a pose of an image."""
+    rows = rotation_rows(*quaternion)
+    a, b, c = translation
     return tuple(-(rows[0][i] * a + rows[1][i] * b + rows[2][i] * c)
                  for i in range(3))
 

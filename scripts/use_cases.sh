@@ -98,7 +98,7 @@ known_rig() {
       "$(get "$before" "$error")" "$(get "$after" "$error")"
     after=$(evaluate kitti_known "${truth[@]}")
     row "known rig, KITTI 06" "scale" "arbitrary" \
-      "$(get "$after" "'%+.2f %%' % (100 * (1 / e['scale'] - 1))")"
+      "$(get "$after" "'%+.2f %%' % (100 * (1 / e['world_from_model']['scale'] - 1))")"
   fi
   local euroc=$data/euroc_v101_stereo
   if [ -d "$euroc" ]; then

@@ -64,6 +64,15 @@ Json ToJson(const std::vector<AreaUnderCurve>& areas) {
   return json;
 }
 
+// x_in_world = scale R x_in_model + translation.
+Json ToJson(const Sim3& world_from_model) {
+  const Eigen::Quaterniond& q = world_from_model.rotation;
+  const Eigen::Vector3d& t = world_from_model.translation;
+  return {{"scale", world_from_model.scale},
+          {"rotation_wxyz", {q.w(), q.x(), q.y(), q.z()}},
+          {"translation_m", {t.x(), t.y(), t.z()}}};
+}
+
 }  // namespace
 
 std::string EvaluationToText(const Evaluation& evaluation) {
@@ -115,7 +124,7 @@ std::string EvaluationToJson(const Evaluation& evaluation) {
   if (evaluation.world_from_model) {
     json["extent_m"] = *evaluation.extent_m;
     if (evaluation.path_m) json["path_m"] = *evaluation.path_m;
-    json["scale"] = evaluation.world_from_model->scale;
+    json["world_from_model"] = ToJson(*evaluation.world_from_model);
   }
   return json.dump(2) + "\n";
 }

@@ -302,7 +302,7 @@ TEST_F(MapperCommand, BothSchemasGiveTheSameModel) {
   EXPECT_EQ(errors["num_registered"], 48);
   EXPECT_LT(errors["position_m"]["max"], 1e-9);
   EXPECT_LT(errors["rotation_deg"]["max"], 1e-7);
-  EXPECT_NEAR(errors["scale"], 1.0, 1e-9);
+  EXPECT_NEAR(errors["world_from_model"]["scale"], 1.0, 1e-9);
 }
 
 TEST_F(MapperCommand, TextHoldsTheSameModel) {

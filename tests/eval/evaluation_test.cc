@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -281,8 +282,8 @@ TEST(Evaluate, NoImageAndNoRegisteredImageAreNoError) {
 
 TEST(EvaluationToJson, HoldsWhatTheTextShows) {
   std::vector<ImagePoses> images = TrueImages(Path::kCurve);
-  Register({2.0, Eigen::Quaterniond::Identity(), Eigen::Vector3d::Zero()},
-           &images);
+  const Sim3 model_from_world{2.0, ExpSO3({0.5, -0.3, 0.2}), {3.0, 5.0, -7.0}};
+  Register(model_from_world, &images);
   const SensorPoses moved{
       "right",
       Rigid3{kRightFromLeft.rotation, 2.0 * kRightFromLeft.translation},
@@ -292,7 +293,11 @@ TEST(EvaluationToJson, HoldsWhatTheTextShows) {
       Evaluate(images, true, {moved, at_reference, {"unknown", {}, {}}}, {});
   const auto json = nlohmann::json::parse(EvaluationToJson(evaluation));
   EXPECT_EQ(json["num_images"], 40);
-  EXPECT_NEAR(json["scale"].get<double>(), 0.5, 1e-9);
+  const auto& aligned = json["world_from_model"];
+  const auto q = aligned["rotation_wxyz"].get<std::array<double, 4>>();
+  const auto t = aligned["translation_m"].get<std::array<double, 3>>();
+  ExpectNear({aligned["scale"], {q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]}},
+             model_from_world.Inverse(), 1e-9);
   EXPECT_LT(json["position_m"]["median"].get<double>(), 1e-9);
   EXPECT_EQ(json["position_auc"].size(), 4u);
   ASSERT_EQ(json["sensors"].size(), 2u);
