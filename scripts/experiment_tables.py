@@ -183,32 +183,32 @@ def memory(records, sequences, methods):
     return table
 
 
-def ablation(records, sequences, names):
-    return [
-        accuracy(records, sequences, names, "position_m", "m",
-                 "ablation", "Inputs and objectives of translation averaging, "
-                 "before bundle adjustment: position error"),
-        translation_seconds(records, sequences, names)]
-
-
-def make_tables(records, methods, ablation_names):
-    sequences = list(dict.fromkeys(r["sequence"] for r in records))
-    by_name = {(r["sequence"], r["method"]): r for r in records}
-    main = [m for m in methods if m not in ablation_names]
-    compared = [m for m in methods if m in ablation_names]
+def make_tables(records, groups):
+    """records by sequence and method; groups: methods to compare, those of the
+    ablation, and the same before bundle adjustment."""
+    sequences = list(dict.fromkeys(sequence for sequence, _ in records))
+    main, ablation, averaged = groups
     tables = []
     if main:
         tables += [
-            accuracy(by_name, sequences, main, "rotation_deg", "deg"),
-            accuracy(by_name, sequences, main, "position_m", "m"),
-            areas(by_name, sequences, main),
-            registered(by_name, sequences, main),
-            internal_poses(by_name, sequences, main, compared),
-            runtime(by_name, sequences, main, "seconds"),
-            runtime(by_name, sequences, main, "processor_seconds"),
-            memory(by_name, sequences, main)]
-    if compared:
-        tables += ablation(by_name, sequences, compared)
+            accuracy(records, sequences, main, "rotation_deg", "deg"),
+            accuracy(records, sequences, main, "position_m", "m"),
+            areas(records, sequences, main),
+            registered(records, sequences, main),
+            internal_poses(records, sequences, main, averaged),
+            runtime(records, sequences, main, "seconds"),
+            runtime(records, sequences, main, "processor_seconds"),
+            memory(records, sequences, main)]
+    title = "Inputs and objectives of translation averaging: position error"
+    if ablation:
+        tables.append(accuracy(records, sequences, ablation, "position_m", "m",
+                               "ablation", title))
+    if averaged:
+        tables += [
+            accuracy(records, sequences, averaged, "position_m", "m",
+                     "ablation_averaged",
+                     title + ", before bundle adjustment"),
+            translation_seconds(records, sequences, averaged)]
     return tables
 
 

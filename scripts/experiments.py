@@ -25,8 +25,11 @@ INPUTS = {"translations": "relative_translations", "tracks": "tracks",
 OBJECTIVES = ("bilinear", "non_bilinear")
 ABLATION = [f"{name}_{objective}" for name in INPUTS
             for objective in OBJECTIVES]
-# As in the paper, the ablation compares what averaging finds, all by the same
-# rotations: poses are held, points only triangulated.
+# These are methods of ours by another name.
+SAME_AS = {"tracks_bilinear": "dmra_mgp", "hybrid_non_bilinear": "mgsfm"}
+# What averaging finds, before bundle adjustment makes methods alike: poses are
+# held, points only triangulated.
+AVERAGED = [f"{name}_averaged" for name in ABLATION]
 HELD = ["--BundleAdjustment.refine_rig_from_world", "false",
         "--BundleAdjustment.refine_sensor_from_rig", "no"]
 OURS = ["mgsfm", "dmra_mgp", "mma", "single"]
@@ -44,8 +47,10 @@ def options_of(method):
     if method in OURS:
         return ["--method", method]
     name, objective = method.split("_", 1)
+    objective, averaged, _ = objective.partition("_averaged")
     return ["--TranslationAveraging.input", INPUTS[name],
-            "--TranslationAveraging.objective", objective, *HELD]
+            "--TranslationAveraging.objective", objective,
+            *(HELD if averaged else [])]
 
 
 class Sequence:
@@ -386,19 +391,19 @@ def choose_methods(text, external):
     chosen = []
     for word in text.split(","):
         if word == "all":
-            chosen += [*OURS, *external, *ABLATION]
+            chosen += [*OURS, *external, *ABLATION, *AVERAGED]
         elif word == "paper":
             chosen += [*OURS, *external]
         elif word == "ablation":
-            chosen += ABLATION
-        elif word in OURS or word in ABLATION or word in external:
+            chosen += [*ABLATION, *AVERAGED]
+        elif word in [*OURS, *ABLATION, *AVERAGED, *external]:
             chosen.append(word)
         elif word in EXTERNAL:
             raise SystemExit(f"{word} is not installed")
         else:
             raise SystemExit(
                 f"unknown method '{word}'; there are all, paper, ablation, "
-                + ", ".join([*OURS, *EXTERNAL, *ABLATION]))
+                + ", ".join([*OURS, *EXTERNAL, *ABLATION, *AVERAGED]))
     return list(dict.fromkeys(chosen))
 
 
@@ -438,14 +443,22 @@ def run(arguments, sequences, title):
     methods = choose_methods(arguments.methods, external)
     runner = Runner(arguments)
     runner.work.mkdir(parents=True, exist_ok=True)
-    runs = [(sequence, method) for sequence in sequences for method in methods
+    different = dict.fromkeys(SAME_AS.get(m, m) for m in methods)
+    runs = [(sequence, method) for sequence in sequences for method in different
             if not arguments.only_done or runner.record(sequence, method)]
     records = [runner.map(sequence, method) for sequence, method in runs]
-    tables = experiment_tables.make_tables(records, methods, ABLATION)
+    by_name = {(r["sequence"], r["method"]): r for r in records}
+    for sequence in sequences:
+        for method, same in SAME_AS.items():
+            if (sequence.name, same) in by_name:
+                by_name[sequence.name, method] = by_name[sequence.name, same]
+    tables = experiment_tables.make_tables(
+        by_name, [[m for m in methods if m in group]
+                  for group in ([*OURS, *EXTERNAL], ABLATION, AVERAGED)])
     experiment_tables.write_tables(tables, runner.work / "tables", {
         "title": title, "versions": external, "records": records})
     if not arguments.no_pictures:
         import experiment_pictures  # needs matplotlib
-        compared = [r for r in records if r["method"] not in ABLATION]
+        compared = [r for r in records if r["method"] in [*OURS, *EXTERNAL]]
         if compared:
             experiment_pictures.draw(runner.work, sequences, compared)

@@ -90,11 +90,14 @@ class MeiCameraTest(unittest.TestCase):
 
 
 class KittiOdometryTest(unittest.TestCase):
-    def run_driver(self, tree, work):
+    METHODS = ("mgsfm,mma,hybrid_bilinear,hybrid_non_bilinear,"
+               "hybrid_bilinear_averaged")
+
+    def run_driver(self, tree, work, *options):
         return subprocess.run(
             [sys.executable, "-B", SCRIPTS / "kitti_odometry.py", tree,
-             "--methods", "mgsfm,mma,hybrid_bilinear", "--work", work,
-             "--program", PROGRAM, "--threads", "2", "--no_pictures"],
+             "--methods", self.METHODS, "--work", work, "--program", PROGRAM,
+             "--threads", "2", "--no_pictures", *options],
             capture_output=True, text=True, check=True).stdout
 
     def test_tables_and_resuming(self):
@@ -104,6 +107,8 @@ class KittiOdometryTest(unittest.TestCase):
                 [PROGRAM, "simulate", "--log_level", "warning",
                  "--output_path", folder / "tree" / "sequences" / "00",
                  "--num_frames", "12", "--pixel_noise", "0.3"], check=True)
+            nothing = self.run_driver(folder / "tree", folder / "work",
+                                      "--only_done")
             first = self.run_driver(folder / "tree", folder / "work")
             records = {p.name: p.stat().st_mtime_ns
                        for p in (folder / "work" / "00").glob("*.json")}
@@ -116,9 +121,22 @@ class KittiOdometryTest(unittest.TestCase):
             for suffix in ("txt", "md", "csv", "tex"):
                 self.assertTrue(
                     (folder / "work" / f"tables.{suffix}").exists())
-        self.assertIn("mgsfm", first)
+        self.assertNotIn("24 of 24", nothing)
+        self.assertIn("24 of 24", first)
         self.assertIn("Position error", second)
-        self.assertEqual(len(tables["records"]), 3)
+        # Our method is one of the ablation and not run twice.
+        self.assertEqual(
+            [record["method"] for record in tables["records"]],
+            ["mgsfm", "mma", "hybrid_bilinear", "hybrid_bilinear_averaged"])
+        rows = {table["name"]: dict(zip(table["header"], table["rows"][0]))
+                for table in tables["tables"]}
+        self.assertEqual(rows["ablation"]["hybrid_non_bilinear"],
+                         rows["position_error"]["mgsfm"])
+        # Of a short drive bundle adjustment leaves less.
+        mean = {record["method"]: record["errors"]["position_m"]["mean"]
+                for record in tables["records"]}
+        self.assertLess(mean["hybrid_bilinear"],
+                        mean["hybrid_bilinear_averaged"])
         for record in tables["records"]:
             self.assertEqual(record["exit_code"], 0)
             self.assertEqual(record["errors"]["num_registered"], 24)
