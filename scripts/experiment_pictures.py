@@ -91,15 +91,18 @@ def draw_paths(paths, truth, path, title):
     figure.suptitle(title)
     for axes in grid.flat[len(paths):]:
         axes.set_visible(False)
-    for axes, (method, one) in zip(grid.flat, paths.items()):
+    for k, (method, one) in enumerate(paths.items()):
+        axes = grid.flat[k]
         estimate = one.estimate @ axes_2d.T
         axes.plot(*true.T, color=TRUE_COLOR, linewidth=2.5, label="truth")
-        axes.plot(*estimate.T, color="black", linewidth=1.0, label=method)
+        axes.plot(*estimate.T, color="black", linewidth=1.0, label="estimate")
         axes.set_aspect("equal")
         axes.set_title(f"{method}: mean {one.mean_error:.3g} m")
         axes.set_xlabel("m")
         axes.set_ylabel("m")
         axes.grid(color="#e6e6e6")
+        # Where nothing is below.
+        axes.tick_params(labelbottom=k + columns >= len(paths))
     grid.flat[0].set_xlim(low[0], high[0])
     grid.flat[0].set_ylim(low[1], high[1])
     grid.flat[0].legend(loc="best", fontsize="small")
