@@ -87,7 +87,7 @@ class LevenbergMarquardt {
   void Shrink(double factor) {
     if (factor < kShrinkage) {
       lambda_ *= lambda_shrinkage_;
-      lambda_shrinkage_ *= kShrinkage;
+      if (!options_.starts_far_off) lambda_shrinkage_ *= kShrinkage;
     } else {
       lambda_ *= factor;
       lambda_shrinkage_ = kShrinkage;

@@ -207,5 +207,19 @@ TEST(LevenbergMarquardtTest, DampingFallsFasterTheLongerStepsAreGood) {
   }
 }
 
+TEST(LevenbergMarquardtTest, DampingFallsByThirdsFarFromASolution) {
+  RigSolverOptions options;
+  options.starts_far_off = true;
+  Chain chain(100);
+  const SolveSummary summary =
+      MinimizeByLevenbergMarquardt(options, 10, Threads(1), &chain);
+  EXPECT_LT(summary.final_cost, 0.1 * summary.initial_cost);
+  const std::vector<double>& lambdas = chain.lambdas();
+  ASSERT_GT(lambdas.size(), 3u);
+  for (size_t i = 1; i < lambdas.size(); ++i) {
+    EXPECT_NEAR(lambdas[i], lambdas[i - 1] / 3.0, 1e-9 * lambdas[i]);
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -20,7 +20,8 @@ enum class ReducedSolver {
 // Levenberg-Marquardt with points eliminated; docs/math/least_squares.md. With
 // the damping lambda, which follows the ratio of actual to predicted decrease
 // (Nielsen 1999, "Damping parameter in Marquardt's method", but falls ever
-// faster as long as steps are as good as predicted), a step solves
+// faster as long as steps are as good as predicted, unless the start is far
+// off), a step solves
 // (J^T W J + lambda D) d = -J^T W r, D the diagonal of J^T W J and W = rho'
 // (iteratively re-weighted least squares). Ends as kConverged when
 //   |cost - new cost| <= function_tolerance cost                     or
@@ -41,6 +42,9 @@ struct RigSolverOptions {
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
+  // That lambda falls ever faster is for starts near a solution. Far from any,
+  // hardly damped steps keep folds that damped ones would have undone.
+  bool starts_far_off = false;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
 
