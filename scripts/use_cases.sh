@@ -420,7 +420,7 @@ going_on() {
     "$(get "$before" "$error")" "$(get "$after" "$error")"
   row "the same" "baseline of the second rig, true 0.900 m" "-" \
     "$(second_baseline "$output/going_on/both/0" \
-      "$(get "$after" "e['scale']")")"
+      "$(get "$after" "e['world_from_model']['scale']")")"
   local kitti=$data/kitti06_stereo
   [ -d "$kitti" ] || return 0
   list_images "$kitti/database.db" "number < 26" >"$output/kitti_half.txt"
