@@ -99,8 +99,9 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
     if (num_residuals <= 3) continue;
     const double factor = std::sqrt(static_cast<double>(num_residuals) /
                                     static_cast<double>(num_residuals - 3));
-    for (size_t k = begin; k < end; ++k)
+    for (size_t k = begin; k < end; ++k) {
       errors[num_kept++] = factor * errors[k];
+    }
   }
   errors.resize(num_kept);
   // The median of the length of a standard normal 2-vector is sqrt(2 ln 2).
