@@ -49,6 +49,20 @@ bool IsWellPlaced(const std::vector<ImageView>& views, const Point3D& point,
               min_angle_rad);
 }
 
+// Where the errors of each point begin in ReprojectionErrors(), and the end.
+std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
+                                       const Reconstruction& reconstruction) {
+  std::vector<size_t> begin = {0};
+  for (const Point3D& point : reconstruction.points) {
+    const auto num_registered = std::count_if(
+        point.track.begin(), point.track.end(), [&](const Observation& o) {
+          return reconstruction.IsRegistered(scene, o.image_idx);
+        });
+    begin.push_back(begin.back() + num_registered);
+  }
+  return begin;
+}
+
 }  // namespace
 
 size_t NumObservations(const Reconstruction& reconstruction) {
@@ -63,13 +77,7 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
                                        const Reconstruction& reconstruction,
                                        int num_threads) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
-  std::vector<size_t> begin = {0};
-  for (const Point3D& point : reconstruction.points) {
-    const auto num_registered = std::count_if(
-        point.track.begin(), point.track.end(),
-        [&](const Observation& o) { return views[o.image_idx].is_registered; });
-    begin.push_back(begin.back() + num_registered);
-  }
+  const std::vector<size_t> begin = FirstErrorOfPoints(scene, reconstruction);
   std::vector<double> errors(begin.back());
   ParallelFor(
       reconstruction.points.size(), num_threads,
@@ -89,17 +97,14 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
                     int num_threads) {
   std::vector<double> errors =
       ReprojectionErrors(scene, reconstruction, num_threads);
-  size_t end = 0, num_kept = 0;
-  for (const Point3D& point : reconstruction.points) {
-    const size_t begin = end;
-    for (const Observation& o : point.track) {
-      end += reconstruction.IsRegistered(scene, o.image_idx) ? 1 : 0;
-    }
-    const size_t num_residuals = 2 * (end - begin);
+  const std::vector<size_t> begin = FirstErrorOfPoints(scene, reconstruction);
+  size_t num_kept = 0;
+  for (size_t i = 0; i < reconstruction.points.size(); ++i) {
+    const size_t num_residuals = 2 * (begin[i + 1] - begin[i]);
     if (num_residuals <= 3) continue;
     const double factor = std::sqrt(static_cast<double>(num_residuals) /
                                     static_cast<double>(num_residuals - 3));
-    for (size_t k = begin; k < end; ++k) {
+    for (size_t k = begin[i]; k < begin[i + 1]; ++k) {
       errors[num_kept++] = factor * errors[k];
     }
   }
