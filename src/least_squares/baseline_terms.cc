@@ -55,7 +55,7 @@ class LinearTermOfBlocks {
       residual_.by_scale *= root;
       // by_baseline is symmetric, as row-major as not.
       scale_ = EliminateScale(
-          ScaleOf(in, t), in.lambda, residual_.by_scale.data(),
+          ScaleOf(in, t), in.lambda, in.holds_scales, residual_.by_scale.data(),
           length_root * residual_.length_by_scale, length_root * length,
           residual_.by_baseline.data(), residual_.value.data());
     }
@@ -101,9 +101,9 @@ class LinearTermOfBlocks {
 
   double MovedScale(const std::vector<ImagePose>& poses,
                     const std::vector<ImageTwist>& twists, double scale,
-                    StepSums* sums) const {
-    return MoveScale(scale_, scale, ChangeOfBaseline(poses, twists).data(),
-                     sums);
+                    double length, StepSums* sums) const {
+    return MoveScale(scale_, scale, length,
+                     ChangeOfBaseline(poses, twists).data(), sums);
   }
 
  private:
@@ -205,13 +205,14 @@ void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
 }
 
 void MoveScalesOfTerms(const TermInput& in, const ChunkRanges& chunk,
-                       const std::vector<ImageTwist>& twists,
+                       const std::vector<ImageTwist>& twists, double length,
                        std::vector<double>* new_scales, StepSums* sums) {
   if (in.scales.empty()) return;
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
     if (TermOf(in, t).kind != BaselineTerm::Kind::kBilinear) continue;
-    (*new_scales)[t] = LinearTermOfBlocks(in, chunk, t)
-                           .MovedScale(in.poses, twists, in.scales[t], sums);
+    (*new_scales)[t] =
+        LinearTermOfBlocks(in, chunk, t)
+            .MovedScale(in.poses, twists, in.scales[t], length, sums);
   }
 }
 

@@ -37,7 +37,8 @@ struct TermInput {
   const std::vector<ImagePose>& poses;
   // In the structure's order; empty if no term has one.
   const std::vector<double>& scales;
-  double lambda = 0.0;
+  double lambda;
+  bool holds_scales;
 };
 
 // The terms of a chunk: their cost, and what they add to the local system with
@@ -52,7 +53,7 @@ void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    ChunkWorkspace* workspace);
 // Moves their scales, given the images' changes.
 void MoveScalesOfTerms(const TermInput& in, const ChunkRanges& chunk,
-                       const std::vector<ImageTwist>& twists,
+                       const std::vector<ImageTwist>& twists, double length,
                        std::vector<double>* new_scales, StepSums* sums);
 
 }  // namespace mgsfm

@@ -78,7 +78,8 @@ struct PassInput {
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
   const std::vector<double>& scales;  // of observations, if they have any
-  double lambda = 0.0;
+  double lambda;
+  bool holds_scales;
 };
 
 // Symmetric 3 x 3: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2).
@@ -92,14 +93,28 @@ struct PointFactor {
   double inverse0, inverse1, inverse2;
 };
 
+// D of a point; see rig_equations.h.
+template <class R>
+MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
+                                         double* D) {
+  const double* v = hessian.values;
+  const double spread = 0.5 * (v[0] + v[2] + v[5]);
+  D[0] = ClampDiagonal(R::kHasScale ? spread : v[0]);
+  D[1] = ClampDiagonal(R::kHasScale ? spread : v[2]);
+  D[2] = ClampDiagonal(R::kHasScale ? spread : v[5]);
+}
+
+template <class R>
 MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PointHessian& hessian,
                                             double lambda) {
   // What rounding may leave of a pivot.
   constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
-  const double d0 = v[0] + lambda * ClampDiagonal(v[0]);
-  const double d1 = v[2] + lambda * ClampDiagonal(v[2]);
-  const double d2 = v[5] + lambda * ClampDiagonal(v[5]);
+  double D[3];
+  DiagonalOfPoint<R>(hessian, D);
+  const double d0 = v[0] + lambda * D[0];
+  const double d1 = v[2] + lambda * D[1];
+  const double d2 = v[5] + lambda * D[2];
   PointFactor f;
   f.inverse0 = 1.0 / std::sqrt(d0);
   f.l10 = v[1] * f.inverse0;
@@ -180,12 +195,13 @@ MGSFM_ALWAYS_INLINE bool LinearizeObservation(
 // Eliminates the scale of an observation.
 template <class R>
 MGSFM_ALWAYS_INLINE EliminatedScale
-EliminateScaleOf(const ImagePose& pose, double scale, double lambda,
+EliminateScaleOf(const PassInput<R>& in, const ImagePose& pose, double scale,
                  ObservationTerms<R::kDim>* o) {
   double x[3], a[3];
   for (int i = 0; i < 3; ++i) x[i] = o->y[i] + pose.translation[i];
   R::ByScale(x, o->P, scale, a);
-  return EliminateScale(scale, lambda, a, 0.0, 0.0, o->P, o->residual);
+  return EliminateScale(scale, in.lambda, in.holds_scales, a, 0.0, 0.0, o->P,
+                        o->residual);
 }
 
 // The three columns of what couples a block to the current point.
@@ -382,7 +398,7 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
       return false;
     }
     if constexpr (R::kHasScale) {
-      EliminateScaleOf<R>(pose, in.scales[k], in.lambda, &o);
+      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
     }
     ObservationRows<kDim, N> rows;
     ComputeRows<kDim, N>(pose, o, &rows);

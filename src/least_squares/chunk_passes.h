@@ -39,7 +39,7 @@ MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
       return false;
     }
     if (!in.problem.points_are_free) continue;
-    EliminatePoint<N>(FactorPoint(out.hessians[p], in.lambda),
+    EliminatePoint<N>(FactorPoint<R>(out.hessians[p], in.lambda),
                       out.gradients[p].data(), w);
   }
   return true;
@@ -135,6 +135,7 @@ struct StepInput {
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
   std::vector<double>* new_scales = nullptr;
+  double length = 1.0;
 };
 
 // -(V + lambda D)^-1 (g + W z).
@@ -158,7 +159,7 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
       continue;
     }
     if constexpr (R::kHasScale) {
-      EliminateScaleOf<R>(pose, in.scales[k], in.lambda, &o);
+      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
     }
     const int num_free = R::kHasCamera ? pose.num_free_params : 0;
     const double* params =
@@ -169,7 +170,7 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
                     u);
     AddToPoint<kDim>(pose, o.P, u, b);
   }
-  const PointFactor f = FactorPoint(step.hessians[p], in.lambda);
+  const PointFactor f = FactorPoint<R>(step.hessians[p], in.lambda);
   SolveLower(f, b);
   SolveUpper(f, b);
   for (int i = 0; i < 3; ++i) d[i] = -b[i];
@@ -190,15 +191,14 @@ MGSFM_ALWAYS_INLINE void MoveScalesOfPoint(const PassInput<R>& in,
     const double scale = in.scales[k];
     LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
                             in.measured.data() + R::kDim * k, &o, scale);
-    const EliminatedScale eliminated =
-        EliminateScaleOf<R>(pose, scale, in.lambda, &o);
+    const EliminatedScale eliminated = EliminateScaleOf<R>(in, pose, scale, &o);
     double dx[3];
     ApplyTwist(o.y, step.steps.twists[image], dx);
     const double* m = pose.cam_from_world;
     for (int i = 0; i < 3; ++i) {
       dx[i] += m[3 * i] * d[0] + m[3 * i + 1] * d[1] + m[3 * i + 2] * d[2];
     }
-    (*step.new_scales)[k] = MoveScale(eliminated, scale, dx, sums);
+    (*step.new_scales)[k] = MoveScale(eliminated, scale, step.length, dx, sums);
   }
 }
 
@@ -212,18 +212,18 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
     double d[3] = {0.0, 0.0, 0.0};
     if (in.problem.points_are_free) StepOfPoint(in, step, chunk, p, d);
-    const double* old_point = in.points[p].data();
-    double* point = (*new_points)[p].data();
-    const double* v = step.hessians[p].values;
-    const double diagonal[3] = {v[0], v[2], v[5]};
-    for (int i = 0; i < 3; ++i) {
-      sums.decrease += d[i] * (in.lambda * ClampDiagonal(diagonal[i]) * d[i] -
-                               step.gradients[p][i]);
-      sums.squared_step += d[i] * d[i];
-      sums.squared_position += old_point[i] * old_point[i];
-    }
     if constexpr (R::kHasScale) {
       MoveScalesOfPoint(in, step, chunk, p, d, &sums);
+    }
+    const double* old_point = in.points[p].data();
+    double* point = (*new_points)[p].data();
+    double D[3];
+    DiagonalOfPoint<R>(step.hessians[p], D);
+    for (int i = 0; i < 3; ++i) {
+      sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
+      d[i] *= step.length;
+      sums.squared_step += d[i] * d[i];
+      sums.squared_position += old_point[i] * old_point[i];
     }
     double cost = 0.0;
     for (double fraction = 1.0; fraction >= 0.0;
@@ -302,7 +302,7 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
         }
       }
       if (half == 1 || !in.problem.points_are_free) continue;
-      const PointFactor f = FactorPoint(linear.hessians[p], in.lambda);
+      const PointFactor f = FactorPoint<R>(linear.hessians[p], in.lambda);
       SolveLower(f, b);
       SolveUpper(f, b);
       for (int i = 0; i < 3; ++i) a[i] = b[i];

@@ -15,6 +15,14 @@ constexpr double kMaxLambda = 1e16;
 // Of lambda, after a step as good as predicted; from one such step to the next
 // it is applied once more.
 constexpr double kShrinkage = 1.0 / 3.0;
+// A step far from a solution is shortened to between these shares of its length
+// until it gains this share of what that length promises, or so many times.
+constexpr double kMinShortening = 0.1;
+constexpr double kMaxShortening = 0.6;
+constexpr double kMinGain = 1e-4;
+constexpr int kMaxNumShortenings = 6;
+// Of what is promised; the slope at the start is one to two times that.
+constexpr double kSlope = 1.5;
 
 class LevenbergMarquardt {
  public:
@@ -35,7 +43,7 @@ class LevenbergMarquardt {
       } else if (!problem_.Solve()) {
         Reject();
       } else {
-        Judge(problem_.TryStep());
+        Judge(FindStep());
       }
     }
     summary_.final_cost = cost_;
@@ -53,6 +61,25 @@ class LevenbergMarquardt {
     } else if (cost_ == 0.0) {
       Finish(Termination::kConverged, "The start is optimal.");
     }
+  }
+
+  // Backtracks along the step (Armijo) if the start is far off.
+  TrialStep FindStep() {
+    TrialStep step = problem_.TryStep(1.0);
+    if (!options_.starts_far_off) return step;
+    double length = 1.0;
+    for (int i = 0; i < kMaxNumShortenings; ++i) {
+      const double promise = length * step.predicted_decrease;
+      const double rise = step.new_cost - cost_;
+      if (rise <= -kMinGain * promise) break;
+      // The lowest point of the parabola through both costs.
+      const double lowest = 0.5 * kSlope * promise / (rise + kSlope * promise);
+      length *= std::isfinite(rise)
+                    ? std::clamp(lowest, kMinShortening, kMaxShortening)
+                    : kMinShortening;
+      step = problem_.TryStep(length);
+    }
+    return step;
   }
 
   void Judge(const TrialStep& step) {

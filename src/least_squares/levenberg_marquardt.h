@@ -10,7 +10,8 @@ namespace mgsfm {
 // A trial step from the present state.
 struct TrialStep {
   double new_cost = 0.0;
-  double predicted_decrease = 0.0;  // of the cost, by the linear model
+  // Of the cost, by the linear model, for the whole step.
+  double predicted_decrease = 0.0;
   double step_norm = 0.0;
   double state_norm = 0.0;
 };
@@ -26,7 +27,8 @@ class DampedProblem {
   virtual bool Linearize(double lambda) = 0;
   // False if the equations are not positive definite to working precision.
   virtual bool Solve() = 0;
-  virtual TrialStep TryStep() = 0;
+  // Goes a part of the step, length <= 1.
+  virtual TrialStep TryStep(double length) = 0;
   virtual void AcceptStep() = 0;
 };
 

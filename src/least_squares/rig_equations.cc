@@ -32,8 +32,10 @@ bool HasScale(const BaselineTerm& term) {
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
                                    const std::vector<int>& image_of_observation,
-                                   ReducedSolver solver, const Context& context)
+                                   ReducedSolver solver, bool holds_scales,
+                                   const Context& context)
     : problem_(problem),
+      holds_scales_(holds_scales),
       context_(context),
       structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
@@ -146,6 +148,7 @@ bool RigEquationsBase::Linearize(double lambda) {
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
                  &matrix_);
   AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_, &matrix_);
+  if (!scales_.empty() || !term_scales_.empty()) SpreadDiagonal();
   DampMatrix();
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
@@ -202,6 +205,21 @@ void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
     add(w.gradient, &gradient_);
     add(w.correction, &correction_);
     add(w.diagonal, &diagonal_);
+  }
+}
+
+void RigEquationsBase::SpreadDiagonal() {
+  for (const std::vector<int>* blocks :
+       {&structure_.frame_block, &structure_.sensor_block}) {
+    for (const int block : *blocks) {
+      if (block < 0) continue;
+      auto position = diagonal_.segment<3>(structure_.block_first[block] +
+                                           structure_.pose_size - 3);
+      const double spread = 0.5 * position.sum();
+      for (double& d : position) {
+        if (d > 0.0) d = spread;
+      }
+    }
   }
 }
 
@@ -300,7 +318,7 @@ void RigEquationsBase::SetImageSteps(const Eigen::VectorXd& z) {
 void RigEquationsBase::MoveBlocks() {
   for (size_t i = 0; i < state_.frames.size(); ++i) {
     if (structure_.frame_block[i] < 0) continue;
-    const PoseVector d = PoseStep(structure_.frame_block[i]);
+    const PoseVector d = step_length_ * PoseStep(structure_.frame_block[i]);
     FramePose pose = state_.frames[i];
     if (structure_.pose_size == 6) {
       pose.rig_from_world =
@@ -311,7 +329,7 @@ void RigEquationsBase::MoveBlocks() {
   }
   for (size_t i = 0; i < state_.sensors.size(); ++i) {
     if (structure_.sensor_block[i] < 0) continue;
-    const PoseVector d = PoseStep(structure_.sensor_block[i]);
+    const PoseVector d = step_length_ * PoseStep(structure_.sensor_block[i]);
     Rigid3 pose = state_.sensors[i];
     if (structure_.pose_size == 6) {
       pose.rotation = (ExpSO3(d.head<3>()) * pose.rotation).normalized();
@@ -324,7 +342,7 @@ void RigEquationsBase::MoveBlocks() {
     if (structure_.camera_block[i] < 0) continue;
     const std::vector<int>& params = problem_.cameras[i].free_params;
     for (size_t k = 0; k < params.size(); ++k) {
-      trial_state_.cameras[i][params[k]] += steps_.params[i][k];
+      trial_state_.cameras[i][params[k]] += step_length_ * steps_.params[i][k];
     }
   }
 }
@@ -342,7 +360,8 @@ double RigEquationsBase::SquaredStateLength() const {
   return length;
 }
 
-TrialStep RigEquationsBase::TryStep() {
+TrialStep RigEquationsBase::TryStep(double length) {
+  step_length_ = length;
   SetImageSteps(step_);
   MoveBlocks();
   ComputeImagePoses(problem_, trial_state_, &trial_poses_);
@@ -351,8 +370,8 @@ TrialStep RigEquationsBase::TryStep() {
       [this](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
         chunk_sums_[c] = StepChunk(chunk);
-        MoveScalesOfTerms(Terms(), chunk, steps_.twists, &trial_term_scales_,
-                          &chunk_sums_[c]);
+        MoveScalesOfTerms(Terms(), chunk, steps_.twists, step_length_,
+                          &trial_term_scales_, &chunk_sums_[c]);
         chunk_sums_[c].cost += CostOfTerms(TrialTerms(), chunk);
       },
       1);
@@ -367,7 +386,7 @@ TrialStep RigEquationsBase::TryStep() {
                             gradient_[i]);
   }
   double squared_state = SquaredStateLength();
-  double squared_step = step_.squaredNorm(), lost = 0.0;
+  double squared_step = length * length * step_.squaredNorm(), lost = 0.0;
   for (const StepSums& sums : chunk_sums_) {
     step.new_cost += sums.cost;
     decrease += sums.decrease;
@@ -375,7 +394,7 @@ TrialStep RigEquationsBase::TryStep() {
     squared_step += sums.squared_step;
     squared_state += sums.squared_position;
   }
-  if (lost > 0.0) {
+  if (holds_scales_ && lost > 0.0) {
     decrease = std::max(decrease - lost, kMinShareOfDecrease * decrease);
   }
   step.predicted_decrease = 0.5 * decrease;

@@ -26,7 +26,9 @@ namespace mgsfm {
 // with residuals weighted by rho' (iteratively re-weighted least squares), D
 // the diagonal of the undamped matrix within [1e-6, 1e32], and V block-diagonal
 // over the points. Scales, if there are any, are eliminated from each residual
-// before (scale_elimination.h); (1) is what is left, D its diagonal. Points are
+// before (scale_elimination.h); (1) is what is left. D of each position or
+// point is half of the trace of its block then, about what it was before:
+// elimination takes the direction of depth, which must stay damped. Points are
 // eliminated first:
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
@@ -39,7 +41,8 @@ class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
                    const std::vector<int>& image_of_observation,
-                   ReducedSolver solver, const Context& context);
+                   ReducedSolver solver, bool holds_scales,
+                   const Context& context);
 
   // Takes a copy of a state as the present one, and gives it back.
   void SetState(const RigState& state);
@@ -48,7 +51,7 @@ class RigEquationsBase : public DampedProblem {
   double Cost() override;
   bool Linearize(double lambda) override;
   bool Solve() override;
-  TrialStep TryStep() override;
+  TrialStep TryStep(double length) override;
   void AcceptStep() override;
 
   // Factorises the matrix of Linearize() alone, and solves with it.
@@ -82,9 +85,11 @@ class RigEquationsBase : public DampedProblem {
                              ChunkWorkspace* workspace) = 0;
 
   const RigProblemBase& problem_;
+  const bool holds_scales_;
   const Context context_;
   RigStructure structure_;
   double lambda_ = 0.0;
+  double step_length_ = 1.0;  // of the trial step
   std::vector<Eigen::Vector3d> points_, trial_points_;
   // Of observations, in the structure's order; empty if they have none.
   std::vector<double> scales_, trial_scales_;
@@ -98,6 +103,7 @@ class RigEquationsBase : public DampedProblem {
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const ChunkWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
+  void SpreadDiagonal();
   void DampMatrix();
   bool SolveByConjugateGradients();
   void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
@@ -106,10 +112,11 @@ class RigEquationsBase : public DampedProblem {
   void MoveBlocks();
   double SquaredStateLength() const;
   TermInput Terms() const {
-    return {problem_, structure_, poses_, term_scales_, lambda_};
+    return {problem_, structure_, poses_, term_scales_, lambda_, holds_scales_};
   }
   TermInput TrialTerms() const {
-    return {problem_, structure_, trial_poses_, trial_term_scales_, lambda_};
+    return {problem_,           structure_, trial_poses_,
+            trial_term_scales_, lambda_,    holds_scales_};
   }
 
   RigState state_, trial_state_;  // without points
@@ -122,7 +129,7 @@ class RigEquationsBase : public DampedProblem {
   SparseCholesky solver_;
   Eigen::VectorXd gradient_;    // g_z
   Eigen::VectorXd correction_;  // W^T V^-1 g_p
-  Eigen::VectorXd diagonal_;    // of H, 0 for held coordinates
+  Eigen::VectorXd diagonal_;    // D_z unbounded, 0 for held coordinates
   Eigen::VectorXd rhs_, step_;
   Eigen::VectorXd residual_;  // of the reduced equations, if iterative
 };
@@ -133,9 +140,11 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
+  // holds_scales: see scale_elimination.h.
   RigEquations(const Problem& problem, ReducedSolver solver,
-               const Context& context)
-      : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
+               const Context& context, bool holds_scales = true)
+      : RigEquationsBase(problem, ImagesOf(problem), solver, holds_scales,
+                         context) {
     measured_.reserve(R::kDim * problem.observations.size());
     for (const uint32_t o : structure_.observation_order) {
       const double* values = R::Measured(problem.observations[o]);
@@ -178,7 +187,7 @@ class RigEquations : public RigEquationsBase {
   StepSums StepChunk(const ChunkRanges& chunk) override {
     const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
     const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                               trial_poses_, &trial_scales_};
+                               trial_poses_,    &trial_scales_,   step_length_};
     return function(Input(), step, chunk, &trial_points_);
   }
 
@@ -199,7 +208,8 @@ class RigEquations : public RigEquationsBase {
     return images;
   }
   PassInput<R> Input() const {
-    return {problem_, structure_, measured_, poses_, points_, scales_, lambda_};
+    return {problem_, structure_, measured_, poses_,
+            points_,  scales_,    lambda_,   holds_scales_};
   }
   LinearizeOutput<R> Output() {
     return {point_hessians_, point_gradients_, kept_, kept_size_};

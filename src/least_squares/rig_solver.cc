@@ -37,7 +37,8 @@ struct RigSolver<Observation>::Impl {
        const RigSolverOptions& the_options, const Context& the_context)
       : problem(the_problem), options(the_options), context(the_context) {
     if (options.backend == SolverBackend::kNative) {
-      equations.emplace(problem, options.reduced_solver, context);
+      equations.emplace(problem, options.reduced_solver, context,
+                        !options.starts_far_off);
     }
   }
 

@@ -22,7 +22,9 @@ namespace mgsfm {
 // scale. There may be a second residual r2 that only the scale changes, with
 // a2 = dr2/dd; then n = |a|^2 + a2^2, and r' takes it in.
 //
-// d >= kMinScale. A scale about there whose gradient leads across is held.
+// d >= kMinScale, where steps end that lead across. A scale about there whose
+// gradient does is held, so that a step promises what it can keep; or not: far
+// from a solution many must leave the bound with what else moves.
 struct EliminatedScale {
   double curvature = 0.0;            // n
   double gradient = 0.0;             // a . r + a2 r2
@@ -33,6 +35,7 @@ struct EliminatedScale {
 
 // P (3 x 3, row-major) and r become P' and r'.
 MGSFM_ALWAYS_INLINE EliminatedScale EliminateScale(double scale, double lambda,
+                                                   bool may_be_held,
                                                    const double* a, double a2,
                                                    double r2, double* P,
                                                    double* r) {
@@ -45,7 +48,7 @@ MGSFM_ALWAYS_INLINE EliminatedScale EliminateScale(double scale, double lambda,
   for (int j = 0; j < 3; ++j) {
     e.by_x[j] = a[0] * P[j] + a[1] * P[3 + j] + a[2] * P[6 + j];
   }
-  e.is_held = scale < kAtBound && e.gradient > 0.0;
+  e.is_held = may_be_held && scale < kAtBound && e.gradient > 0.0;
   if (e.is_held) return e;
   const double h = e.curvature + e.damping;
   // 1 - f |a|^2.
@@ -59,16 +62,17 @@ MGSFM_ALWAYS_INLINE EliminatedScale EliminateScale(double scale, double lambda,
   return e;
 }
 
-// The scale after a step that changes x by dx.
+// The scale after a part of the step that changes x by dx.
 MGSFM_ALWAYS_INLINE double MoveScale(const EliminatedScale& e, double scale,
-                                     const double* dx, StepSums* sums) {
+                                     double length, const double* dx,
+                                     StepSums* sums) {
   double moved = kMinScale;
   if (!e.is_held) {
     const double h = e.curvature + e.damping;
     const double gradient =
         e.gradient + e.by_x[0] * dx[0] + e.by_x[1] * dx[1] + e.by_x[2] * dx[2];
     const double step = -gradient / h;
-    moved = std::max(kMinScale, scale + step);
+    moved = std::max(kMinScale, scale + length * step);
     sums->decrease += e.gradient * e.gradient / h + e.damping * step * step;
     if (scale + step < kMinScale) {
       // The model cost is n d^2 / 2 - h step d, but for a constant.

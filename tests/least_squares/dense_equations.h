@@ -234,8 +234,8 @@ struct DenseEquations {
   Eigen::VectorXd gradient;  // J^T W r
   Eigen::Index num_scales = 0;
 
-  // Scales are damped by their own diagonal, what else there is by the one that
-  // is left when damped scales are eliminated.
+  // Scales are damped by their own diagonal, what else there is, positions
+  // then, by half the trace of what is left when damped scales are eliminated.
   Eigen::MatrixXd Damped(double lambda) const {
     Eigen::MatrixXd damped = hessian;
     Eigen::VectorXd diagonal = hessian.diagonal();
@@ -244,6 +244,10 @@ struct DenseEquations {
       diagonal.head(num_others) -=
           hessian.col(k).head(num_others).cwiseAbs2() /
           (diagonal[k] + lambda * std::max(diagonal[k], 1e-6));
+    }
+    for (Eigen::Index i = 0; num_scales > 0 && i < num_others; i += 3) {
+      const double spread = 0.5 * diagonal.segment<3>(i).sum();
+      for (double& d : diagonal.segment<3>(i)) d = d > 0.0 ? spread : 0.0;
     }
     for (Eigen::Index i = 0; i < damped.rows(); ++i) {
       damped(i, i) +=

@@ -37,16 +37,17 @@ class Rosenbrock : public DampedProblem {
     step_ = damped.ldlt().solve(-gradient_);
     return true;
   }
-  TrialStep TryStep() override {
+  TrialStep TryStep(double length) override {
+    length_ = length;
     TrialStep step;
-    step.new_cost = 0.5 * Residual(x_ + step_).squaredNorm();
+    step.new_cost = 0.5 * Residual(x_ + length_ * step_).squaredNorm();
     step.predicted_decrease =
         -gradient_.dot(step_) - 0.5 * step_.dot(hessian_ * step_);
     step.step_norm = step_.norm();
     step.state_norm = x_.norm();
     return step;
   }
-  void AcceptStep() override { x_ += step_; }
+  void AcceptStep() override { x_ += length_ * step_; }
 
   const Eigen::Vector2d& x() const { return x_; }
   int num_solves() const { return num_solves_; }
@@ -60,7 +61,7 @@ class Rosenbrock : public DampedProblem {
 
   Eigen::Vector2d x_, gradient_, step_;
   Eigen::Matrix2d hessian_;
-  double lambda_ = 0.0;
+  double lambda_ = 0.0, length_ = 1.0;
   int num_solves_ = 0;
   bool is_solvable_ = true;
   bool derivative_is_finite_ = true;
@@ -121,6 +122,60 @@ TEST(LevenbergMarquardtTest, FailsIfNotFinite) {
   EXPECT_EQ(Minimize(10, &derivative).termination, Termination::kFailure);
 }
 
+// The residual atan(x): from far off, undamped steps go ever further.
+class Arctangent : public DampedProblem {
+ public:
+  explicit Arctangent(double start) : x_(start) {}
+
+  double Cost() override { return CostAt(x_); }
+  bool Linearize(double lambda) override {
+    const double J = 1.0 / (1.0 + x_ * x_);
+    step_ = -std::atan(x_) / (J * (1.0 + lambda));
+    slope_ = J * std::atan(x_);
+    return true;
+  }
+  bool Solve() override { return true; }
+  TrialStep TryStep(double length) override {
+    ++num_trials_;
+    length_ = length;
+    TrialStep step;
+    step.new_cost = CostAt(x_ + length * step_);
+    step.predicted_decrease = -0.5 * slope_ * step_;
+    step.step_norm = std::abs(length * step_);
+    step.state_norm = std::abs(x_);
+    return step;
+  }
+  void AcceptStep() override { x_ += length_ * step_; }
+
+  double x() const { return x_; }
+  int num_trials() const { return num_trials_; }
+
+ private:
+  static double CostAt(double x) { return 0.5 * std::pow(std::atan(x), 2); }
+
+  double x_, step_ = 0.0, slope_ = 0.0, length_ = 1.0;
+  int num_trials_ = 0;
+};
+
+TEST(LevenbergMarquardtTest, StepsFarFromASolutionAreShortened) {
+  RigSolverOptions options;
+  const auto minimize = [&](int max_num_iterations, Arctangent* problem) {
+    return MinimizeByLevenbergMarquardt(options, max_num_iterations, Threads(1),
+                                        problem);
+  };
+  Arctangent refused(20.0);
+  minimize(1, &refused);
+  EXPECT_EQ(refused.x(), 20.0);
+  EXPECT_EQ(refused.num_trials(), 1);
+  options.starts_far_off = true;
+  Arctangent shortened(20.0);
+  minimize(1, &shortened);
+  EXPECT_LT(std::abs(shortened.x()), 20.0);
+  EXPECT_GT(shortened.num_trials(), 1);
+  EXPECT_EQ(minimize(50, &shortened).termination, Termination::kConverged);
+  EXPECT_NEAR(shortened.x(), 0.0, 1e-3);
+}
+
 // A chain of springs, held at one end, of which only the whole is too long: all
 // must shrink, the last one by the sum of all.
 class Chain : public DampedProblem {
@@ -148,15 +203,16 @@ class Chain : public DampedProblem {
     }
     return true;
   }
-  TrialStep TryStep() override {
+  TrialStep TryStep(double length) override {
+    length_ = length;
     TrialStep step;
-    step.new_cost = Cost(x_ + step_);
-    step.predicted_decrease = Cost(x_) - step.new_cost;  // linear residuals
+    step.new_cost = Cost(x_ + length_ * step_);
+    step.predicted_decrease = Cost(x_) - Cost(x_ + step_);  // linear residuals
     step.step_norm = step_.norm();
     step.state_norm = x_.norm();
     return step;
   }
-  void AcceptStep() override { x_ += step_; }
+  void AcceptStep() override { x_ += length_ * step_; }
 
   const std::vector<double>& lambdas() const { return lambdas_; }
 
@@ -187,6 +243,7 @@ class Chain : public DampedProblem {
   }
 
   Eigen::VectorXd x_, step_;
+  double length_ = 1.0;
   std::vector<double> lambdas_;
 };
 

@@ -96,7 +96,7 @@ void ExpectStepOfDenseEquations(
   EXPECT_NEAR(equations.Cost(), dense.cost, 1e-10 * dense.cost);
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep();
+  const TrialStep trial = equations.TryStep(1.0);
   const Eigen::VectorXd step = TrialStepOf(equations, problem, state);
   const Eigen::VectorXd error = step - expected;
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
@@ -265,7 +265,7 @@ TEST(RigEquationsTest, ScalesStopAtTheirBound) {
   const RigStructure& s = equations.structure();
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep();
+  const TrialStep trial = equations.TryStep(1.0);
   size_t num_at_bound = 0;
   for (size_t k = 0; k < equations.trial_scales().size(); ++k) {
     const size_t o = s.observation_order[k];
@@ -278,6 +278,55 @@ TEST(RigEquationsTest, ScalesStopAtTheirBound) {
   const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
   const double predicted =
       -dense.gradient.dot(step) - 0.5 * step.dot(dense.hessian * step);
+  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
+  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
+  const double new_cost = CostOfResiduals(
+      AllResiduals(scene.problem, Moved(scene.problem, s, state, step)));
+  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+}
+
+// Scales that are not held take part in the step wherever they are, and end at
+// their bound if half of it leads across.
+TEST(RigEquationsTest, ScalesThatAreNotHeldAreProjected) {
+  const Freedom freedom{"", false, true, false, true};
+  const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
+  const RigScene<ScaledRayObservation> scene =
+      MakeScaledRayScene(SmallScene(cameras, freedom), 0.01, 16);
+  RigState state = scene.truth;
+  Random random(4);
+  Perturb(scene.problem, 5e-3, &random, &state);
+  for (size_t o = 3; o < 7 * 16; o += 7) {
+    state.observation_scales[o] = (o % 2 == 0 ? 1.0 : 2.0) * kMinScale;
+  }
+  RigEquations<ScaledRayResidual> equations(
+      scene.problem, ReducedSolver::kDirect, Threads(2), false);
+  equations.SetState(state);
+  const RigStructure& s = equations.structure();
+  const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
+  const Eigen::VectorXd whole =
+      dense.Damped(kLambda).ldlt().solve(-dense.gradient);
+  ASSERT_TRUE(equations.Linearize(kLambda));
+  ASSERT_TRUE(equations.Solve());
+  const TrialStep trial = equations.TryStep(0.5);
+
+  RigState copy = state;
+  const std::vector<double*> scales = ScalesOf(scene.problem, &copy);
+  Eigen::VectorXd expected = 0.5 * whole;
+  int num_at_bound = 0;
+  for (Eigen::Index k = 0; k < dense.num_scales; ++k) {
+    double& change = expected[expected.size() - dense.num_scales + k];
+    num_at_bound += *scales[k] + change < kMinScale;
+    change = std::max(change, kMinScale - *scales[k]);
+  }
+  EXPECT_GT(num_at_bound, 8);
+  Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
+  step.head(s.num_unknowns) *= 0.5;
+  const Eigen::VectorXd error = step - expected;
+  const Eigen::MatrixXd damped = dense.Damped(kLambda);
+  EXPECT_LT(std::sqrt(error.dot(damped * error)),
+            2e-6 * std::sqrt(expected.dot(damped * expected)));
+  const double predicted =
+      -dense.gradient.dot(whole) - 0.5 * whole.dot(dense.hessian * whole);
   EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
   EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
   const double new_cost = CostOfResiduals(

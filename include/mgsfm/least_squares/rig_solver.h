@@ -42,8 +42,10 @@ struct RigSolverOptions {
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
-  // That lambda falls ever faster is for starts near a solution. Far from any,
-  // hardly damped steps keep folds that damped ones would have undone.
+  // Far from any solution, hardly damped steps keep folds that damped ones
+  // would have undone: lambda falls by thirds only. Steps that do not gain
+  // enough are shortened before they are refused, and scales at their bound
+  // are not held, so that they may leave it.
   bool starts_far_off = false;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
