@@ -3,6 +3,7 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {
@@ -12,11 +13,6 @@ constexpr double kMaxOutlier_m = 200.0;
 // Sets these random numbers apart from those of other effects.
 constexpr uint64_t kStream = 0x6d656173;
 constexpr uint64_t kGravityStream = 0x67726176;
-
-Eigen::Vector3d NormalVector(Random* random) {
-  const double x = random->Normal(), y = random->Normal();
-  return {x, y, random->Normal()};
-}
 
 }  // namespace
 

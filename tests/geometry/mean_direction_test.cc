@@ -5,15 +5,12 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Vector3d;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 TEST(RobustMeanDirection, SurvivesOutliers) {
   Random random(1);

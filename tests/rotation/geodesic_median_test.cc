@@ -6,16 +6,13 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 Quaterniond RandomRotation(Random* random) {
   return Quaterniond(random->Normal(), random->Normal(), random->Normal(),

@@ -9,6 +9,7 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/simulation.h"
@@ -21,10 +22,6 @@ using Eigen::MatrixXd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 // A chain of nodes with two sensors, of which the second is free, and gravity
 // in some of them.

@@ -5,16 +5,13 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 // Turns with the given sizes about the three axes of the rig.
 std::vector<MotionPair> MakeMotions(const Quaterniond& a_from_b,

@@ -8,6 +8,7 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {
@@ -17,10 +18,6 @@ using Eigen::MatrixXd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 struct Example {
   RotationProblem problem;

@@ -7,6 +7,7 @@
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/so3.h"
+#include "mgsfm/math/random_vector.h"
 #include "rotation/rotation_initialization.h"
 
 namespace mgsfm {
@@ -14,10 +15,6 @@ namespace {
 
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-Vector3d NormalVector(Random* random) {
-  return {random->Normal(), random->Normal(), random->Normal()};
-}
 
 struct Example {
   RotationProblem problem;

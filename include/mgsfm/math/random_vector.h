@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+
+// Independent standard normal coordinates; its direction is uniform.
+inline Eigen::Vector3d NormalVector(Random* random) {
+  return {random->Normal(), random->Normal(), random->Normal()};
+}
+
+}  // namespace mgsfm
