@@ -55,7 +55,7 @@ class LinearTermOfBlocks {
       residual_.by_scale *= root;
       // by_baseline is symmetric, as row-major as not.
       scale_ = EliminateScale(
-          ScaleOf(in, t), in.lambda, in.holds_scales, residual_.by_scale.data(),
+          ScaleOf(in, t), in.lambda, !in.is_far_off, residual_.by_scale.data(),
           length_root * residual_.length_by_scale, length_root * length,
           residual_.by_baseline.data(), residual_.value.data());
     }

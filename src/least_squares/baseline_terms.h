@@ -38,7 +38,7 @@ struct TermInput {
   // In the structure's order; empty if no term has one.
   const std::vector<double>& scales;
   double lambda;
-  bool holds_scales;
+  bool is_far_off;
 };
 
 // The terms of a chunk: their cost, and what they add to the local system with

@@ -79,7 +79,7 @@ struct PassInput {
   const std::vector<Eigen::Vector3d>& points;
   const std::vector<double>& scales;  // of observations, if they have any
   double lambda;
-  bool holds_scales;
+  bool is_far_off;
 };
 
 // Symmetric 3 x 3: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2).
@@ -95,26 +95,28 @@ struct PointFactor {
 
 // D of a point; see rig_equations.h.
 template <class R>
-MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
+MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PassInput<R>& in,
+                                         const PointHessian& hessian,
                                          double* D) {
   const double* v = hessian.values;
+  const bool is_spread = R::kHasScale && in.is_far_off;
   const double spread = 0.5 * (v[0] + v[2] + v[5]);
-  D[0] = ClampDiagonal(R::kHasScale ? spread : v[0]);
-  D[1] = ClampDiagonal(R::kHasScale ? spread : v[2]);
-  D[2] = ClampDiagonal(R::kHasScale ? spread : v[5]);
+  D[0] = ClampDiagonal(is_spread ? spread : v[0]);
+  D[1] = ClampDiagonal(is_spread ? spread : v[2]);
+  D[2] = ClampDiagonal(is_spread ? spread : v[5]);
 }
 
 template <class R>
-MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PointHessian& hessian,
-                                            double lambda) {
+MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
+                                            const PointHessian& hessian) {
   // What rounding may leave of a pivot.
   constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
   double D[3];
-  DiagonalOfPoint<R>(hessian, D);
-  const double d0 = v[0] + lambda * D[0];
-  const double d1 = v[2] + lambda * D[1];
-  const double d2 = v[5] + lambda * D[2];
+  DiagonalOfPoint(in, hessian, D);
+  const double d0 = v[0] + in.lambda * D[0];
+  const double d1 = v[2] + in.lambda * D[1];
+  const double d2 = v[5] + in.lambda * D[2];
   PointFactor f;
   f.inverse0 = 1.0 / std::sqrt(d0);
   f.l10 = v[1] * f.inverse0;
@@ -200,7 +202,7 @@ EliminateScaleOf(const PassInput<R>& in, const ImagePose& pose, double scale,
   double x[3], a[3];
   for (int i = 0; i < 3; ++i) x[i] = o->y[i] + pose.translation[i];
   R::ByScale(x, o->P, scale, a);
-  return EliminateScale(scale, in.lambda, in.holds_scales, a, 0.0, 0.0, o->P,
+  return EliminateScale(scale, in.lambda, !in.is_far_off, a, 0.0, 0.0, o->P,
                         o->residual);
 }
 

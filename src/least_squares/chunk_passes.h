@@ -39,8 +39,8 @@ MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
       return false;
     }
     if (!in.problem.points_are_free) continue;
-    EliminatePoint<N>(FactorPoint<R>(out.hessians[p], in.lambda),
-                      out.gradients[p].data(), w);
+    EliminatePoint<N>(FactorPoint(in, out.hessians[p]), out.gradients[p].data(),
+                      w);
   }
   return true;
 }
@@ -170,7 +170,7 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
                     u);
     AddToPoint<kDim>(pose, o.P, u, b);
   }
-  const PointFactor f = FactorPoint<R>(step.hessians[p], in.lambda);
+  const PointFactor f = FactorPoint(in, step.hessians[p]);
   SolveLower(f, b);
   SolveUpper(f, b);
   for (int i = 0; i < 3; ++i) d[i] = -b[i];
@@ -218,7 +218,7 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
     const double* old_point = in.points[p].data();
     double* point = (*new_points)[p].data();
     double D[3];
-    DiagonalOfPoint<R>(step.hessians[p], D);
+    DiagonalOfPoint(in, step.hessians[p], D);
     for (int i = 0; i < 3; ++i) {
       sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
       d[i] *= step.length;
@@ -302,7 +302,7 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
         }
       }
       if (half == 1 || !in.problem.points_are_free) continue;
-      const PointFactor f = FactorPoint<R>(linear.hessians[p], in.lambda);
+      const PointFactor f = FactorPoint(in, linear.hessians[p]);
       SolveLower(f, b);
       SolveUpper(f, b);
       for (int i = 0; i < 3; ++i) a[i] = b[i];

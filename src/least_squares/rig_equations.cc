@@ -32,10 +32,10 @@ bool HasScale(const BaselineTerm& term) {
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
                                    const std::vector<int>& image_of_observation,
-                                   ReducedSolver solver, bool holds_scales,
+                                   ReducedSolver solver, bool is_far_off,
                                    const Context& context)
     : problem_(problem),
-      holds_scales_(holds_scales),
+      is_far_off_(is_far_off),
       context_(context),
       structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
@@ -148,7 +148,9 @@ bool RigEquationsBase::Linearize(double lambda) {
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
                  &matrix_);
   AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_, &matrix_);
-  if (!scales_.empty() || !term_scales_.empty()) SpreadDiagonal();
+  if (is_far_off_ && !(scales_.empty() && term_scales_.empty())) {
+    SpreadDiagonal();
+  }
   DampMatrix();
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
@@ -394,7 +396,7 @@ TrialStep RigEquationsBase::TryStep(double length) {
     squared_step += sums.squared_step;
     squared_state += sums.squared_position;
   }
-  if (holds_scales_ && lost > 0.0) {
+  if (!is_far_off_ && lost > 0.0) {
     decrease = std::max(decrease - lost, kMinShareOfDecrease * decrease);
   }
   step.predicted_decrease = 0.5 * decrease;

@@ -26,10 +26,10 @@ namespace mgsfm {
 // with residuals weighted by rho' (iteratively re-weighted least squares), D
 // the diagonal of the undamped matrix within [1e-6, 1e32], and V block-diagonal
 // over the points. Scales, if there are any, are eliminated from each residual
-// before (scale_elimination.h); (1) is what is left. D of each position or
-// point is half of the trace of its block then, about what it was before:
-// elimination takes the direction of depth, which must stay damped. Points are
-// eliminated first:
+// before (scale_elimination.h); (1) is what is left, D its diagonal.
+// Elimination takes the direction of depth from it; far from a solution depths
+// must stay damped, so that D of each position or point is half of its trace
+// then, about what it was before. Points are eliminated first:
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
@@ -41,7 +41,7 @@ class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
                    const std::vector<int>& image_of_observation,
-                   ReducedSolver solver, bool holds_scales,
+                   ReducedSolver solver, bool is_far_off,
                    const Context& context);
 
   // Takes a copy of a state as the present one, and gives it back.
@@ -85,7 +85,7 @@ class RigEquationsBase : public DampedProblem {
                              ChunkWorkspace* workspace) = 0;
 
   const RigProblemBase& problem_;
-  const bool holds_scales_;
+  const bool is_far_off_;
   const Context context_;
   RigStructure structure_;
   double lambda_ = 0.0;
@@ -112,11 +112,11 @@ class RigEquationsBase : public DampedProblem {
   void MoveBlocks();
   double SquaredStateLength() const;
   TermInput Terms() const {
-    return {problem_, structure_, poses_, term_scales_, lambda_, holds_scales_};
+    return {problem_, structure_, poses_, term_scales_, lambda_, is_far_off_};
   }
   TermInput TrialTerms() const {
     return {problem_,           structure_, trial_poses_,
-            trial_term_scales_, lambda_,    holds_scales_};
+            trial_term_scales_, lambda_,    is_far_off_};
   }
 
   RigState state_, trial_state_;  // without points
@@ -140,10 +140,10 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
-  // holds_scales: see scale_elimination.h.
+  // is_far_off: see above, and scale_elimination.h.
   RigEquations(const Problem& problem, ReducedSolver solver,
-               const Context& context, bool holds_scales = true)
-      : RigEquationsBase(problem, ImagesOf(problem), solver, holds_scales,
+               const Context& context, bool is_far_off = false)
+      : RigEquationsBase(problem, ImagesOf(problem), solver, is_far_off,
                          context) {
     measured_.reserve(R::kDim * problem.observations.size());
     for (const uint32_t o : structure_.observation_order) {
@@ -209,7 +209,7 @@ class RigEquations : public RigEquationsBase {
   }
   PassInput<R> Input() const {
     return {problem_, structure_, measured_, poses_,
-            points_,  scales_,    lambda_,   holds_scales_};
+            points_,  scales_,    lambda_,   is_far_off_};
   }
   LinearizeOutput<R> Output() {
     return {point_hessians_, point_gradients_, kept_, kept_size_};

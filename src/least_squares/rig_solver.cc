@@ -38,7 +38,7 @@ struct RigSolver<Observation>::Impl {
       : problem(the_problem), options(the_options), context(the_context) {
     if (options.backend == SolverBackend::kNative) {
       equations.emplace(problem, options.reduced_solver, context,
-                        !options.starts_far_off);
+                        options.starts_far_off);
     }
   }
 

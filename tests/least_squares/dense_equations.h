@@ -234,9 +234,10 @@ struct DenseEquations {
   Eigen::VectorXd gradient;  // J^T W r
   Eigen::Index num_scales = 0;
 
-  // Scales are damped by their own diagonal, what else there is, positions
-  // then, by half the trace of what is left when damped scales are eliminated.
-  Eigen::MatrixXd Damped(double lambda) const {
+  // Scales are damped by their own diagonal, what else there is by the one that
+  // is left when damped scales are eliminated; or, far from a solution,
+  // positions by half of the trace of that.
+  Eigen::MatrixXd Damped(double lambda, bool is_far_off = false) const {
     Eigen::MatrixXd damped = hessian;
     Eigen::VectorXd diagonal = hessian.diagonal();
     const Eigen::Index num_others = diagonal.size() - num_scales;
@@ -245,7 +246,7 @@ struct DenseEquations {
           hessian.col(k).head(num_others).cwiseAbs2() /
           (diagonal[k] + lambda * std::max(diagonal[k], 1e-6));
     }
-    for (Eigen::Index i = 0; num_scales > 0 && i < num_others; i += 3) {
+    for (Eigen::Index i = 0; is_far_off && i < num_others; i += 3) {
       const double spread = 0.5 * diagonal.segment<3>(i).sum();
       for (double& d : diagonal.segment<3>(i)) d = d > 0.0 ? spread : 0.0;
     }

@@ -285,9 +285,9 @@ TEST(RigEquationsTest, ScalesStopAtTheirBound) {
   EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
 }
 
-// Scales that are not held take part in the step wherever they are, and end at
-// their bound if half of it leads across.
-TEST(RigEquationsTest, ScalesThatAreNotHeldAreProjected) {
+// Far from a solution scales take part in the step wherever they are, and end
+// at their bound if half of it leads across.
+TEST(RigEquationsTest, FarOffDepthsAreDampedAndScalesProjected) {
   const Freedom freedom{"", false, true, false, true};
   const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
   const RigScene<ScaledRayObservation> scene =
@@ -299,12 +299,12 @@ TEST(RigEquationsTest, ScalesThatAreNotHeldAreProjected) {
     state.observation_scales[o] = (o % 2 == 0 ? 1.0 : 2.0) * kMinScale;
   }
   RigEquations<ScaledRayResidual> equations(
-      scene.problem, ReducedSolver::kDirect, Threads(2), false);
+      scene.problem, ReducedSolver::kDirect, Threads(2), true);
   equations.SetState(state);
   const RigStructure& s = equations.structure();
   const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
   const Eigen::VectorXd whole =
-      dense.Damped(kLambda).ldlt().solve(-dense.gradient);
+      dense.Damped(kLambda, true).ldlt().solve(-dense.gradient);
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
   const TrialStep trial = equations.TryStep(0.5);
@@ -322,7 +322,7 @@ TEST(RigEquationsTest, ScalesThatAreNotHeldAreProjected) {
   Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
   step.head(s.num_unknowns) *= 0.5;
   const Eigen::VectorXd error = step - expected;
-  const Eigen::MatrixXd damped = dense.Damped(kLambda);
+  const Eigen::MatrixXd damped = dense.Damped(kLambda, true);
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
             2e-6 * std::sqrt(expected.dot(damped * expected)));
   const double predicted =

@@ -43,9 +43,10 @@ struct RigSolverOptions {
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
   // Far from any solution, hardly damped steps keep folds that damped ones
-  // would have undone: lambda falls by thirds only. Steps that do not gain
-  // enough are shortened before they are refused, and scales at their bound
-  // are not held, so that they may leave it.
+  // would have undone: lambda falls by thirds only, and with scales, depths are
+  // damped as if scales were not eliminated. Steps that do not gain enough are
+  // shortened before they are refused, and scales at their bound are not held,
+  // so that they may leave it.
   bool starts_far_off = false;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
