@@ -66,7 +66,7 @@ SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
                                                  impl_->context, state);
   }
   impl_->equations->SetState(*state);
-  const SolveSummary summary = MinimizeByLevenbergMarquardt(
+  SolveSummary summary = MinimizeByLevenbergMarquardt(
       impl_->options, max_num_iterations, impl_->context, &*impl_->equations);
   if (summary.IsUsable()) impl_->equations->GetState(state);
   return summary;
