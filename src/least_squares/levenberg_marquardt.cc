@@ -67,6 +67,7 @@ class LevenbergMarquardt {
   TrialStep FindStep() {
     TrialStep step = problem_.TryStep(1.0);
     if (!options_.starts_far_off) return step;
+    const double whole_norm = step.step_norm;
     double length = 1.0;
     for (int i = 0; i < kMaxNumShortenings; ++i) {
       const double promise = length * step.predicted_decrease;
@@ -79,6 +80,8 @@ class LevenbergMarquardt {
                     : kMinShortening;
       step = problem_.TryStep(length);
     }
+    // That a step was shortened much is no sign of convergence.
+    step.step_norm = whole_norm;
     return step;
   }
 

@@ -176,6 +176,28 @@ TEST(LevenbergMarquardtTest, StepsFarFromASolutionAreShortened) {
   EXPECT_NEAR(shortened.x(), 0.0, 1e-3);
 }
 
+// One whose steps lead to where no cost is, however short.
+class Cliff : public Arctangent {
+ public:
+  Cliff() : Arctangent(1.0) {}
+  TrialStep TryStep(double length) override {
+    TrialStep step = Arctangent::TryStep(length);
+    step.new_cost = std::numeric_limits<double>::infinity();
+    return step;
+  }
+};
+
+TEST(LevenbergMarquardtTest, ShortenedStepsAreNotConvergence) {
+  RigSolverOptions options;
+  options.starts_far_off = true;
+  options.parameter_tolerance = 1e-3;
+  Cliff problem;
+  const SolveSummary summary =
+      MinimizeByLevenbergMarquardt(options, 3, Threads(1), &problem);
+  EXPECT_EQ(summary.termination, Termination::kMaxIterations);
+  EXPECT_EQ(problem.x(), 1.0);
+}
+
 // A chain of springs, held at one end, of which only the whole is too long: all
 // must shrink, the last one by the sum of all.
 class Chain : public DampedProblem {
