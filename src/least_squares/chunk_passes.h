@@ -134,8 +134,8 @@ struct StepInput {
   const std::vector<Eigen::Vector3d>& gradients;
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
-  std::vector<double>* new_scales = nullptr;
-  double length = 1.0;
+  std::vector<double>* new_scales;
+  double length;
 };
 
 // -(V + lambda D)^-1 (g + W z).

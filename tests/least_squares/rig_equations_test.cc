@@ -80,6 +80,22 @@ Eigen::VectorXd TrialStepOf(const RigEquations<R>& equations,
   return step;
 }
 
+// That a trial promises what `promised` does by the dense equations, and is at
+// `step` from the state.
+template <class Observation>
+void ExpectTrial(const TrialStep& trial, const DenseEquations& dense,
+                 const Eigen::VectorXd& promised,
+                 const RigProblem<Observation>& problem, const RigStructure& s,
+                 const RigState& state, const Eigen::VectorXd& step) {
+  const double predicted = -dense.gradient.dot(promised) -
+                           0.5 * promised.dot(dense.hessian * promised);
+  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
+  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
+  const double new_cost =
+      CostOfResiduals(AllResiduals(problem, Moved(problem, s, state, step)));
+  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+}
+
 // Compares a step, the decrease it promises and the cost it leads to with those
 // of the dense equations. Differences are measured in the norm of the
 // equations, in which all units are one.
@@ -101,13 +117,7 @@ void ExpectStepOfDenseEquations(
   const Eigen::VectorXd error = step - expected;
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
             2e-6 * std::sqrt(expected.dot(damped * expected)));
-  const double predicted = -dense.gradient.dot(expected) -
-                           0.5 * expected.dot(dense.hessian * expected);
-  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
-  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
-  const double new_cost =
-      CostOfResiduals(AllResiduals(problem, Moved(problem, s, state, step)));
-  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+  ExpectTrial(trial, dense, expected, problem, s, state, step);
 }
 
 class CameraModelTest : public testing::TestWithParam<TestCamera> {};
@@ -276,13 +286,7 @@ TEST(RigEquationsTest, ScalesStopAtTheirBound) {
   EXPECT_EQ(num_at_bound, 16u);
   const Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
   const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
-  const double predicted =
-      -dense.gradient.dot(step) - 0.5 * step.dot(dense.hessian * step);
-  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
-  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
-  const double new_cost = CostOfResiduals(
-      AllResiduals(scene.problem, Moved(scene.problem, s, state, step)));
-  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+  ExpectTrial(trial, dense, step, scene.problem, s, state, step);
 }
 
 // Far from a solution scales take part in the step wherever they are, and end
@@ -325,13 +329,7 @@ TEST(RigEquationsTest, FarOffDepthsAreDampedAndScalesProjected) {
   const Eigen::MatrixXd damped = dense.Damped(kLambda, true);
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
             2e-6 * std::sqrt(expected.dot(damped * expected)));
-  const double predicted =
-      -dense.gradient.dot(whole) - 0.5 * whole.dot(dense.hessian * whole);
-  EXPECT_NEAR(trial.predicted_decrease, predicted, 1e-5 * predicted);
-  EXPECT_NEAR(trial.step_norm, step.norm(), 1e-9 * step.norm());
-  const double new_cost = CostOfResiduals(
-      AllResiduals(scene.problem, Moved(scene.problem, s, state, step)));
-  EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
+  ExpectTrial(trial, dense, whole, scene.problem, s, state, step);
 }
 
 BaselineTerm RandomBilinearTerm(Random* random) {

@@ -180,40 +180,6 @@ TEST(RigSolverTest, ScalesAreTheBestOfTheirObservations) {
   EXPECT_EQ(num_at_bound, 12);
 }
 
-// Positions, points and scales as from nowhere.
-RigState RandomState(const RigScene<ScaledRayObservation>& scene, int seed) {
-  RigState state = scene.truth;
-  Random random(seed);
-  for (FramePose& frame : state.frames) {
-    frame.center = RandomVector(100.0, &random);
-  }
-  for (Eigen::Vector3d& point : state.points) {
-    point = RandomVector(100.0, &random);
-  }
-  std::fill(state.observation_scales.begin(), state.observation_scales.end(),
-            1.0);
-  return state;
-}
-
-// Which optimum is found from there is luck; on the average they are as low.
-TEST(RigSolverTest, OptimaFromRandomStartsAreAboutThoseOfCeres) {
-  const RigScene<ScaledRayObservation> scene = ScaledRayScene(0);
-  RigSolverOptions ours, ceres;
-  ours.starts_far_off = true;
-  ceres.backend = SolverBackend::kCeres;
-  double sum = 0.0, sum_of_ceres = 0.0;
-  for (int seed = 0; seed < 6; ++seed) {
-    const auto solve = [&](const RigSolverOptions& options) {
-      RigState state = RandomState(scene, seed);
-      return SolveRigProblem(scene.problem, options, Threads(2), &state)
-          .final_cost;
-    };
-    sum += solve(ours);
-    sum_of_ceres += solve(ceres);
-  }
-  EXPECT_LT(sum, 1.1 * sum_of_ceres);
-}
-
 template <class Observation>
 void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver) {
   RigSolverOptions options;
