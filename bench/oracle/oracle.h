@@ -45,10 +45,10 @@ namespace mgsfm {
 // - The loss is Huber's at the threshold of the mapper's last solve, which
 //   follows its estimate of the noise.
 // - A solve that starts at the truth is biased towards it until it has
-//   converged, most in the weak modes of a long drive. The oracles therefore
-//   end at a relative change of the cost of 1e-8, not at the mapper's 1e-6, or
-//   after as many iterations as the mapper may use. What still changes then is
-//   points near infinity; poses do not.
+//   converged, most in the weak modes of a long drive: a bend that is a
+//   standard deviation off costs no more than a half. The oracles therefore end
+//   at a relative change of the cost of 1e-8, not at the mapper's 1e-6. What
+//   still changes then is points near infinity; poses do not.
 // - Points of the oracle start where the rays of the true poses meet, not at
 //   the true points: a track may hold wrong observations. Those of the full
 //   oracle start at the truth. Both may be any distance away: there is no least

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 
 #include "least_squares/chunk_kernels.h"
@@ -138,17 +140,19 @@ struct StepInput {
   double length;
 };
 
-// -(V + lambda D)^-1 (g + W z).
+// d = -(V + lambda D)^-1 (g + W z). Returns the square of the point's distance
+// from the closest camera that observes it.
 template <class R>
-MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
-                                     const StepInput<R>& step,
-                                     const ChunkRanges& chunk, size_t p,
-                                     double* d) {
+MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
+                                       const StepInput<R>& step,
+                                       const ChunkRanges& chunk, size_t p,
+                                       double* d) {
   constexpr int kDim = R::kDim;
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
   double b[3] = {step.gradients[p][0], step.gradients[p][1],
                  step.gradients[p][2]};
+  double squared_distance = std::numeric_limits<double>::infinity();
   ObservationTerms<kDim> o;
   for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
     const int image = images[s.observation_image[k]].image;
@@ -158,6 +162,10 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
                                  ScaleOf<R>(in.scales, k))) {
       continue;
     }
+    const double* t = pose.translation;
+    const double x[3] = {o.y[0] + t[0], o.y[1] + t[1], o.y[2] + t[2]};
+    squared_distance =
+        std::min(squared_distance, x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if constexpr (R::kHasScale) {
       EliminateScaleOf<R>(in, pose, in.scales[k], &o);
     }
@@ -174,6 +182,28 @@ MGSFM_ALWAYS_INLINE void StepOfPoint(const PassInput<R>& in,
   SolveLower(f, b);
   SolveUpper(f, b);
   for (int i = 0; i < 3; ++i) d[i] = -b[i];
+  return squared_distance;
+}
+
+// A step longer than this share of a point's distance is not to be trusted.
+constexpr double kLongStep = 0.1;
+constexpr int kMaxNumPointHalvings = 6;
+
+// Moves a point to old_point + fraction d, where the fraction is the first of
+// 1, 1/2, 1/4, ... that has a finite cost of at most `bound`, or 0. Returns the
+// cost there.
+template <class Cost>
+MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
+                                     double bound, const Cost& cost_at,
+                                     double* point) {
+  double fraction = 1.0;
+  for (int i = 0; i <= kMaxNumPointHalvings; ++i, fraction *= 0.5) {
+    for (int k = 0; k < 3; ++k) point[k] = old_point[k] + fraction * d[k];
+    const double cost = cost_at(point);
+    if (std::isfinite(cost) && cost <= bound) return cost;
+  }
+  std::copy_n(old_point, 3, point);
+  return cost_at(point);
 }
 
 // Moves the scales of a point's observations, given its step d.
@@ -211,29 +241,35 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
   StepSums sums;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
     double d[3] = {0.0, 0.0, 0.0};
-    if (in.problem.points_are_free) StepOfPoint(in, step, chunk, p, d);
+    double squared_distance = 0.0;
+    if (in.problem.points_are_free) {
+      squared_distance = StepOfPoint(in, step, chunk, p, d);
+    }
     if constexpr (R::kHasScale) {
       MoveScalesOfPoint(in, step, chunk, p, d, &sums);
     }
     const double* old_point = in.points[p].data();
-    double* point = (*new_points)[p].data();
     double D[3];
     DiagonalOfPoint(in, step.hessians[p], D);
+    double squared_step = 0.0;
     for (int i = 0; i < 3; ++i) {
       sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
       d[i] *= step.length;
-      sums.squared_step += d[i] * d[i];
+      squared_step += d[i] * d[i];
       sums.squared_position += old_point[i] * old_point[i];
     }
-    double cost = 0.0;
-    for (double fraction = 1.0; fraction >= 0.0;
-         fraction = fraction > 0.25 ? 0.5 * fraction : fraction - 0.25) {
-      for (int i = 0; i < 3; ++i) point[i] = old_point[i] + fraction * d[i];
-      cost = CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
+    sums.squared_step += squared_step;
+    const auto cost_at = [&](const double* point) {
+      return CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
                             *step.new_scales, step.new_poses, p, point);
-      if (std::isfinite(cost)) break;
-    }
-    sums.cost += cost;
+    };
+    const bool is_long =
+        !in.is_far_off &&
+        squared_step > kLongStep * kLongStep * squared_distance;
+    const double bound =
+        is_long ? cost_at(old_point) : std::numeric_limits<double>::infinity();
+    sums.cost +=
+        MovePoint(old_point, d, bound, cost_at, (*new_points)[p].data());
   }
   return sums;
 }

@@ -33,6 +33,8 @@ namespace mgsfm {
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
+// A point with a long step (chunk_passes.h) goes a part of it, if the whole
+// raises its cost, so that one of them does not take damping for all.
 // One pass over the observations linearises and eliminates, another steps and
 // evaluates the new cost; derivatives are computed in both, as that is faster
 // than to keep them, and W is never stored. The reduced matrix is factorised

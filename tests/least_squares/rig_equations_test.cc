@@ -332,6 +332,46 @@ TEST(RigEquationsTest, FarOffDepthsAreDampedAndScalesProjected) {
   ExpectTrial(trial, dense, whole, scene.problem, s, state, step);
 }
 
+// The step of a point that is more than twice as far as its observations say
+// leads behind the cameras. Such a point goes a part of it, the others all.
+TEST(RigEquationsTest, LongStepsOfPointsDoNotRaiseTheirCost) {
+  const Freedom freedom{"", true, true};
+  RigSceneOptions options = SmallScene(
+      {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, freedom);
+  options.noise_px = 0.0;
+  const RigScene<PixelObservation> scene = MakePixelScene(options);
+  RigState state = scene.truth;
+  for (size_t p = 0; p < state.points.size(); p += 8) {
+    MovePointAway(scene.problem, p, 5.0, &state);
+  }
+  RigEquations<PixelResidual> equations(scene.problem, ReducedSolver::kDirect,
+                                        Threads(2));
+  equations.SetState(state);
+  ASSERT_TRUE(equations.Linearize(1e-10));
+  ASSERT_TRUE(equations.Solve());
+  const TrialStep trial = equations.TryStep(1.0);
+  EXPECT_LT(trial.new_cost, 0.9 * equations.Cost());
+  const DenseEquations dense =
+      MakeDenseEquations(scene.problem, equations.structure(), state);
+  const Eigen::VectorXd whole =
+      dense.Damped(1e-10).ldlt().solve(-dense.gradient);
+  const RigStructure& s = equations.structure();
+  for (size_t p = 0; p < scene.problem.num_points(); ++p) {
+    const size_t point = s.point_order[p];
+    const Eigen::Vector3d step = whole.segment<3>(s.num_unknowns + 3 * point);
+    const Eigen::Vector3d moved =
+        equations.trial_points()[p] - equations.points()[p];
+    const double share = moved.norm() / step.norm();
+    EXPECT_LT((moved - share * step).norm(), 1e-4 * step.norm()) << point;
+    if (point % 8 == 0) {
+      EXPECT_LT(share, 0.51) << point;
+      EXPECT_GT(share, 0.01) << point;
+    } else {
+      EXPECT_NEAR(share, 1.0, 1e-4) << point;
+    }
+  }
+}
+
 BaselineTerm RandomBilinearTerm(Random* random) {
   BaselineTerm term;
   term.kind = BaselineTerm::Kind::kBilinear;

@@ -268,6 +268,16 @@ inline void Perturb(const RigProblemBase& problem, double size, Random* random,
   }
 }
 
+// Moves a point to `factor` times its distance from the first image with it.
+template <class Observation>
+void MovePointAway(const RigProblem<Observation>& problem, size_t point,
+                   double factor, RigState* state) {
+  const auto& first = problem.observations[problem.point_begin[point]];
+  const FramePose& frame = state->frames[problem.images[first.image].frame];
+  state->points[point] =
+      frame.center + factor * (state->points[point] - frame.center);
+}
+
 // Priors on the positions of all images, gravity in them, and the poses of all
 // sensors, about `error` from the truth, with a loss that some of them feel.
 template <class Observation>
