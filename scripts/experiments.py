@@ -243,7 +243,7 @@ class Runner:
 
     def record(self, sequence, method):
         """Of a run that was done before, or None."""
-        path = self.folder(sequence) / f"{method}.json"
+        path = self.work / sequence.name / f"{method}.json"
         return json.loads(path.read_text()) if path.exists() else None
 
     def map(self, sequence, method):
