@@ -35,6 +35,7 @@ namespace mgsfm {
 //
 // A point with a long step (chunk_passes.h) goes a part of it, if the whole
 // raises its cost, so that one of them does not take damping for all.
+//
 // One pass over the observations linearises and eliminates, another steps and
 // evaluates the new cost; derivatives are computed in both, as that is faster
 // than to keep them, and W is never stored. The reduced matrix is factorised
