@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import math
 
 MISSING = "-"
 
@@ -181,6 +182,47 @@ def memory(records, sequences, methods):
             records.get((sequence, m), {}).get("peak_memory_mib")
             for m in methods]])
     return table
+
+
+def geometric_mean(values):
+    """And its relative standard error, None of one value."""
+    logs = [math.log(v) for v in values]
+    mean = sum(logs) / len(logs)
+    if len(logs) < 2:
+        return math.exp(mean), None
+    variance = sum((v - mean) ** 2 for v in logs) / (len(logs) - 1)
+    return math.exp(mean), math.sqrt(variance / len(logs))
+
+
+def over_seeds(records, runs, methods):
+    """Mean position errors of methods, over the runs of each setting; ratios
+    are those of one run with another of the same input."""
+    errors = Table("errors_over_seeds",
+                   "Mean position error (m), geometric mean over the seeds",
+                   ["setting", "seeds", *methods], 4)
+    ratios = Table("ratios_over_seeds",
+                   f"Ratio to {methods[0]}, geometric mean and its standard "
+                   "error; runs that it has the lowest error of",
+                   ["setting", "seeds", *methods], 3)
+    for setting, names in runs.items():
+        found = [[statistic(records.get((name, method)), "position_m", "mean")
+                  for method in methods] for name in names]
+        found = [row for row in found if None not in row]
+        if not found:
+            continue
+        columns = list(zip(*found))
+        errors.rows.append([setting, str(len(found)),
+                            *[geometric_mean(c)[0] for c in columns]])
+        row = [setting, str(len(found))]
+        lowest = sum(r[0] <= min(r) for r in found)
+        row.append(f"lowest {lowest} times")
+        for column in columns[1:]:
+            mean, error = geometric_mean(
+                [value / first for value, first in zip(column, columns[0])])
+            row.append(f"{mean:.3f}" if error is None
+                       else f"{mean:.3f} +- {mean * error:.3f}")
+        ratios.rows.append(row)
+    return [errors, ratios]
 
 
 def make_tables(records, groups):

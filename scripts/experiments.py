@@ -435,6 +435,7 @@ def argument_parser(description, default_work):
 
 
 def run(arguments, sequences, title):
+    """Makes tables and pictures; the records by sequence and method."""
     # So that what was started ends, too.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     external = find_external()
@@ -462,3 +463,4 @@ def run(arguments, sequences, title):
         compared = [r for r in records if r["method"] in [*OURS, *EXTERNAL]]
         if compared:
             experiment_pictures.draw(runner.work, sequences, compared)
+    return by_name

@@ -77,6 +77,27 @@ class TableTest(unittest.TestCase):
             self.assertIn(experiment_tables.MISSING, text)
         self.assertIn(r"m\_1", table.latex())
 
+    def test_seeds_are_compared_run_by_run(self):
+        found = {"ours": (1.0, 2.0, 4.0, 5.0), "other": (2.0, 2.0, 8.0, None)}
+        records = {
+            (f"hard_{seed}", method):
+                {"errors": {"position_m": {"mean": value}} if value else None}
+            for method, values in found.items()
+            for seed, value in enumerate(values)}
+        errors, ratios = experiment_tables.over_seeds(
+            records, {"hard": [f"hard_{seed}" for seed in range(4)]},
+            ["ours", "other"])
+        # A run without result has no part in it.
+        self.assertEqual(errors.rows[0][:2], ["hard", "3"])
+        self.assertAlmostEqual(errors.rows[0][2], 2.0)
+        self.assertAlmostEqual(errors.rows[0][3], 32.0 ** (1.0 / 3.0))
+        # Ratios 2, 1 and 2: logarithms of deviation log(2) / sqrt(3).
+        mean = 2.0 ** (2.0 / 3.0)
+        self.assertEqual(
+            ratios.rows[0],
+            ["hard", "3", "lowest 3 times",
+             f"{mean:.3f} +- {mean * math.log(2.0) / 3.0:.3f}"])
+
 
 @unittest.skipIf(mei_camera is None, "numpy is not installed")
 class MeiCameraTest(unittest.TestCase):
