@@ -48,9 +48,13 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
   filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
   filter.min_group_share = options.min_track_share;
+  const double median_distance =
+      MedianDistance(scene, estimate, context.num_threads);
+  if (!std::isfinite(median_distance)) return filter;  // without points
+  filter.min_two_view_distance =
+      options.min_two_view_relative_distance * median_distance;
   if (options.max_relative_distance > 0.0) {
-    filter.max_distance = options.max_relative_distance *
-                          MedianDistance(scene, estimate, context.num_threads);
+    filter.max_distance = options.max_relative_distance * median_distance;
   }
   return filter;
 }

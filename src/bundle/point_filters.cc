@@ -33,22 +33,6 @@ std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
   return centers;
 }
 
-// By distance and parallax.
-bool IsWellPlaced(const std::vector<ImageView>& views, const Point3D& point,
-                  const PointFilterOptions& options) {
-  const double min_angle_rad =
-      point.track.size() == 2
-          ? std::max(options.min_angle_rad, options.min_two_view_angle_rad)
-          : options.min_angle_rad;
-  if (min_angle_rad <= 0.0 && std::isinf(options.max_distance)) return true;
-  const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
-  return NearestDistance(centers, point.point_in_world) <=
-             options.max_distance &&
-         (min_angle_rad <= 0.0 ||
-          MaxTriangulationAngle(centers, point.point_in_world, min_angle_rad) >=
-              min_angle_rad);
-}
-
 // Where the errors of each point begin in ReprojectionErrors(), and the end.
 std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
                                        const Reconstruction& reconstruction) {
@@ -115,6 +99,22 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
              : Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));
 }
 
+bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
+                  const Eigen::Vector3d& point,
+                  const PointFilterOptions& options) {
+  double min_distance = 0.0;
+  double min_angle_rad = options.min_angle_rad;
+  if (centers.size() == 2) {
+    min_distance = options.min_two_view_distance;
+    min_angle_rad = std::max(min_angle_rad, options.min_two_view_angle_rad);
+  }
+  const double distance = NearestDistance(centers, point);
+  return distance >= min_distance && distance <= options.max_distance &&
+         (min_angle_rad <= 0.0 ||
+          MaxTriangulationAngle(centers, point, min_angle_rad) >=
+              min_angle_rad);
+}
+
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
@@ -133,7 +133,8 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
             point.track.end());
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
-            !IsWellPlaced(views, point, options)) {
+            !IsWellPlaced(CentersOf(views, point), point.point_in_world,
+                          options)) {
           point.track.clear();
         }
       },

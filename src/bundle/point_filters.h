@@ -36,10 +36,17 @@ struct PointFilterOptions {
   double min_group_share = 0.0;  // only where points are triangulated anew
   // From the nearest camera that sees the point.
   double max_distance = std::numeric_limits<double>::infinity();
+  double min_two_view_distance = 0.0;
 };
 
+// Whether a point seen from these centers has enough parallax and is neither
+// too far away nor, with two of them, too near.
+bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
+                  const Eigen::Vector3d& point,
+                  const PointFilterOptions& options);
+
 // Removes observations with larger errors, then points with too few
-// observations or too little parallax.
+// observations or in a bad place.
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction);
 

@@ -191,17 +191,11 @@ std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
 bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
   const int num_inliers = static_cast<int>(hypothesis.inliers.size());
   if (num_inliers < min_num_inliers_) return false;
-  const double min_angle_rad =
-      num_inliers == 2
-          ? std::max(options_.min_angle_rad, options_.min_two_view_angle_rad)
-          : options_.min_angle_rad;
   std::vector<Eigen::Vector3d> centers;
   for (const int i : hypothesis.inliers) {
     centers.push_back(candidates_[i].view->center);
   }
-  return NearestDistance(centers, hypothesis.point) <= options_.max_distance &&
-         MaxTriangulationAngle(centers, hypothesis.point, min_angle_rad) >=
-             min_angle_rad;
+  return IsWellPlaced(centers, hypothesis.point, options_);
 }
 
 Point3D GroupTriangulator::TakeOut(const Hypothesis& hypothesis) {

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "bundle/bundle_fixtures.h"
+#include "bundle/image_views.h"
 #include "bundle/point_filters.h"
 #include "support/model_comparison.h"
 
@@ -238,6 +239,60 @@ TEST(RefineReconstructionTest, OutliersAreRemoved) {
       CompareModels(simulation.scene, result.estimate, simulation.ground_truth)
           .max_position,
       0.1);
+}
+
+// Wrong matches that agree with the poses there are: of things right in front
+// of a camera, where pixels are fractions of a millimetre.
+void AddMatchesNearby(const Reconstruction& model, double relative_distance,
+                      Scene* scene, ObservationGroups* groups) {
+  const std::vector<ImageView> views = MakeImageViews(*scene, model);
+  const double distance = relative_distance * MedianDistance(*scene, model, 1);
+  Random random(17);
+  for (int i = 0; i + 1 < static_cast<int>(views.size()); ++i) {
+    for (int k = 0; k < 20; ++k) {
+      const Eigen::Vector3d ray(random.Uniform() - 0.5,
+                                0.5 * (random.Uniform() - 0.5), 1.0);
+      const Eigen::Vector3d point =
+          views[i + 1].center +
+          distance * views[i + 1].cam_from_world.transpose() * ray.normalized();
+      for (const int image_idx : {i, i + 1}) {
+        std::vector<Eigen::Vector2f>& keypoints =
+            scene->images[image_idx].keypoints_px;
+        groups->observations.push_back(
+            {image_idx, static_cast<int>(keypoints.size())});
+        keypoints.push_back(
+            views[image_idx].Project(point).value().cast<float>());
+      }
+      groups->FinishGroup();
+    }
+  }
+}
+
+// The poses that are refined from two starts, each with such matches.
+double DifferenceOfTwoStarts(double min_two_view_relative_distance) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kMono, PathPreset::kCurve));
+  BundleAdjustmentOptions options;
+  options.min_two_view_relative_distance = min_two_view_relative_distance;
+  std::vector<Reconstruction> ends;
+  for (const uint64_t seed : {18, 19}) {
+    const Reconstruction initial =
+        Perturbed(simulation.scene, simulation.ground_truth, 0.01, seed);
+    Scene scene = simulation.scene;
+    ObservationGroups groups = GroupTracks(simulation.ground_truth);
+    AddMatchesNearby(initial, 0.05, &scene, &groups);
+    ends.push_back(RefineReconstruction(scene, FixedCandidates(groups), initial,
+                                        options, Threads(2))
+                       .estimate);
+  }
+  return CompareModels(simulation.scene, ends[0], ends[1]).max_position;
+}
+
+TEST(RefineReconstructionTest, MatchesNextToACameraDoNotHoldFrames) {
+  const double by_default = DifferenceOfTwoStarts(
+      BundleAdjustmentOptions().min_two_view_relative_distance);
+  EXPECT_LT(100.0 * by_default, DifferenceOfTwoStarts(0.0))
+      << by_default << " " << DifferenceOfTwoStarts(0.0);
 }
 
 TEST(RefineReconstructionTest, FramesAndSensorsWithoutObservations) {

@@ -18,6 +18,15 @@ PointFilterOptions Within(double max_error_px) {
   return options;
 }
 
+std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
+                                       const Point3D& point) {
+  std::vector<Eigen::Vector3d> centers;
+  for (const Observation& o : point.track) {
+    centers.push_back(views[o.image_idx].center);
+  }
+  return centers;
+}
+
 // The true points by their first observation.
 std::map<Observation, const Point3D*> ByFirstObservation(
     const Reconstruction& truth) {
@@ -42,10 +51,7 @@ class RetriangulationTest : public testing::TestWithParam<RigPreset> {
     const auto by_first = ByFirstObservation(result);
     size_t num_expected = 0;
     for (const Point3D& point : truth().points) {
-      std::vector<Eigen::Vector3d> centers;
-      for (const Observation& o : point.track) {
-        centers.push_back(views[o.image_idx].center);
-      }
+      const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
       if (MaxTriangulationAngle(centers, point.point_in_world, 1.0) < 0.02) {
         continue;
       }
@@ -206,11 +212,8 @@ TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
   EXPECT_GT(result.points.size(), 0u);
   for (const Point3D& point : result.points) {
     EXPECT_EQ(std::count(point.track.begin(), point.track.end(), moved), 0);
-    std::vector<Eigen::Vector3d> centers;
-    for (const Observation& o : point.track) {
-      centers.push_back(views[o.image_idx].center);
-    }
-    EXPECT_GE(MaxTriangulationAngle(centers, point.point_in_world, kPi),
+    EXPECT_GE(MaxTriangulationAngle(CentersOf(views, point),
+                                    point.point_in_world, kPi),
               DegToRad(point.track.size() == 2 ? 4.0 : 2.0));
   }
 }
@@ -234,13 +237,46 @@ TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
   for (const Reconstruction* result : {&filtered, &anew}) {
     const std::vector<ImageView> views = MakeImageViews(scene, *result);
     for (const Point3D& point : result->points) {
-      std::vector<Eigen::Vector3d> centers;
-      for (const Observation& o : point.track) {
-        centers.push_back(views[o.image_idx].center);
-      }
-      EXPECT_LE(NearestDistance(centers, point.point_in_world), median);
+      EXPECT_LE(NearestDistance(CentersOf(views, point), point.point_in_world),
+                median);
     }
   }
+}
+
+TEST(PointFilterTest, RemovesPointsOfTwoViewsNextToACamera) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  const Scene& scene = simulation.scene;
+  const Reconstruction& truth = simulation.ground_truth;
+  PointFilterOptions options = Within(4.0);
+  options.min_two_view_distance = MedianDistance(scene, truth, 2);
+  const std::vector<ImageView> views = MakeImageViews(scene, truth);
+  size_t num_near = 0;
+  size_t num_kept = 0;
+  for (const Point3D& point : truth.points) {
+    const bool is_near =
+        NearestDistance(CentersOf(views, point), point.point_in_world) <
+        options.min_two_view_distance;
+    const bool is_dropped = is_near && point.track.size() == 2;
+    num_near += is_near;
+    num_kept += !is_dropped;
+  }
+  ASSERT_LT(num_kept, truth.points.size());
+  ASSERT_GT(num_kept, truth.points.size() - num_near);
+
+  Reconstruction filtered = truth;
+  FilterPoints(scene, options, 2, &filtered);
+  EXPECT_EQ(filtered.points.size(), num_kept);
+  // Without anything to go by but the poses.
+  Reconstruction anew = truth;
+  anew.points.clear();
+  Retriangulate(scene, GroupTracks(truth), options, 2, &anew);
+  for (const Point3D& point : anew.points) {
+    if (point.track.size() > 2) continue;
+    EXPECT_GE(NearestDistance(CentersOf(views, point), point.point_in_world),
+              options.min_two_view_distance);
+  }
+  EXPECT_NEAR(anew.points.size() / static_cast<double>(num_kept), 1.0, 0.02);
 }
 
 // The points that fit the keypoints best make errors smaller than the noise,

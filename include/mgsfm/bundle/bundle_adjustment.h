@@ -100,6 +100,7 @@ struct BundleAdjustmentOptions {
   int min_num_observations = 2;
   double min_track_share = 0.75;
   double max_relative_distance = 40.0;
+  double min_two_view_relative_distance = 0.1;
   int min_num_observations_per_frame = 6;
 
   template <class Self, class Visitor>
@@ -157,6 +158,11 @@ struct BundleAdjustmentOptions {
           "Points more than so many median distances away from all of their "
           "cameras are dropped: a vehicle alongside looks as if it were "
           "infinitely far, and turns the rig; 0 keeps them.");
+    visit("min_two_view_relative_distance", self.min_two_view_relative_distance,
+          Between(0.0, 1.0), "",
+          "Points with two observations less than so many median distances "
+          "away from one of their cameras are dropped: nearly all are wrong "
+          "matches, and so near they move the frame by much.");
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
@@ -271,8 +277,9 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      no point: the two cameras of a stereo pair agree on where a vehicle is,
 //      but no two frames do;
 //   3. solve to function_tolerance (the solves before end at 100 times of it);
-//   4. drop outliers, points with too little parallax or farther away than
-//      max_relative_distance median distances, and frames that no
+//   4. drop outliers, points with too little parallax, farther away than
+//      max_relative_distance median distances, or of two observations and
+//      nearer than min_two_view_relative_distance, and frames that no
 //      observation is left of, unless their poses are held.
 // Error thresholds are error_sigma_factor standard deviations of the noise of
 // keypoints, from the median of the errors and what points took of them, within
