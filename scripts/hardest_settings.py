@@ -44,9 +44,12 @@ def main():
     parser.add_argument("--seeds", type=int, default=8,
                         help="drives of each setting, with seeds from 0")
     arguments = parser.parse_args()
-    settings = [s for s in SETTINGS
-                if not arguments.sequences
-                or s in arguments.sequences.split(",")]
+    settings = (arguments.sequences.split(",") if arguments.sequences
+                else list(SETTINGS))
+    for setting in settings:
+        if setting not in SETTINGS:
+            raise SystemExit(f"unknown setting '{setting}'; there are "
+                             + ", ".join(SETTINGS))
     work = pathlib.Path(arguments.work)
     sequences = [simulate(arguments.root, work / "trees", setting, seed)
                  for setting in settings for seed in range(arguments.seeds)]

@@ -162,7 +162,7 @@ struct BundleAdjustmentOptions {
           Between(0.0, 1.0), "",
           "Points with two observations less than so many median distances "
           "away from one of their cameras are dropped: nearly all are wrong "
-          "matches, and so near they move the frame by much.");
+          "matches, and so near they hold the frame where it is.");
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
           "Frames with fewer are reported as weak.");
