@@ -143,6 +143,12 @@ struct BundleAdjustmentOptions {
     visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
           "Larger reprojection errors are outliers in the last round; in each "
           "round before, twice as much is allowed.");
+    DescribePoints(self, visit);
+  }
+
+ private:
+  template <class Self, class Visitor>
+  static void DescribePoints(Self& self, Visitor& visit) {
     visit("min_triangulation_angle_deg", self.min_triangulation_angle_deg,
           Between(0.0, 90.0), "deg",
           "Points whose rays all span less are dropped.");
@@ -168,7 +174,6 @@ struct BundleAdjustmentOptions {
           "Frames with fewer are reported as weak.");
   }
 
- private:
   template <class Self, class Visitor>
   static void DescribePriors(Self& self, Visitor& visit) {
     visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
