@@ -44,6 +44,8 @@ def main():
     parser.add_argument("--seeds", type=int, default=8,
                         help="drives of each setting, with seeds from 0")
     arguments = parser.parse_args()
+    if arguments.seeds < 1:
+        parser.error("--seeds must be at least 1")
     settings = (arguments.sequences.split(",") if arguments.sequences
                 else list(SETTINGS))
     for setting in settings:
