@@ -72,6 +72,8 @@ class LinearTermOfBlocks {
   }
 
   void AddTo(ChunkWorkspace* w) const {
+    // Else the preconditioner does without: parts of a term may be indefinite.
+    const bool is_whole = AllPairsAreIn(*w);
     for (int a = 0; a < num_blocks_; ++a) {
       const int row = blocks_[a];
       const Matrix3d J = residual_.by_baseline * coefficients_[a];
@@ -80,7 +82,7 @@ class LinearTermOfBlocks {
       Eigen::Map<Vector3d>(w->diagonal.data() + w->block_first[row]) +=
           J.colwise().squaredNorm().transpose();
       for (int b = 0; b < num_blocks_; ++b) {
-        if (blocks_[b] > row || !w->HasPair(row, blocks_[b])) continue;
+        if (blocks_[b] > row || !is_whole) continue;
         Eigen::Map<Matrix3d>(w->Pair(row, blocks_[b])).noalias() +=
             J.transpose() * (residual_.by_baseline * coefficients_[b]);
       }
@@ -119,6 +121,16 @@ class LinearTermOfBlocks {
       change += side == 0 ? moved : Vector3d(-moved);
     }
     return change;
+  }
+  bool AllPairsAreIn(const ChunkWorkspace& w) const {
+    for (int a = 0; a < num_blocks_; ++a) {
+      for (int b = 0; b < num_blocks_; ++b) {
+        if (blocks_[b] <= blocks_[a] && !w.HasPair(blocks_[a], blocks_[b])) {
+          return false;
+        }
+      }
+    }
+    return true;
   }
   void Add(int block, const Matrix3d& coefficients, const PoseMask& mask) {
     if (block < 0) return;

@@ -340,12 +340,31 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose,
   }
 }
 
-// Adds an observation to its image, and what couples the blocks of the image to
-// the point.
+// Adds what couples the blocks of an image to a point, or a part of one.
 template <class R, int N>
-MGSFM_ALWAYS_INLINE void AddToImage(const ImagePose& pose,
-                                    const ChunkImage& image, int image_idx,
-                                    size_t point,
+MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
+                                      const ChunkImage& image, size_t point,
+                                      const ObservationTerms<R::kDim>& o,
+                                      const ObservationRows<R::kDim, N>& rows,
+                                      ChunkWorkspace* w) {
+  constexpr int kDim = R::kDim;
+  if (image.frame >= 0) {
+    AddCoupling<kDim, N>(rows.frame, rows.point,
+                         CouplingOf(image.frame, point, w));
+  }
+  if (image.sensor >= 0) {
+    AddCoupling<kDim, N>(rows.image, rows.point,
+                         CouplingOf(image.sensor, point, w));
+  }
+  if (image.camera >= 0) {
+    AddCoupling<kDim>(o.K, R::kHasCamera ? pose.num_free_params : 0, rows.point,
+                      CouplingOf(image.camera, point, w));
+  }
+}
+
+// Adds an observation to its image.
+template <class R, int N>
+MGSFM_ALWAYS_INLINE void AddToImage(const ImagePose& pose, int image_idx,
                                     const ObservationTerms<R::kDim>& o,
                                     const ObservationRows<R::kDim, N>& rows,
                                     ChunkWorkspace* w) {
@@ -361,17 +380,15 @@ MGSFM_ALWAYS_INLINE void AddToImage(const ImagePose& pose,
     AddSquareWithParams<kDim, N>(rows.image, o.K, num_free, o.residual, hessian,
                                  gradient);
   }
-  if (image.frame >= 0) {
-    AddCoupling<kDim, N>(rows.frame, rows.point,
-                         CouplingOf(image.frame, point, w));
-  }
-  if (image.sensor >= 0) {
-    AddCoupling<kDim, N>(rows.image, rows.point,
-                         CouplingOf(image.sensor, point, w));
-  }
-  if (image.camera >= 0) {
-    AddCoupling<kDim>(o.K, num_free, rows.point,
-                      CouplingOf(image.camera, point, w));
+}
+
+// v += J^T J, as in PointHessian.
+template <int kDim>
+MGSFM_ALWAYS_INLINE void AddSquareOfPoint(const double* J, double* v) {
+  for (int d = 0; d < kDim; ++d) {
+    for (int a = 0, e = 0; a < 3; ++a) {
+      for (int b = 0; b <= a; ++b, ++e) v[e] += J[3 * d + a] * J[3 * d + b];
+    }
   }
 }
 
@@ -405,14 +422,13 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
     ObservationRows<kDim, N> rows;
     ComputeRows<kDim, N>(pose, o, &rows);
     const double* J = rows.point;
+    AddSquareOfPoint<kDim>(J, v);
     for (int d = 0; d < kDim; ++d) {
-      for (int a = 0, e = 0; a < 3; ++a) {
-        for (int b = 0; b <= a; ++b, ++e) v[e] += J[3 * d + a] * J[3 * d + b];
-        gradient[a] += J[3 * d + a] * o.residual[d];
-      }
+      for (int a = 0; a < 3; ++a) gradient[a] += J[3 * d + a] * o.residual[d];
     }
     if (w->image_num_columns[i] > 0) {
-      AddToImage<R, N>(pose, images[i], i, point, o, rows, w);
+      AddToImage<R, N>(pose, i, o, rows, w);
+      AddCouplings<R, N>(pose, images[i], point, o, rows, w);
     }
     if (kept != nullptr) {
       double* to = kept + kept_size * (k - s.point_begin[point]);
@@ -521,9 +537,10 @@ MGSFM_ALWAYS_INLINE void SubtractProducts(ChunkWorkspace* w) {
 
 // Subtracts from the local system what the point takes with it: with U = W L^-T
 // of each block, U U^T from the matrix, and adds U L^-1 g to the right side.
+// That of the matrix is left to its parts if the point is cut.
 template <int N>
 MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
-                                        ChunkWorkspace* w) {
+                                        bool is_cut, ChunkWorkspace* w) {
   double u[3] = {g[0], g[1], g[2]};
   SolveLower(f, u);
   int* met = w->met.data();
@@ -549,7 +566,39 @@ MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
       ScaleCoupling(f, u, w->block_size[block], W, correction);
     }
   }
-  SubtractProducts<N>(w);
+  if (!is_cut) SubtractProducts<N>(w);
+}
+
+// Subtracts from the local matrix what observations [begin, end) of a point
+// take with it as a point of their own.
+template <class R, int N>
+MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
+                                       const ChunkRanges& chunk, size_t point,
+                                       size_t begin, size_t end,
+                                       ChunkWorkspace* w) {
+  constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
+  const RigStructure& s = in.structure;
+  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  // Unlike the number of any point.
+  const size_t part = s.point_order.size() + begin;
+  PointHessian V;
+  ObservationTerms<R::kDim> o;
+  w->num_met = 0;
+  for (size_t k = begin; k < end; ++k) {
+    const int i = s.observation_image[k];
+    const ImagePose& pose = in.poses[images[i].image];
+    LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
+                            in.measured.data() + R::kDim * k, &o,
+                            ScaleOf<R>(in.scales, k));
+    if constexpr (R::kHasScale) {
+      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
+    }
+    ObservationRows<R::kDim, N> rows;
+    ComputeRows<R::kDim, N>(pose, o, &rows);
+    AddSquareOfPoint<R::kDim>(rows.point, V.values);
+    AddCouplings<R, N>(pose, images[i], part, o, rows, w);
+  }
+  EliminatePoint<N>(FactorPoint(in, V), kNoGradient, false, w);
 }
 
 }  // namespace mgsfm

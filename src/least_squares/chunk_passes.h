@@ -25,24 +25,40 @@ struct LinearizeOutput {
   size_t kept_size = 0;
 };
 
+// Past the part of a point that begins at an observation.
+inline size_t EndOfPart(const RigStructure& s, size_t begin, size_t end) {
+  if (s.observation_starts_part.empty()) return end;
+  size_t k = begin + 1;
+  while (k < end && !s.observation_starts_part[k]) ++k;
+  return k;
+}
+
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
                                             const ChunkRanges& chunk,
                                             const LinearizeOutput<R>& out,
                                             ChunkWorkspace* w) {
+  const RigStructure& s = in.structure;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    double* kept =
-        out.kept.empty()
-            ? nullptr
-            : out.kept.data() + out.kept_size * in.structure.point_begin[p];
+    double* kept = out.kept.empty()
+                       ? nullptr
+                       : out.kept.data() + out.kept_size * s.point_begin[p];
     if (!LinearizePoint<R, N>(in, chunk, p, &out.hessians[p],
                               out.gradients[p].data(), kept, out.kept_size,
                               w)) {
       return false;
     }
     if (!in.problem.points_are_free) continue;
+    const size_t end = s.point_begin[p + 1];
+    size_t end_of_part = EndOfPart(s, s.point_begin[p], end);
+    const bool is_cut = end_of_part < end;
     EliminatePoint<N>(FactorPoint(in, out.hessians[p]), out.gradients[p].data(),
-                      w);
+                      is_cut, w);
+    if (!is_cut) continue;
+    for (size_t k = s.point_begin[p]; k < end; k = end_of_part) {
+      end_of_part = EndOfPart(s, k, end);
+      EliminatePart<R, N>(in, chunk, p, k, end_of_part, w);
+    }
   }
   return true;
 }

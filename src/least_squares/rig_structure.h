@@ -76,16 +76,19 @@ struct RigStructure {
   // Per block of a pose: its mask is not all ones.
   std::vector<char> block_is_masked;
 
-  // The reduced matrix; only its diagonal blocks, and all of the border, if the
-  // solution is iterative.
+  // The reduced matrix; if the solution is iterative, that of the problem whose
+  // points are cut into parts and which lacks some of the terms.
   bool is_iterative = false;
   BlockPattern pattern;
 
-  // Points, with the observations of each by frame.
+  // Points, with the observations of each by part, then by frame.
   std::vector<int> point_order;
   std::vector<size_t> point_begin;          // in the new order
   std::vector<uint32_t> observation_order;  // may be cleared after use
   std::vector<int> observation_image;       // in the images of the chunk
+  // Of each observation: whether it begins a part of its point, the first left
+  // out. Empty if no point is cut.
+  std::vector<char> observation_starts_part;
   std::vector<int> term_order;
   std::vector<std::array<int, 2>> term_images;  // in the images of the chunk
 

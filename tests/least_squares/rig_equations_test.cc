@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <tuple>
 #include <vector>
 
 #include "least_squares/baseline_terms.h"
@@ -483,6 +484,76 @@ TEST(RigEquationsTest, PriorsOnPosesSolveTheFullEquations) {
     Random random(6);
     Perturb(scene.problem, 2e-3, &random, &state);
     ExpectStepOfDenseEquations<PixelResidual>(scene.problem, state);
+  }
+}
+
+// The problem whose points are the parts of those of a structure, and its
+// state.
+RigScene<PixelObservation> SceneOfParts(const RigScene<PixelObservation>& scene,
+                                        const RigStructure& s) {
+  RigScene<PixelObservation> cut = scene;
+  cut.problem.observations.clear();
+  cut.problem.point_begin = {0};
+  cut.truth.points.clear();
+  for (const ChunkRanges& chunk : s.chunks) {
+    for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
+      const int point = s.point_order[p];
+      for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
+        const int image =
+            s.chunk_images[chunk.images.begin + s.observation_image[k]].image;
+        if (s.observation_starts_part[k]) {
+          cut.problem.point_begin.push_back(cut.problem.observations.size());
+          cut.truth.points.push_back(scene.truth.points[point]);
+        }
+        for (size_t o = scene.problem.point_begin[point];
+             o < scene.problem.point_begin[point + 1]; ++o) {
+          if (scene.problem.observations[o].image != image) continue;
+          cut.problem.observations.push_back(scene.problem.observations[o]);
+        }
+      }
+      cut.problem.point_begin.push_back(cut.problem.observations.size());
+      cut.truth.points.push_back(scene.truth.points[point]);
+    }
+  }
+  return cut;
+}
+
+TEST(RigEquationsTest, PreconditionerIsTheMatrixOfCutPoints) {
+  const RigScene<PixelObservation> scene = MakePixelScene(SceneOfLongTracks());
+  RigEquations<PixelResidual> iterative(scene.problem,
+                                        ReducedSolver::kIterative, Threads(2));
+  const RigStructure& s = iterative.structure();
+  const RigScene<PixelObservation> cut = SceneOfParts(scene, s);
+  ASSERT_EQ(cut.problem.observations.size(), scene.problem.observations.size());
+  EXPECT_GT(cut.problem.num_points(), scene.problem.num_points());
+  RigEquations<PixelResidual> direct(cut.problem, ReducedSolver::kDirect,
+                                     Threads(2));
+  const RigStructure& d = direct.structure();
+  ASSERT_EQ(d.num_unknowns, s.num_unknowns);
+  iterative.SetState(scene.truth);
+  direct.SetState(cut.truth);
+  Random random(3);
+  Eigen::MatrixXd b(s.num_unknowns, 1), other_b(s.num_unknowns, 1), x, other_x;
+  for (size_t block = 0; block < s.block_size.size(); ++block) {
+    for (int i = 0; i < s.block_size[block]; ++i) {
+      b(s.block_first[block] + i) = other_b(d.block_first[block] + i) =
+          random.Normal();
+    }
+  }
+  for (auto [equations, rhs, solution] :
+       {std::tuple{&iterative, &b, &x},
+        std::tuple{&direct, &other_b, &other_x}}) {
+    ASSERT_TRUE(equations->Linearize(kLambda));
+    ASSERT_TRUE(equations->Factorize());
+    solution->resizeLike(*rhs);
+    equations->SolveColumns(*rhs, solution);
+  }
+  for (size_t block = 0; block < s.block_size.size(); ++block) {
+    const auto part =
+        x.col(0).segment(s.block_first[block], s.block_size[block]);
+    const auto other =
+        other_x.col(0).segment(d.block_first[block], d.block_size[block]);
+    EXPECT_LT((part - other).norm(), 1e-6 * x.norm());
   }
 }
 

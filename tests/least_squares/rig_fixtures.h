@@ -39,6 +39,18 @@ struct RigSceneOptions {
   uint64_t seed = 1;
 };
 
+// Points that so many frames see that a preconditioner cuts them.
+inline RigSceneOptions SceneOfLongTracks() {
+  RigSceneOptions options;
+  options.cameras = {FisheyeTestCameras()[0], FisheyeTestCameras()[0]};
+  options.num_frames = 75;
+  options.num_points = 120;
+  options.num_frames_of_point = 70;
+  options.params_are_free = true;
+  options.noise_px = 0.5;
+  return options;
+}
+
 template <class Observation>
 struct RigScene {
   RigProblem<Observation> problem;

@@ -98,6 +98,16 @@ TEST_P(EachModelTest, IterativeOptimumIsTheDirectOne) {
   ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
 }
 
+TEST(RigSolverTest, OptimumOfCutPointsIsTheDirectOne) {
+  RigSolverOptions iterative = Tight();
+  iterative.reduced_solver = ReducedSolver::kIterative;
+  RigSceneOptions options = SceneOfLongTracks();
+  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+  options.rotations_are_free = false;
+  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+  ExpectSameOptimum(MakeRayScene(options, 0.005), iterative, Tight());
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Models, EachModelTest, testing::ValuesIn(AllTestCameras()),
     [](const testing::TestParamInfo<TestCamera>& camera_info) {
@@ -224,6 +234,8 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
     ExpectSameBits(rays, solver);
     ExpectSameBits(scaled, solver);
   }
+  ExpectSameBits(MakePixelScene(SceneOfLongTracks()),
+                 ReducedSolver::kIterative);
 }
 
 TEST(RigSolverTest, SolvesAgainWithOtherValues) {

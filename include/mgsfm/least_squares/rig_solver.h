@@ -14,7 +14,7 @@ namespace mgsfm {
 enum class ReducedSolver {
   kAuto,       // kDirect unless the factor would be too large or too slow
   kDirect,     // sparse Cholesky factorisation
-  kIterative,  // preconditioned conjugate gradient; forms no matrix
+  kIterative,  // conjugate gradient; factorises a preconditioner alone
 };
 
 // Levenberg-Marquardt with points eliminated; docs/math/least_squares.md. With
