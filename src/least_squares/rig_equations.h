@@ -38,8 +38,9 @@ namespace mgsfm {
 //
 // One pass over the observations linearises and eliminates, another steps and
 // evaluates the new cost; derivatives are computed in both, as that is faster
-// than to keep them, and W is never stored. The reduced matrix is factorised
-// (CHOLMOD), or, if that is too expensive, only multiplied with vectors.
+// than to keep them, and W is never stored. The reduced matrix is factorised;
+// if that is too expensive, it is only multiplied with vectors, and the matrix
+// of cut points is factorised to precondition (docs/math/least_squares.md).
 class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
