@@ -7,6 +7,7 @@
 #include "mgsfm/math/graph.h"
 #include "mgsfm/math/spanning_tree.h"
 #include "mgsfm/scene/backbone.h"
+#include "translation/pair_consistency.h"
 
 namespace mgsfm {
 namespace {
@@ -76,6 +77,27 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
     is_impossible.assign(motions.size(), false);
   }
   return is_impossible;
+}
+
+int CountTornPairs(const PositionProblem& problem,
+                   const std::vector<PairMotion>& motions,
+                   const std::vector<char>& is_in_backbone,
+                   const PairScales& scales,
+                   const InitialPositions& by_backbone,
+                   const InitialPositions& initial) {
+  const std::vector<char> contradicts = FindContradictingPairs(
+      problem, motions, scales, initial, initial.positions);
+  const auto are_placed = [&](const Positions& positions, size_t i) {
+    return positions.IsPlaced(problem, motions[i].image_idx1) &&
+           positions.IsPlaced(problem, motions[i].image_idx2);
+  };
+  int num_torn = 0;
+  for (size_t i = 0; i < motions.size(); ++i) {
+    num_torn += is_in_backbone[i] &&
+                (contradicts[i] || (are_placed(by_backbone.positions, i) &&
+                                    !are_placed(initial.positions, i)));
+  }
+  return num_torn;
 }
 
 }  // namespace mgsfm

@@ -27,4 +27,14 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
                                       const InitialPositions& by_backbone,
                                       double max_drift);
 
+// Pairs of the backbone that positions found with fewer pairs tear: they
+// contradict them (pair_consistency.h), or leave frames out that the backbone
+// has.
+int CountTornPairs(const PositionProblem& problem,
+                   const std::vector<PairMotion>& motions,
+                   const std::vector<char>& is_in_backbone,
+                   const PairScales& scales,
+                   const InitialPositions& by_backbone,
+                   const InitialPositions& initial);
+
 }  // namespace mgsfm

@@ -129,7 +129,6 @@ class TranslationAverager {
   Backbone PositionBackbone(std::vector<char> is_in_backbone) const;
   std::vector<char> FindImpossible(const Backbone& backbone,
                                    double max_drift) const;
-  int NumTornPairs(const Backbone& backbone) const;
   void SetAside(const std::vector<char>& is_set_aside);
   void Initialize();
   void RefineWithPairs();
@@ -306,18 +305,7 @@ std::vector<char> TranslationAverager::FindImpossible(const Backbone& backbone,
                              backbone.positions, max_drift);
 }
 
-// Pairs of the backbone that positions contradict: where copies that drift
-// might explain outvote it, the road is torn.
-int TranslationAverager::NumTornPairs(const Backbone& backbone) const {
-  const std::vector<char> contradicts = FindContradictingPairs(
-      problem_, motions_, scales_, initial_, initial_.positions);
-  int num_torn = 0;
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    num_torn += backbone.is_in_backbone[i] && contradicts[i];
-  }
-  return num_torn;
-}
-
+// Where copies that drift might explain outvote the backbone, the road is torn.
 void TranslationAverager::Initialize() {
   const Backbone backbone = FindBackbone();
   LogTime("backbone");
@@ -333,7 +321,9 @@ void TranslationAverager::Initialize() {
     initial_ =
         InitializePositions(problem_, motions_, scales_,
                             options_.min_parallax_deg, options, context_);
-    const int num_torn = NumTornPairs(backbone);
+    const int num_torn =
+        CountTornPairs(problem_, motions_, backbone.is_in_backbone, scales_,
+                       backbone.positions, initial_);
     if (num_torn < least_torn) {
       least_torn = num_torn;
       best_motions = std::vector<PairMotion>(motions_);

@@ -68,5 +68,27 @@ TEST(ImpossiblePairsTest, NothingIsIfItWereTooMuch) {
   EXPECT_EQ(row.Impossible(0.2), std::vector<char>(10, 0));
 }
 
+TEST(ImpossiblePairsTest, PairsAreTornByPositionsAndWhereFramesAreMissing) {
+  Row row(6);
+  row.Add(0, 5, 1.0);  // not of the backbone
+  const auto num_torn = [&](const InitialPositions& initial) {
+    return CountTornPairs(row.problem, row.motions, row.is_in_backbone,
+                          row.scales, row.by_backbone, initial);
+  };
+  InitialPositions initial = row.by_backbone;
+  EXPECT_EQ(num_torn(initial), 0);
+  initial.positions.frame_center[5].x() += 2.0;
+  EXPECT_EQ(num_torn(initial), 1);
+  // A part that is left out as a whole is torn off, too.
+  initial = row.by_backbone;
+  initial.positions.frame_is_placed[0] = false;
+  initial.positions.frame_is_placed[1] = false;
+  EXPECT_EQ(num_torn(initial), 2);
+  // What the backbone does not have cannot be missed.
+  row.by_backbone.positions.frame_is_placed[0] = false;
+  row.by_backbone.positions.frame_is_placed[1] = false;
+  EXPECT_EQ(num_torn(initial), 0);
+}
+
 }  // namespace
 }  // namespace mgsfm
