@@ -1,7 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Fails if a module includes one that it must not (docs/architecture.md), or if
-# a public header includes a third-party header other than Eigen's.
+# Fails if a module includes one that it must not (docs/architecture.md), if a
+# public header includes a third-party header other than Eigen's, or if the
+# library prints, ends the program or asks the environment.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -25,6 +26,14 @@ resection: base math geometry scene
 bundle: base math geometry least_squares scene
 pipeline: base math geometry least_squares scene view_graph rotation tracks translation resection bundle
 '
+
+# Only cpu_features.h asks, for MGSFM_PORTABLE: what runs, not what it does.
+if find include src -name '*.h' -o -name '*.cc' | sort |
+  xargs grep -nE '\<(getenv|abort|exit|_Exit|quick_exit|printf|puts|cout|cerr) *(\(|<<)' |
+  grep -v 'MGSFM_PORTABLE'; then
+  echo 'the library must not do this; options and Context are for it'
+  exit 1
+fi
 
 find include src apps -name '*.h' -o -name '*.cc' | sort |
   xargs grep -nE '^ *# *include' |

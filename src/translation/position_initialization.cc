@@ -441,7 +441,6 @@ SolveSummary PositionInitializer::Minimize(const BlockSystem& system) {
   options.context = context_;
   options.max_num_iterations = options_.max_num_iterations;
   options.relative_tolerance = options_.relative_tolerance;
-  if (getenv("TOL")) options.relative_tolerance = atof(getenv("TOL"));
   const auto minimize = [&](const auto& op) {
     if (op.IsPositiveDefinite()) {
       return MinimizeByAdmm(op, b, system.function, options, &state_);
