@@ -4,12 +4,14 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/SparseCore>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/so3.h"
 #include "mgsfm/math/l1_admm.h"
 #include "mgsfm/math/sparse_solver.h"
+#include "mgsfm/math/statistics.h"
 #include "mgsfm/math/union_find.h"
 #include "translation/arrow_least_squares.h"
 
@@ -31,6 +33,10 @@ constexpr double kLowerBound = 0.1;  // of the estimated length of a baseline
 // Of undetermined directions, in units of the median baseline.
 constexpr double kMaxSensorSigma = 0.5;
 constexpr double kRidge = 1e-4;
+// A pair counts as if it were at least this long, compared with the lower
+// quartile of its frames' pairs. Were it free to count by its own length, one
+// that is wrongly found to be hardly any would outvote all others.
+constexpr double kMinRelativeLength = 0.5;
 // Unknowns that are not frames; with more, products with them would be dense.
 constexpr int kMaxSizeOfBorder = 100;
 
@@ -139,6 +145,7 @@ class PositionInitializer {
 
   InitialPositions Run() {
     PlaceFrames();
+    BoundLengths();
     ListFreeSensors();
     estimate_baseline_unit_ = HasGivenBaseline() && !scales_.scale.empty() &&
                               !scales_.group_sizes.empty();
@@ -150,6 +157,7 @@ class PositionInitializer {
 
  private:
   void PlaceFrames();
+  void BoundLengths();
   void ListFreeSensors();
   bool HasGivenBaseline() const;
   // False if the unit of given baselines turned out not to be determined.
@@ -178,6 +186,8 @@ class PositionInitializer {
   const double zero_baseline_sigma_;
   bool estimate_baseline_unit_ = false;
   InitialPositions result_;
+  // Per motion: the length it counts with at least.
+  std::vector<double> min_length_;
   // First unknown of each frame, sensor and group; -1 if it is constant.
   std::vector<int> frame_column_;
   std::vector<int> sensor_column_;
@@ -221,6 +231,35 @@ void PositionInitializer::PlaceFrames() {
   positions.frame_is_placed.assign(problem_.num_frames, false);
   for (int f = 0; f < problem_.num_frames; ++f) {
     positions.frame_is_placed[f] = has_image[f] && sets.Find(f) == best;
+  }
+}
+
+// Pairs in a frame have baselines of the rig, which frames do not tell.
+void PositionInitializer::BoundLengths() {
+  const auto frames = [&](size_t i) {
+    return std::array{problem_.frame_idx[motions_[i].image_idx1],
+                      problem_.frame_idx[motions_[i].image_idx2]};
+  };
+  const auto is_between_frames = [&](size_t i) {
+    return motions_[i].kind == MotionKind::kDirection &&
+           frames(i)[0] != frames(i)[1];
+  };
+  std::vector<std::vector<double>> lengths(problem_.num_frames);
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    if (!is_between_frames(i)) continue;
+    for (const int f : frames(i)) lengths[f].push_back(scales_.scale[i]);
+  }
+  std::vector<double> quartile(problem_.num_frames, 0.0);
+  for (int f = 0; f < problem_.num_frames; ++f) {
+    if (!lengths[f].empty()) {
+      quartile[f] = Quantile(std::move(lengths[f]), 0.25);
+    }
+  }
+  min_length_.assign(motions_.size(), 0.0);
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    if (!is_between_frames(i)) continue;
+    const auto [f1, f2] = frames(i);
+    min_length_[i] = kMinRelativeLength * std::min(quartile[f1], quartile[f2]);
   }
 }
 
@@ -298,7 +337,8 @@ void PositionInitializer::AddDirection(size_t motion_idx,
   const PairMotion& motion = motions_[motion_idx];
   const double scale = scales_.scale[motion_idx];
   const double normal_weight =
-      kDirectionSigma / (scale * std::hypot(motion.sigma_rad, kDirectionSigma));
+      kDirectionSigma / (std::max(scale, min_length_[motion_idx]) *
+                         std::hypot(motion.sigma_rad, kDirectionSigma));
   const Vector3d& b = motion.direction;
   const Vector3d normal = b.unitOrthogonal();
   Matrix3d rows;

@@ -17,12 +17,15 @@ namespace mgsfm {
 // is c_j - c_i of its images, b_p its measured direction and s_p = a_g scale_p
 // its length (a_g the factor of its group of scales), it minimises
 //
-//   sum_p  [ |(I - b b^T) C| / sigma_p + phi(b . C - s) ] / scale_p
+//   sum_p  [ |(I - b b^T) C| / sigma_p + phi(b . C - s) ] / length_p
 // + sum_q  |C_q| / sigma_0                          (pairs without parallax)
 // + sum_g  n_g |a_g - 1| / sigma_g                  (groups but the first)
 //
 //   phi(v) = |v| min(0.15 / sigma_s,p, 1) / sigma_p for b . C >= scale_p / 10,
 //   continued with slope 1 / sigma_p below,
+//
+//   length_p = max(scale_p, min(q_i, q_j) / 2), q the lower quartile of scale_p
+//   of all pairs of a frame with other frames; scale_p of pairs in a frame,
 //
 // over the frame centres, the internal translations of free sensors, and the
 // factors a_g. It is eq. (11) of MGSfM, min |s b - C| with s bounded from

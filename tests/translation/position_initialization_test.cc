@@ -96,6 +96,24 @@ TEST(PositionInitializationTest, ExactPairsGiveTheCentersDespiteWrongOnes) {
   }
 }
 
+TEST(PositionInitializationTest, WrongPairsOfHardlyAnyLengthDoNotOutvote) {
+  const std::vector<Vector3d> centers = RandomCenters(12, 4);
+  PlainPairs pairs;
+  for (int i = 0; i < 12; ++i) {
+    for (int j = i + 1; j < std::min(i + 4, 12); ++j) {
+      const Vector3d baseline = centers[j] - centers[i];
+      for (int k = 0; k < 4; ++k) pairs.Add(i, j, baseline, 0);
+      if (i % 3 == 1) pairs.Add(i, j, 0.003 * Vector3d(0.4, -1.0, 0.5), 0);
+    }
+  }
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(12), pairs.motions, pairs.scales, 0.3);
+  EXPECT_EQ(initial.solve.termination, Termination::kConverged);
+  for (int i = 0; i < 12; ++i) {
+    EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
+  }
+}
+
 TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
   // The pairs over an odd distance have lengths in another unit.
   const std::vector<Vector3d> centers = RandomCenters(10, 1);
