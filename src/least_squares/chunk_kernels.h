@@ -340,6 +340,25 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose,
   }
 }
 
+// Of observation k of a point, its scale eliminated. False where the residual
+// is not defined.
+template <class R, int N>
+MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
+                                       const ImagePose& pose, size_t point,
+                                       size_t k, ObservationTerms<R::kDim>* o,
+                                       ObservationRows<R::kDim, N>* rows) {
+  if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
+                               in.measured.data() + R::kDim * k, o,
+                               ScaleOf<R>(in.scales, k))) {
+    return false;
+  }
+  if constexpr (R::kHasScale) {
+    EliminateScaleOf<R>(in, pose, in.scales[k], o);
+  }
+  ComputeRows<R::kDim, N>(pose, *o, rows);
+  return true;
+}
+
 // Adds what couples the blocks of an image to a point, or a part of one.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
@@ -411,16 +430,8 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
   for (size_t k = s.point_begin[point]; k < s.point_begin[point + 1]; ++k) {
     const int i = s.observation_image[k];
     const ImagePose& pose = in.poses[images[i].image];
-    if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
-                                 in.measured.data() + kDim * k, &o,
-                                 ScaleOf<R>(in.scales, k))) {
-      return false;
-    }
-    if constexpr (R::kHasScale) {
-      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
-    }
     ObservationRows<kDim, N> rows;
-    ComputeRows<kDim, N>(pose, o, &rows);
+    if (!ComputeRowsOf<R, N>(in, pose, point, k, &o, &rows)) return false;
     const double* J = rows.point;
     AddSquareOfPoint<kDim>(J, v);
     for (int d = 0; d < kDim; ++d) {
@@ -587,14 +598,8 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
   for (size_t k = begin; k < end; ++k) {
     const int i = s.observation_image[k];
     const ImagePose& pose = in.poses[images[i].image];
-    LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
-                            in.measured.data() + R::kDim * k, &o,
-                            ScaleOf<R>(in.scales, k));
-    if constexpr (R::kHasScale) {
-      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
-    }
     ObservationRows<R::kDim, N> rows;
-    ComputeRows<R::kDim, N>(pose, o, &rows);
+    ComputeRowsOf<R, N>(in, pose, point, k, &o, &rows);
     AddSquareOfPoint<R::kDim>(rows.point, V.values);
     AddCouplings<R, N>(pose, images[i], part, o, rows, w);
   }

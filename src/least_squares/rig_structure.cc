@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <numeric>
-#include <optional>
 #include <utility>
 
-#include "least_squares/strong_pairs.h"
+#include "least_squares/chunk_groups.h"
+#include "least_squares/point_cutter.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
 #include "mgsfm/math/sparse_solver.h"
@@ -88,8 +88,6 @@ class Builder {
   }
   void ListPairsOfChunks();
   template <class Function>
-  void ForEachGroup(const ChunkRanges& chunk, const Function& function) const;
-  template <class Function>
   void ForEachLoosePair(const Function& function) const;
   Pairs PairsOfChunk(const ChunkRanges& chunk) const;
   Pairs UnitePairs() const;
@@ -98,15 +96,7 @@ class Builder {
   bool IsAffordable(const EliminationOrder& order) const;
   bool ChooseIterative(const EliminationOrder& order) const;
   EliminationOrder OrderPreconditioner(Pairs* pairs);
-  std::vector<WeightedPair> WeightsOfChunk(const ChunkRanges& chunk) const;
-  std::vector<WeightedPair> WeighPairs() const;
-  bool IsStrong(int a, int b) const {
-    return block_is_border_[a] || block_is_border_[b] ||
-           strong_pairs_->Contains(a, b);
-  }
-  bool TermIsCut(const ChunkRanges& chunk, size_t term) const;
-  void CutPoints();
-  void CutPoint(const ChunkRanges& chunk, size_t begin, size_t end);
+  Pairs InseparablePairs() const;
   void PlaceChunks();
   void PlaceChunk(size_t chunk_idx);
 
@@ -121,7 +111,6 @@ class Builder {
   std::vector<int> image_chunk_, image_position_;
   std::vector<int> block_chunk_, block_position_;
   std::vector<Pairs> pairs_;  // of each chunk, by positions in its blocks
-  std::optional<StrongPairs> strong_pairs_;  // of the preconditioner
 };
 
 std::vector<char> Builder::SeenImages() const {
@@ -373,51 +362,15 @@ void Builder::ListPairsOfChunks() {
       [this](size_t c) { pairs_[c] = PairsOfChunk(s_.chunks[c]); }, 1);
 }
 
-// Calls function(blocks) for all blocks, by positions in the chunk, that meet
-// in a part of a point, in an image if points are held, or in a term.
-template <class Function>
-void Builder::ForEachGroup(const ChunkRanges& chunk,
-                           const Function& function) const {
-  std::vector<int> met, last_group(chunk.blocks.size(), -1);
-  int group = 0;
-  const auto add_image = [&](int position) {
-    const ChunkImage& image = s_.chunk_images[chunk.images.begin + position];
-    for (const int block : {image.frame, image.sensor, image.camera}) {
-      if (block < 0 || last_group[block] == group) continue;
-      last_group[block] = group;
-      met.push_back(block);
-    }
-  };
-  const auto finish_group = [&] {
-    function(met);
-    met.clear();
-    ++group;
-  };
-  for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    for (size_t o = s_.point_begin[p]; o < s_.point_begin[p + 1]; ++o) {
-      const bool is_cut = strong_pairs_ && s_.observation_starts_part[o];
-      if (is_cut) finish_group();
-      add_image(s_.observation_image[o]);
-      if (!problem_.points_are_free) finish_group();
-    }
-    finish_group();
-  }
-  for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-    add_image(s_.term_images[t][0]);
-    if (strong_pairs_ && TermIsCut(chunk, t)) finish_group();
-    add_image(s_.term_images[t][1]);
-    finish_group();
-  }
-}
-
 Builder::Pairs Builder::PairsOfChunk(const ChunkRanges& chunk) const {
   const size_t num_blocks = chunk.blocks.size();
   std::vector<char> is_met(num_blocks * num_blocks, false);
-  ForEachGroup(chunk, [&](const std::vector<int>& met) {
+  const auto add = [&](const std::vector<int>& met) {
     for (const int a : met) {
       for (const int b : met) is_met[a * num_blocks + b] = true;
     }
-  });
+  };
+  ForEachGroup(s_, chunk, problem_.points_are_free, add);
   Pairs pairs;
   for (size_t a = 0; a < num_blocks; ++a) {
     for (size_t b = 0; b <= a; ++b) {
@@ -521,155 +474,39 @@ bool Builder::ChooseIterative(const EliminationOrder& order) const {
   return !IsAffordable(order);
 }
 
+// Pairs of blocks of one image or prior, of those that are not border.
+Builder::Pairs Builder::InseparablePairs() const {
+  Pairs pairs;
+  const auto add = [&](int a, int b) {
+    if (a == b || block_is_border_[a] || block_is_border_[b]) return;
+    pairs.push_back(MakeBlockPairKey(std::min(a, b), std::max(a, b)));
+  };
+  ForEachLoosePair(add);
+  for (size_t i = 0; i < problem_.images.size(); ++i) {
+    const int image = static_cast<int>(i);
+    const int frame = BlockOfFrame(image);
+    const int sensor = BlockOfSensor(image);
+    const int camera = BlockOfCamera(image);
+    if (frame >= 0 && sensor >= 0) add(frame, sensor);
+    if (frame >= 0 && camera >= 0) add(frame, camera);
+    if (sensor >= 0 && camera >= 0) add(sensor, camera);
+  }
+  std::sort(pairs.begin(), pairs.end());
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  return pairs;
+}
+
 // Cuts points until the factor is affordable.
 EliminationOrder Builder::OrderPreconditioner(Pairs* pairs) {
-  const std::vector<WeightedPair> weights = WeighPairs();
+  PointCutter cutter(problem_.points_are_free, block_is_border_,
+                     InseparablePairs(), num_threads_, &s_);
   for (int num_kept = kMaxNumStrongNeighbours;; num_kept /= 2) {
-    strong_pairs_.emplace(weights, NumBlocks(), num_kept);
-    CutPoints();
+    cutter.Cut(num_kept);
     ListPairsOfChunks();
     *pairs = UnitePairs();
     EliminationOrder order = OrderGraph(*pairs);
     if (num_kept == 0 || IsAffordable(order)) {
       return order;
-    }
-  }
-}
-
-// How many groups two blocks share; of blocks that are not border.
-std::vector<WeightedPair> Builder::WeightsOfChunk(
-    const ChunkRanges& chunk) const {
-  const size_t num_blocks = chunk.blocks.size();
-  const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
-  std::vector<int> count(num_blocks * num_blocks, 0);
-  ForEachGroup(chunk, [&](const std::vector<int>& met) {
-    for (const int a : met) {
-      for (const int b : met) ++count[a * num_blocks + b];
-    }
-  });
-  std::vector<WeightedPair> weights;
-  for (size_t i = 0; i < num_blocks; ++i) {
-    for (size_t k = 0; k < i; ++k) {
-      const int a = std::min(blocks[i], blocks[k]);
-      const int b = std::max(blocks[i], blocks[k]);
-      if (count[i * num_blocks + k] == 0 || block_is_border_[a] ||
-          block_is_border_[b]) {
-        continue;
-      }
-      weights.push_back({MakeBlockPairKey(a, b), count[i * num_blocks + k]});
-    }
-  }
-  return weights;
-}
-
-// Of all chunks, each pair once. Blocks of one image or prior must stay
-// together.
-std::vector<WeightedPair> Builder::WeighPairs() const {
-  std::vector<std::vector<WeightedPair>> of_chunks(s_.chunks.size());
-  ParallelFor(
-      s_.chunks.size(), num_threads_,
-      [&](size_t c) { of_chunks[c] = WeightsOfChunk(s_.chunks[c]); }, 1);
-  std::vector<WeightedPair> all;
-  for (std::vector<WeightedPair>& weights : of_chunks) {
-    all.insert(all.end(), weights.begin(), weights.end());
-    weights = {};
-  }
-  const auto keep = [&](int a, int b) {
-    if (a == b || block_is_border_[a] || block_is_border_[b]) return;
-    all.push_back(
-        {MakeBlockPairKey(std::min(a, b), std::max(a, b)), kInfiniteWeight});
-  };
-  ForEachLoosePair(keep);
-  for (size_t i = 0; i < problem_.images.size(); ++i) {
-    const int image = static_cast<int>(i);
-    const int blocks[] = {BlockOfFrame(image), BlockOfSensor(image),
-                          BlockOfCamera(image)};
-    for (const int a : blocks) {
-      for (const int b : blocks) {
-        if (a >= 0 && b >= 0) keep(a, b);
-      }
-    }
-  }
-  std::sort(all.begin(), all.end(),
-            [](const WeightedPair& a, const WeightedPair& b) {
-              return a.pair < b.pair;
-            });
-  size_t num_pairs = 0;
-  for (const WeightedPair& weight : all) {
-    if (num_pairs == 0 || all[num_pairs - 1].pair != weight.pair) {
-      all[num_pairs++] = weight;
-      continue;
-    }
-    int& sum = all[num_pairs - 1].weight;
-    sum += std::min(weight.weight, kInfiniteWeight - sum);
-  }
-  all.resize(num_pairs);
-  return all;
-}
-
-bool Builder::TermIsCut(const ChunkRanges& chunk, size_t term) const {
-  const int* blocks = s_.chunk_blocks.data() + chunk.blocks.begin;
-  const ChunkImage& image1 =
-      s_.chunk_images[chunk.images.begin + s_.term_images[term][0]];
-  const ChunkImage& image2 =
-      s_.chunk_images[chunk.images.begin + s_.term_images[term][1]];
-  for (const int a : {image1.frame, image1.sensor}) {
-    for (const int b : {image2.frame, image2.sensor}) {
-      if (a >= 0 && b >= 0 && !IsStrong(blocks[a], blocks[b])) return true;
-    }
-  }
-  return false;
-}
-
-void Builder::CutPoints() {
-  s_.observation_starts_part.assign(s_.observation_image.size(), false);
-  if (!problem_.points_are_free) return;
-  ParallelFor(
-      s_.chunks.size(), num_threads_,
-      [this](size_t c) {
-        const ChunkRanges& chunk = s_.chunks[c];
-        for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-          CutPoint(chunk, s_.point_begin[p], s_.point_begin[p + 1]);
-        }
-      },
-      1);
-}
-
-// Puts each observation into the first part all of whose blocks are strong
-// pairs with its own.
-void Builder::CutPoint(const ChunkRanges& chunk, size_t begin, size_t end) {
-  struct Part {
-    std::vector<int> blocks;
-    std::vector<std::pair<uint32_t, int>> observations;  // order, image
-  };
-  std::vector<Part> parts;
-  for (size_t k = begin; k < end; ++k) {
-    const ChunkImage& image =
-        s_.chunk_images[chunk.images.begin + s_.observation_image[k]];
-    std::vector<int> blocks;
-    for (const int position : {image.frame, image.sensor, image.camera}) {
-      if (position < 0) continue;
-      const int block = s_.chunk_blocks[chunk.blocks.begin + position];
-      if (!block_is_border_[block]) blocks.push_back(block);
-    }
-    const auto fits = [&](const Part& part) {
-      return std::all_of(blocks.begin(), blocks.end(), [&](int a) {
-        return std::all_of(part.blocks.begin(), part.blocks.end(),
-                           [&](int b) { return IsStrong(a, b); });
-      });
-    };
-    auto part = std::find_if(parts.begin(), parts.end(), fits);
-    if (part == parts.end()) part = parts.insert(part, Part());
-    part->blocks.insert(part->blocks.end(), blocks.begin(), blocks.end());
-    part->observations.emplace_back(s_.observation_order[k],
-                                    s_.observation_image[k]);
-  }
-  size_t k = begin;
-  for (const Part& part : parts) {
-    s_.observation_starts_part[k] = k > begin;
-    for (const auto& [order, image] : part.observations) {
-      s_.observation_order[k] = order;
-      s_.observation_image[k++] = image;
     }
   }
 }

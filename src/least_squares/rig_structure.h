@@ -89,6 +89,8 @@ struct RigStructure {
   // Of each observation: whether it begins a part of its point, the first left
   // out. Empty if no point is cut.
   std::vector<char> observation_starts_part;
+  // Of each term: whether its images are apart. Empty if no point is cut.
+  std::vector<char> term_is_cut;
   std::vector<int> term_order;
   std::vector<std::array<int, 2>> term_images;  // in the images of the chunk
 

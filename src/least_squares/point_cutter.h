@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "least_squares/block_pattern.h"
+#include "least_squares/rig_structure.h"
+#include "least_squares/strong_pairs.h"
+
+namespace mgsfm {
+
+// Cuts points into parts that only images see which share most points, so that
+// the reduced matrix of the parts has few blocks and is cheap to factorise: the
+// preconditioner of docs/math/least_squares.md, "Direct or iterative". Terms of
+// two images are cut likewise. Border blocks are in all parts.
+class PointCutter {
+ public:
+  // Counts the points and terms that two blocks share, before any cut.
+  // `structure` must outlive the cutter and has chunks. `inseparable` are pairs
+  // that no cut may part, sorted, each once. Linear in the observations and in
+  // the pairs of blocks of chunks.
+  PointCutter(bool points_are_free, const std::vector<char>& block_is_border,
+              const std::vector<BlockPairKey>& inseparable, int num_threads,
+              RigStructure* structure);
+
+  // All blocks of a part are strong pairs, those of `num_kept` neighbours of
+  // either (strong_pairs.h). Sets observation_starts_part and term_is_cut, and
+  // sorts the observations of points by part.
+  void Cut(int num_kept);
+
+ private:
+  std::vector<WeightedPair> WeightsOfChunk(const ChunkRanges& chunk) const;
+  void WeighPairs(const std::vector<BlockPairKey>& inseparable);
+  bool IsStrong(const StrongPairs& strong_pairs, int a, int b) const {
+    return block_is_border_[a] || block_is_border_[b] ||
+           strong_pairs.Contains(a, b);
+  }
+  void CutPoint(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+                size_t begin, size_t end);
+  bool IsCut(const StrongPairs& strong_pairs, const ChunkRanges& chunk,
+             size_t term) const;
+
+  const bool points_are_free_;
+  const std::vector<char>& block_is_border_;
+  const int num_threads_;
+  RigStructure& s_;
+  std::vector<WeightedPair> weights_;
+};
+
+}  // namespace mgsfm
