@@ -265,7 +265,9 @@ class Runner:
             record["model"] = str(chosen.relative_to(self.work))
             record["errors"] = self.evaluate(sequence, database, chosen,
                                              folder / f"{method}.errors.json")
-        write_json(folder / f"{method}.json", record)
+        # What was killed from outside says nothing; it is run again.
+        if not measuring.was_killed(record):
+            write_json(folder / f"{method}.json", record)
         print_record(record)
         return record
 
@@ -375,7 +377,8 @@ def print_record(record):
     line = f"{record['sequence']:12} {record['method']:26}"
     errors = record.get("errors")
     if record["exit_code"] != 0:
-        why = "time limit" if record["is_stopped"] else "no model"
+        why = ("time limit" if record["is_stopped"] else
+               "killed" if measuring.was_killed(record) else "no model")
         print(f"{line} {why} after {record['seconds']:.1f} s", flush=True)
         return
     line += f" {record.get('seconds_counted', record['seconds']):8.1f} s"

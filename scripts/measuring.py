@@ -40,6 +40,14 @@ def run_logged(command, log_path, time_limit=None):
             "is_stopped": bool(time_limit) and seconds >= time_limit}
 
 
+def was_killed(measured):
+    """By a signal from outside, such as for want of memory; not by itself, nor
+    at the time limit."""
+    from_outside = (signal.SIGHUP, signal.SIGINT, signal.SIGTERM,
+                    signal.SIGKILL)
+    return not measured["is_stopped"] and -measured["exit_code"] in from_outside
+
+
 def run_measured(command):
     """Runs a command that must succeed; what run_logged gives of costs."""
     with tempfile.TemporaryDirectory() as folder:

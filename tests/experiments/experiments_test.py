@@ -15,6 +15,7 @@ SCRIPTS = pathlib.Path(__file__).resolve().parents[2] / "scripts"
 sys.path.insert(0, str(SCRIPTS))
 import experiment_tables  # noqa: E402
 import experiments  # noqa: E402
+import measuring  # noqa: E402
 
 try:
     import mei_camera
@@ -64,6 +65,24 @@ class TruthTest(unittest.TestCase):
         for name, position in expected.items():
             for a, b in zip(positions[name], position):
                 self.assertAlmostEqual(a, b, places=12)
+
+
+class MeasuringTest(unittest.TestCase):
+    def measure(self, script, time_limit=0):
+        with tempfile.TemporaryDirectory() as folder:
+            return measuring.run_logged(["sh", "-c", script],
+                                        pathlib.Path(folder) / "log",
+                                        time_limit)
+
+    def test_who_ended_a_run(self):
+        self.assertTrue(measuring.was_killed(self.measure("kill -9 $$")))
+        self.assertTrue(measuring.was_killed(self.measure("kill -15 $$")))
+        self.assertFalse(measuring.was_killed(self.measure("kill -11 $$")))
+        self.assertFalse(measuring.was_killed(self.measure("exit 9")))
+        self.assertFalse(measuring.was_killed(self.measure("true")))
+        stopped = self.measure("sleep 100", 0.1)
+        self.assertTrue(stopped["is_stopped"])
+        self.assertFalse(measuring.was_killed(stopped))
 
 
 class TableTest(unittest.TestCase):
