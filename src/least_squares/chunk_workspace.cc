@@ -171,9 +171,10 @@ ChunkWorkspace::ChunkWorkspace(const RigStructure& s)
       last_point(s.max_num_blocks),
       couplings(kCouplingSize * s.max_num_blocks) {}
 
-void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
-                           const ChunkRanges& chunk,
-                           const std::vector<ImagePose>& poses) {
+void ChunkWorkspace::StartVectors(const RigProblemBase& problem,
+                                  const RigStructure& s,
+                                  const ChunkRanges& chunk,
+                                  const std::vector<ImagePose>& poses) {
   num_blocks = chunk.blocks.size();
   int num_unknowns = 0;
   for (size_t b = 0; b < num_blocks; ++b) {
@@ -188,6 +189,25 @@ void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
        {&gradient, &correction, &diagonal, &product}) {
     std::fill_n(sums->begin(), num_unknowns, 0.0);
   }
+  for (size_t i = 0; i < chunk.images.size(); ++i) {
+    const ChunkImage& image = s.chunk_images[chunk.images.begin + i];
+    const bool is_free =
+        image.frame >= 0 || image.sensor >= 0 || image.camera >= 0;
+    image_num_columns[i] =
+        is_free ? s.pose_size + poses[image.image].num_free_params : 0;
+    for (const int block : {image.frame, image.sensor}) {
+      if (block < 0 || !block_is_masked[block]) continue;
+      PoseMask::Map(&block_mask[6 * block]) = MaskOf(problem, image, block);
+    }
+  }
+  std::fill_n(image_gradients.begin(),
+              kMaxNumImageColumns * chunk.images.size(), 0.0);
+}
+
+void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
+                           const ChunkRanges& chunk,
+                           const std::vector<ImagePose>& poses) {
+  StartVectors(problem, s, chunk, poses);
   std::fill_n(pair_begin.begin(), num_blocks * num_blocks, -1);
   int num_values = 0;
   for (size_t k = chunk.pairs.begin; k < chunk.pairs.end; ++k) {
@@ -198,22 +218,11 @@ void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
   std::fill_n(pair_values.begin(), num_values, 0.0);
   size_t num_image_values = 0;
   for (size_t i = 0; i < chunk.images.size(); ++i) {
-    const ChunkImage& image = s.chunk_images[chunk.images.begin + i];
-    const bool is_free =
-        image.frame >= 0 || image.sensor >= 0 || image.camera >= 0;
-    image_num_columns[i] =
-        is_free ? s.pose_size + poses[image.image].num_free_params : 0;
     image_hessian_begin[i] = num_image_values;
     num_image_values +=
         static_cast<size_t>(image_num_columns[i]) * image_num_columns[i];
-    for (const int block : {image.frame, image.sensor}) {
-      if (block < 0 || !block_is_masked[block]) continue;
-      PoseMask::Map(&block_mask[6 * block]) = MaskOf(problem, image, block);
-    }
   }
   std::fill_n(image_hessians.begin(), num_image_values, 0.0);
-  std::fill_n(image_gradients.begin(),
-              kMaxNumImageColumns * chunk.images.size(), 0.0);
 }
 
 void AddImagesToSystem(const RigProblemBase& problem,

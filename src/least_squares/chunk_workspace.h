@@ -22,7 +22,12 @@ constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 struct ChunkWorkspace {
   explicit ChunkWorkspace(const RigStructure& structure);
 
-  // Takes the blocks, pairs and images of a chunk, with zeros for all sums.
+  // Takes the blocks and images of a chunk, with zeros for vectors; what
+  // products with a vector need.
+  void StartVectors(const RigProblemBase& problem,
+                    const RigStructure& structure, const ChunkRanges& chunk,
+                    const std::vector<ImagePose>& poses);
+  // The pairs as well, with zeros for all sums.
   void Start(const RigProblemBase& problem, const RigStructure& structure,
              const ChunkRanges& chunk, const std::vector<ImagePose>& poses);
 

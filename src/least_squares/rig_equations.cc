@@ -266,7 +266,7 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
       1,
       [&](size_t c, ChunkWorkspace* workspace) {
         const ChunkRanges& chunk = structure_.chunks[c];
-        workspace->Start(problem_, structure_, chunk, poses_);
+        workspace->StartVectors(problem_, structure_, chunk, poses_);
         MultiplyChunk(chunk, workspace);
         AddImageVectors(problem_, structure_, chunk, poses_, workspace);
         MultiplyTerms(Terms(), chunk, steps_.twists, workspace);
