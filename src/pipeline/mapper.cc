@@ -78,16 +78,7 @@ void WarnOfSuspiciousGroups(const Scene& scene,
   constexpr int kMinNumPairs = 5;  // fewer are just wrong
   for (const SuspiciousGroup& group : groups) {
     if (group.num_pairs < kMinNumPairs) continue;
-    const auto name = [&](int frame_idx) {
-      return "'" + scene.frames[frame_idx].name + "'";
-    };
-    context.Warning(
-        std::to_string(group.num_pairs) + " pairs between frames " +
-        name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
-        " and " + name(group.first_frame_idx2) + " to " +
-        name(group.last_frame_idx2) +
-        " contradict all others and are left out; perhaps they show two "
-        "structures that look alike");
+    context.Warning(DescribeSuspiciousGroup(scene, group));
   }
 }
 

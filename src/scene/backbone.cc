@@ -15,6 +15,7 @@ namespace mgsfm {
 namespace {
 
 constexpr int kMaxFrameGap = 3;
+constexpr int kMaxGapOfVehicles = 10;  // between stretches of frames
 
 class BackboneSelector {
  public:
@@ -204,6 +205,22 @@ std::vector<SuspiciousGroup> GroupSuspiciousPairs(
                                 b.first_frame_idx2);
             });
   return groups;
+}
+
+std::string DescribeSuspiciousGroup(const Scene& scene,
+                                    const SuspiciousGroup& group) {
+  const auto name = [&](int frame_idx) {
+    return "'" + scene.frames[frame_idx].name + "'";
+  };
+  const bool is_near =
+      group.first_frame_idx2 - group.last_frame_idx1 <= kMaxGapOfVehicles;
+  return std::to_string(group.num_pairs) + " pairs between frames " +
+         name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
+         " and " + name(group.first_frame_idx2) + " to " +
+         name(group.last_frame_idx2) +
+         " contradict all others and are left out; perhaps they show " +
+         (is_near ? "vehicles that move along"
+                  : "two structures that look alike");
 }
 
 }  // namespace mgsfm

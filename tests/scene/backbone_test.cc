@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/scene/backbone.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace mgsfm {
@@ -156,6 +157,18 @@ TEST(SuspiciousGroups, AreStretchesOfNeighbours) {
   EXPECT_EQ(groups[0].last_frame_idx2, 52);
   EXPECT_EQ(groups[1].num_pairs, 1);
   EXPECT_EQ(groups[1].first_frame_idx2, 90);
+}
+
+TEST(SuspiciousGroups, AreOfVehiclesIfNear) {
+  const Scene scene = MakeScene(100);
+  const auto describe = [&](const SuspiciousGroup& group) {
+    return DescribeSuspiciousGroup(scene, group);
+  };
+  EXPECT_THAT(describe({7, 10, 30, 20, 45}),
+              testing::AllOf(testing::HasSubstr("7 pairs"),
+                             testing::HasSubstr("vehicles")));
+  EXPECT_THAT(describe({7, 10, 30, 35, 45}), testing::HasSubstr("vehicles"));
+  EXPECT_THAT(describe({7, 10, 30, 60, 75}), testing::HasSubstr("alike"));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "mgsfm/scene/scene.h"
@@ -65,5 +66,12 @@ struct SuspiciousGroup {
 std::vector<SuspiciousGroup> GroupSuspiciousPairs(
     const Scene& scene, const ViewGraph& view_graph,
     const std::vector<char>& pair_is_suspicious);
+
+// One line for a user: how many pairs between which frames, and what they may
+// show. Of stretches that overlap or nearly do, that is vehicles: what keeps
+// its distance from the rig looks like what does not move, seen by a rig that
+// does not either.
+std::string DescribeSuspiciousGroup(const Scene& scene,
+                                    const SuspiciousGroup& group);
 
 }  // namespace mgsfm
