@@ -85,15 +85,18 @@ int CountTornPairs(const PositionProblem& problem,
                    const PairScales& scales,
                    const InitialPositions& by_backbone,
                    const InitialPositions& initial) {
-  const std::vector<char> contradicts = FindContradictingPairs(
-      problem, motions, scales, initial, initial.positions);
+  const auto contradicting = [&](const InitialPositions& by) {
+    return FindContradictingPairs(problem, motions, scales, by, by.positions);
+  };
+  const std::vector<char> contradicts_backbone = contradicting(by_backbone);
+  const std::vector<char> contradicts = contradicting(initial);
   const auto are_placed = [&](const Positions& positions, size_t i) {
     return positions.IsPlaced(problem, motions[i].image_idx1) &&
            positions.IsPlaced(problem, motions[i].image_idx2);
   };
   int num_torn = 0;
   for (size_t i = 0; i < motions.size(); ++i) {
-    num_torn += is_in_backbone[i] &&
+    num_torn += is_in_backbone[i] && !contradicts_backbone[i] &&
                 (contradicts[i] || (are_placed(by_backbone.positions, i) &&
                                     !are_placed(initial.positions, i)));
   }

@@ -27,9 +27,9 @@ std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
                                       const InitialPositions& by_backbone,
                                       double max_drift);
 
-// Pairs of the backbone that positions found with fewer pairs tear: they
-// contradict them (pair_consistency.h), or leave frames out that the backbone
-// has.
+// Pairs of the backbone that positions found with other pairs tear: they
+// contradict them (pair_consistency.h) where those of the backbone do not, or
+// leave frames out that the backbone has.
 int CountTornPairs(const PositionProblem& problem,
                    const std::vector<PairMotion>& motions,
                    const std::vector<char>& is_in_backbone,

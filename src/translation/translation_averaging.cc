@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <string>
 #include <utility>
 
 #include "mgsfm/base/error.h"
@@ -324,6 +325,9 @@ void TranslationAverager::Initialize() {
     const int num_torn =
         CountTornPairs(problem_, motions_, backbone.is_in_backbone, scales_,
                        backbone.positions, initial_);
+    context_.Debug("Translation averaging: a drift of " +
+                   std::to_string(max_drift) + " tears " +
+                   std::to_string(num_torn) + " pairs of the backbone");
     if (num_torn < least_torn) {
       least_torn = num_torn;
       best_motions = std::vector<PairMotion>(motions_);

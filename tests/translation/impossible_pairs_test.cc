@@ -84,7 +84,18 @@ TEST(ImpossiblePairsTest, PairsAreTornByPositionsAndWhereFramesAreMissing) {
   initial.positions.frame_is_placed[0] = false;
   initial.positions.frame_is_placed[1] = false;
   EXPECT_EQ(num_torn(initial), 2);
+  // What the backbone itself contradicts is a wrong pair.
+  row.scales.scale[4] = 5.0;
+  initial = row.by_backbone;
+  EXPECT_EQ(num_torn(initial), 0);
+  initial.positions.frame_center[5].x() -= 3.0;
+  EXPECT_EQ(num_torn(initial), 0);
+  row.scales.scale[4] = 1.0;
+  EXPECT_EQ(num_torn(initial), 1);
   // What the backbone does not have cannot be missed.
+  initial = row.by_backbone;
+  initial.positions.frame_is_placed[0] = false;
+  initial.positions.frame_is_placed[1] = false;
   row.by_backbone.positions.frame_is_placed[0] = false;
   row.by_backbone.positions.frame_is_placed[1] = false;
   EXPECT_EQ(num_torn(initial), 0);
