@@ -25,12 +25,13 @@ def run_name(setting, seed):
     return f"{setting}_{seed}"
 
 
-def simulate(data, trees, setting, seed):
+def simulate(program, data, trees, setting, seed):
     rig, name, frame_step, options = SETTINGS[setting]
     tree = trees / run_name(setting, seed)
     subprocess.run(
         ["scripts/make_kitti_tree.sh", data, str(tree), "--sequences", name,
-         "--rig", rig, "--frame_step", str(frame_step), "--",
+         "--rig", rig, "--frame_step", str(frame_step), "--program",
+         str(program), "--",
          "--random_seed", str(seed), *options], check=True)
     sequence = kitti_odometry.simulated(tree / "sequences" / name)
     sequence.name = run_name(setting, seed)
@@ -53,7 +54,8 @@ def main():
             raise SystemExit(f"unknown setting '{setting}'; there are "
                              + ", ".join(SETTINGS))
     work = pathlib.Path(arguments.work)
-    sequences = [simulate(arguments.root, work / "trees", setting, seed)
+    sequences = [simulate(arguments.program, arguments.root, work / "trees",
+                          setting, seed)
                  for setting in settings for seed in range(arguments.seeds)]
     records = experiments.run(arguments, sequences, "Hardest settings")
     runs = {s: [run_name(s, seed) for seed in range(arguments.seeds)]

@@ -3,7 +3,7 @@
 # Makes a folder as kitti_odometry.sh takes it, of simulated drives along the
 # trajectories of KITTI and of recorded images if there are any:
 #   scripts/make_kitti_tree.sh DATA TREE [--sequences 00,04] [--rig stereo]
-#       [--frame_step 1] [-- OPTIONS of mgsfm simulate]
+#       [--frame_step 1] [--program MGSFM] [-- OPTIONS of mgsfm simulate]
 # DATA has kitti_trajectories/00.txt ... and, perhaps, kitti06_stereo/ (images/
 # cam0, images/cam1, calib.txt, gt_poses.txt), which becomes sequence
 # 06_recorded of a stereo tree. What is there is not made again.
@@ -16,17 +16,17 @@ shift 2
 sequences=
 rig=stereo
 frame_step=1
+program=build/release/apps/mgsfm/mgsfm
 while [ $# -gt 0 ]; do
   case "$1" in
     --) shift; break ;;
-    --sequences | --rig | --frame_step) ;;
+    --sequences | --rig | --frame_step | --program) ;;
     *) echo "make_kitti_tree.sh: unknown option $1" >&2; exit 1 ;;
   esac
   [ $# -ge 2 ] || { echo "make_kitti_tree.sh: $1 needs a value" >&2; exit 1; }
   declare "${1#--}=$2"
   shift 2
 done
-mgsfm=build/release/apps/mgsfm/mgsfm
 recorded=$data/kitti06_stereo
 if [ -z "$sequences" ]; then
   sequences=$(cd "$data/kitti_trajectories" && ls ./*.txt |
@@ -59,7 +59,7 @@ for name in ${sequences//,/ }; do
   fi
   [ -e "$folder/database.db" ] && continue
   echo "simulating $name"
-  "$mgsfm" simulate --log_level warning --output_path "$folder" \
+  "$program" simulate --log_level warning --output_path "$folder" \
     --preset standard --rig "$rig" --frame_step "$frame_step" \
     --trajectory_path "$data/kitti_trajectories/$name.txt" "$@"
 done

@@ -184,5 +184,32 @@ class KittiOdometryTest(unittest.TestCase):
             self.assertGreater(record["seconds_counted"], 0.0)
 
 
+class HardestSettingsTest(unittest.TestCase):
+    def test_a_short_drive_over_two_seeds(self):
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            (folder / "kitti_trajectories").mkdir()
+            poses = (f"1 0 0 {0.1 * math.sin(i)} 0 1 0 0 0 0 1 {1.0 * i}"
+                     for i in range(24))
+            (folder / "kitti_trajectories" / "03.txt").write_text(
+                "".join(f"{pose}\n" for pose in poses))
+            text = subprocess.run(
+                ["scripts/hardest_settings.sh", folder, "--sequences",
+                 "kitti360_03", "--seeds", "2", "--methods", "mgsfm,mma",
+                 "--work", folder / "work", "--program", PROGRAM,
+                 "--threads", "2"],
+                cwd=SCRIPTS.parent, capture_output=True, text=True,
+                check=True).stdout
+            tables = json.loads(
+                (folder / "work" / "hardest_settings.json").read_text())
+        # Every second pose, four cameras.
+        self.assertEqual(text.count("48 of 48"), 4)
+        rows = {table["name"]: table["rows"] for table in tables["tables"]}
+        ((*setting, ours, mma),) = rows["errors_over_seeds"]
+        self.assertEqual(setting, ["kitti360_03", "2"])
+        self.assertLess(max(ours, mma), 0.2)
+        self.assertEqual(len(rows["ratios_over_seeds"]), 1)
+
+
 if __name__ == "__main__":
     unittest.main()
