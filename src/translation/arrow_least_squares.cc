@@ -2,7 +2,6 @@
 #include "translation/arrow_least_squares.h"
 
 #include <algorithm>
-#include <utility>
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/parallel.h"
@@ -32,15 +31,15 @@ double SumOfProducts(const Matrix& matrix, Eigen::Index outer,
 
 }  // namespace
 
-ArrowLeastSquares::ArrowLeastSquares(SparseMatrix A, int num_points,
+ArrowLeastSquares::ArrowLeastSquares(const SparseMatrix& A, int num_points,
                                      int num_threads)
     : num_points_(num_points),
       num_threads_(num_threads),
-      A_(std::move(A)),
+      A_(A),
       points_(num_threads) {
   MGSFM_CHECK_LE(3 * static_cast<Eigen::Index>(num_points), A_.cols());
   A_.makeCompressed();
-  A_by_row_ = A_;
+  by_row_ = A_;
   int num_entries = 0;
   range_begin_.push_back(static_cast<int>(A_.cols()));
   for (int column = static_cast<int>(A_.cols()) - 1; column >= 0; --column) {
@@ -93,7 +92,7 @@ void ArrowLeastSquares::Apply(const MatrixXd& x, MatrixXd* y) const {
         const Eigen::Index begin = range * kRowsPerRange;
         const Eigen::Index end = std::min(begin + kRowsPerRange, rows());
         for (Eigen::Index i = begin; i < end; ++i) {
-          (*y)(i, 0) = SumOfProducts(A_by_row_, i, x.data());
+          (*y)(i, 0) = SumOfProducts(by_row_, i, x.data());
         }
       },
       1);

@@ -25,7 +25,7 @@ namespace mgsfm {
 // sum has a fixed order.
 class ArrowLeastSquares {
  public:
-  ArrowLeastSquares(Eigen::SparseMatrix<double> A, int num_points,
+  ArrowLeastSquares(const Eigen::SparseMatrix<double>& A, int num_points,
                     int num_threads);
 
   bool IsPositiveDefinite() const { return is_positive_definite_; }
@@ -46,7 +46,7 @@ class ArrowLeastSquares {
   const int num_points_;
   const int num_threads_;
   Eigen::SparseMatrix<double> A_;
-  Eigen::SparseMatrix<double, Eigen::RowMajor> A_by_row_;
+  Eigen::SparseMatrix<double, Eigen::RowMajor> by_row_;
   // Columns of A with about the same number of entries, those of the border
   // first.
   std::vector<int> range_begin_;

@@ -430,7 +430,7 @@ MatrixXd PositionInitializer::ExtrinsicCovariance(
   }
   Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
   A.setFromTriplets(triplets.begin(), triplets.end());
-  const SparseLeastSquares op(std::move(A), context_.num_threads);
+  const SparseLeastSquares op(A, context_.num_threads);
   if (!op.IsPositiveDefinite()) return MatrixXd(0, 0);
   // Their columns are consecutive.
   const int first =
@@ -490,10 +490,10 @@ SolveSummary PositionInitializer::Minimize(const BlockSystem& system) {
     return summary;
   };
   if (num_unknowns_ - num_frame_columns_ > kMaxSizeOfBorder) {
-    return minimize(SparseLeastSquares(std::move(A), context_.num_threads));
+    return minimize(SparseLeastSquares(A, context_.num_threads));
   }
-  return minimize(ArrowLeastSquares(std::move(A), num_frame_columns_ / 3,
-                                    context_.num_threads));
+  return minimize(
+      ArrowLeastSquares(A, num_frame_columns_ / 3, context_.num_threads));
 }
 
 bool PositionInitializer::Solve() {
