@@ -9,6 +9,7 @@
 #include "least_squares/chunk_workspace.h"
 #include "least_squares/damping.h"
 #include "least_squares/image_poses.h"
+#include "least_squares/lanes.h"
 #include "least_squares/residuals.h"
 #include "least_squares/rig_structure.h"
 #include "least_squares/scale_elimination.h"
@@ -19,55 +20,6 @@
 // blocks of poses: 6, or 3 where no rotation is free.
 // docs/math/least_squares.md has the formulas.
 namespace mgsfm {
-
-// N numbers side by side. In registers, where the compiler is told to.
-template <int N>
-struct Lanes {
-  double values[N];
-
-  MGSFM_ALWAYS_INLINE void Load(const double* from) {
-    for (int i = 0; i < N; ++i) values[i] = from[i];
-  }
-  MGSFM_ALWAYS_INLINE void Store(double* to) const {
-    for (int i = 0; i < N; ++i) to[i] = values[i];
-  }
-  MGSFM_ALWAYS_INLINE void Scale(double factor) {
-    for (int i = 0; i < N; ++i) values[i] *= factor;
-  }
-  MGSFM_ALWAYS_INLINE void AddScaled(const Lanes& other, double factor) {
-    for (int i = 0; i < N; ++i) values[i] += other.values[i] * factor;
-  }
-};
-
-#if defined(__GNUC__)
-template <>
-struct Lanes<6> {
-  // Of doubles anywhere in memory; `using` does not take such attributes.
-  // NOLINTBEGIN(modernize-use-using)
-  typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
-  typedef double Two __attribute__((vector_size(16), aligned(8), may_alias));
-  // NOLINTEND(modernize-use-using)
-  Four four;
-  Two two;
-
-  MGSFM_ALWAYS_INLINE void Load(const double* from) {
-    four = *reinterpret_cast<const Four*>(from);
-    two = *reinterpret_cast<const Two*>(from + 4);
-  }
-  MGSFM_ALWAYS_INLINE void Store(double* to) const {
-    *reinterpret_cast<Four*>(to) = four;
-    *reinterpret_cast<Two*>(to + 4) = two;
-  }
-  MGSFM_ALWAYS_INLINE void Scale(double factor) {
-    four *= factor;
-    two *= factor;
-  }
-  MGSFM_ALWAYS_INLINE void AddScaled(const Lanes& other, double factor) {
-    four += other.four * factor;
-    two += other.two * factor;
-  }
-};
-#endif
 
 // What passes read. Points are in the order of the structure.
 template <class R>

@@ -143,8 +143,8 @@ bool PointCutter::IsCut(const StrongPairs& strong_pairs,
       s_.chunk_images[chunk.images.begin + s_.term_images[term][1]];
   for (const int a : {image1.frame, image1.sensor}) {
     for (const int b : {image2.frame, image2.sensor}) {
-      if (a >= 0 && b >= 0 && !IsStrong(strong_pairs, blocks[a], blocks[b]))
-        return true;
+      if (a < 0 || b < 0) continue;
+      if (!IsStrong(strong_pairs, blocks[a], blocks[b])) return true;
     }
   }
   return false;
