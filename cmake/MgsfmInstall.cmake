@@ -10,7 +10,8 @@ target_link_libraries(mgsfm_all INTERFACE ${modules})
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/mgsfm)
 install(TARGETS mgsfm_all ${modules} EXPORT mgsfmTargets
-  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")

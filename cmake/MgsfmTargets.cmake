@@ -1,14 +1,17 @@
 # One function per kind of target.
 
 # mgsfm_add_module(NAME SOURCES ... DEPENDS modules... LINK packages...)
-# The static library mgsfm_NAME (alias mgsfm::NAME) from src/NAME. It links the
-# modules it may include, and nothing else sees its packages' headers.
+# The library mgsfm_NAME (alias mgsfm::NAME) from src/NAME, static unless
+# BUILD_SHARED_LIBS is on. It links the modules it may include, and nothing else
+# sees its packages' headers.
 function(mgsfm_add_module name)
   cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK" ${ARGN})
   set(target mgsfm_${name})
-  add_library(${target} STATIC ${arg_SOURCES})
+  add_library(${target} ${arg_SOURCES})
   add_library(mgsfm::${name} ALIAS ${target})
-  set_target_properties(${target} PROPERTIES EXPORT_NAME ${name})
+  set_target_properties(${target} PROPERTIES EXPORT_NAME ${name}
+    VERSION ${PROJECT_VERSION}
+    SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
   target_include_directories(${target}
     PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>
            $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>
