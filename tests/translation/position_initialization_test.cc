@@ -155,36 +155,30 @@ TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   EXPECT_FALSE(positions.frame_is_placed[3]);
 }
 
-// The cost of the objective in the header, by an independent route: compared
-// with that of many positions near the solution.
-TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
+// The objective of the header by an independent route. counted_length: the
+// length that each pair counts with.
+double CostOfPairs(const PlainPairs& pairs,
+                   const std::vector<double>& counted_length,
+                   const std::vector<Vector3d>& centers) {
   constexpr double kSigma = 0.5 * 3.14159265358979 / 180.0;
-  Random random(3);
-  const std::vector<Vector3d> centers = RandomCenters(3, 2);
-  PlainPairs pairs;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = i + 1; j < 3; ++j) {
-      const Vector3d noise(random.Normal(), random.Normal(), random.Normal());
-      pairs.Add(i, j, centers[j] - centers[i] + 0.2 * noise, 0);
-    }
+  double sum = 0.0;
+  for (size_t p = 0; p < pairs.motions.size(); ++p) {
+    const PairMotion& motion = pairs.motions[p];
+    const Vector3d C = centers[motion.image_idx2] - centers[motion.image_idx1];
+    const double along = C.dot(motion.direction);
+    const double across = (C - along * motion.direction).norm();
+    sum += (across + std::abs(along - pairs.scales.scale[p])) /
+           (counted_length[p] * std::hypot(0.01, kSigma));
   }
-  const auto cost = [&](const std::vector<Vector3d>& c) {
-    double sum = 0.0;
-    for (size_t p = 0; p < pairs.motions.size(); ++p) {
-      const PairMotion& motion = pairs.motions[p];
-      const Vector3d C = c[motion.image_idx2] - c[motion.image_idx1];
-      const double along = C.dot(motion.direction);
-      const double scale = pairs.scales.scale[p];
-      sum += (C - along * motion.direction).norm() /
-             (scale * std::hypot(0.01, kSigma));
-      sum += std::abs(along - scale) / (scale * std::hypot(0.01, kSigma));
-    }
-    return sum;
-  };
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(3), pairs.motions, pairs.scales, 0.3);
-  const std::vector<Vector3d>& solution = initial.positions.frame_center;
-  const double solved = cost(solution);
+  return sum;
+}
+
+// Compared with many positions near the solution; frame 0 is the gauge.
+void ExpectMinimum(const std::vector<Vector3d>& solution,
+                   const PlainPairs& pairs,
+                   const std::vector<double>& counted_length) {
+  Random random(5);
+  const double solved = CostOfPairs(pairs, counted_length, solution);
   for (int trial = 0; trial < 20000; ++trial) {
     std::vector<Vector3d> other = solution;
     const double radius = std::pow(10.0, random.Uniform(-4.0, 0.0));
@@ -192,8 +186,66 @@ TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
       other[i] +=
           radius * Vector3d(random.Normal(), random.Normal(), random.Normal());
     }
-    ASSERT_GE(cost(other), solved * (1.0 - 1e-3));
+    ASSERT_GE(CostOfPairs(pairs, counted_length, other), solved * (1.0 - 1e-3));
   }
+}
+
+PlainPairs NoisyPairsOfAll(const std::vector<Vector3d>& centers) {
+  Random random(3);
+  PlainPairs pairs;
+  const int num_frames = static_cast<int>(centers.size());
+  for (int i = 0; i < num_frames; ++i) {
+    for (int j = i + 1; j < num_frames; ++j) {
+      const Vector3d noise(random.Normal(), random.Normal(), random.Normal());
+      pairs.Add(i, j, centers[j] - centers[i] + 0.2 * noise, 0);
+    }
+  }
+  return pairs;
+}
+
+TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
+  const PlainPairs pairs = NoisyPairsOfAll(RandomCenters(3, 2));
+  const InitialPositions initial =
+      InitializePositions(PlainProblem(3), pairs.motions, pairs.scales, 0.3);
+  ExpectMinimum(initial.positions.frame_center, pairs, pairs.scales.scale);
+}
+
+TEST(PositionInitializationTest, ShortPairsCountWithHalfTheLowerQuartile) {
+  constexpr int kFrames = 10;
+  PlainPairs pairs = NoisyPairsOfAll(RandomCenters(kFrames, 2));
+  // Frames 4 and 5 seem to be in one place.
+  for (size_t p = 0; p < pairs.motions.size(); ++p) {
+    const PairMotion& motion = pairs.motions[p];
+    if (motion.image_idx1 == 4 && motion.image_idx2 == 5) {
+      pairs.scales.scale[p] = 0.01;
+    }
+  }
+  // Each frame has nine pairs, so that the quartile is the third length.
+  std::vector<double> quartile;
+  for (int f = 0; f < kFrames; ++f) {
+    std::vector<double> lengths;
+    for (size_t p = 0; p < pairs.motions.size(); ++p) {
+      const PairMotion& motion = pairs.motions[p];
+      if (motion.image_idx1 == f || motion.image_idx2 == f) {
+        lengths.push_back(pairs.scales.scale[p]);
+      }
+    }
+    std::sort(lengths.begin(), lengths.end());
+    quartile.push_back(lengths[2]);
+  }
+  std::vector<double> counted_length = pairs.scales.scale;
+  for (size_t p = 0; p < counted_length.size(); ++p) {
+    const PairMotion& motion = pairs.motions[p];
+    const double bound = 0.5 * std::min(quartile[motion.image_idx1],
+                                        quartile[motion.image_idx2]);
+    counted_length[p] = std::max(counted_length[p], bound);
+  }
+  const InitialPositions initial = InitializePositions(
+      PlainProblem(kFrames), pairs.motions, pairs.scales, 0.3);
+  const std::vector<Vector3d>& solution = initial.positions.frame_center;
+  ExpectMinimum(solution, pairs, counted_length);
+  // By its own length, the short pair would hold its frames together.
+  EXPECT_GT((solution[5] - solution[4]).norm(), 0.5);
 }
 
 }  // namespace
