@@ -76,11 +76,12 @@ def main():
                      and (p / "groundtruth.txt").exists())
     if arguments.sequences:
         folders = [training / n for n in arguments.sequences.split(",")]
-    experiments.run(
+    records = experiments.run(
         arguments,
         [make_sequence(folder, arguments.frame_step,
                        pathlib.Path(arguments.work)) for folder in folders],
         "ETH3D-SLAM")
+    experiments.end(records)
 
 
 if __name__ == "__main__":

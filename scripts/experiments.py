@@ -38,6 +38,9 @@ EXTERNAL = {
     "glomap": ["glomap", "mapper"],
     "colmap_global": ["colmap", "global_mapper"],
 }
+# Exit codes of ours that are results: a model, or nothing to reconstruct. Others
+# are of wrong options, a full disk or a defect.
+RESULTS = (0, 2)
 # Of the time of the paper's tables.
 NOT_COUNTED = ("reading", "view graph", "writing")
 
@@ -244,7 +247,8 @@ class Runner:
     def record(self, sequence, method):
         """Of a run that was done before, or None."""
         path = self.work / sequence.name / f"{method}.json"
-        return json.loads(path.read_text()) if path.exists() else None
+        record = json.loads(path.read_text()) if path.exists() else None
+        return record if record and is_result(record) else None
 
     def map(self, sequence, method):
         """The record of a run, from its file if it was done before."""
@@ -265,10 +269,12 @@ class Runner:
             record["model"] = str(chosen.relative_to(self.work))
             record["errors"] = self.evaluate(sequence, database, chosen,
                                              folder / f"{method}.errors.json")
-        # What was killed from outside says nothing; it is run again.
-        if not measuring.was_killed(record):
+        # What failed says nothing of the method; it is run again.
+        if is_result(record):
             write_json(folder / f"{method}.json", record)
         print_record(record)
+        if not is_result(record):
+            print(f"  {last_line(log)}", flush=True)
         return record
 
     def map_ours(self, method, database, sequence, model, log):
@@ -317,6 +323,19 @@ class Runner:
                              "--json", path, *sequence.truth),
                   path.with_suffix(".log"))
         return json.loads(path.read_text())
+
+
+def is_result(record):
+    """Of a mapper; a time limit that is reached is one, too."""
+    if record["method"] in EXTERNAL:
+        return not measuring.was_killed(record)
+    return record["is_stopped"] or record["exit_code"] in RESULTS
+
+
+def last_line(log_path):
+    lines = log_path.read_text(errors="replace").split("\n")
+    return next((line for line in reversed(lines) if line.strip()),
+                f"see {log_path}")
 
 
 def largest_model(folder):
@@ -378,7 +397,8 @@ def print_record(record):
     errors = record.get("errors")
     if record["exit_code"] != 0:
         why = ("time limit" if record["is_stopped"] else
-               "killed" if measuring.was_killed(record) else "no model")
+               "no model" if is_result(record) else
+               "killed" if measuring.was_killed(record) else "failed")
         print(f"{line} {why} after {record['seconds']:.1f} s", flush=True)
         return
     line += f" {record.get('seconds_counted', record['seconds']):8.1f} s"
@@ -467,3 +487,12 @@ def run(arguments, sequences, title):
         if compared:
             experiment_pictures.draw(runner.work, sequences, compared)
     return by_name
+
+
+def end(records):
+    """What a driver does last with the records of run()."""
+    failed = {(r["sequence"], r["method"]) for r in records.values()
+              if not is_result(r)}
+    if failed:
+        raise SystemExit(f"{len(failed)} runs failed; the same command runs "
+                         "them again")

@@ -65,6 +65,7 @@ def main():
     experiment_tables.write_tables(
         experiment_tables.over_seeds(records, runs, methods),
         work / "hardest_settings", {"title": "Hardest settings"})
+    experiments.end(records)
 
 
 if __name__ == "__main__":

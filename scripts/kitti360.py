@@ -117,12 +117,13 @@ def main():
         chosen = arguments.sequences.split(",")
         drives = [d for d in drives if any(c in d for c in chosen)]
     calibration = Calibration(root / "calibration")
-    experiments.run(
+    records = experiments.run(
         arguments,
         [make_sequence(root, drive, arguments.cameras.split(","), calibration,
                        arguments.frame_step, pathlib.Path(arguments.work))
          for drive in drives],
         "KITTI-360")
+    experiments.end(records)
 
 
 if __name__ == "__main__":

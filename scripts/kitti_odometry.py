@@ -89,8 +89,9 @@ def main():
     arguments = experiments.argument_parser(
         __doc__, "build/experiments/kitti_odometry").parse_args()
     root = pathlib.Path(arguments.root)
-    experiments.run(arguments, find_sequences(root, arguments.sequences),
-                    "KITTI odometry")
+    records = experiments.run(
+        arguments, find_sequences(root, arguments.sequences), "KITTI odometry")
+    experiments.end(records)
 
 
 if __name__ == "__main__":

@@ -161,6 +161,12 @@ class KittiOdometryTest(unittest.TestCase):
             for suffix in ("txt", "md", "csv", "tex"):
                 self.assertTrue(
                     (folder / "work" / f"tables.{suffix}").exists())
+            with self.assertRaises(subprocess.CalledProcessError) as wrong:
+                self.run_driver(folder / "tree", folder / "wrong",
+                                "--mapper_options=--Mapper.no_such_option 1")
+            self.assertEqual([], list(folder.glob("wrong/00/*.json")))
+        self.assertIn("no_such_option", wrong.exception.stdout)
+        self.assertIn("4 runs failed", wrong.exception.stderr)
         self.assertNotIn("24 of 24", nothing)
         self.assertIn("24 of 24", first)
         self.assertIn("Position error", second)
