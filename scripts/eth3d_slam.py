@@ -20,17 +20,20 @@ def write_sensor(path, rows):
 
 
 def read_tum(path, names):
-    """{image name: position} by the time in the name."""
+    """{image name: position} by the time in the name, if that of a pose is
+    nearer than half of the interval between poses, as in model_evaluator."""
     positions = {}
     for line in path.read_text().splitlines():
         words = line.split()
         if len(words) == 8 and not line.startswith("#"):
             positions[float(words[0])] = tuple(map(float, words[1:4]))
+    limit = 0.5 * (max(positions) - min(positions)) / max(len(positions) - 1, 1)
     found = {}
     for name in names:
         time = float(pathlib.PurePath(name).stem)
-        if time in positions:
-            found[name] = positions[time]
+        nearest = min(positions, key=lambda t: abs(t - time))
+        if abs(nearest - time) <= limit:
+            found[name] = positions[nearest]
     return found
 
 
@@ -67,7 +70,8 @@ def make_sequence(folder, step, work):
 def main():
     parser = experiments.argument_parser(
         __doc__, "build/experiments/eth3d_slam")
-    parser.add_argument("--frame_step", type=int, default=1)
+    parser.add_argument("--frame_step", type=experiments.positive(int),
+                        default=1)
     arguments = parser.parse_args()
     root = pathlib.Path(arguments.root)
     training = root / "training" if (root / "training").is_dir() else root
@@ -75,14 +79,15 @@ def main():
                      if (p / "rgb2").is_dir()
                      and (p / "groundtruth.txt").exists())
     if arguments.sequences:
-        folders = [training / n for n in arguments.sequences.split(",")]
-    records = experiments.run(
+        folders = [training / n
+                   for n in experiments.words_of(arguments.sequences)]
+    _, num_failed = experiments.run(
         arguments,
         [make_sequence(folder, arguments.frame_step,
                        pathlib.Path(arguments.work)) for folder in folders],
         "ETH3D-SLAM")
-    experiments.end(records)
+    experiments.end(num_failed)
 
 
 if __name__ == "__main__":
-    main()
+    experiments.call(main)

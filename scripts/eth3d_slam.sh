@@ -7,6 +7,5 @@
 # desk_3/{rgb,rgb2,calibration.txt,calibration2.txt,extrinsics_1_2.txt,
 # groundtruth.txt}. Images of equal names are a frame.
 set -euo pipefail
-cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 -B scripts/eth3d_slam.py "$@"
+exec /usr/bin/python3 -B "$(dirname "$0")/eth3d_slam.py" "$@"

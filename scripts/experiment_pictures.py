@@ -24,12 +24,13 @@ class Path:
         prefix = reference_prefix(truth)
         names = [n for n in sorted(truth)
                  if n in model and n.startswith(prefix)]
-        self.true = np.array([truth[n] for n in names])
+        self.true = np.array([truth[n] for n in names]).reshape(-1, 3)
         aligned = errors["world_from_model"]
         rotation = np.array(
             experiments.rotation_rows(*aligned["rotation_wxyz"]))
-        self.estimate = (aligned["scale"] * np.array([model[n] for n in names])
-                         @ rotation.T + aligned["translation_m"])
+        estimate = np.array([model[n] for n in names]).reshape(-1, 3)
+        self.estimate = (aligned["scale"] * estimate @ rotation.T
+                         + aligned["translation_m"])
         self.mean_error = errors["position_m"]["mean"]
         steps = np.linalg.norm(np.diff(self.true, axis=0), axis=1)
         self.driven = np.concatenate([[0.0], np.cumsum(steps)])
@@ -69,8 +70,9 @@ def set_log_scale(axes):
     axes.set_yscale("log")
     low, high = axes.dataLim.intervaly
     low = axes.dataLim.minposy if low <= 0.0 else low
-    axes.set_ylim(10.0 ** math.floor(math.log10(low)),
-                  10.0 ** math.ceil(math.log10(high)))
+    lowest = math.floor(math.log10(low))
+    highest = max(math.ceil(math.log10(high)), lowest + 1)
+    axes.set_ylim(10.0 ** lowest, 10.0 ** highest)
     axes.yaxis.set_major_formatter("{x:g}")
 
 
@@ -129,6 +131,8 @@ def draw_runtime(records, path):
     methods = list(dict.fromkeys(r["method"] for r in records))
     seconds = {(r["sequence"], r["method"]): r.get("seconds_counted")
                for r in records}
+    if not any(seconds.values()):
+        return
     figure, axes = plt.subplots(
         figsize=(max(7.0, 1.6 + 0.16 * len(sequences) * len(methods)), 4.2),
         constrained_layout=True)
@@ -148,6 +152,14 @@ def draw_runtime(records, path):
     save(figure, path)
 
 
+def path_of(truth, model, errors):
+    """None if the model was removed, or shows the reference camera nowhere."""
+    if not truth or not model.exists():
+        return None
+    path = Path(truth, experiments.read_positions(model), errors)
+    return path if len(path.errors) > 1 else None
+
+
 def draw(work, sequences, records):
     folder = work / "pictures"
     folder.mkdir(exist_ok=True)
@@ -158,8 +170,9 @@ def draw(work, sequences, records):
             errors = record.get("errors") or {}
             if (record["sequence"] == sequence.name
                     and "world_from_model" in errors):
-                model = experiments.read_positions(work / record["model"])
-                paths[record["method"]] = Path(truth, model, errors)
+                path = path_of(truth, work / record["model"], errors)
+                if path:
+                    paths[record["method"]] = path
         if not paths:
             continue
         draw_paths(paths, truth, folder / f"{sequence.name}_paths",

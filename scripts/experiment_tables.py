@@ -178,9 +178,10 @@ def translation_seconds(records, sequences, methods):
 def memory(records, sequences, methods):
     table = Table("peak_memory", "Peak memory (MiB)", ["sequence", *methods], 0)
     for sequence in sequences:
+        found = [records.get((sequence, m), {}) for m in methods]
         table.rows.append([sequence, *[
-            records.get((sequence, m), {}).get("peak_memory_mib")
-            for m in methods]])
+            r["peak_memory_mib"] if r.get("exit_code") == 0 else None
+            for r in found]])
     return table
 
 
@@ -195,8 +196,9 @@ def geometric_mean(values):
 
 
 def over_seeds(records, runs, methods):
-    """Mean position errors of methods, over the runs of each setting; ratios
-    are those of one run with another of the same input."""
+    """Mean position errors of methods, over the runs of each setting that all
+    methods have a model of; ratios are those of one run with another of the
+    same input."""
     errors = Table("errors_over_seeds",
                    "Mean position error (m), geometric mean over the seeds",
                    ["setting", "seeds", *methods], 4)
@@ -209,6 +211,8 @@ def over_seeds(records, runs, methods):
                   for method in methods] for name in names]
         found = [row for row in found if None not in row]
         if not found:
+            for table in (errors, ratios):
+                table.rows.append([setting, "0", *[None for _ in methods]])
             continue
         columns = list(zip(*found))
         errors.rows.append([setting, str(len(found)),

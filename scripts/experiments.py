@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import re
+import shlex
 import shutil
 import signal
 import struct
@@ -20,6 +21,7 @@ import sys
 import experiment_tables
 import measuring
 
+REPOSITORY = pathlib.Path(__file__).resolve().parents[1]
 INPUTS = {"translations": "relative_translations", "tracks": "tracks",
           "hybrid": "hybrid"}
 OBJECTIVES = ("bilinear", "non_bilinear")
@@ -38,8 +40,8 @@ EXTERNAL = {
     "glomap": ["glomap", "mapper"],
     "colmap_global": ["colmap", "global_mapper"],
 }
-# Exit codes of ours that are results: a model, or nothing to reconstruct. Others
-# are of wrong options, a full disk or a defect.
+# Exit codes of ours that are results: a model, or nothing to reconstruct.
+# Others are of wrong options, a full disk or a defect.
 RESULTS = (0, 2)
 # Of the time of the paper's tables.
 NOT_COUNTED = ("reading", "view graph", "writing")
@@ -54,6 +56,11 @@ def options_of(method):
     return ["--TranslationAveraging.input", INPUTS[name],
             "--TranslationAveraging.objective", objective,
             *(HELD if averaged else [])]
+
+
+class Failed(Exception):
+    """A step that failed by wrong options or input, a full disk, a signal or a
+    defect: it says nothing of a method, so that it leaves no record."""
 
 
 class Sequence:
@@ -73,7 +80,7 @@ class Sequence:
         # tell them.
         self.rig_prefixes = list(rig_prefixes)
         self.truth = list(truth)  # options of model_evaluator
-        # Gives {image name: position}, for pictures.
+        # Gives {image name: position}, for pictures; empty if not known.
         self.truth_positions = truth_positions or dict
 
 
@@ -190,7 +197,9 @@ class Runner:
         self.threads = arguments.threads
         self.work = pathlib.Path(arguments.work)
         self.time_limit = arguments.time_limit
-        self.extra = arguments.mapper_options.split()
+        self.extra = shlex.split(arguments.mapper_options)
+        self.only_done = arguments.only_done
+        self.databases = {}  # or why there is none, by sequence
 
     def mgsfm(self, command, *options):
         return [self.program, command, "--log_level", "warning",
@@ -199,14 +208,24 @@ class Runner:
     def must(self, command, log_path):
         measured = measuring.run_logged(command, log_path)
         if measured["exit_code"] != 0:
-            sys.stderr.write(log_path.read_text(errors="replace")[-2000:])
-            raise SystemExit(f"failed: {' '.join(map(str, command))}")
+            raise Failed(f"{last_line(log_path)} ({log_path})")
         return measured
 
     def folder(self, sequence):
         folder = self.work / sequence.name
         folder.mkdir(parents=True, exist_ok=True)
         return folder
+
+    def database_of(self, sequence):
+        """Its path; it is made, or fails, once."""
+        if sequence.name not in self.databases:
+            try:
+                self.databases[sequence.name] = self.make_database(sequence)
+            except Failed as failure:
+                self.databases[sequence.name] = failure
+        if isinstance(self.databases[sequence.name], Failed):
+            raise self.databases[sequence.name]
+        return self.databases[sequence.name]
 
     def make_database(self, sequence):
         """Features and matches, unless they are given or done."""
@@ -215,13 +234,18 @@ class Runner:
         folder = self.folder(sequence)
         database = folder / "database.db"
         done = folder / "view_graph.json"
+        image_list = folder / "images.txt"
+        cameras = folder / "cameras.txt"
+        for path, lines in ((image_list, sequence.image_list),
+                            (cameras, sequence.camera_lines)):
+            text = "".join(f"{line}\n" for line in lines)
+            if database.exists() and path.read_text() != text:
+                raise Failed(f"{database} was made of other images or cameras; "
+                             "choose another --work")
+            path.write_text(text)
         if done.exists():
             return database
         print(f"{sequence.name}: features and matches", flush=True)
-        image_list = folder / "images.txt"
-        image_list.write_text("".join(f"{n}\n" for n in sequence.image_list))
-        cameras = folder / "cameras.txt"
-        cameras.write_text("".join(f"{c}\n" for c in sequence.camera_lines))
         masks = (["--ImageReader.mask_path", sequence.mask_path]
                  if sequence.mask_path else [])
         # Both go on where they were interrupted.
@@ -230,6 +254,8 @@ class Runner:
             "--image_path", sequence.image_path, "--image_list_path",
             image_list, "--ImageReader.camera_params_path", cameras, *masks),
             folder / "features.log")
+        # Warnings, such as of masks without an image.
+        print((folder / "features.log").read_text(errors="replace"), end="")
         if sequence.rig_prefixes:
             config = folder / "rig_config.json"
             cameras = [{"image_prefix": p} for p in sequence.rig_prefixes]
@@ -244,19 +270,49 @@ class Runner:
         write_json(done, {"features": features, "matches": matches})
         return database
 
+    def options(self, sequence, method):
+        """Those of the mapper that decide what it finds."""
+        if method in EXTERNAL:
+            return []
+        return [*map(str, sequence.mapper_options), *options_of(method),
+                *self.extra]
+
     def record(self, sequence, method):
         """Of a run that was done before, or None."""
         path = self.work / sequence.name / f"{method}.json"
         record = json.loads(path.read_text()) if path.exists() else None
-        return record if record and is_result(record) else None
+        if not record or not is_result(record):
+            return None
+        if self.only_done:
+            return record
+        if record["is_stopped"] and record["seconds"] < self.time_limit:
+            return None
+        if "options" in record and record["options"] != self.options(
+                sequence, method):
+            raise Failed(f"{path} is of other options ("
+                         + " ".join(record["options"])
+                         + "); choose another --work")
+        return record
 
     def map(self, sequence, method):
         """The record of a run, from its file if it was done before."""
-        record = self.record(sequence, method)
-        if record:
-            return record
         folder = self.folder(sequence)
-        database = self.make_database(sequence)
+        path = folder / f"{method}.json"
+        database = None if self.only_done else self.database_of(sequence)
+        record = self.record(sequence, method)
+        if not record:
+            record = self.run_mapper(sequence, method, database, folder)
+            write_json(path, record)
+        is_evaluated = record.get("errors") or not sequence.truth
+        if "model" not in record or is_evaluated or self.only_done:
+            return record
+        record["errors"] = self.evaluate(sequence, self.work / record["model"],
+                                         folder / f"{method}.errors.json")
+        write_json(path, record)
+        print_record(record)
+        return record
+
+    def run_mapper(self, sequence, method, database, folder):
         model = folder / method
         log = folder / f"{method}.log"
         if method in EXTERNAL:
@@ -264,25 +320,23 @@ class Runner:
         else:
             record = self.map_ours(method, database, sequence, model, log)
         record.update({"sequence": sequence.name, "method": method})
-        chosen = largest_model(model)
-        if chosen and record["exit_code"] == 0:
-            record["model"] = str(chosen.relative_to(self.work))
-            record["errors"] = self.evaluate(sequence, database, chosen,
-                                             folder / f"{method}.errors.json")
-        # What failed says nothing of the method; it is run again.
-        if is_result(record):
-            write_json(folder / f"{method}.json", record)
-        print_record(record)
         if not is_result(record):
-            print(f"  {last_line(log)}", flush=True)
+            what = "killed" if measuring.was_killed(record) else last_line(log)
+            raise Failed(f"{what} ({log})")
+        chosen = largest_model(model) if record["exit_code"] == 0 else None
+        if chosen:
+            record["model"] = str(chosen.relative_to(self.work))
+        if not chosen or not sequence.truth:
+            print_record(record)
         return record
 
     def map_ours(self, method, database, sequence, model, log):
         command = self.mgsfm(
             "mapper", "--database_path", database, "--output_path", model,
-            *sequence.mapper_options, *options_of(method), *self.extra)
+            *self.options(sequence, method))
         record = measuring.run_logged(command, log, self.time_limit)
         record["command"] = " ".join(map(str, command))
+        record["options"] = self.options(sequence, method)
         if record["exit_code"] == 0:
             report = json.loads((model / "report.json").read_text())
             record["stages"] = measuring.stages_of(report)
@@ -312,13 +366,12 @@ class Runner:
         record = measuring.run_logged(command, log, self.time_limit)
         copy.unlink()
         record["command"] = " ".join(map(str, command))
-        for kind in ("seconds", "processor_seconds"):
-            record[f"{kind}_counted"] = record[kind]
+        if record["exit_code"] == 0:
+            for kind in ("seconds", "processor_seconds"):
+                record[f"{kind}_counted"] = record[kind]
         return record
 
-    def evaluate(self, sequence, database, model, path):
-        if not sequence.truth:
-            return None
+    def evaluate(self, sequence, model, path):
         self.must(self.mgsfm("model_evaluator", "--input_path", model,
                              "--json", path, *sequence.truth),
                   path.with_suffix(".log"))
@@ -326,7 +379,8 @@ class Runner:
 
 
 def is_result(record):
-    """Of a mapper; a time limit that is reached is one, too."""
+    """Of a mapper; a time limit that is reached is one, too. What the exit
+    codes of external ones mean is not known."""
     if record["method"] in EXTERNAL:
         return not measuring.was_killed(record)
     return record["is_stopped"] or record["exit_code"] in RESULTS
@@ -396,9 +450,7 @@ def print_record(record):
     line = f"{record['sequence']:12} {record['method']:26}"
     errors = record.get("errors")
     if record["exit_code"] != 0:
-        why = ("time limit" if record["is_stopped"] else
-               "no model" if is_result(record) else
-               "killed" if measuring.was_killed(record) else "failed")
+        why = "time limit" if record["is_stopped"] else "no model"
         print(f"{line} {why} after {record['seconds']:.1f} s", flush=True)
         return
     line += f" {record.get('seconds_counted', record['seconds']):8.1f} s"
@@ -409,10 +461,26 @@ def print_record(record):
     print(line, flush=True)
 
 
+def words_of(text):
+    """Those between commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def positive(kind):
+    """For argparse: a positive number of a type."""
+    def parse(text):
+        value = kind(text)
+        if not value > 0:
+            raise argparse.ArgumentTypeError(f"{text} is not positive")
+        return value
+    parse.__name__ = kind.__name__
+    return parse
+
+
 def choose_methods(text, external):
     """From the words of --methods."""
     chosen = []
-    for word in text.split(","):
+    for word in words_of(text):
         if word == "all":
             chosen += [*OURS, *external, *ABLATION, *AVERAGED]
         elif word == "paper":
@@ -440,13 +508,14 @@ def argument_parser(description, default_work):
     parser.add_argument("--methods", default="paper",
                         help="separated by commas: all, paper, ablation, or "
                         "names")
-    parser.add_argument("--work", default=default_work,
+    parser.add_argument("--work", default=REPOSITORY / default_work,
                         help="folder of results; what is there is not done "
                         "again")
     parser.add_argument("--program",
-                        default="build/release/apps/mgsfm/mgsfm")
-    parser.add_argument("--threads", type=int, default=os.cpu_count())
-    parser.add_argument("--time_limit", type=float, default=3600.0,
+                        default=REPOSITORY / "build/release/apps/mgsfm/mgsfm")
+    parser.add_argument("--threads", type=positive(int),
+                        default=os.cpu_count())
+    parser.add_argument("--time_limit", type=positive(float), default=3600.0,
                         help="of a mapper, in seconds")
     parser.add_argument("--mapper_options", default="",
                         help="further ones of mgsfm mapper, in one word")
@@ -457,42 +526,71 @@ def argument_parser(description, default_work):
     return parser
 
 
+def recorded_external(work, sequences):
+    """{method: version} of those that were run earlier."""
+    return {method: "run earlier" for method in EXTERNAL
+            if any((work / s.name / f"{method}.json").exists()
+                   for s in sequences)}
+
+
 def run(arguments, sequences, title):
-    """Makes tables and pictures; the records by sequence and method."""
+    """Makes tables and pictures. Gives the records by sequence and method, and
+    how many runs failed."""
     # So that what was started ends, too.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    runner = Runner(arguments)
     external = find_external()
+    if arguments.only_done:
+        external = {**recorded_external(runner.work, sequences), **external}
     for method, version in external.items():
         print(f"{method}: {version}")
     methods = choose_methods(arguments.methods, external)
-    runner = Runner(arguments)
-    runner.work.mkdir(parents=True, exist_ok=True)
     different = dict.fromkeys(SAME_AS.get(m, m) for m in methods)
-    runs = [(sequence, method) for sequence in sequences for method in different
+    runs = [(sequence, method)
+            for sequence in sequences for method in different
             if not arguments.only_done or runner.record(sequence, method)]
-    records = [runner.map(sequence, method) for sequence, method in runs]
+    if not runs:
+        raise SystemExit(f"nothing is done in {runner.work}"
+                         if arguments.only_done else "no sequence, or no method")
+    if not arguments.only_done and shutil.which(arguments.program) is None:
+        raise SystemExit(f"no program {arguments.program}; scripts/build.sh "
+                         "release builds it, --program names another")
+    records, num_failed = [], 0
+    for sequence, method in runs:
+        try:
+            records.append(runner.map(sequence, method))
+        except Failed as failure:
+            print(f"{sequence.name:12} {method:26} failed: {failure}",
+                  flush=True)
+            num_failed += 1
     by_name = {(r["sequence"], r["method"]): r for r in records}
     for sequence in sequences:
         for method, same in SAME_AS.items():
             if (sequence.name, same) in by_name:
                 by_name[sequence.name, method] = by_name[sequence.name, same]
-    tables = experiment_tables.make_tables(
-        by_name, [[m for m in methods if m in group]
-                  for group in ([*OURS, *EXTERNAL], ABLATION, AVERAGED)])
-    experiment_tables.write_tables(tables, runner.work / "tables", {
-        "title": title, "versions": external, "records": records})
-    if not arguments.no_pictures:
+    if records:
+        tables = experiment_tables.make_tables(
+            by_name, [[m for m in methods if m in group]
+                      for group in ([*OURS, *EXTERNAL], ABLATION, AVERAGED)])
+        experiment_tables.write_tables(tables, runner.work / "tables", {
+            "title": title, "versions": external, "records": records})
+    compared = [r for r in records if r["method"] in [*OURS, *EXTERNAL]]
+    if compared and not arguments.no_pictures:
         import experiment_pictures  # needs matplotlib
-        compared = [r for r in records if r["method"] in [*OURS, *EXTERNAL]]
-        if compared:
-            experiment_pictures.draw(runner.work, sequences, compared)
-    return by_name
+        experiment_pictures.draw(runner.work, sequences, compared)
+    return by_name, num_failed
 
 
-def end(records):
-    """What a driver does last with the records of run()."""
-    failed = {(r["sequence"], r["method"]) for r in records.values()
-              if not is_result(r)}
-    if failed:
-        raise SystemExit(f"{len(failed)} runs failed; the same command runs "
-                         "them again")
+def end(num_failed):
+    """What a driver does last."""
+    if num_failed:
+        raise SystemExit(f"{num_failed} of the runs failed; called again, the "
+                         "driver does what is missing")
+
+
+def call(main):
+    """With one line in place of a trace where a file is missing."""
+    try:
+        main()
+    except OSError as error:
+        raise SystemExit(f"{error.filename}: {error.strerror}") from None

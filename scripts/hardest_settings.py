@@ -29,7 +29,7 @@ def simulate(program, data, trees, setting, seed):
     rig, name, frame_step, options = SETTINGS[setting]
     tree = trees / run_name(setting, seed)
     subprocess.run(
-        ["scripts/make_kitti_tree.sh", data, str(tree), "--sequences", name,
+        [experiments.REPOSITORY / "scripts/make_kitti_tree.sh", data, str(tree), "--sequences", name,
          "--rig", rig, "--frame_step", str(frame_step), "--program",
          str(program), "--",
          "--random_seed", str(seed), *options], check=True)
@@ -42,31 +42,32 @@ def main():
     parser = experiments.argument_parser(
         __doc__, "build/experiments/hardest_settings")
     parser.set_defaults(methods="mgsfm,dmra_mgp,mma", no_pictures=True)
-    parser.add_argument("--seeds", type=int, default=8,
+    parser.add_argument("--seeds", type=experiments.positive(int), default=8,
                         help="drives of each setting, with seeds from 0")
     arguments = parser.parse_args()
-    if arguments.seeds < 1:
-        parser.error("--seeds must be at least 1")
-    settings = (arguments.sequences.split(",") if arguments.sequences
-                else list(SETTINGS))
+    settings = experiments.words_of(arguments.sequences) or list(SETTINGS)
     for setting in settings:
         if setting not in SETTINGS:
             raise SystemExit(f"unknown setting '{setting}'; there are "
                              + ", ".join(SETTINGS))
-    work = pathlib.Path(arguments.work)
-    sequences = [simulate(arguments.program, arguments.root, work / "trees",
-                          setting, seed)
-                 for setting in settings for seed in range(arguments.seeds)]
-    records = experiments.run(arguments, sequences, "Hardest settings")
-    runs = {s: [run_name(s, seed) for seed in range(arguments.seeds)]
-            for s in settings}
     methods = experiments.choose_methods(arguments.methods,
                                          experiments.find_external())
+    work = pathlib.Path(arguments.work)
+    trees = work / "trees"
+    sequences = [
+        simulate(arguments.program, arguments.root, trees, setting, seed)
+        for setting in settings for seed in range(arguments.seeds)
+        if not arguments.only_done
+        or (trees / run_name(setting, seed)).exists()]
+    records, num_failed = experiments.run(arguments, sequences,
+                                          "Hardest settings")
+    runs = {s: [run_name(s, seed) for seed in range(arguments.seeds)]
+            for s in settings}
     experiment_tables.write_tables(
         experiment_tables.over_seeds(records, runs, methods),
         work / "hardest_settings", {"title": "Hardest settings"})
-    experiments.end(records)
+    experiments.end(num_failed)
 
 
 if __name__ == "__main__":
-    main()
+    experiments.call(main)

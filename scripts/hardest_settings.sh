@@ -5,8 +5,7 @@
 # rig, the same with few and wrong features, and the rig kitti360 without loops.
 #   scripts/hardest_settings.sh DATA [--sequences stereo_01,kitti360_03]
 #       [--seeds 8] [--methods mgsfm,dmra_mgp,mma] [--work FOLDER] [--threads N]
-# DATA has kitti_trajectories/01.txt ... What is done is not done again. The
-# table of docs/experiments.md is that of this script.
+# DATA has kitti_trajectories/01.txt ... What is done is not done again.
+# docs/experiments.md shows what it gave.
 set -euo pipefail
-cd "$(dirname "$0")/.."
-exec /usr/bin/python3 -B scripts/hardest_settings.py "$@"
+exec /usr/bin/python3 -B "$(dirname "$0")/hardest_settings.py" "$@"

@@ -68,6 +68,23 @@ class Calibration:
                 + " ".join(repr(float(p)) for p in params))
 
 
+def choose_drives(drives, text):
+    """By their names, or by the number in them."""
+    chosen = []
+    for word in experiments.words_of(text):
+        found = [d for d in drives if word in (d, number_of(d))]
+        if not found:
+            raise SystemExit(f"no drive '{word}'; there are "
+                             + ", ".join(drives))
+        chosen += found
+    return list(dict.fromkeys(chosen))
+
+
+def number_of(drive):
+    """0000 of 2013_05_28_drive_0000_sync."""
+    return drive.split("_")[-2] if "_drive_" in drive else drive
+
+
 def make_sequence(root, drive, cameras, calibration, step, work):
     images = root / "data_2d_raw" / drive
     poses = read_matrices(
@@ -84,7 +101,7 @@ def make_sequence(root, drive, cameras, calibration, step, work):
             camera, experiments.png_size(folder / found[0])))
         names += [f"{folder_of(camera)}/{f}" for f in found]
     reference_from_cam0 = np.linalg.inv(calibration.cam0_from[cameras[0]])
-    name = drive.split("_")[-2] if "_drive_" in drive else drive
+    name = number_of(drive)
     folder = work / name / "truth"
     experiments.write_truth(
         folder, lines,
@@ -107,24 +124,24 @@ def main():
     parser = experiments.argument_parser(
         __doc__, "build/experiments/kitti360")
     parser.add_argument("--cameras", default=",".join(PERSPECTIVE + FISHEYE))
-    parser.add_argument("--frame_step", type=int, default=1,
+    parser.add_argument("--frame_step", type=experiments.positive(int),
+                        default=1,
                         help="of the frames with a true pose")
     arguments = parser.parse_args()
     root = pathlib.Path(arguments.root)
     drives = sorted(p.name for p in (root / "data_2d_raw").iterdir()
                     if p.is_dir())
     if arguments.sequences:
-        chosen = arguments.sequences.split(",")
-        drives = [d for d in drives if any(c in d for c in chosen)]
+        drives = choose_drives(drives, arguments.sequences)
     calibration = Calibration(root / "calibration")
-    records = experiments.run(
+    cameras = experiments.words_of(arguments.cameras)
+    _, num_failed = experiments.run(
         arguments,
-        [make_sequence(root, drive, arguments.cameras.split(","), calibration,
-                       arguments.frame_step, pathlib.Path(arguments.work))
-         for drive in drives],
+        [make_sequence(root, drive, cameras, calibration, arguments.frame_step,
+                       pathlib.Path(arguments.work)) for drive in drives],
         "KITTI-360")
-    experiments.end(records)
+    experiments.end(num_failed)
 
 
 if __name__ == "__main__":
-    main()
+    experiments.call(main)

@@ -10,6 +10,5 @@
 # Frames with a true pose are taken. The fisheyes' model is fitted by one that
 # COLMAP knows; how well is printed.
 set -euo pipefail
-cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 -B scripts/kitti360.py "$@"
+exec /usr/bin/python3 -B "$(dirname "$0")/kitti360.py" "$@"

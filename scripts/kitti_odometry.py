@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The experiments on KITTI odometry; see kitti_odometry.sh."""
+import functools
 import pathlib
 
 import experiments
@@ -23,7 +24,7 @@ def positions_by_name(poses_path, names):
     rows = [list(map(float, line.split()))
             for line in poses_path.read_text().splitlines() if line.strip()]
     positions = {}
-    for name in names():
+    for name in names:
         number = int("".join(c for c in pathlib.PurePath(name).stem
                              if c.isdigit()))
         if number < len(rows):
@@ -56,8 +57,9 @@ def recorded(folder, poses_path):
                      f"{p[0]} {p[5]} {p[2]} {p[6]}")
     masks = folder / "masks"
     left = [n for n in names if n.startswith(CAMERAS[0])]
-    truth = []
+    truth, truth_positions = [], None
     if poses_path.exists():
+        truth_positions = functools.partial(positions_by_name, poses_path, left)
         truth = ["--gt_path", poses_path, "--gt_format", "kitti",
                  "--calib_path", folder / "calib.txt"]
     return experiments.Sequence(
@@ -65,14 +67,16 @@ def recorded(folder, poses_path):
         mask_path=masks if masks.is_dir() else None,
         mapper_options=["--BundleAdjustment.refine_focal_length", "no",
                         "--BundleAdjustment.refine_extra_params", "no"],
-        truth=truth,
-        truth_positions=lambda: positions_by_name(poses_path, lambda: left))
+        truth=truth, truth_positions=truth_positions)
 
 
 def find_sequences(root, chosen):
-    folders = sorted(p for p in (root / "sequences").iterdir() if p.is_dir())
+    # Hidden ones are what a stopped simulation left.
+    folders = sorted(p for p in (root / "sequences").iterdir()
+                     if p.is_dir() and not p.name.startswith("."))
     if chosen:
-        folders = [root / "sequences" / name for name in chosen.split(",")]
+        folders = [root / "sequences" / name
+                   for name in experiments.words_of(chosen)]
     sequences = []
     for folder in folders:
         if (folder / "database.db").exists():
@@ -89,10 +93,10 @@ def main():
     arguments = experiments.argument_parser(
         __doc__, "build/experiments/kitti_odometry").parse_args()
     root = pathlib.Path(arguments.root)
-    records = experiments.run(
+    _, num_failed = experiments.run(
         arguments, find_sequences(root, arguments.sequences), "KITTI odometry")
-    experiments.end(records)
+    experiments.end(num_failed)
 
 
 if __name__ == "__main__":
-    main()
+    experiments.call(main)

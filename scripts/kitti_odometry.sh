@@ -10,6 +10,5 @@
 # ablation, all, or names. What is done is not done again.
 # docs/experiments.md says more.
 set -euo pipefail
-cd "$(dirname "$0")/.."
 # That of Debian, which has matplotlib.
-exec /usr/bin/python3 -B scripts/kitti_odometry.py "$@"
+exec /usr/bin/python3 -B "$(dirname "$0")/kitti_odometry.py" "$@"

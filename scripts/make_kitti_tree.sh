@@ -8,15 +8,13 @@
 # cam0, images/cam1, calib.txt, gt_poses.txt), which becomes sequence
 # 06_recorded of a stereo tree. What is there is not made again.
 set -euo pipefail
-cd "$(dirname "$0")/.."
-
 data=${1:?folder of data}
 tree=${2:?folder to make}
 shift 2
 sequences=
 rig=stereo
 frame_step=1
-program=build/release/apps/mgsfm/mgsfm
+program=$(dirname "$0")/../build/release/apps/mgsfm/mgsfm
 while [ $# -gt 0 ]; do
   case "$1" in
     --) shift; break ;;
