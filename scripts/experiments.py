@@ -551,7 +551,7 @@ def run(arguments, sequences, title):
             if not arguments.only_done or runner.record(sequence, method)]
     if not runs:
         raise SystemExit(f"nothing is done in {runner.work}"
-                         if arguments.only_done else "no sequence, or no method")
+                         if arguments.only_done else "no sequence or method")
     if not arguments.only_done and shutil.which(arguments.program) is None:
         raise SystemExit(f"no program {arguments.program}; scripts/build.sh "
                          "release builds it, --program names another")
@@ -593,4 +593,6 @@ def call(main):
     try:
         main()
     except OSError as error:
+        if error.filename is None:
+            raise
         raise SystemExit(f"{error.filename}: {error.strerror}") from None

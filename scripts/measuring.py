@@ -9,6 +9,8 @@ import tempfile
 import threading
 import time
 
+SECONDS_TO_END = 20.0  # between SIGTERM and SIGKILL
+
 
 def run_logged(command, log_path, time_limit=None):
     """Runs a command, whatever comes of it, with its output in a file.
@@ -20,9 +22,13 @@ def run_logged(command, log_path, time_limit=None):
     with open(log_path, "wb") as log:
         process = subprocess.Popen(list(map(str, command)), stdout=log,
                                    stderr=log, start_new_session=True)
-    timer = threading.Timer(time_limit or 0,
-                            lambda: os.killpg(process.pid, signal.SIGKILL))
-    if time_limit:
+    # At the limit it may still remove what it has begun to write.
+    timers = [threading.Timer(seconds, os.killpg, (process.pid, number))
+              for seconds, number in (
+                  (time_limit, signal.SIGTERM),
+                  (time_limit + SECONDS_TO_END, signal.SIGKILL))
+              ] if time_limit else []
+    for timer in timers:
         timer.start()
     try:
         _, status, usage = os.wait4(process.pid, 0)
@@ -30,7 +36,8 @@ def run_logged(command, log_path, time_limit=None):
         os.killpg(process.pid, signal.SIGTERM)
         raise
     finally:
-        timer.cancel()
+        for timer in timers:
+            timer.cancel()
     process.returncode = os.waitstatus_to_exitcode(status)
     seconds = time.monotonic() - start
     return {"seconds": seconds,
