@@ -27,7 +27,9 @@ def read_tum(path, names):
         words = line.split()
         if len(words) == 8 and not line.startswith("#"):
             positions[float(words[0])] = tuple(map(float, words[1:4]))
-    limit = 0.5 * (max(positions) - min(positions)) / max(len(positions) - 1, 1)
+    if len(positions) < 2:
+        return {}
+    limit = 0.5 * (max(positions) - min(positions)) / (len(positions) - 1)
     found = {}
     for name in names:
         time = float(pathlib.PurePath(name).stem)

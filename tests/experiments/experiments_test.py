@@ -191,7 +191,6 @@ class KittiOdometryTest(unittest.TestCase):
             self.assertLess(record["errors"]["position_m"]["mean"], 0.1)
             self.assertGreater(record["seconds_counted"], 0.0)
 
-
     def test_what_fails_leaves_no_record(self):
         with tempfile.TemporaryDirectory() as folder:
             folder = pathlib.Path(folder)
