@@ -4,8 +4,7 @@
 # there.
 #   scripts/setup.sh        to build, run and test
 #   scripts/setup.sh --dev  and to check format, lint and COLMAP compatibility,
-#                           for the tables of scripts/bench.sh, and for the
-#                           tables and pictures of docs/experiments.md
+#                           and to run and test python3 -m experiments
 set -euo pipefail
 
 packages=(
@@ -18,7 +17,10 @@ packages=(
 )
 case "${1:-}" in
   "") ;;
-  --dev) packages+=(clang-format clang-tidy colmap python3 python3-matplotlib) ;;
+  --dev)
+    packages+=(clang-format clang-tidy colmap
+      python3 python3-matplotlib python3-pytest)
+    ;;
   *) echo "usage: scripts/setup.sh [--dev]" >&2; exit 1 ;;
 esac
 
