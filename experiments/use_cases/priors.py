@@ -26,6 +26,12 @@ def outliers(priors):
     return f"{len(priors['outliers'])} of {priors['num_given']}"
 
 
+def largest_shift(priors):
+    """By which the pose-graph deformation moves a frame."""
+    deformation = priors["bending"]
+    return f"{deformation['largest_shift']:.1f} m" if deformation else "none"
+
+
 def positions_of(bench, name):
     """The entry on position priors in the report of the first model."""
     return bench.report(f"{name}/with")["models"][0]["position_priors"]
@@ -53,13 +59,11 @@ def drift(bench):
                                         is_prior=True)
     map_both(bench, "drift", wrong, *USE_POSITIONS)
     found = positions_of(bench, "drift")
-    shift = (f"{found['bending']['largest_shift']:.1f} m" if found["bending"]
-             else "nothing")
     return [("GPS of 0.5 m, 10 % gross outliers; intrinsics 3 % wrong and "
              "fixed", "position, mean; with: not aligned",
              *position_errors(bench, "drift")),
             ("the same", "outliers found; largest shift of the deformation",
-             "-", f"{outliers(found)}; {shift}")]
+             "-", f"{outliers(found)}; {largest_shift(found)}")]
 
 
 def gap(bench):

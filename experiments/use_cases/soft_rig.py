@@ -43,11 +43,15 @@ def late_camera(bench):
     bench.map("late/offset", drive / "database.db",
               "--LooseSynchronization.method", "time_offset",
               "--image_timestamps_path", drive / "timestamps.txt")
-    model = bench.report("late/offset")["models"][0]
-    sensor = model["loose_synchronization"]["sensors"][1]
     return [("one camera 30 ms late, at 10 m/s; with: time_offset", MEASURED,
              *[position(image_errors(bench, n, drive), 3)
                for n in ("late/rigid", "late/offset")]),
             ("the same", "time offset, standard deviation", "none",
-             f"{1e3 * sensor['time_offset_s']:.2f} ms, "
-             f"{1e3 * sensor['time_offset_sigma_s']:.2f} ms")]
+             offset(bench.report("late/offset")))]
+
+
+def offset(report):
+    """The time offset of the second sensor, and its standard deviation."""
+    sensor = report["models"][0]["loose_synchronization"]["sensors"][1]
+    return (f"{1e3 * sensor['time_offset_s']:.2f} ms, "
+            f"{1e3 * sensor['time_offset_sigma_s']:.2f} ms")

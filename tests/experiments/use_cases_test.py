@@ -2,11 +2,13 @@
 """Use cases: rigs that are written, and two short cases."""
 import json
 import math
+import re
 
 import pytest
 
 from experiments import poses
-from experiments.use_cases import calibration, rigs, study
+from experiments.use_cases import calibration, priors, rigs, soft_rig, study
+from experiments.use_cases.workbench import Workbench
 
 
 def test_two_rigs_of_unit_quaternions(tmp_path):
@@ -75,6 +77,37 @@ def test_two_cases_with_reuse(run_experiments, program, tmp_path):
     largest = portable.split("|")[4].split(",")[0]
     assert float(largest) < 1e-6
     assert run_experiments(*call) == out
+
+
+def test_what_reports_say_of_priors(program, tmp_path):
+    bench = Workbench(program, tmp_path, tmp_path)
+    drive = bench.simulate(
+        "short", "--preset", "standard", "--rig", "mono", "--num_frames", "30",
+        "--prior_sigma", "0.5", "--gravity_sigma", "0.5")
+    priors.map_both(bench, "short", drive / "database.db",
+                    *priors.USE_POSITIONS, "--gravity_path",
+                    drive / "gravity.txt")
+    found = priors.positions_of(bench, "short")
+    assert priors.outliers(found) == "0 of 30"
+    assert re.fullmatch(r"none|\d+\.\d m", priors.largest_shift(found))
+    gravity = bench.report("short/with")["models"][0]["gravity"]
+    assert priors.outliers(gravity) == "0 of 30"
+    without, with_ = priors.position_errors(bench, "short")
+    assert float(without.split()[0]) < 0.5
+    assert float(with_.split()[0]) < 1.0
+
+
+def test_what_reports_say_of_a_late_camera(program, tmp_path):
+    bench = Workbench(program, tmp_path, tmp_path)
+    drive = bench.simulate("late", *soft_rig.DRIVE[:-1], "20",
+                           "--trigger_offset", "30")
+    bench.map("late/offset", drive / "database.db", "--LooseSynchronization.method",
+              "time_offset", "--image_timestamps_path",
+              drive / "timestamps.txt")
+    found, sigma = (float(cell.split()[0]) for cell in soft_rig.offset(
+        bench.report("late/offset")).split(","))
+    assert found == pytest.approx(30.0, abs=5.0)
+    assert 0.0 < sigma < 5.0
 
 
 def test_all_cases_are_offered(run_experiments):
