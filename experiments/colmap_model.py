@@ -73,7 +73,7 @@ def text_image_lines(path):
 
 
 def read_binary_positions(path):
-    """As read_positions(), of an images.bin."""
+    """The binary case of read_positions()."""
     data = path.read_bytes()
     (count,) = struct.unpack_from("<Q", data)
     positions, at = {}, 8

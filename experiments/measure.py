@@ -78,7 +78,7 @@ def last_line(log_path):
 
 
 def run_step(command, log_path):
-    """Like run_logged(); throws StepFailed unless the exit code is 0."""
+    """Calls run_logged(); throws StepFailed unless the exit code is 0."""
     measured = run_logged(command, log_path)
     if measured["exit_code"] != 0:
         raise StepFailed(f"{last_line(log_path)} ({log_path})")

@@ -39,7 +39,7 @@ def make_tables(records, groups):
 
 
 def statistic(record, kind, name):
-    """E.g. the "mean" of the "position_m" errors of a record, or None."""
+    """A statistic, such as the mean of position_m, or None without errors."""
     values = ((record or {}).get("errors") or {}).get(kind)
     return values[name] if values else None
 

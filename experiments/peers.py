@@ -49,12 +49,12 @@ KNOWN = {peer.name: peer for peer in (
 
 
 def environment():
-    """That of a peer, which must not look for a display."""
+    """The environment of a peer, which must not look for a display."""
     return {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
 
 
 def output_of(*command):
-    """What a command prints, whatever its exit code."""
+    """The text that a command prints, whatever its exit code."""
     done = subprocess.run(command, capture_output=True, text=True,
                           env=environment(), check=False)
     return done.stdout + done.stderr

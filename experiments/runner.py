@@ -17,7 +17,7 @@ from experiments.measure import StepFailed
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """What all runs of one call share."""
+    """Settings that all runs of one call share."""
 
     program: pathlib.Path
     threads: int
@@ -29,7 +29,7 @@ class Settings:
 
     @staticmethod
     def of(arguments, found_peers):
-        """From the options of add_dataset_options()."""
+        """The settings in the options of add_dataset_options()."""
         return Settings(arguments.program, arguments.threads,
                         arguments.work.resolve(), arguments.time_limit,
                         tuple(shlex.split(arguments.mapper_options)),

@@ -5,7 +5,7 @@ import dataclasses
 import pathlib
 import struct
 
-# For calibrated cameras: intrinsics stay as the data set has them.
+# Calibrated cameras keep the intrinsics of the data set.
 FIXED_INTRINSICS = ("--BundleAdjustment.refine_focal_length", "no",
                     "--BundleAdjustment.refine_extra_params", "no")
 

@@ -28,7 +28,7 @@ class Table:
         return [[self.cell(v) for v in row] for row in self.rows]
 
     def text(self):
-        """For a terminal: the first column left-aligned, others right."""
+        """Aligned columns for a terminal."""
         rows = [self.header, *self.cells()]
         widths = [max(map(len, column)) for column in zip(*rows)]
         lines = ["  ".join(c.ljust(w) if i == 0 else c.rjust(w)

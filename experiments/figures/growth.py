@@ -9,8 +9,8 @@ FIRST_COLOR = "#222"
 
 
 def draw(seconds_curves, memory_curves, path):
-    """On logarithmic axes: above, processor seconds of the mapper; below, its
-    peak memory in MiB.
+    """Processor seconds of the mapper (above) and its peak memory in MiB
+    (below), on logarithmic axes.
 
     A curve is (label, [(observations, value), ...]); the first is the total.
     """

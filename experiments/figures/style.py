@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all figures share: files, axes and colours."""
+"""Files, axes and colours of all figures."""
 import math
 
 import matplotlib

@@ -30,7 +30,7 @@ class Bench:
                 "--num_threads", self.threads, *options]
 
     def errors(self, model, truth):
-        """Of the images in a model; truth: options of model_evaluator."""
+        """Errors of images; truth: options of model_evaluator."""
         if not truth:
             return {}
         path = self.scratch / "errors.json"

@@ -49,7 +49,7 @@ def read_runs(folder):
 
 
 def make_run(report):
-    """From report.json; costs are those of the run and all of its models."""
+    """Reads report.json; costs are summed over the run and its models."""
     costs = {name: {"seconds": stage["seconds"],
                     "processor_seconds": stage["processor_seconds"],
                     "peak_memory_mib": stage["peak_memory_mib_after"]}
@@ -79,7 +79,7 @@ def fit_exponent(runs, stage, kind):
 
 
 def exponent_text(runs, stage, kind):
-    """With two decimals, or the sign for a missing value."""
+    """The exponent with two decimals, or the sign for a missing value."""
     exponent = fit_exponent(runs, stage, kind)
     return tables.MISSING if exponent is None else f"{exponent:.2f}"
 

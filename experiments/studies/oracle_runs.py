@@ -6,7 +6,7 @@ import subprocess
 
 
 class OracleRun:
-    """What the benchmark wrote of one run."""
+    """One run, as the benchmark wrote it."""
 
     def __init__(self, values):
         self.values = values

@@ -95,7 +95,7 @@ def row(run_, max_oracle_ratio, max_full_oracle_ratio):
 
 
 def bold_if(is_bold, text):
-    """Markdown."""
+    """Bold text in Markdown."""
     return f"**{text}**" if is_bold else text
 
 

@@ -8,13 +8,14 @@ USE_POSITIONS = ["--use_prior_position", "1"]
 
 
 def map_both(bench, name, database, *prior_options):
-    """NAME/without and NAME/with."""
+    """Maps a database into NAME/without, and with the prior into NAME/with."""
     bench.map(f"{name}/without", database)
     bench.map(f"{name}/with", database, *prior_options)
 
 
 def position_errors(bench, name):
-    """Without the prior aligned with the truth; with it not aligned."""
+    """Position errors: aligned with the truth without the prior, not aligned
+    with it."""
     truth = ["--gt_path", bench.output / name / "truth"]
     return [position(bench.errors(f"{name}/without", *truth)),
             position(bench.errors(f"{name}/with", *truth,
@@ -22,12 +23,12 @@ def position_errors(bench, name):
 
 
 def outliers(priors):
-    """How many priors were rejected, of all."""
+    """The number of rejected priors, of all."""
     return f"{len(priors['outliers'])} of {priors['num_given']}"
 
 
 def largest_shift(priors):
-    """By which the pose-graph deformation moves a frame."""
+    """The largest shift of a frame by the pose-graph deformation."""
     deformation = priors["bending"]
     return f"{deformation['largest_shift']:.1f} m" if deformation else "none"
 

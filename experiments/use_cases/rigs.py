@@ -84,7 +84,7 @@ def write_stereo_rig(path, rotation, translation):
 
 
 def write_euroc_rig(path, euroc):
-    """From the poses of both cameras in the body that EuRoC gives."""
+    """The rig_config.json of EuRoC, which has both poses in the body."""
     body_from_cam = []
     for k in range(2):
         text = (euroc / f"sensor{k}.yaml").read_text()

@@ -16,7 +16,8 @@ def soft_rig(bench):
 
 
 def image_errors(bench, name, drive):
-    """Of images, against their own true poses, not those of a rigid rig."""
+    """Errors of images against their own true poses; the true rig is not rigid.
+    """
     return bench.errors(name, "--gt_path", drive / "truth_images",
                         "--rig_name_rule", "none")
 

@@ -54,7 +54,7 @@ def try_experiments():
 
 @pytest.fixture
 def run_experiments(try_experiments):
-    """Like try_experiments, but it must succeed; returns what it prints."""
+    """The same, but the call must succeed; returns the printed text."""
     def call(*words, cwd=None):
         done = try_experiments(*words, cwd=cwd)
         assert done.returncode == 0, done.stdout + done.stderr

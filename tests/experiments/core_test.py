@@ -86,7 +86,7 @@ def test_the_largest_model_counts(tmp_path):
     write_binary_images(tmp_path / "0", ["a"])
     write_truth(tmp_path / "1")
     write_binary_images(tmp_path / "2", ["a", "b"])
-    # Of equal ones the first.
+    # The first of two models with equally many images.
     assert colmap_model.largest_model(tmp_path) == tmp_path / "1"
     write_binary_images(tmp_path / "3", ["a", "b", "c"])
     assert colmap_model.largest_model(tmp_path) == tmp_path / "3"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What figures show: values, axes and files; not pixels."""
+"""Values and axes of figures; pixels are not compared."""
 import sys
 
 import pytest

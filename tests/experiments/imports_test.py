@@ -8,7 +8,7 @@ import pytest
 from conftest import REPOSITORY
 
 PACKAGE = "experiments"
-# Beside the standard library, Debian's python3-matplotlib brings these.
+# Debian's python3-matplotlib installs both.
 THIRD_PARTY = {"matplotlib", "numpy"}
 
 
