@@ -23,7 +23,7 @@ def covariances(bench):
     rig = bench.report("covariance/map")["models"][0]["rigs"][0]
     sigma_deg = sum(x * x for sensor in rig["sensors"]
                     if not sensor["is_reference"]
-                    for x in sensor["sigma"]["turns_deg"]) ** 0.5
+                    for x in sensor["sigma"]["rotations_deg"]) ** 0.5
     return [("covariances, simulated stereo",
              "rotation in the rig: error, sigma",
              f"{errors['sensors'][0]['rotation_deg']:.4f} deg",

@@ -24,13 +24,13 @@ def position_errors(bench, name):
 
 def outliers(priors):
     """The number of rejected priors, of all."""
-    return f"{len(priors['outliers'])} of {priors['num_given']}"
+    return f"{len(priors['outliers'])} of {priors['num_priors']}"
 
 
 def largest_shift(priors):
     """The largest shift of a frame by the pose-graph deformation."""
-    deformation = priors["bending"]
-    return f"{deformation['largest_shift']:.1f} m" if deformation else "none"
+    deformation = priors["deformation"]
+    return f"{deformation['max_shift']:.1f} m" if deformation else "none"
 
 
 def positions_of(bench, name):

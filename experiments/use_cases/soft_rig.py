@@ -28,7 +28,7 @@ def jitter(bench, jitter_ms):
     drive = bench.simulate(name, *DRIVE, "--trigger_jitter", jitter_ms)
     bench.map(f"{name}/rigid", drive / "database.db")
     bench.map(f"{name}/soft", drive / "database.db",
-              "--LooseSynchronization.method", "soft")
+              "--SoftRig.method", "soft")
     names = (f"{name}/rigid", f"{name}/soft")
     return [(f"cameras trigger up to {jitter_ms} ms early or late, at 10 m/s; "
              "with: soft", MEASURED,
@@ -42,7 +42,7 @@ def late_camera(bench):
     drive = bench.simulate("late", *DRIVE, "--trigger_offset", "30")
     bench.map("late/rigid", drive / "database.db")
     bench.map("late/offset", drive / "database.db",
-              "--LooseSynchronization.method", "time_offset",
+              "--SoftRig.method", "time_offset",
               "--image_timestamps_path", drive / "timestamps.txt")
     return [("one camera 30 ms late, at 10 m/s; with: time_offset", MEASURED,
              *[position(image_errors(bench, n, drive), 3)
@@ -53,6 +53,6 @@ def late_camera(bench):
 
 def offset(report):
     """The time offset of the second sensor, and its standard deviation."""
-    sensor = report["models"][0]["loose_synchronization"]["sensors"][1]
+    sensor = report["models"][0]["soft_rig"]["sensors"][1]
     return (f"{1e3 * sensor['time_offset_s']:.2f} ms, "
             f"{1e3 * sensor['time_offset_sigma_s']:.2f} ms")

@@ -102,7 +102,7 @@ def test_what_reports_say_of_a_late_camera(program, tmp_path):
     drive = bench.simulate("late", *soft_rig.DRIVE[:-1], "20",
                            "--trigger_offset", "30")
     bench.map("late/offset", drive / "database.db",
-              "--LooseSynchronization.method", "time_offset",
+              "--SoftRig.method", "time_offset",
               "--image_timestamps_path", drive / "timestamps.txt")
     found, sigma = (float(cell.split()[0]) for cell in soft_rig.offset(
         bench.report("late/offset")).split(","))
