@@ -3,11 +3,11 @@
 
 #include "command.h"
 #include "commands.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/rig_config.h"
-#include "mgsfm/io/staged_output.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 
 namespace mgsfm {

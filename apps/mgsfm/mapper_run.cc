@@ -6,26 +6,25 @@
 #include <utility>
 
 #include "command.h"
+#include "io/files/image_list.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "io/models/point_colors.h"
+#include "io/rigs/image_timestamps.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/image_list.h"
-#include "mgsfm/io/image_timestamps.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/point_colors.h"
-#include "mgsfm/io/rig_config.h"
-#include "mgsfm/io/staged_output.h"
-#include "mgsfm/pipeline/covariance_report.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
+#include "pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {
 
 void CheckTimestamps(const MapperRun& run) {
   if (run.image_timestamps_path.empty() &&
-      run.mapper.loose_synchronization.method ==
-          LooseSynchronization::kTimeOffset) {
+      run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
     throw Error(
-        "--LooseSynchronization.method time_offset needs the times of images; "
+        "--SoftRig.method time_offset needs the times of images; "
         "give --image_timestamps_path");
   }
 }
@@ -74,10 +73,10 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
 void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
                      const MapperModel& model, ModelFormat format,
                      const Context& context) {
-  if (model.loose_images && model.loose_images->summary.is_usable) {
+  if (model.soft_rig_images && model.soft_rig_images->summary.is_usable) {
     WriteModel(folder, SeparateImages(scene),
                SeparateImages(model.reconstruction,
-                              model.loose_images->cam_from_world),
+                              model.soft_rig_images->cam_from_world),
                format, context);
   } else {
     WriteModel(folder, scene, model.reconstruction, format, context);

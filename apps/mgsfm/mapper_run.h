@@ -4,12 +4,12 @@
 #include <optional>
 #include <string>
 
+#include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/model_io.h"
-#include "mgsfm/io/model_placing.h"
-#include "mgsfm/io/pose_priors.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/pipeline/mapper.h"
 
 namespace mgsfm {

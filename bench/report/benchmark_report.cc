@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "command.h"
+#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/output_file.h"
 #include "report/benchmark_run.h"
 #include "report/curve_plot.h"
 

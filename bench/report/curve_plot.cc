@@ -9,7 +9,7 @@
 #include <map>
 
 #include "eval/svg.h"
-#include "mgsfm/math/statistics.h"
+#include "math/statistics.h"
 #include "report/axes.h"
 
 namespace mgsfm {

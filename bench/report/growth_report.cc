@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "command.h"
+#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/output_file.h"
 #include "report/growth.h"
 
 namespace mgsfm {

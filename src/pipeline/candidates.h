@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
@@ -15,7 +16,7 @@ namespace mgsfm {
 // Valid as long as scene, view graph, options and context.
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
-                                    std::vector<char> pair_is_used,
+                                    Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context);
 

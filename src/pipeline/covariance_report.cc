@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/pipeline/covariance_report.h"
+#include "pipeline/covariance_report.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

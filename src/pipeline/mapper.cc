@@ -6,9 +6,10 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "pipeline/given_rigs.h"
-#include "pipeline/going_on.h"
+#include "mgsfm/base/mask.h"
+#include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
+#include "pipeline/model_extension.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -45,40 +46,39 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
 
 // Of the part, without the pairs that turned out to contradict the others, so
 // that neither wrong matches nor copies of a structure join what is not one.
-std::vector<char> UsedPairs(const RotationEstimate& rotations,
-                            const std::vector<char>& pair_contradicts) {
-  std::vector<char> pair_is_used = rotations.pair_is_inlier;
+Mask UsedPairs(const RotationEstimate& rotations,
+               const Mask& pair_is_inconsistent) {
+  Mask pair_is_used = rotations.pair_is_inlier;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    if (pair_contradicts[i]) pair_is_used[i] = false;
+    if (pair_is_inconsistent[i]) pair_is_used[i] = false;
   }
   return pair_is_used;
 }
 
 // Pairs of the part that its rotations or positions contradict.
-std::vector<SuspiciousGroup> FindSuspiciousGroups(
+std::vector<RejectedGroup> FindRejectedGroups(
     const Scene& scene, const ViewGraph& view_graph,
-    const RotationEstimate& rotations,
-    const std::vector<char>& pair_contradicts) {
-  std::vector<char> is_suspicious = pair_contradicts;
-  for (size_t i = 0; i < is_suspicious.size(); ++i) {
+    const RotationEstimate& rotations, const Mask& pair_is_inconsistent) {
+  Mask is_rejected = pair_is_inconsistent;
+  for (size_t i = 0; i < is_rejected.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     const bool is_rotation_known =
         pair.relative_pose && rotations.CamFromWorld(scene, pair.image_idx1) &&
         rotations.CamFromWorld(scene, pair.image_idx2);
     if (is_rotation_known && !rotations.pair_is_inlier[i]) {
-      is_suspicious[i] = true;
+      is_rejected[i] = true;
     }
   }
-  return GroupSuspiciousPairs(scene, view_graph, is_suspicious);
+  return GroupRejectedPairs(scene, view_graph, is_rejected);
 }
 
-void WarnOfSuspiciousGroups(const Scene& scene,
-                            const std::vector<SuspiciousGroup>& groups,
-                            const Context& context) {
+void WarnOfRejectedGroups(const Scene& scene,
+                          const std::vector<RejectedGroup>& groups,
+                          const Context& context) {
   constexpr int kMinNumPairs = 5;  // fewer are just wrong
-  for (const SuspiciousGroup& group : groups) {
+  for (const RejectedGroup& group : groups) {
     if (group.num_pairs < kMinNumPairs) continue;
-    context.Warning(DescribeSuspiciousGroup(scene, group));
+    context.Warning(DescribeRejectedGroup(scene, group));
   }
 }
 
@@ -103,14 +103,14 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                    options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
-  model.suspicious_groups = FindSuspiciousGroups(scene, view_graph, rotations,
-                                                 translation.pair_contradicts);
-  WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
+  model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,
+                                             translation.pair_is_inconsistent);
+  WarnOfRejectedGroups(scene, model.rejected_groups, context);
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
   AdjustmentInput input{scene, view_graph, priors, gravity};
-  input.pair_is_used = UsedPairs(rotations, translation.pair_contradicts);
+  input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
   AdjustModel(input, options, context, std::move(initial), &model);
   return model;
@@ -188,10 +188,10 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                              context);
   });
   result.view_graph = verified.summary;
-  CheckGivenRigs(scene, verified.estimate);
+  CheckKnownRigs(scene, verified.estimate);
   if (start != nullptr) {
-    GoOnFromModel(scene, bearings, verified.estimate, *start, options, context,
-                  priors, gravity, &result);
+    ExtendModel(scene, bearings, verified.estimate, *start, options, context,
+                priors, gravity, &result);
     return result;
   }
 
@@ -212,7 +212,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                         SelectPart(scene, verified.estimate, rotation.estimate,
                                    static_cast<int>(part)),
                         priors, gravity, options, context);
-    model.num_frames_in_part = num_frames[part];
+    model.num_frames_in_component = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
       result.models.push_back(std::move(model));
@@ -241,12 +241,12 @@ void LogFocalLengths(const Scene& scene,
     char numbers[96];
     if (estimate.estimated_px) {
       std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
-                    *estimate.estimated_px, estimate.given_px,
+                    *estimate.estimated_px, estimate.prior_px,
                     *estimate.estimated_px * estimate.sigma);
       context.Info(camera + numbers);
     } else {
       std::snprintf(numbers, sizeof(numbers),
-                    " stays at %.2f px: ", estimate.given_px);
+                    " stays at %.2f px: ", estimate.prior_px);
       context.Warning(camera + numbers + estimate.message);
     }
   }

@@ -125,8 +125,8 @@ SimulationOptions Drive(RigPreset rig, PathPreset path) {
 }
 
 void ExpectNamed(const Copies& copies, const MapperModel& model) {
-  ASSERT_FALSE(model.suspicious_groups.empty());
-  const SuspiciousGroup& group = model.suspicious_groups.front();
+  ASSERT_FALSE(model.rejected_groups.empty());
+  const RejectedGroup& group = model.rejected_groups.front();
   // Neighbours of the frames are matched with their copies, too.
   constexpr int kReach = 3;
   EXPECT_GE(group.first_frame_idx1, copies.first_frame_idx - kReach);
@@ -155,7 +155,7 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
                 .max_position,
             0.3);
   ExpectNamed(copies, result.models[0]);
-  EXPECT_EQ(result.models[0].suspicious_groups[0].num_pairs, num_wrong_pairs);
+  EXPECT_EQ(result.models[0].rejected_groups[0].num_pairs, num_wrong_pairs);
 }
 
 TEST_P(AliasingTest, ADriveWithoutCopiesHasNothingSuspicious) {
@@ -164,7 +164,7 @@ TEST_P(AliasingTest, ADriveWithoutCopiesHasNothingSuspicious) {
   const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
                                         MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
-  EXPECT_TRUE(result.models[0].suspicious_groups.empty());
+  EXPECT_TRUE(result.models[0].rejected_groups.empty());
 }
 
 INSTANTIATE_TEST_SUITE_P(

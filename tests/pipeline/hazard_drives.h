@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Hazards of the graph of image pairs: what it connects, and what not.
+#include "mgsfm/base/mask.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "pipeline/hazard_drives.h"
 
@@ -271,8 +272,8 @@ TEST(Hazards, Hazard22VeryLongChainOfMatches) {
     view_graph.pairs.push_back(std::move(pair));
   }
   const ObservationGroups candidates = EstablishCandidates(
-      scene, view_graph, {std::vector<char>(view_graph.pairs.size(), 1), {}},
-      TrackOptions(), Context());
+      scene, view_graph, {Mask(view_graph.pairs.size(), 1), {}}, TrackOptions(),
+      Context());
   ASSERT_EQ(candidates.size(), 1u);
   EXPECT_EQ(candidates.length(0), size_t{kNumImages});
 }

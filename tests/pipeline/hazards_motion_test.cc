@@ -26,8 +26,7 @@ TEST(Hazards, Hazard06CameraNeverRegisteredWithOthers) {
     const Outcome outcome = Map(drive);
     ASSERT_EQ(outcome.result.models.size(), 1u);
     const Reconstruction& model = outcome.result.models[0].reconstruction;
-    const InternalRotationSummary& rotation =
-        outcome.result.rotation.sensors[3];
+    const SensorRotationSummary& rotation = outcome.result.rotation.sensors[3];
     EXPECT_FALSE(rotation.message.empty());
     // Whether a short winding drive turns enough is for the noise to say.
     if (path == PathPreset::kStraight) {

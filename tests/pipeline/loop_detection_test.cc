@@ -13,12 +13,12 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "io/files/image_writing.h"
 #include "mgsfm/features/feature_extraction.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/feature_database.h"
-#include "mgsfm/io/image_writing.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/matching/matching.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/rendering.h"

@@ -2,7 +2,7 @@
 // Cameras with one centre, and views of half the sphere and more.
 #include <gtest/gtest.h>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/model_comparison.h"

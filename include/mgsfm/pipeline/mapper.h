@@ -13,15 +13,16 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
 #include "mgsfm/bundle/focal_length_check.h"
-#include "mgsfm/bundle/loose_synchronization.h"
-#include "mgsfm/pipeline/going_on.h"
+#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "mgsfm/pipeline/model_extension.h"
+#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/rotation/rotation_averaging.h"
-#include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/soft_rig/soft_rig.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/translation/translation_averaging.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
@@ -68,8 +69,8 @@ struct MapperOptions {
   MatchSelectionOptions match_selection;
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
-  GoingOnOptions going_on;  // listed by commands that can have a start
-  LooseSynchronizationOptions loose_synchronization;
+  ExtensionOptions extension;  // listed by commands that can have a start
+  SoftRigOptions soft_rig;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -90,36 +91,13 @@ struct MapperOptions {
     visit.Group("MatchSelection", self.match_selection);
     visit.Group("TranslationAveraging", self.translation_averaging);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
-    visit.Group("LooseSynchronization", self.loose_synchronization);
+    visit.Group("SoftRig", self.soft_rig);
   }
 };
 
-// How far a model was bent, see src/pipeline/position_bending.h: the most that
-// any of its frames moved and turned.
-struct ModelBending {
-  double largest_shift = 0.0;
-  double largest_turn_deg = 0.0;
-};
-
-// What became of measured positions in one model.
-struct PositionPriorSummary {
-  struct Outlier {
-    int image_idx = 0;
-    double distance = 0.0;  // from the position to the image's centre
-  };
-  bool is_registered = false;  // the model is in the world of the positions
-  std::string message;         // what is not so, or what was assumed
-  int num_given = 0;           // to images that had a pose when it was moved
-  int num_used = 0;
-  std::optional<ModelBending> bending;  // if it had to be
-  std::optional<double> rms;            // distance of those used
-  // Not used, or more than four standard deviations off in the end.
-  std::vector<Outlier> outliers;
-};
-
 struct MapperModel {
-  Reconstruction reconstruction;  // positions are those of the whole scene
-  int num_frames_in_part = 0;     // before translation averaging
+  Reconstruction reconstruction;    // positions are those of the whole scene
+  int num_frames_in_component = 0;  // before translation averaging
   TrackSummary tracks;
   TranslationSummary translation;
   BundleSummary bundle;
@@ -127,12 +105,12 @@ struct MapperModel {
   std::optional<GravitySummary> gravity;                // if it was measured
   std::vector<FocalLengthCheck> focal_lengths;          // of those refined
   std::optional<CovarianceResult> covariances;          // if asked for
-  std::optional<GoingOnSummary> going_on;               // if it had a start
+  std::optional<ExtensionSummary> extension;            // if it had a start
   // If asked for; then `reconstruction` has the mean rig, and points that fit
   // these poses of images. Covariances are those before.
-  std::optional<LooseImages> loose_images;
+  std::optional<SoftRigImages> soft_rig_images;
   // Pairs of this part that rotations or positions contradict.
-  std::vector<SuspiciousGroup> suspicious_groups;
+  std::vector<RejectedGroup> rejected_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
 };
 
@@ -156,7 +134,7 @@ struct MapperResult {
 // contradict each other.
 MapperOptions ResolveMethod(const MapperOptions& options);
 
-// With LooseSynchronization.method time_offset, all images of the scene must
+// With SoftRig.method time_offset, all images of the scene must
 // have times.
 //
 // With `priors`, models come out in their world where they determine it, bent
@@ -165,11 +143,11 @@ MapperOptions ResolveMethod(const MapperOptions& options);
 // of positions, nor of `start`, have gravity along +y.
 //
 // With `start`, a model of some of the frames in positions of the scene, goes
-// on from it as mgsfm/pipeline/going_on.h says, and gives that one model.
+// on from it as mgsfm/pipeline/extension.h says, and gives that one model.
 //
 // With the method kSingle all rigs of the scene must have one sensor. Throws
 // Error if given poses of sensors contradict the matches, see
-// src/pipeline/given_rigs.h. No model in the result means that the input held
+// src/pipeline/known_rigs.h. No model in the result means that the input held
 // no reconstructable scene; `unregistered_frames` then says why for each frame.
 [[nodiscard]] MapperResult RunMapper(const Scene& scene,
                                      const ViewGraph& view_graph,
