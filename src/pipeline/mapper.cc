@@ -173,12 +173,12 @@ MethodDefaults DefaultsOf(MapperMethod method) {
           TranslationObjective::kAuto};
 }
 
-// All after the focal lengths.
+// The stages after the calibration of focal lengths, which replaces the cameras
+// of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
-                           const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors,
-                           const GravityPriors& gravity,
-                           const Reconstruction* start) {
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -189,16 +189,18 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
   });
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
-  if (start != nullptr) {
-    ExtendModel(scene, bearings, verified.estimate, *start, options, context,
-                priors, gravity, &result);
+  if (input.existing_model) {
+    ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
+                options, context, input.position_priors, input.gravity_priors,
+                &result);
     return result;
   }
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context, gravity);
+                                options.rotation_averaging, context,
+                                input.gravity_priors);
       });
   result.rotation = std::move(rotation.summary);
 
@@ -207,11 +209,11 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
     if (num_frames[part] < options.min_num_frames) continue;
     context.Info("part " + std::to_string(part) + ": " +
                  std::to_string(num_frames[part]) + " frames");
-    MapperModel model =
-        ReconstructPart(scene, bearings, verified.estimate,
-                        SelectPart(scene, verified.estimate, rotation.estimate,
-                                   static_cast<int>(part)),
-                        priors, gravity, options, context);
+    MapperModel model = ReconstructPart(
+        scene, bearings, verified.estimate,
+        SelectPart(scene, verified.estimate, rotation.estimate,
+                   static_cast<int>(part)),
+        input.position_priors, input.gravity_priors, options, context);
     model.num_frames_in_component = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
@@ -289,32 +291,30 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
   return resolved;
 }
 
-MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
+MapperResult RunMapper(const MapperInput& input,
                        const MapperOptions& given_options,
-                       const Context& context, const PositionPriors& priors,
-                       const GravityPriors& gravity,
-                       const Reconstruction* start) {
+                       const Context& context) {
+  const Scene& scene = input.scene;
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors, gravity,
-                         start);
+    return MapCalibrated(scene, input.view_graph, input, options, context);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
       Timed("focal lengths", context, &times, [&] {
-        return CalibrateFocalLengths(scene, view_graph, options.focal_lengths,
-                                     context);
+        return CalibrateFocalLengths(scene, input.view_graph,
+                                     options.focal_lengths, context);
       });
   LogFocalLengths(scene, focal_lengths.estimates, context);
   const ViewGraph uncalibrated =
-      DropCalibratedGeometry(scene, focal_lengths, view_graph);
+      DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
-                                      context, priors, gravity, start);
+  MapperResult result =
+      MapCalibrated(calibrated, uncalibrated, input, options, context);
   for (MapperModel& model : result.models) {
     DoubtFocalLengths(focal_lengths.estimates, context, &model);
   }

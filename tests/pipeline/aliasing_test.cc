@@ -146,8 +146,8 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
   const size_t num_true_pairs = simulation.view_graph.pairs.size();
   const int num_wrong_pairs = CopyMaker(copies, &simulation).Run();
   ASSERT_GT(num_wrong_pairs, static_cast<int>(num_true_pairs / 20));
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        MapperOptions(), Context());
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
   EXPECT_LT(CompareModels(simulation.scene, result.models[0].reconstruction,
@@ -161,8 +161,8 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
 TEST_P(AliasingTest, ADriveWithoutCopiesHasNothingSuspicious) {
   const Simulation simulation =
       Simulate(Drive(GetParam().first, GetParam().second));
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        MapperOptions(), Context());
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.models[0].rejected_groups.empty());
 }

@@ -107,7 +107,7 @@ inline Outcome Map(const Drive& drive, int min_num_frames = 3) {
   MapperOptions options;
   options.min_num_frames = min_num_frames;
   MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, options, context);
+      RunMapper({loaded.scene, loaded.view_graph}, options, context);
   return {std::move(loaded.scene), std::move(result)};
 }
 

@@ -56,7 +56,7 @@ void ReadMapAndWrite(Questions* questions,
       LoadScene(MGSFM_SOURCE_DIR "/data/demo/database.db",
                 SceneLoadingOptions(), context);
   const MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, MapperOptions(), context);
+      RunMapper({loaded.scene, loaded.view_graph}, MapperOptions(), context);
   questions->Enter("writing");
   ASSERT_EQ(result.models.size(), 1u);
   WriteModel(output, loaded.scene, result.models[0].reconstruction,
@@ -100,7 +100,7 @@ TEST(InterruptionTest, StopsWithSeveralThreads) {
     Context context;
     context.num_threads = 3;
     context.is_cancelled = [&] { return ++count >= number; };
-    EXPECT_THROW(static_cast<void>(RunMapper(loaded.scene, loaded.view_graph,
+    EXPECT_THROW(static_cast<void>(RunMapper({loaded.scene, loaded.view_graph},
                                              MapperOptions(), context)),
                  Interrupted);
   }

@@ -98,8 +98,9 @@ TEST(GivenRigsTest, MapperRefusesAContradictoryRig) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
   PoseOf(&simulation, 1) = PoseOf(&simulation, 1).Inverse();
-  EXPECT_THROW((void)RunMapper(simulation.scene, simulation.view_graph, {}, {}),
-               Error);
+  EXPECT_THROW(
+      (void)RunMapper({simulation.scene, simulation.view_graph}, {}, {}),
+      Error);
 }
 
 }  // namespace

@@ -348,7 +348,7 @@ TEST_F(LoopDetectionTest, FindsImagesOfTheSamePlaceAndNoOthers) {
                   &database_);
   const LoadedScene input = LoadScene(database_.path(), {}, context_);
   const MapperResult result =
-      RunMapper(input.scene, input.view_graph, {}, context_);
+      RunMapper({input.scene, input.view_graph}, {}, context_);
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_TRUE(result.unregistered_frames.empty());
   const Reconstruction& model = result.models[0].reconstruction;

@@ -32,7 +32,7 @@ MapperResult Map(const Simulation& simulation, const MapperOptions& options,
                  int num_threads = 2) {
   Context context;
   context.num_threads = num_threads;
-  return RunMapper(SceneFor(simulation, options), simulation.view_graph,
+  return RunMapper({SceneFor(simulation, options), simulation.view_graph},
                    options, context);
 }
 

@@ -64,7 +64,7 @@ bool IsOfFirstPart(int frame_idx) { return frame_idx < kNumFirst; }
 
 Reconstruction MapFirstPart(const Simulation& simulation) {
   const MapperResult result =
-      RunMapper(simulation.scene, PairsOf(simulation, IsOfFirstPart),
+      RunMapper({simulation.scene, PairsOf(simulation, IsOfFirstPart)},
                 MapperOptions(), TwoThreads());
   MGSFM_CHECK_EQ(result.models.size(), 1u);
   return result.models[0].reconstruction;
@@ -72,8 +72,8 @@ Reconstruction MapFirstPart(const Simulation& simulation) {
 
 MapperResult GoOn(const Simulation& simulation, const Reconstruction& start,
                   const MapperOptions& options = {}) {
-  return RunMapper(simulation.scene, simulation.view_graph, options,
-                   TwoThreads(), {}, {}, &start);
+  return RunMapper({simulation.scene, simulation.view_graph, {}, {}, start},
+                   options, TwoThreads());
 }
 
 MapperOptions Fixed() {
@@ -99,7 +99,7 @@ TEST_P(ModelExtensionTest, TheRestIsAsGoodAsIfMappedAtOnce) {
   EXPECT_LT(error.max_position, 0.1);
 
   const MapperResult whole =
-      RunMapper(scene, simulation.view_graph, MapperOptions(), TwoThreads());
+      RunMapper({scene, simulation.view_graph}, MapperOptions(), TwoThreads());
   ASSERT_EQ(whole.models.size(), 1u);
   const ModelDifference difference =
       CompareModels(scene, model, whole.models[0].reconstruction);
@@ -177,8 +177,8 @@ Simulation TwoRigs() {
 Reconstruction MapFirstRig(const Simulation& simulation) {
   const Scene& scene = simulation.scene;
   const auto is_of_first = [&](int i) { return scene.frames[i].rig_idx == 0; };
-  const MapperResult first = RunMapper(scene, PairsOf(simulation, is_of_first),
-                                       MapperOptions(), TwoThreads());
+  const MapperResult first = RunMapper(
+      {scene, PairsOf(simulation, is_of_first)}, MapperOptions(), TwoThreads());
   MGSFM_CHECK_EQ(first.models.size(), 1u);
   return WithoutFrames(scene, first.models[0].reconstruction,
                        [&](int i) { return !is_of_first(i); });
@@ -236,7 +236,7 @@ TEST(GoingOn, CamerasJoinFramesThatAreThere) {
     }
   }
   const MapperResult first =
-      RunMapper(scene, pairs_ahead, MapperOptions(), TwoThreads());
+      RunMapper({scene, pairs_ahead}, MapperOptions(), TwoThreads());
   ASSERT_EQ(first.models.size(), 1u);
   Reconstruction start = first.models[0].reconstruction;
   for (size_t i = 1; i < start.sensor_from_rig.size(); ++i) {
@@ -273,8 +273,8 @@ TEST(GoingOn, FramesThatCannotBeAddedAreNamed) {
     if (level == LogLevel::kWarning) warning += message;
   };
   const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
-                context, {}, {}, &start);
+      RunMapper({simulation.scene, simulation.view_graph, {}, {}, start},
+                MapperOptions(), context);
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_EQ(result.unregistered_frames.size(), 1u);
   EXPECT_EQ(result.unregistered_frames[0].frame_idx, kNumFrames - 1);
@@ -288,8 +288,9 @@ TEST(GoingOn, FixedFramesAndMeasuredPositionsContradict) {
   const Reconstruction start = MapFirstPart(simulation);
   PositionPriors priors;
   priors.images.resize(simulation.scene.images.size());
-  EXPECT_THROW((void)RunMapper(simulation.scene, simulation.view_graph, Fixed(),
-                               TwoThreads(), priors, {}, &start),
+  EXPECT_THROW((void)RunMapper(
+                   {simulation.scene, simulation.view_graph, priors, {}, start},
+                   Fixed(), TwoThreads()),
                Error);
 }
 
@@ -309,9 +310,9 @@ TEST(GoingOn, IdsDoNotChangeTheResult) {
     const PlacedModel start = PlaceModel(ReadModel(dir.path()), dir.path(),
                                          "test.db", true, &loaded.scene);
     EXPECT_TRUE(start.is_rigid);
-    MapperResult result =
-        RunMapper(loaded.scene, loaded.view_graph, MapperOptions(),
-                  TwoThreads(), {}, {}, &start.reconstruction);
+    MapperResult result = RunMapper(
+        {loaded.scene, loaded.view_graph, {}, {}, start.reconstruction},
+        MapperOptions(), TwoThreads());
     ASSERT_EQ(result.models.size(), 1u);
     models.push_back(std::move(result.models[0].reconstruction));
   }

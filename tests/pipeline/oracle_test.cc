@@ -18,7 +18,7 @@ TEST_P(OracleTest, MapperIsNearTheOptimum) {
   const Context context;
   const auto comparison = CompareWithOracles(
       simulation,
-      RunMapper(simulation.scene, simulation.view_graph, mapper, context),
+      RunMapper({simulation.scene, simulation.view_graph}, mapper, context),
       mapper.bundle_adjustment, context);
   ASSERT_TRUE(comparison);
   EXPECT_EQ(comparison->mapper.num_registered, comparison->mapper.num_images);
@@ -36,7 +36,7 @@ TEST(ExactDriveTest, ExactInputGivesTheTruth) {
     options.num_frames = 30;
     const Simulation simulation = Simulate(options);
     const MapperResult result =
-        RunMapper(simulation.scene, simulation.view_graph, {}, Context());
+        RunMapper({simulation.scene, simulation.view_graph}, {}, Context());
     ASSERT_EQ(result.models.size(), 1u);
     const ModelErrors errors =
         EvaluateModel(simulation, result.models.front().reconstruction);

@@ -56,7 +56,7 @@ void ExpectRecovered(const std::vector<SimulatedCamera>& rig, bool is_known) {
   }
   EXPECT_TRUE(sees_behind);
   const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, {}, {});
+      RunMapper({simulation.scene, simulation.view_graph}, {}, {});
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
   const ModelDifference difference =

@@ -37,8 +37,9 @@ MapperResult Triangulate(const Simulation& simulation,
                          const Reconstruction& start) {
   Context context;
   context.num_threads = 2;
-  return TriangulatePoints(simulation.scene, simulation.view_graph, start,
-                           HoldAll(), context);
+  return TriangulatePoints(
+      {simulation.scene, simulation.view_graph, {}, {}, start}, HoldAll(),
+      context);
 }
 
 // The largest distance from the truth of points of at least 5 observations,

@@ -31,7 +31,7 @@ MapperResult Map(const Simulation& simulation, SoftRig method) {
   context.num_threads = 2;
   MapperOptions options;
   options.soft_rig.method = method;
-  return RunMapper(simulation.scene, simulation.view_graph, options, context);
+  return RunMapper({simulation.scene, simulation.view_graph}, options, context);
 }
 
 // Lengths of the ways between images next to each other, which need no

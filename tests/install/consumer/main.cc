@@ -7,7 +7,7 @@
 int main() {
   const mgsfm::Simulation simulation = mgsfm::Simulate({});
   const mgsfm::MapperResult result =
-      mgsfm::RunMapper(simulation.scene, simulation.view_graph, {}, {});
+      mgsfm::RunMapper({simulation.scene, simulation.view_graph}, {}, {});
   std::printf("models: %zu\n", result.models.size());
   return result.models.size() == 1 ? 0 : 1;
 }
