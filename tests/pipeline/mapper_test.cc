@@ -97,7 +97,7 @@ TEST(MapperTest, KnownExtrinsicsGiveMetricScale) {
 }
 
 // Two drives that share no image pair.
-TEST(MapperTest, EachConnectedPartBecomesAModel) {
+TEST(MapperTest, EachConnectedComponentBecomesAModel) {
   const Simulation simulation =
       Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
   ViewGraph parted;
@@ -121,7 +121,7 @@ TEST(MapperTest, EachConnectedPartBecomesAModel) {
   }
 }
 
-TEST(MapperTest, NothingToReconstructIsSaidFrameByFrame) {
+TEST(MapperTest, EveryUnregisteredFrameHasAReason) {
   Simulation simulation =
       Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
   simulation.view_graph.pairs.clear();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The mapper against the best that its input allows, on realistic drives; see
-// bench/oracle/oracle.h. docs/accuracy.md has long ones.
+// Compares the mapper with the optimum of its input on realistic drives, see
+// bench/oracle/oracle.h. docs/results/accuracy.md covers long drives.
 #include "oracle/oracle.h"
 
 #include <gtest/gtest.h>
@@ -41,7 +41,7 @@ TEST(ExactDriveTest, ExactInputGivesTheTruth) {
     const ModelErrors errors =
         EvaluateModel(simulation, result.models.front().reconstruction);
     EXPECT_EQ(errors.num_registered, errors.num_images);
-    // Of a path of 29 m; keypoints are single precision.
+    // The path is 29 m long; keypoints have single precision.
     EXPECT_LE(errors.position_m->mean, 29e-6);
     for (const RigErrors& sensor : errors.rig) {
       EXPECT_LE(sensor.position_m, 1e-6 * sensor.true_distance_m);
