@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "command.h"
+#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/output_file.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "oracle/oracle.h"
@@ -146,8 +146,8 @@ int RunBenchmark(const SimulatedRunOptions& options, const Context& context) {
   json["simulation_peak_memory_mib"] = PeakMemoryMib();
 
   const Timer mapping;
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        options.mapper, context);
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, options.mapper, context);
   const double seconds = mapping.Seconds();
   json["seconds"] = SecondsToJson(result, seconds);
   json["peak_memory_mib"] = PeakMemoryMib();

@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/io/models/trajectory_io.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 

@@ -64,11 +64,14 @@ def add_program(parser, default=PROGRAM, option="--program"):
 
 def find_program(path):
     """The absolute path of a program; ends with one line if it is missing."""
+    build = "scripts/build.sh release"
+    if path.name.endswith("_benchmark"):
+        build = f"cmake --preset release -DMGSFM_BUILD_BENCHMARKS=ON && {build}"
     # A bare name is looked up in PATH only if there is no such file.
     found = path.resolve() if path.exists() else shutil.which(path)
     if found is None or shutil.which(found) is None:
-        raise SystemExit(f"no program {path}; scripts/build.sh release builds "
-                         "it, or an option names another (see --help)")
+        raise SystemExit(f"no program {path}; build it with '{build}', or name "
+                         "another (see --help)")
     return pathlib.Path(found)
 
 

@@ -11,20 +11,23 @@ table='
 base:
 math: base
 geometry: base
-least_squares: base math geometry
 scene: base math geometry
+least_squares: base math geometry
 io: base math geometry scene
-features: base geometry scene io
+features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
 eval: base math geometry scene
+priors: base math geometry scene
+pair_filtering: base math geometry scene
 view_graph: base math geometry scene
-rotation: base math geometry scene
-tracks: base math geometry scene
-translation: base math geometry least_squares scene
-resection: base math geometry scene
+rotation: base math geometry scene priors pair_filtering
+tracks: base math geometry scene pair_filtering
+translation: base math geometry least_squares scene pair_filtering
+extension: base math geometry scene io
 bundle: base math geometry least_squares scene
-pipeline: base math geometry least_squares scene view_graph rotation tracks translation resection bundle
+soft_rig: base math geometry least_squares scene bundle
+pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation extension bundle soft_rig
 '
 
 # Only cpu_features.h asks, for MGSFM_PORTABLE: what runs, not what it does.

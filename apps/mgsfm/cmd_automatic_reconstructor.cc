@@ -58,7 +58,7 @@ struct AutomaticReconstructorOptions {
     PosePriorOptions::Describe(self.priors, visit);
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
           "File with a line `image_name SECONDS` for each image: when it was "
-          "taken, for --LooseSynchronization.method time_offset.");
+          "taken, for --SoftRig.method time_offset.");
     PairMatchingOptions::Describe(self.matching, visit);
     visit.Group("SequentialMatching", self.sequential);
     visit.Group("ExhaustiveMatching", self.exhaustive);

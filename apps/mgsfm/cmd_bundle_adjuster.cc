@@ -7,17 +7,17 @@
 
 #include "command.h"
 #include "commands.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "math/statistics.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
 #include "mgsfm/bundle/focal_length_check.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/io/model_io.h"
-#include "mgsfm/io/model_scene.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/rig_config.h"
-#include "mgsfm/io/staged_output.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/pipeline/covariance_report.h"
+#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/io/rigs/rig_config.h"
+#include "pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {

@@ -39,9 +39,9 @@ struct MapperCommandOptions {
     PosePriorOptions::Describe(self.priors, visit);
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
           "File with a line `image_name SECONDS` for each image: when it was "
-          "taken, for --LooseSynchronization.method time_offset.");
+          "taken, for --SoftRig.method time_offset.");
     MapperOptions::Describe(self.mapper, visit);
-    visit.Group("Mapper", self.mapper.going_on);
+    visit.Group("Mapper", self.mapper.extension);
   }
 };
 

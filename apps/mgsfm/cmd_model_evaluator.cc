@@ -8,13 +8,13 @@
 
 #include "command.h"
 #include "commands.h"
+#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/eval/evaluation_plot.h"
-#include "mgsfm/io/database.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/scene_loading.h"
-#include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/trajectory_io.h"
 #include "named_model.h"
 #include "true_trajectory.h"
 

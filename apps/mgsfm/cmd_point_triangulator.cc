@@ -3,11 +3,11 @@
 
 #include "command.h"
 #include "commands.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/rig_config.h"
-#include "mgsfm/io/staged_output.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 
 namespace mgsfm {
@@ -83,16 +83,15 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.options_json = OptionsToJsonOf(options);
 
   const StageTimer reading;
-  const MapperInput input =
+  const LoadedInput input =
       LoadMapperInput(run, {!options.clear_points, true}, context);
-  const Scene& scene = input.loaded.scene;
+  const Scene& scene = input.mapper.scene;
   CheckFormat(scene, options.output_format);
-  description.rig_source = input.loaded.rig_source;
+  description.rig_source = input.rig_source;
   description.times.push_back(reading.Stop("reading"));
 
-  MapperResult result = TriangulatePoints(scene, input.loaded.view_graph,
-                                          input.start->reconstruction,
-                                          StageOptions(options), context);
+  MapperResult result =
+      TriangulatePoints(input.mapper, StageOptions(options), context);
   if (result.models.empty()) {
     context.log(LogLevel::kError,
                 "no point could be triangulated from the matches");
@@ -108,7 +107,7 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",
-      MapperReportToJson(scene, input.loaded.view_graph, result, description));
+      MapperReportToJson(scene, input.mapper.view_graph, result, description));
   context.CheckInterrupted();
   output.Commit();
   context.Info(std::to_string(model.points.size()) + " points");

@@ -3,8 +3,8 @@
 
 #include "command.h"
 #include "commands.h"
-#include "mgsfm/io/feature_database.h"
-#include "mgsfm/io/rig_configuration.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/rigs/rig_configuration.h"
 
 namespace mgsfm {
 namespace {

@@ -8,7 +8,7 @@
 #include <system_error>
 
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 
 namespace mgsfm {
 namespace {

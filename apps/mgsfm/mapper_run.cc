@@ -6,35 +6,35 @@
 #include <utility>
 
 #include "command.h"
+#include "io/files/image_list.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "io/models/point_colors.h"
+#include "io/rigs/image_timestamps.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/image_list.h"
-#include "mgsfm/io/image_timestamps.h"
-#include "mgsfm/io/output_file.h"
-#include "mgsfm/io/point_colors.h"
-#include "mgsfm/io/rig_config.h"
-#include "mgsfm/io/staged_output.h"
-#include "mgsfm/pipeline/covariance_report.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
+#include "pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {
 
 void CheckTimestamps(const MapperRun& run) {
   if (run.image_timestamps_path.empty() &&
-      run.mapper.loose_synchronization.method ==
-          LooseSynchronization::kTimeOffset) {
+      run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
     throw Error(
-        "--LooseSynchronization.method time_offset needs the times of images; "
+        "--SoftRig.method time_offset needs the times of images; "
         "give --image_timestamps_path");
   }
 }
 
-void LogInput(const LoadedScene& loaded, const Context& context) {
-  context.Info("read " + std::to_string(loaded.scene.images.size()) +
-               " images in " + std::to_string(loaded.scene.frames.size()) +
-               " frames, " + std::to_string(loaded.view_graph.pairs.size()) +
-               " pairs; rigs: " + loaded.rig_source);
+void LogInput(const LoadedInput& input, const Context& context) {
+  const Scene& scene = input.mapper.scene;
+  context.Info("read " + std::to_string(scene.images.size()) + " images in " +
+               std::to_string(scene.frames.size()) + " frames, " +
+               std::to_string(input.mapper.view_graph.pairs.size()) +
+               " pairs; rigs: " + input.rig_source);
 }
 
 // The images to take, empty for all.
@@ -74,37 +74,36 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
 void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
                      const MapperModel& model, ModelFormat format,
                      const Context& context) {
-  if (model.loose_images && model.loose_images->summary.is_usable) {
+  if (model.soft_rig_images && model.soft_rig_images->summary.is_usable) {
     WriteModel(folder, SeparateImages(scene),
                SeparateImages(model.reconstruction,
-                              model.loose_images->cam_from_world),
+                              model.soft_rig_images->cam_from_world),
                format, context);
   } else {
     WriteModel(folder, scene, model.reconstruction, format, context);
   }
 }
 
-void WriteModels(const LoadedScene& loaded, const MapperResult& result,
-                 const PositionPriors& priors, ModelFormat format,
-                 const std::filesystem::path& output_path,
+void WriteModels(const MapperInput& input, const MapperResult& result,
+                 ModelFormat format, const std::filesystem::path& output_path,
                  const Context& context) {
   for (size_t i = 0; i < result.models.size(); ++i) {
     const std::filesystem::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
     std::filesystem::create_directory(folder);
-    WriteModelFiles(folder, loaded.scene, result.models[i], format, context);
-    WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
+    WriteModelFiles(folder, input.scene, result.models[i], format, context);
+    WriteRigConfig((folder / "rig_config.json").string(), input.scene, model);
     const auto& registration = result.models[i].position_priors;
-    if (registration && registration->is_registered && priors.origin_wgs84) {
-      WriteGeoOrigin((folder / "geo_origin.json").string(),
-                     *priors.origin_wgs84);
+    const auto& origin_wgs84 = input.position_priors.origin_wgs84;
+    if (registration && registration->is_registered && origin_wgs84) {
+      WriteGeoOrigin((folder / "geo_origin.json").string(), *origin_wgs84);
     }
     const auto& covariances = result.models[i].covariances;
     if (covariances && covariances->is_usable) {
       WriteFile(folder / "covariances.csv",
-                CovariancesToCsv(loaded.scene, *covariances));
+                CovariancesToCsv(input.scene, *covariances));
     }
-    LogModel(loaded.scene, result.models[i], i, context);
+    LogModel(input.scene, result.models[i], i, context);
   }
 }
 
@@ -143,7 +142,7 @@ void ColorModels(const Scene& scene, const std::string& image_path,
   }
 }
 
-MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context) {
   std::optional<Model> model;
   if (!run.input_path.empty()) model = ReadModel(run.input_path);
@@ -152,23 +151,28 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
   if (!names.empty()) {
     KeepListedImages(names, run.image_list_path, &contents);
   }
-  MapperInput input;
-  input.loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.mapper.method == MapperMethod::kSingle) Separate(&input.loaded);
+  LoadedScene loaded = LoadScene(std::move(contents), run.loading, context);
+  if (run.mapper.method == MapperMethod::kSingle) Separate(&loaded);
   if (!run.image_timestamps_path.empty()) {
-    ReadImageTimestamps(run.image_timestamps_path, &input.loaded.scene);
+    ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
-  if (!model) return input;
-  const auto place = [&] {
-    input.start = PlaceModel(*model, run.input_path, run.database_path,
-                             use.takes_points, &input.loaded.scene);
-  };
-  place();
-  if (use.holds_poses && !input.start->is_rigid) {
-    context.Info("the images of the model are not rigid units");
-    Separate(&input.loaded);
-    place();
+  LoadedInput input;
+  if (model) {
+    const auto place = [&] {
+      return PlaceModel(*model, run.input_path, run.database_path,
+                        use.takes_points, &loaded.scene);
+    };
+    PlacedModel placed = place();
+    if (use.holds_poses && !placed.is_rigid) {
+      context.Info("the images of the model are not rigid units");
+      Separate(&loaded);
+      placed = place();
+    }
+    input.mapper.existing_model = std::move(placed.reconstruction);
   }
+  input.mapper.scene = std::move(loaded.scene);
+  input.mapper.view_graph = std::move(loaded.view_graph);
+  input.rig_source = std::move(loaded.rig_source);
   return input;
 }
 
@@ -185,31 +189,29 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.options_json = run.options_json;
 
   const StageTimer reading;
-  const MapperInput input = LoadMapperInput(run, StartUse(), context);
-  const LoadedScene& loaded = input.loaded;
-  CheckFormat(loaded.scene, run.output_format);
-  description.rig_source = loaded.rig_source;
+  LoadedInput input = LoadMapperInput(run, StartUse(), context);
+  const Scene& scene = input.mapper.scene;
+  CheckFormat(scene, run.output_format);
+  description.rig_source = input.rig_source;
   description.times.push_back(reading.Stop("reading"));
-  const PositionPriors priors =
-      ReadPositionPriors(loaded.scene, run.database_path, run.priors);
-  const GravityPriors gravity =
-      ReadGravity(loaded.scene, run.database_path, run.priors);
-  LogInput(loaded, context);
+  input.mapper.position_priors =
+      ReadPositionPriors(scene, run.database_path, run.priors);
+  input.mapper.gravity_priors =
+      ReadGravity(scene, run.database_path, run.priors);
+  LogInput(input, context);
 
-  MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors,
-                gravity, input.start ? &input.start->reconstruction : nullptr);
+  MapperResult result = RunMapper(input.mapper, run.mapper, context);
   context.Debug("writing started");
   const StageTimer writing;
-  ColorModels(loaded.scene, run.image_path, context, &result);
-  WriteModels(loaded, result, priors, run.output_format, output.StagingDir(),
+  ColorModels(scene, run.image_path, context, &result);
+  WriteModels(input.mapper, result, run.output_format, output.StagingDir(),
               context);
   KeepGeoOrigin(run.input_path, result, output.StagingDir());
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",
-      MapperReportToJson(loaded.scene, loaded.view_graph, result, description));
+      MapperReportToJson(scene, input.mapper.view_graph, result, description));
   context.CheckInterrupted();
   output.Commit();
   if (result.models.empty()) {

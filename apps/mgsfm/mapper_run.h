@@ -4,12 +4,12 @@
 #include <optional>
 #include <string>
 
+#include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/model_io.h"
-#include "mgsfm/io/model_placing.h"
-#include "mgsfm/io/pose_priors.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/pipeline/mapper.h"
 
 namespace mgsfm {
@@ -29,10 +29,10 @@ struct MapperRun {
   std::string image_list_path = {};   // of the images to take; empty: all
 };
 
-// A database as a run takes it, and the model that it starts from.
-struct MapperInput {
-  LoadedScene loaded;
-  std::optional<PlacedModel> start;
+// The input of the mapper, and the facts about it that the report states.
+struct LoadedInput {
+  MapperInput mapper;
+  std::string rig_source;
 };
 
 struct StartUse {
@@ -42,9 +42,9 @@ struct StartUse {
   bool holds_poses = false;
 };
 
-// Of the database, the listed images and those of the model. Throws Error for
-// bad input.
-MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+// Loads the images of the database that are listed or belong to the existing
+// model, and that model. Priors are not loaded. Throws Error for bad input.
+LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
 
 // Gives the points of models the colours of the images.

@@ -6,9 +6,9 @@
 #include <memory>
 #include <string>
 
+#include "base/parallel.h"
 #include "command.h"
 #include "interruption.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/base/timer.h"
 
 namespace mgsfm {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/io/trajectory_io.h"
+#include "mgsfm/io/models/trajectory_io.h"
 #include "named_model.h"
 
 namespace mgsfm {

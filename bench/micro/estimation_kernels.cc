@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "geometry/triangulation.h"
+#include "math/l1_admm.h"
+#include "math/sparse_solver.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/triangulation.h"
-#include "mgsfm/math/l1_admm.h"
-#include "mgsfm/math/sparse_solver.h"
 #include "micro/groups.h"
 
 namespace mgsfm {

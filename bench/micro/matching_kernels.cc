@@ -6,11 +6,12 @@
 #include <string>
 #include <vector>
 
+#include "geometry/epipolar.h"
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/io/database.h"
-#include "mgsfm/io/scene_loading.h"
-#include "mgsfm/math/union_find.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
@@ -152,7 +153,7 @@ void JoinSets(benchmark::State& state) {
 
 void JoinTracks(benchmark::State& state) {
   const Simulation& street = Street();
-  const std::vector<char> all(street.view_graph.pairs.size(), true);
+  const Mask all(street.view_graph.pairs.size(), true);
   const Context context = Threads(static_cast<int>(state.range(0)));
   for (auto _ : state) {
     benchmark::DoNotOptimize(

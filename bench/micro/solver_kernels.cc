@@ -8,7 +8,7 @@
 #include "least_squares/rig_equations.h"
 #include "least_squares/rig_fixtures.h"
 #include "machine_limits.h"
-#include "mgsfm/math/sparse_solver.h"
+#include "math/sparse_solver.h"
 #include "micro/camera_of_model.h"
 #include "micro/groups.h"
 #include "solver/pass_cost.h"

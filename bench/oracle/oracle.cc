@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "geometry/so3.h"
+#include "geometry/triangulation.h"
+#include "math/union_find.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/geometry/triangulation.h"
-#include "mgsfm/math/union_find.h"
 
 namespace mgsfm {
 namespace {

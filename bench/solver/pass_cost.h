@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
-#include "mgsfm/least_squares/rig_problem.h"
 
 namespace mgsfm {
 

@@ -16,7 +16,7 @@ each stage, and the exponents of their growth with the observations. Finished
 sizes in the output folder are reused; databases and models are removed. 36,000
 images take about 10 GB of disk.
 
-  python3 -m experiments growth --sizes 1000,2000 --figure docs/growth.svg"""
+  python3 -m experiments growth --sizes 1000,2000 --figure build/growth.svg"""
 
 
 def add_parser(subparsers):

@@ -17,8 +17,8 @@ HEADER = ["run", "registered", "position, mean", "oracle", "ratio",
 DESCRIPTION = """\
 Simulates drives along TRAJECTORIES/*.txt (poses in KITTI's format) with the
 rigs stereo and kitti360, maps them, and compares with the oracles of
-bench/oracle/oracle.h. Prints the table of docs/accuracy.md; ratios beyond the
-aim are bold. Finished runs in the output folder are reused.
+bench/oracle/oracle.h. Prints the table of docs/results/accuracy.md; ratios
+beyond the aim are bold. Finished runs in the output folder are reused.
 
   python3 -m experiments oracle_table TRAJECTORIES --setting aliased"""
 

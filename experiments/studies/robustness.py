@@ -38,8 +38,8 @@ SWEEPS = {sweep.option: sweep for sweep in (
 DESCRIPTION = """\
 Error and registered share of the mapper against the share of mismatches, wrong
 pairs and missing images, and against trigger jitter, on simulated drives of 60
-frames. Draws the figures of docs/accuracy.md. Finished runs in the output
-folder are reused.
+frames. Draws the figures of docs/results/accuracy.md. Finished runs in the
+output folder are reused.
 
   python3 -m experiments robustness --sweeps mismatch_ratio,trigger_jitter"""
 

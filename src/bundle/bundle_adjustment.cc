@@ -7,8 +7,9 @@
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "bundle/solve.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/least_squares/rig_solver.h"
+#include "geometry/so3.h"
+#include "least_squares/rig_solver.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -19,7 +20,7 @@ constexpr double kMinLossScalePx = 0.05;
 }  // namespace
 
 bool SolveOnce(const Scene& scene, const PositionPriors& priors,
-               const HeldPoses& held, const BundleAdjustmentOptions& options,
+               const FixedPoses& held, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result) {
   BuiltProblem built =
@@ -76,7 +77,7 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
                    const BundleAdjustmentOptions& options,
                    BundleResult* result) {
   std::vector<int> num_of_frame(scene.frames.size(), 0);
-  std::vector<char> sensor_is_seen(scene.sensors.size(), false);
+  Mask sensor_is_seen(scene.sensors.size(), false);
   for (const Point3D& point : result->estimate.points) {
     for (const Observation& o : point.track) {
       if (!initial.IsRegistered(scene, o.image_idx)) continue;
@@ -101,7 +102,7 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
                           const Context& context, const PositionPriors& priors,
-                          const HeldPoses& held) {
+                          const FixedPoses& held) {
   BundleResult result;
   result.estimate = initial;
   SolveOnce(scene, priors, held, options, RefinedParts::kAll,

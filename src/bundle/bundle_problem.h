@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "mgsfm/least_squares/rig_problem.h"
+#include "least_squares/rig_problem.h"
 
 namespace mgsfm {
 

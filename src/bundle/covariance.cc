@@ -7,7 +7,8 @@
 
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
+#include "least_squares/pose_covariances.h"
 
 namespace mgsfm {
 namespace {
@@ -52,11 +53,11 @@ void DescribeGauge(const BuiltProblem& built, CovarianceResult* result) {
   const auto num_free = [](const PoseMask& mask) { return mask.sum(); };
   for (size_t i = 0; i < problem.frame_masks.size(); ++i) {
     const double free = num_free(problem.frame_masks[i]);
-    if (free == 0.0) result->held_frame_idx = built.frame_idxs[i];
-    result->scale_is_held |= free == 5.0;
+    if (free == 0.0) result->fixed_frame_idx = built.frame_idxs[i];
+    result->scale_is_fixed |= free == 5.0;
   }
   for (const PoseMask& mask : problem.sensor_masks) {
-    result->scale_is_held |= num_free(mask) == 5.0;
+    result->scale_is_fixed |= num_free(mask) == 5.0;
   }
 }
 

@@ -6,9 +6,10 @@
 #include <cstdio>
 
 #include "bundle/problem_builder.h"
+#include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/covariance.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -38,9 +39,8 @@ double LargestTurnDeg(const Reconstruction& model) {
   return RadToDeg(largest);
 }
 
-std::vector<char> FindSeenCameras(const Scene& scene,
-                                  const Reconstruction& model) {
-  std::vector<char> is_seen(scene.cameras.size(), false);
+Mask FindSeenCameras(const Scene& scene, const Reconstruction& model) {
+  Mask is_seen(scene.cameras.size(), false);
   for (const Point3D& point : model.points) {
     for (const Observation& o : point.track) {
       is_seen[scene.images[o.image_idx].camera_idx] = true;
@@ -91,7 +91,7 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
     const BundleAdjustmentOptions& options, const Context& context,
     const PositionPriors& priors) {
-  const std::vector<char> is_seen = FindSeenCameras(scene, model);
+  const Mask is_seen = FindSeenCameras(scene, model);
   std::vector<FocalLengthCheck> checks;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const std::vector<int>& idxs = InfoOf(scene.cameras[i]).focal_length_idxs;
@@ -126,7 +126,7 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
     if (problem.empty()) continue;
     check.message = "focal length of camera " +
                     std::to_string(given.id.value()) + ", refined from " +
-                    Number(check.given_px) + " to " +
+                    Number(check.prior_px) + " to " +
                     Number(check.estimated_px) + " px: " + problem;
   }
   return checks;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "bundle/problem_builder.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -21,7 +22,7 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
 // Whether some frame has images of two sensors that are held, or by their
 // priors, at different places in the rig.
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
-  std::vector<char> has_prior(problem.sensor_masks.size(), false);
+  Mask has_prior(problem.sensor_masks.size(), false);
   for (const SensorPrior& prior : problem.sensor_priors) {
     has_prior[prior.sensor] = true;
   }
@@ -59,9 +60,9 @@ int TypicalFrame(const BundleState& state, const Eigen::Vector3d& origin) {
   return nth->second;
 }
 
-void HoldScale(const BundleState& state, int held_frame,
+void HoldScale(const BundleState& state, int fixed_frame,
                BundleProblem* problem) {
-  const Eigen::Vector3d& origin = state.frames[held_frame].center;
+  const Eigen::Vector3d& origin = state.frames[fixed_frame].center;
   const int frame = TypicalFrame(state, origin);
   const Eigen::Vector3d to_frame = state.frames[frame].center - origin;
   double* held = nullptr;
@@ -104,29 +105,29 @@ void HoldHeading(const BundleState& state, int frame, BundleProblem* problem) {
 std::optional<int> HoldFrame(const BundleState& state, BundleProblem* problem) {
   const std::vector<int> counts = CountFrameObservations(*problem);
   if (counts.empty()) return std::nullopt;
-  const int held_frame = static_cast<int>(
+  const int fixed_frame = static_cast<int>(
       std::max_element(counts.begin(), counts.end()) - counts.begin());
   if (problem->gravity_priors.empty() ||
-      problem->frame_masks[held_frame].head<3>().isZero(0.0)) {
-    problem->frame_masks[held_frame].setZero();
+      problem->frame_masks[fixed_frame].head<3>().isZero(0.0)) {
+    problem->frame_masks[fixed_frame].setZero();
   } else {
-    HoldHeading(state, held_frame, problem);
+    HoldHeading(state, fixed_frame, problem);
   }
-  return held_frame;
+  return fixed_frame;
 }
 
 }  // namespace
 
 void FixGauge(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> held_frame = HoldFrame(state, problem);
-  if (held_frame && !ScaleIsObservable(state, *problem)) {
-    HoldScale(state, *held_frame, problem);
+  const std::optional<int> fixed_frame = HoldFrame(state, problem);
+  if (fixed_frame && !ScaleIsObservable(state, *problem)) {
+    HoldScale(state, *fixed_frame, problem);
   }
 }
 
 void FixGaugeAndScale(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> held_frame = HoldFrame(state, problem);
-  if (held_frame) HoldScale(state, *held_frame, problem);
+  const std::optional<int> fixed_frame = HoldFrame(state, problem);
+  if (fixed_frame) HoldScale(state, *fixed_frame, problem);
 }
 
 }  // namespace mgsfm

@@ -6,16 +6,17 @@
 #include <limits>
 #include <utility>
 
+#include "base/parallel.h"
 #include "bundle/image_views.h"
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/triangulation.h"
-#include "mgsfm/math/statistics.h"
+#include "geometry/triangulation.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
 
-double Error(const Scene& scene, const std::vector<ImageView>& views,
-             const Observation& o, const Eigen::Vector3d& point) {
+double ReprojectionError(const Scene& scene,
+                         const std::vector<ImageView>& views,
+                         const Observation& o, const Eigen::Vector3d& point) {
   return views[o.image_idx].ReprojectionError(
       point,
       scene.images[o.image_idx].keypoints_px[o.keypoint_idx].cast<double>());
@@ -70,7 +71,8 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
         size_t k = begin[i];
         for (const Observation& o : point.track) {
           if (!views[o.image_idx].is_registered) continue;
-          errors[k++] = Error(scene, views, o, point.point_in_world);
+          errors[k++] =
+              ReprojectionError(scene, views, o, point.point_in_world);
         }
       },
       256);
@@ -125,7 +127,7 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
         Point3D& point = points[i];
         const auto is_outlier = [&](const Observation& o) {
           return !views[o.image_idx].is_registered ||
-                 !(Error(scene, views, o, point.point_in_world) <=
+                 !(ReprojectionError(scene, views, o, point.point_in_world) <=
                    options.max_error_px);
         };
         point.track.erase(
@@ -181,7 +183,8 @@ void ComputePointErrors(const Scene& scene, int num_threads,
         int num_observations = 0;
         for (const Observation& o : point.track) {
           if (!views[o.image_idx].is_registered) continue;
-          const double error = Error(scene, views, o, point.point_in_world);
+          const double error =
+              ReprojectionError(scene, views, o, point.point_in_world);
           if (!std::isfinite(error)) continue;
           sum += error;
           ++num_observations;

@@ -5,7 +5,8 @@
 #include <algorithm>
 
 #include "bundle/image_views.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -47,7 +48,7 @@ class ProblemBuilder {
  public:
   ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
                  const BundleAdjustmentOptions& options, RefinedParts parts,
-                 const PositionPriors& priors, const HeldPoses& held)
+                 const PositionPriors& priors, const FixedPoses& held)
       : scene_(scene),
         reconstruction_(reconstruction),
         options_(options),
@@ -80,7 +81,7 @@ class ProblemBuilder {
   void AddGravityPriors();
   std::vector<int> FreeParams(const Camera& camera) const;
 
-  static bool IsSet(const std::vector<char>& flags, int idx) {
+  static bool IsSet(const Mask& flags, int idx) {
     return !flags.empty() && flags[idx];
   }
   bool HoldsAFrame() const {
@@ -101,7 +102,7 @@ class ProblemBuilder {
   const BundleAdjustmentOptions& options_;
   const RefinedParts parts_;
   const PositionPriors& priors_;
-  const HeldPoses& held_;
+  const FixedPoses& held_;
   BuiltProblem built_;
   std::vector<int> image_idxs_;  // of the images of the problem
 };
@@ -233,7 +234,7 @@ BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
                           RefinedParts parts, const PositionPriors& priors,
-                          const HeldPoses& held) {
+                          const FixedPoses& held) {
   return ProblemBuilder(scene, reconstruction, options, parts, priors, held)
       .Build();
 }

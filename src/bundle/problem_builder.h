@@ -33,7 +33,7 @@ BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
                           RefinedParts parts, const PositionPriors& priors = {},
-                          const HeldPoses& held = {});
+                          const FixedPoses& held = {});
 
 // Which coordinates of the pose of a sensor are refined, and the prior on it,
 // if it was given; in this, `sensor` is its position in the scene.

@@ -6,6 +6,7 @@
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 
 namespace mgsfm {
@@ -17,7 +18,7 @@ class ReconstructionRefiner {
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
                         const Context& context, const PositionPriors& priors,
-                        const HeldPoses& held)
+                        const FixedPoses& held)
       : scene_(scene),
         candidates_(candidates),
         initial_(initial),
@@ -73,7 +74,7 @@ class ReconstructionRefiner {
   const BundleAdjustmentOptions& options_;
   const Context& context_;
   const PositionPriors& priors_;
-  const HeldPoses& held_;
+  const FixedPoses& held_;
   BundleResult result_;
 };
 
@@ -149,7 +150,7 @@ void ReconstructionRefiner::FilterAtLast() {
 
 void ReconstructionRefiner::DropFramesWithoutObservations() {
   if (!options_.refine_rig_from_world) return;
-  std::vector<char> is_seen(scene_.frames.size(), false);
+  Mask is_seen(scene_.frames.size(), false);
   for (const Point3D& point : result_.estimate.points) {
     for (const Observation& o : point.track) {
       is_seen[scene_.images[o.image_idx].frame_idx] = true;
@@ -172,7 +173,7 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context,
                                   const PositionPriors& priors,
-                                  const HeldPoses& held) {
+                                  const FixedPoses& held) {
   return ReconstructionRefiner(scene, candidates, initial, options, context,
                                priors, held)
       .Run();

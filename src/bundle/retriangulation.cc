@@ -8,10 +8,10 @@
 #include <optional>
 #include <utility>
 
+#include "base/parallel.h"
 #include "bundle/image_views.h"
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/triangulation.h"
-#include "mgsfm/math/index_groups.h"
+#include "geometry/triangulation.h"
+#include "math/index_groups.h"
 
 namespace mgsfm {
 namespace {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <numeric>
 
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {

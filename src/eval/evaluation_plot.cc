@@ -6,8 +6,8 @@
 #include <cmath>
 
 #include "eval/svg.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {

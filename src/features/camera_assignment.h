@@ -8,7 +8,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/features/feature_extraction.h"
-#include "mgsfm/io/database.h"
+#include "mgsfm/io/database/database.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

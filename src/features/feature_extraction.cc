@@ -13,9 +13,9 @@
 #include "features/image_file.h"
 #include "features/memory_budget.h"
 #include "features/ordered_pipeline.h"
+#include "io/files/image_list.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/io/image_list.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/absolute_pose.h"
+#include "geometry/absolute_pose.h"
 
 #include <algorithm>
 #include <cmath>
@@ -35,7 +35,8 @@ struct PlacedCamera {
   }
 };
 
-double Error(const PlacedCamera& placed, const CameraPoints& camera, size_t i) {
+double ReprojectionError(const PlacedCamera& placed, const CameraPoints& camera,
+                         size_t i) {
   const Vector3d y = placed.InCamera(placed.unit_from_world * camera.points[i]);
   return (y.stableNormalized() - camera.rays[i]).norm() / camera.max_error_rad;
 }
@@ -80,7 +81,7 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
     CameraPoints kept{camera.cam_from_unit, {}, {}, camera.max_error_rad};
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      if (!(Error(placed, camera, i) <= 1.0)) continue;
+      if (!(ReprojectionError(placed, camera, i) <= 1.0)) continue;
       kept.rays.push_back(camera.rays[i]);
       kept.points.push_back(camera.points[i]);
     }
@@ -190,7 +191,7 @@ PoseScore ScoreAbsolutePose(const std::vector<CameraPoints>& cameras,
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      const double error = Error(placed, camera, i);
+      const double error = ReprojectionError(placed, camera, i);
       const bool is_inlier = error <= 1.0;
       score.num_inliers += is_inlier;
       score.cost += is_inlier ? error * error : 1.0;
@@ -206,7 +207,7 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      errors.push_back(Error(placed, camera, i));
+      errors.push_back(ReprojectionError(placed, camera, i));
     }
   }
   return errors;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/epipolar.h"
+#include "geometry/epipolar.h"
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
@@ -7,8 +7,9 @@
 #include <cmath>
 
 #include "geometry/epipolar_terms.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -125,11 +126,10 @@ bool IsRotationInlier(const Eigen::Quaterniond& cam2_from_cam1,
          2.0 * max_error_rad * max_error_rad;
 }
 
-std::vector<char> FindInliers(const RayMatches& matches,
-                              const Rigid3& cam2_from_cam1,
-                              double max_error_rad) {
+Mask FindInliers(const RayMatches& matches, const Rigid3& cam2_from_cam1,
+                 double max_error_rad) {
   const EpipolarPose pose = ToEpipolarPose(cam2_from_cam1);
-  std::vector<char> is_inlier(matches.size());
+  Mask is_inlier(matches.size());
   for (size_t i = 0; i < matches.size(); ++i) {
     is_inlier[i] =
         IsInlierOf(pose, matches.rays1[i], matches.rays2[i], max_error_rad);
@@ -137,10 +137,10 @@ std::vector<char> FindInliers(const RayMatches& matches,
   return is_inlier;
 }
 
-std::vector<char> FindRotationInliers(const RayMatches& matches,
-                                      const Eigen::Quaterniond& cam2_from_cam1,
-                                      double max_error_rad) {
-  std::vector<char> is_inlier(matches.size());
+Mask FindRotationInliers(const RayMatches& matches,
+                         const Eigen::Quaterniond& cam2_from_cam1,
+                         double max_error_rad) {
+  Mask is_inlier(matches.size());
   for (size_t i = 0; i < matches.size(); ++i) {
     is_inlier[i] = IsRotationInlier(cam2_from_cam1, matches.rays1[i],
                                     matches.rays2[i], max_error_rad);

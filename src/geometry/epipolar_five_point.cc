@@ -4,7 +4,7 @@
 #include <Eigen/QR>
 #include <cmath>
 
-#include "mgsfm/geometry/epipolar.h"
+#include "geometry/epipolar.h"
 
 namespace mgsfm {
 namespace {

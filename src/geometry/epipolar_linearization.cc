@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mgsfm/base/cpu_features.h"
+#include "base/cpu_features.h"
 
 #define MGSFM_INLINE inline __attribute__((always_inline))
 

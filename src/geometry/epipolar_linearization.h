@@ -4,8 +4,8 @@
 #include <Eigen/Core>
 #include <cmath>
 
+#include "geometry/epipolar.h"
 #include "geometry/epipolar_terms.h"
-#include "mgsfm/geometry/epipolar.h"
 
 namespace mgsfm::internal {
 

@@ -3,7 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include "mgsfm/geometry/epipolar.h"
+#include "geometry/epipolar.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -47,7 +48,7 @@ void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
                      Scored<Rigid3>* best) {
   RayMatches inliers;
   inliers.Reserve(best->score.num_inliers);
-  const std::vector<char> is_inlier =
+  const Mask is_inlier =
       FindInliers(matches, best->model, options.max_error_rad);
   for (size_t i = 0; i < matches.size(); ++i) {
     if (is_inlier[i]) inliers.Add(matches.rays1[i], matches.rays2[i]);

@@ -3,10 +3,10 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "geometry/epipolar.h"
 #include "geometry/epipolar_linearization.h"
 #include "geometry/epipolar_terms.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/generalized_pose.h"
+#include "geometry/generalized_pose.h"
 
 #include <algorithm>
 #include <array>
@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "geometry/pose_refinement.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -140,7 +141,7 @@ std::vector<UnitMatches> InliersOf(const std::vector<UnitMatches>& pairs,
   for (const UnitMatches& pair : pairs) {
     UnitMatches kept{
         pair.cam1_from_unit1, pair.cam2_from_unit2, {}, pair.max_error_rad};
-    const std::vector<char> is_inlier = FindUnitInliers(pair, unit2_from_unit1);
+    const Mask is_inlier = FindUnitInliers(pair, unit2_from_unit1);
     for (size_t i = 0; i < is_inlier.size(); ++i) {
       if (is_inlier[i]) kept.rays.Add(pair.rays.rays1[i], pair.rays.rays2[i]);
     }
@@ -279,8 +280,7 @@ PoseScore ScoreUnitPose(const std::vector<UnitMatches>& pairs,
   return total;
 }
 
-std::vector<char> FindUnitInliers(const UnitMatches& pair,
-                                  const Rigid3& unit2_from_unit1) {
+Mask FindUnitInliers(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
   Rigid3 motion = CameraMotion(pair, unit2_from_unit1);
   if (!HasBaseline(pair, unit2_from_unit1, motion)) {
     return FindRotationInliers(pair.rays, motion.rotation, pair.max_error_rad);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/geodetic.h"
+#include "geometry/geodetic.h"
 
 #include <cmath>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

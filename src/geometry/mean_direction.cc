@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/mean_direction.h"
+#include "geometry/mean_direction.h"
 
 #include <algorithm>
 #include <limits>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mgsfm/geometry/absolute_pose.h"
+#include "geometry/absolute_pose.h"
 
 namespace mgsfm {
 namespace {

@@ -4,9 +4,9 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/geometry/rigid3.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 

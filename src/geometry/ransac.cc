@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/ransac.h"
+#include "geometry/ransac.h"
 
 #include <cmath>
 

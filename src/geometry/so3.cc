@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 #include <cmath>
 

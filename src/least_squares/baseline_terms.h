@@ -7,8 +7,8 @@
 #include "least_squares/chunk_workspace.h"
 #include "least_squares/damping.h"
 #include "least_squares/image_poses.h"
+#include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
-#include "mgsfm/least_squares/rig_problem.h"
 
 namespace mgsfm {
 

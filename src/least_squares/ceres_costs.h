@@ -11,12 +11,12 @@
 #include <cstddef>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "least_squares/baseline_terms.h"
 #include "least_squares/chunk_kernels.h"
 #include "least_squares/image_poses.h"
 #include "least_squares/pose_priors.h"
 #include "least_squares/residuals.h"
-#include "mgsfm/geometry/so3.h"
 
 // The residuals of a rig problem as Ceres wants them: with the derivatives of
 // the native solver.

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "base/cpu_features.h"
 #include "least_squares/chunk_kernels.h"
-#include "mgsfm/base/cpu_features.h"
 
 // Passes over the points of a chunk, compiled for any x86-64 and for those with
 // AVX2 and FMA, which is chosen when the program runs.

@@ -7,9 +7,10 @@
 #include <mutex>
 #include <vector>
 
+#include "base/parallel.h"
 #include "least_squares/image_poses.h"
 #include "least_squares/rig_structure.h"
-#include "mgsfm/base/parallel.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -41,7 +42,7 @@ struct ChunkWorkspace {
   size_t num_blocks = 0;
   std::vector<int> block_size;
   std::vector<int> block_first;
-  std::vector<char> block_is_masked;
+  Mask block_is_masked;
   std::vector<double> block_mask;  // 6 for each block, if it is masked
   std::vector<int> pair_begin;     // row major; -1: not kept
   std::vector<double> pair_values;

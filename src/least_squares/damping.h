@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "mgsfm/base/cpu_features.h"
+#include "base/cpu_features.h"
 
 namespace mgsfm {
 

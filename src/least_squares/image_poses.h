@@ -3,8 +3,8 @@
 
 #include <vector>
 
+#include "least_squares/rig_problem.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/least_squares/rig_problem.h"
 
 namespace mgsfm {
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include "least_squares/rig_solver.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/rig_solver.h"
 
 namespace mgsfm {
 

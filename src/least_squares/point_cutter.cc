@@ -5,13 +5,13 @@
 #include <cstdint>
 #include <utility>
 
+#include "base/parallel.h"
 #include "least_squares/chunk_groups.h"
-#include "mgsfm/base/parallel.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
-PointCutter::PointCutter(bool points_are_free,
-                         const std::vector<char>& block_is_border,
+PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
                          const std::vector<BlockPairKey>& inseparable,
                          int num_threads, RigStructure* structure)
     : points_are_free_(points_are_free),

@@ -6,6 +6,7 @@
 #include "least_squares/block_pattern.h"
 #include "least_squares/rig_structure.h"
 #include "least_squares/strong_pairs.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -19,7 +20,7 @@ class PointCutter {
   // `structure` must outlive the cutter and has chunks. `inseparable` are pairs
   // that no cut may part, sorted, each once. Linear in the observations and in
   // the pairs of blocks of chunks.
-  PointCutter(bool points_are_free, const std::vector<char>& block_is_border,
+  PointCutter(bool points_are_free, const Mask& block_is_border,
               const std::vector<BlockPairKey>& inseparable, int num_threads,
               RigStructure* structure);
 
@@ -41,7 +42,7 @@ class PointCutter {
              size_t term) const;
 
   const bool points_are_free_;
-  const std::vector<char>& block_is_border_;
+  const Mask& block_is_border_;
   const int num_threads_;
   RigStructure& s_;
   std::vector<WeightedPair> weights_;

@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -4,8 +4,8 @@
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 
+#include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
-#include "mgsfm/least_squares/rig_problem.h"
 
 namespace mgsfm {
 

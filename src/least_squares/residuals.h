@@ -4,10 +4,10 @@
 #include <cmath>
 #include <cstddef>
 
+#include "base/cpu_features.h"
 #include "least_squares/image_poses.h"
-#include "mgsfm/base/cpu_features.h"
-#include "mgsfm/least_squares/rig_problem.h"
-#include "mgsfm/math/robust_loss.h"
+#include "least_squares/rig_problem.h"
+#include "math/robust_loss.h"
 
 namespace mgsfm {
 

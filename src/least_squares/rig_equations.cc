@@ -6,12 +6,12 @@
 #include <cmath>
 #include <utility>
 
+#include "base/parallel.h"
+#include "geometry/so3.h"
 #include "least_squares/conjugate_gradient.h"
 #include "least_squares/linear_terms.h"
 #include "least_squares/pose_priors.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

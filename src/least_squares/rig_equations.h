@@ -12,9 +12,9 @@
 #include "least_squares/chunk_passes.h"
 #include "least_squares/chunk_workspace.h"
 #include "least_squares/levenberg_marquardt.h"
+#include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
-#include "mgsfm/least_squares/rig_problem.h"
-#include "mgsfm/math/sparse_solver.h"
+#include "math/sparse_solver.h"
 
 namespace mgsfm {
 

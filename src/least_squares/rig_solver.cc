@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/least_squares/rig_solver.h"
+#include "least_squares/rig_solver.h"
 
 #include <limits>
 #include <optional>

@@ -5,11 +5,12 @@
 #include <numeric>
 #include <utility>
 
+#include "base/parallel.h"
 #include "least_squares/chunk_groups.h"
 #include "least_squares/point_cutter.h"
+#include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/math/sparse_solver.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -71,7 +72,7 @@ class Builder {
 
   void ChoosePoseSize();
   void NumberBlocks();
-  std::vector<char> SeenImages() const;
+  Mask SeenImages() const;
   int AddPoseBlock(bool is_seen, const PoseMask& mask);
   int AddBlock(int size);
   void ChooseBorder();
@@ -106,15 +107,15 @@ class Builder {
   const int num_threads_;
   RigStructure& s_;
 
-  std::vector<char> block_is_border_;
+  Mask block_is_border_;
   // The chunk that an image or block was last added to, and where.
   std::vector<int> image_chunk_, image_position_;
   std::vector<int> block_chunk_, block_position_;
   std::vector<Pairs> pairs_;  // of each chunk, by positions in its blocks
 };
 
-std::vector<char> Builder::SeenImages() const {
-  std::vector<char> is_seen(problem_.images.size(), false);
+Mask Builder::SeenImages() const {
+  Mask is_seen(problem_.images.size(), false);
   for (const int image : image_of_observation_) is_seen[image] = true;
   for (const BaselineTerm& term : problem_.baselines) {
     is_seen[term.image1] = is_seen[term.image2] = true;
@@ -150,10 +151,10 @@ void Builder::ChoosePoseSize() {
 }
 
 void Builder::NumberBlocks() {
-  const std::vector<char> image_is_seen = SeenImages();
-  std::vector<char> frame_is_seen(problem_.frame_masks.size(), false);
-  std::vector<char> sensor_is_seen(problem_.sensor_masks.size(), false);
-  std::vector<char> camera_is_seen(problem_.cameras.size(), false);
+  const Mask image_is_seen = SeenImages();
+  Mask frame_is_seen(problem_.frame_masks.size(), false);
+  Mask sensor_is_seen(problem_.sensor_masks.size(), false);
+  Mask camera_is_seen(problem_.cameras.size(), false);
   for (size_t i = 0; i < image_is_seen.size(); ++i) {
     if (!image_is_seen[i]) continue;
     const RigProblemBase::Image& image = problem_.images[i];
@@ -364,7 +365,7 @@ void Builder::ListPairsOfChunks() {
 
 Builder::Pairs Builder::PairsOfChunk(const ChunkRanges& chunk) const {
   const size_t num_blocks = chunk.blocks.size();
-  std::vector<char> is_met(num_blocks * num_blocks, false);
+  Mask is_met(num_blocks * num_blocks, false);
   const auto add = [&](const std::vector<int>& met) {
     for (const int a : met) {
       for (const int b : met) is_met[a * num_blocks + b] = true;

@@ -8,8 +8,9 @@
 #include <vector>
 
 #include "least_squares/block_pattern.h"
-#include "mgsfm/least_squares/rig_problem.h"
-#include "mgsfm/least_squares/rig_solver.h"
+#include "least_squares/rig_problem.h"
+#include "least_squares/rig_solver.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -74,7 +75,7 @@ struct RigStructure {
   std::vector<int> block_first;  // position in the vector of unknowns
   int num_unknowns = 0;
   // Per block of a pose: its mask is not all ones.
-  std::vector<char> block_is_masked;
+  Mask block_is_masked;
 
   // The reduced matrix; if the solution is iterative, that of the problem whose
   // points are cut into parts and which lacks some of the terms.
@@ -88,9 +89,9 @@ struct RigStructure {
   std::vector<int> observation_image;       // in the images of the chunk
   // Of each observation: whether it begins a part of its point, the first left
   // out. Empty if no point is cut.
-  std::vector<char> observation_starts_part;
+  Mask observation_starts_part;
   // Of each term: whether its images are apart. Empty if no point is cut.
-  std::vector<char> term_is_cut;
+  Mask term_is_cut;
   std::vector<int> term_order;
   std::vector<std::array<int, 2>> term_images;  // in the images of the chunk
 

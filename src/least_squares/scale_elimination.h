@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/cpu_features.h"
 #include "least_squares/damping.h"
-#include "mgsfm/base/cpu_features.h"
-#include "mgsfm/least_squares/rig_problem.h"
+#include "least_squares/rig_problem.h"
 
 namespace mgsfm {
 

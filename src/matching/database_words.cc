@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/parallel.h"
 #include "matching/feature_cache.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/base/random.h"
 
 namespace mgsfm::internal {

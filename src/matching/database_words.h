@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/vocabulary.h"
 #include "mgsfm/matching/word_index.h"
 #include "mgsfm/scene/scene.h"

@@ -5,8 +5,8 @@
 #include <string>
 #include <utility>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm::internal {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/descriptor_matching.h"
 #include "mgsfm/matching/two_view_verification.h"
 #include "mgsfm/scene/scene.h"

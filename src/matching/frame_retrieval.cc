@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "base/parallel.h"
 #include "matching/pair_lists.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/matching/pair_selection.h"
 
 namespace mgsfm {

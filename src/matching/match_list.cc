@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/match_list.h"
+#include "matching/match_list.h"
 
 #include <algorithm>
 #include <charconv>

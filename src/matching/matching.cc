@@ -6,14 +6,14 @@
 #include <optional>
 #include <utility>
 
+#include "geometry/geodetic.h"
 #include "matching/database_words.h"
+#include "matching/match_list.h"
 #include "matching/pair_lists.h"
 #include "matching/scene_pairs.h"
 #include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/geometry/geodetic.h"
-#include "mgsfm/matching/match_list.h"
 
 namespace mgsfm {
 namespace {

@@ -5,11 +5,11 @@
 #include <string>
 #include <utility>
 
+#include "base/parallel.h"
 #include "matching/feature_cache.h"
 #include "matching/scene_pairs.h"
 #include "matching/unit_verification.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 
 namespace mgsfm {
 namespace {

@@ -4,8 +4,8 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "geometry/epipolar.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/epipolar.h"
 
 namespace mgsfm::internal {
 

@@ -5,9 +5,10 @@
 #include <cmath>
 #include <utility>
 
+#include "geometry/epipolar.h"
+#include "geometry/generalized_pose.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/generalized_pose.h"
 
 namespace mgsfm {
 namespace {
@@ -89,7 +90,7 @@ class UnitVerifier {
 
   // Positions among the matches of the pair.
   std::vector<size_t> Inliers(size_t p, const Rigid3& motion) const {
-    const std::vector<char> is_inlier = FindUnitInliers(matches_[p], motion);
+    const Mask is_inlier = FindUnitInliers(matches_[p], motion);
     std::vector<size_t> inliers;
     for (size_t i = 0; i < is_inlier.size(); ++i) {
       if (is_inlier[i]) inliers.push_back(positions_[p][i]);

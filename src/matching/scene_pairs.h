@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/pair_selection.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"

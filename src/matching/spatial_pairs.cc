@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 
+#include "base/parallel.h"
 #include "matching/pair_lists.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/matching/pair_selection.h"
 
 namespace mgsfm {

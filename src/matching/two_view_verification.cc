@@ -8,10 +8,10 @@
 #include <optional>
 #include <utility>
 
+#include "geometry/epipolar.h"
 #include "matching/ray_models.h"
 #include "matching/watermark.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/epipolar.h"
 
 namespace mgsfm {
 namespace {

@@ -7,8 +7,8 @@
 #include <optional>
 #include <utility>
 
+#include "base/parallel.h"
 #include "matching/scene_pairs.h"
-#include "mgsfm/base/parallel.h"
 
 namespace mgsfm::internal {
 namespace {

@@ -6,7 +6,7 @@
 
 #include "matching/feature_cache.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/pair_matching.h"
 #include "mgsfm/matching/pair_selection.h"
 #include "mgsfm/scene/scene.h"

@@ -6,8 +6,8 @@
 #include <limits>
 #include <numeric>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 #include "mgsfm/base/random.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/index_groups.h"
+#include "math/index_groups.h"
 
 namespace mgsfm {
 

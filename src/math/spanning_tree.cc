@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/spanning_tree.h"
+#include "math/spanning_tree.h"
 
 #include <algorithm>
 #include <numeric>
 
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/math/union_find.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -68,7 +69,7 @@ std::vector<ForestStep> WalkForest(int num_nodes,
                                    const std::vector<GraphEdge>& edges,
                                    const std::vector<int>& forest) {
   const Adjacency adjacency = BuildAdjacency(num_nodes, edges, forest);
-  std::vector<char> visited(num_nodes, 0);
+  Mask visited(num_nodes, false);
   std::vector<ForestStep> steps;
   steps.reserve(num_nodes);
   for (const int root : NodesByDegree(num_nodes, adjacency)) {

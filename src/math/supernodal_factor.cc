@@ -9,8 +9,9 @@
 #include <queue>
 #include <utility>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -143,7 +144,7 @@ void SupernodalFactor::ChooseSubtrees() {
       roots.push({work[s], -s});
     }
   }
-  std::vector<char> is_above(size, false);
+  Mask is_above(size, false);
   while (!roots.empty() && roots.top().first > kLargestSubtree * all_work) {
     const int s = -roots.top().second;
     roots.pop();

@@ -3,11 +3,13 @@
 
 #include <utility>
 
+#include "mgsfm/base/mask.h"
+
 namespace mgsfm {
 
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
-                                    std::vector<char> pair_is_used,
+                                    Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context) {
   return [&scene, &view_graph, &options, &context,

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
@@ -11,11 +12,12 @@
 
 namespace mgsfm {
 
-// Tracks of the matches of the pairs in use that the model does not contradict.
-// Valid as long as scene, view graph, options and context.
+// Makes the source of candidate tracks for bundle adjustment: tracks of the
+// matches of used pairs that agree with a model. The source refers to `scene`,
+// `view_graph`, `options` and `context`, which must outlive it.
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
-                                    std::vector<char> pair_is_used,
+                                    Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context);
 

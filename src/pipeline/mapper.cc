@@ -6,9 +6,10 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "pipeline/given_rigs.h"
-#include "pipeline/going_on.h"
+#include "mgsfm/base/mask.h"
+#include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
+#include "pipeline/model_extension.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -45,40 +46,39 @@ RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
 
 // Of the part, without the pairs that turned out to contradict the others, so
 // that neither wrong matches nor copies of a structure join what is not one.
-std::vector<char> UsedPairs(const RotationEstimate& rotations,
-                            const std::vector<char>& pair_contradicts) {
-  std::vector<char> pair_is_used = rotations.pair_is_inlier;
+Mask UsedPairs(const RotationEstimate& rotations,
+               const Mask& pair_is_inconsistent) {
+  Mask pair_is_used = rotations.pair_is_inlier;
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    if (pair_contradicts[i]) pair_is_used[i] = false;
+    if (pair_is_inconsistent[i]) pair_is_used[i] = false;
   }
   return pair_is_used;
 }
 
 // Pairs of the part that its rotations or positions contradict.
-std::vector<SuspiciousGroup> FindSuspiciousGroups(
+std::vector<RejectedGroup> FindRejectedGroups(
     const Scene& scene, const ViewGraph& view_graph,
-    const RotationEstimate& rotations,
-    const std::vector<char>& pair_contradicts) {
-  std::vector<char> is_suspicious = pair_contradicts;
-  for (size_t i = 0; i < is_suspicious.size(); ++i) {
+    const RotationEstimate& rotations, const Mask& pair_is_inconsistent) {
+  Mask is_rejected = pair_is_inconsistent;
+  for (size_t i = 0; i < is_rejected.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     const bool is_rotation_known =
         pair.relative_pose && rotations.CamFromWorld(scene, pair.image_idx1) &&
         rotations.CamFromWorld(scene, pair.image_idx2);
     if (is_rotation_known && !rotations.pair_is_inlier[i]) {
-      is_suspicious[i] = true;
+      is_rejected[i] = true;
     }
   }
-  return GroupSuspiciousPairs(scene, view_graph, is_suspicious);
+  return GroupRejectedPairs(scene, view_graph, is_rejected);
 }
 
-void WarnOfSuspiciousGroups(const Scene& scene,
-                            const std::vector<SuspiciousGroup>& groups,
-                            const Context& context) {
+void WarnOfRejectedGroups(const Scene& scene,
+                          const std::vector<RejectedGroup>& groups,
+                          const Context& context) {
   constexpr int kMinNumPairs = 5;  // fewer are just wrong
-  for (const SuspiciousGroup& group : groups) {
+  for (const RejectedGroup& group : groups) {
     if (group.num_pairs < kMinNumPairs) continue;
-    context.Warning(DescribeSuspiciousGroup(scene, group));
+    context.Warning(DescribeRejectedGroup(scene, group));
   }
 }
 
@@ -103,14 +103,14 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
                                    options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
-  model.suspicious_groups = FindSuspiciousGroups(scene, view_graph, rotations,
-                                                 translation.pair_contradicts);
-  WarnOfSuspiciousGroups(scene, model.suspicious_groups, context);
+  model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,
+                                             translation.pair_is_inconsistent);
+  WarnOfRejectedGroups(scene, model.rejected_groups, context);
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
   AdjustmentInput input{scene, view_graph, priors, gravity};
-  input.pair_is_used = UsedPairs(rotations, translation.pair_contradicts);
+  input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
   AdjustModel(input, options, context, std::move(initial), &model);
   return model;
@@ -173,12 +173,12 @@ MethodDefaults DefaultsOf(MapperMethod method) {
           TranslationObjective::kAuto};
 }
 
-// All after the focal lengths.
+// The stages after the calibration of focal lengths, which replaces the cameras
+// of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
-                           const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors,
-                           const GravityPriors& gravity,
-                           const Reconstruction* start) {
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -188,17 +188,19 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
                              context);
   });
   result.view_graph = verified.summary;
-  CheckGivenRigs(scene, verified.estimate);
-  if (start != nullptr) {
-    GoOnFromModel(scene, bearings, verified.estimate, *start, options, context,
-                  priors, gravity, &result);
+  CheckKnownRigs(scene, verified.estimate);
+  if (input.existing_model) {
+    ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
+                options, context, input.position_priors, input.gravity_priors,
+                &result);
     return result;
   }
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context, gravity);
+                                options.rotation_averaging, context,
+                                input.gravity_priors);
       });
   result.rotation = std::move(rotation.summary);
 
@@ -207,12 +209,12 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
     if (num_frames[part] < options.min_num_frames) continue;
     context.Info("part " + std::to_string(part) + ": " +
                  std::to_string(num_frames[part]) + " frames");
-    MapperModel model =
-        ReconstructPart(scene, bearings, verified.estimate,
-                        SelectPart(scene, verified.estimate, rotation.estimate,
-                                   static_cast<int>(part)),
-                        priors, gravity, options, context);
-    model.num_frames_in_part = num_frames[part];
+    MapperModel model = ReconstructPart(
+        scene, bearings, verified.estimate,
+        SelectPart(scene, verified.estimate, rotation.estimate,
+                   static_cast<int>(part)),
+        input.position_priors, input.gravity_priors, options, context);
+    model.num_frames_in_component = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
       result.models.push_back(std::move(model));
@@ -241,12 +243,12 @@ void LogFocalLengths(const Scene& scene,
     char numbers[96];
     if (estimate.estimated_px) {
       std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
-                    *estimate.estimated_px, estimate.given_px,
+                    *estimate.estimated_px, estimate.prior_px,
                     *estimate.estimated_px * estimate.sigma);
       context.Info(camera + numbers);
     } else {
       std::snprintf(numbers, sizeof(numbers),
-                    " stays at %.2f px: ", estimate.given_px);
+                    " stays at %.2f px: ", estimate.prior_px);
       context.Warning(camera + numbers + estimate.message);
     }
   }
@@ -289,32 +291,30 @@ MapperOptions ResolveMethod(const MapperOptions& options) {
   return resolved;
 }
 
-MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
+MapperResult RunMapper(const MapperInput& input,
                        const MapperOptions& given_options,
-                       const Context& context, const PositionPriors& priors,
-                       const GravityPriors& gravity,
-                       const Reconstruction* start) {
+                       const Context& context) {
+  const Scene& scene = input.scene;
   const MapperOptions options = ResolveMethod(given_options);
   if (options.method == MapperMethod::kSingle) {
     MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
   }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors, gravity,
-                         start);
+    return MapCalibrated(scene, input.view_graph, input, options, context);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
       Timed("focal lengths", context, &times, [&] {
-        return CalibrateFocalLengths(scene, view_graph, options.focal_lengths,
-                                     context);
+        return CalibrateFocalLengths(scene, input.view_graph,
+                                     options.focal_lengths, context);
       });
   LogFocalLengths(scene, focal_lengths.estimates, context);
   const ViewGraph uncalibrated =
-      DropCalibratedGeometry(scene, focal_lengths, view_graph);
+      DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
-                                      context, priors, gravity, start);
+  MapperResult result =
+      MapCalibrated(calibrated, uncalibrated, input, options, context);
   for (MapperModel& model : result.models) {
     DoubtFocalLengths(focal_lengths.estimates, context, &model);
   }

@@ -7,11 +7,11 @@
 #include <utility>
 
 #include "pipeline/candidates.h"
-#include "pipeline/gravity_levelling.h"
-#include "pipeline/loose_images.h"
-#include "pipeline/position_bending.h"
-#include "pipeline/position_registration.h"
+#include "pipeline/soft_rig_images.h"
 #include "pipeline/timed.h"
+#include "priors/gravity_levelling.h"
+#include "priors/pose_graph_deformation.h"
+#include "priors/position_registration.h"
 
 namespace mgsfm {
 namespace {
@@ -37,7 +37,7 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
                        context.random_seed, initial);
   model->position_priors = std::move(registration.summary);
   if (model->position_priors->is_registered) {
-    model->position_priors->bending = BendToPriors(
+    model->position_priors->deformation = DeformToPriors(
         input.scene, input.view_graph, input.pair_is_used, input.positions,
         input.is_metric, context, &registration.used, initial);
   }
@@ -71,21 +71,23 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
       input.scene, input.gravity, is_registered || is_at_start,
       options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);
   if (model->gravity) {
-    context.Info("gravity: " + std::to_string(model->gravity->num_given) +
+    context.Info("gravity: " + std::to_string(model->gravity->num_priors) +
                  " given, " + std::to_string(model->gravity->outliers.size()) +
                  " outliers");
   }
 }
 
 // Gives images poses of their own.
-bool Loosen(const AdjustmentInput& input, const PositionPriors& used_priors,
-            const MapperOptions& options, const Context& context,
-            MapperModel* model) {
+bool EstimateSoftRigOfImages(const AdjustmentInput& input,
+                             const PositionPriors& used_priors,
+                             const MapperOptions& options,
+                             const Context& context, MapperModel* model) {
   const Scene separate = SeparateImages(input.scene);
-  return LoosenModel(input.scene, separate,
-                     MakeCandidateSource(separate, input.view_graph,
-                                         input.pair_is_used, options, context),
-                     options, used_priors, context, model);
+  return EstimateSoftRigOfModel(
+      input.scene, separate,
+      MakeCandidateSource(separate, input.view_graph, input.pair_is_used,
+                          options, context),
+      options, used_priors, context, model);
 }
 
 }  // namespace
@@ -98,8 +100,9 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (!input.positions.IsEmpty()) {
     used_priors = MoveToPriors(input, context, &initial, model);
   }
-  used_priors.gravity = MakeGravityTerms(scene, input.gravity,
-                                         options.rotation_averaging, initial);
+  used_priors.gravity =
+      MakeGravityTerms(scene, input.gravity,
+                       options.rotation_averaging.gravity_sigma_deg, initial);
   BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
     return RefineReconstruction(
         scene,
@@ -123,9 +126,11 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                                 used_priors);
     });
   }
-  if (options.loose_synchronization.method != LooseSynchronization::kNone) {
-    Timed("loose synchronization", context, &model->times,
-          [&] { return Loosen(input, used_priors, options, context, model); });
+  if (options.soft_rig.method != SoftRig::kNone) {
+    Timed("loose synchronization", context, &model->times, [&] {
+      return EstimateSoftRigOfImages(input, used_priors, options, context,
+                                     model);
+    });
   }
 }
 

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
@@ -20,12 +21,12 @@ struct AdjustmentInput {
   const ViewGraph& view_graph;
   const PositionPriors& positions;
   const GravityPriors& gravity;
-  std::vector<char> pair_is_used = {};  // those whose matches make tracks
-  bool is_metric = false;               // the first model
+  Mask pair_is_used = {};  // those whose matches make tracks
+  bool is_metric = false;  // the first model
   // A model that was gone on from. The result is where it is, unless measured
   // positions say otherwise; null: none.
   const Reconstruction* start = nullptr;
-  HeldPoses held = {};
+  FixedPoses held = {};
 };
 
 // The way of every first model to the final one: moved and bent to measured

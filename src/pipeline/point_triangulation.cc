@@ -2,30 +2,34 @@
 #include <algorithm>
 #include <utility>
 
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/candidates.h"
-#include "pipeline/going_on.h"
+#include "pipeline/model_extension.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
 
-MapperResult TriangulatePoints(const Scene& scene, const ViewGraph& view_graph,
-                               const Reconstruction& start,
+MapperResult TriangulatePoints(const MapperInput& input,
                                const MapperOptions& options,
                                const Context& context) {
+  MGSFM_CHECK_MSG(input.existing_model.has_value(),
+                  "the poses of an existing model are required");
+  const Scene& scene = input.scene;
+  const Reconstruction& start = *input.existing_model;
   MapperResult result;
   MapperModel model;
   const ViewGraphResult verified =
       Timed("view graph", context, &result.times, [&] {
         return EstimateViewGraph(scene,
                                  ComputeBearings(scene, context.num_threads),
-                                 view_graph, options.view_graph, context);
+                                 input.view_graph, options.view_graph, context);
       });
   result.view_graph = verified.summary;
   const CandidateSource candidates = MakeCandidateSource(
-      scene, verified.estimate,
-      std::vector<char>(verified.estimate.pairs.size(), true), options,
-      context);
+      scene, verified.estimate, Mask(verified.estimate.pairs.size(), true),
+      options, context);
   const Reconstruction initial =
       Timed("triangulation", context, &model.times, [&] {
         return TriangulateCandidates(scene, candidates, start,
@@ -37,18 +41,18 @@ MapperResult TriangulatePoints(const Scene& scene, const ViewGraph& view_graph,
   });
   model.bundle = std::move(bundle.summary);
   model.reconstruction = std::move(bundle.estimate);
-  model.going_on = GoingOnSummary();
-  model.going_on->frames_are_fixed =
+  model.extension = ExtensionSummary();
+  model.extension->frames_are_fixed =
       !options.bundle_adjustment.refine_rig_from_world;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const bool is_given = start.rig_from_world[i].has_value();
-    model.going_on->num_frames_given += is_given;
+    model.extension->num_existing_frames += is_given;
     if (model.reconstruction.rig_from_world[i]) continue;
     result.unregistered_frames.push_back(
         {static_cast<int>(i), is_given ? "no point agrees with its images"
                                        : "it is not in the given model"});
   }
-  model.num_frames_in_part = model.going_on->num_frames_given;
+  model.num_frames_in_component = model.extension->num_existing_frames;
   DescribeSensors(scene, start, {}, &model, &result);
   if (!model.reconstruction.points.empty()) {
     result.models.push_back(std::move(model));

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/pipeline/covariance_report.h"
+#include "geometry/so3.h"
+#include "pipeline/covariance_report.h"
 
 namespace mgsfm {
 namespace {
@@ -26,7 +26,7 @@ Json ToJson(const SolveSummary& summary) {
           {"message", summary.message}};
 }
 
-// A value of each stage.
+// One value per stage.
 Json ToJson(const std::vector<StageTime>& times, double StageTime::*value) {
   Json json = Json::object();
   for (const StageTime& time : times) json[time.stage] = time.*value;
@@ -75,7 +75,7 @@ Json ToJson(const Scene& scene,
   for (const FocalLengthEstimate& estimate : estimates) {
     json.push_back(
         {{"camera_id", scene.cameras[estimate.camera_idx].id.value()},
-         {"given_px", estimate.given_px},
+         {"prior_px", estimate.prior_px},
          {"estimated_px", ToJson(estimate.estimated_px)},
          {"relative_sigma", estimate.sigma},
          {"num_pairs", estimate.num_pairs},
@@ -99,7 +99,7 @@ Json ToJson(const ViewGraphSummary& summary) {
 }
 
 Json ToJson(const Scene& scene, const GravitySummary& summary) {
-  Json json = {{"num_given", summary.num_given},
+  Json json = {{"num_priors", summary.num_priors},
                {"median_error_deg", ToJson(summary.median_error_deg)},
                {"outliers", Json::array()}};
   for (const GravitySummary::Outlier& outlier : summary.outliers) {
@@ -111,7 +111,7 @@ Json ToJson(const Scene& scene, const GravitySummary& summary) {
 
 Json ToJson(const Scene& scene, const FocalLengthCheck& check) {
   return {{"camera_id", scene.cameras[check.camera_idx].id.value()},
-          {"given_px", check.given_px},
+          {"prior_px", check.prior_px},
           {"estimated_px", check.estimated_px},
           {"relative_sigma", ToJson(check.relative_sigma)},
           {"message", check.message}};
@@ -120,7 +120,7 @@ Json ToJson(const Scene& scene, const FocalLengthCheck& check) {
 Json ToJson(const RotationSummary& summary) {
   Json gravity = nullptr;
   if (summary.gravity) {
-    gravity = {{"num_given", summary.gravity->num_given},
+    gravity = {{"num_priors", summary.gravity->num_priors},
                {"median_error_deg", ToJson(summary.gravity->median_error_deg)},
                {"num_outliers", summary.gravity->outliers.size()}};
   }
@@ -128,13 +128,13 @@ Json ToJson(const RotationSummary& summary) {
           {"images", ToJson(summary.images)},
           {"frames", ToJson(summary.frames)},
           {"joint", ToJson(summary.joint)},
-          {"num_parts", summary.num_parts},
+          {"num_components", summary.num_components},
           {"median_error_deg", ToJson(summary.median_error_deg)},
           {"dropped",
            {{"without_relative_rotation", summary.num_pairs_without_rotation},
             {"of_unobservable_sensors", summary.num_pairs_unobservable},
             {"inconsistent", summary.num_pairs_dropped},
-            {"doubtful_bridges", summary.num_doubtful_bridges}}}};
+            {"unsupported_bridges", summary.num_unsupported_bridges}}}};
 }
 
 Json ToJson(const TrackSummary& summary) {
@@ -146,12 +146,12 @@ Json ToJson(const TrackSummary& summary) {
       {"mean_track_length", summary.mean_track_length}};
 }
 
-Json ToJson(const Scene& scene, const std::vector<SuspiciousGroup>& groups) {
+Json ToJson(const Scene& scene, const std::vector<RejectedGroup>& groups) {
   Json json = Json::array();
   const auto names = [&](int first, int last) {
     return Json{scene.frames[first].name, scene.frames[last].name};
   };
-  for (const SuspiciousGroup& group : groups) {
+  for (const RejectedGroup& group : groups) {
     json.push_back(
         {{"num_pairs", group.num_pairs},
          {"frames1", names(group.first_frame_idx1, group.last_frame_idx1)},
@@ -167,7 +167,8 @@ Json ToJson(const TranslationSummary& summary) {
           {"num_pairs_used", summary.num_pairs_used},
           {"num_pairs_without_parallax", summary.num_pairs_without_parallax},
           {"num_pairs_inconsistent", summary.num_pairs_inconsistent},
-          {"num_pairs_contradicting", summary.num_pairs_contradicting},
+          {"num_pairs_inconsistent_with_positions",
+           summary.num_pairs_inconsistent_with_positions},
           {"num_points", summary.num_points}};
 }
 
@@ -209,14 +210,15 @@ Json ToJson(const Scene& scene, const BundleSummary& summary) {
 Json ToJson(const Scene& scene, const PositionPriorSummary& summary) {
   Json json = {{"is_registered", summary.is_registered},
                {"message", summary.message},
-               {"num_given", summary.num_given},
+               {"num_priors", summary.num_priors},
                {"num_used", summary.num_used},
                {"rms", ToJson(summary.rms)},
-               {"bending", nullptr},
+               {"deformation", nullptr},
                {"outliers", Json::array()}};
-  if (summary.bending) {
-    json["bending"] = {{"largest_shift", summary.bending->largest_shift},
-                       {"largest_turn_deg", summary.bending->largest_turn_deg}};
+  if (summary.deformation) {
+    json["deformation"] = {
+        {"max_shift", summary.deformation->max_shift},
+        {"max_rotation_deg", summary.deformation->max_rotation_deg}};
   }
   for (const PositionPriorSummary::Outlier& outlier : summary.outliers) {
     json["outliers"].push_back({{"image", scene.images[outlier.image_idx].name},
@@ -225,7 +227,7 @@ Json ToJson(const Scene& scene, const PositionPriorSummary& summary) {
   return json;
 }
 
-Json ToJson(const Scene& scene, const LooseSummary& summary) {
+Json ToJson(const Scene& scene, const SoftRigSummary& summary) {
   Json json = {{"is_usable", summary.is_usable},
                {"has_converged", summary.has_converged},
                {"message", summary.message},
@@ -235,7 +237,7 @@ Json ToJson(const Scene& scene, const LooseSummary& summary) {
   for (const SolveSummary& solve : summary.solves) {
     json["solves"].push_back(ToJson(solve));
   }
-  for (const LooseSensor& sensor : summary.sensors) {
+  for (const SoftRigSensor& sensor : summary.sensors) {
     json["sensors"].push_back(
         {{"name", scene.sensors[sensor.sensor_idx].name},
          {"num_images", sensor.num_images},
@@ -262,33 +264,33 @@ Json SensorSigmaToJson(const MapperModel& model, int sensor_idx) {
   if (!model.covariances || !model.covariances->is_usable) return nullptr;
   const auto& covariance = model.covariances->sensors[sensor_idx];
   if (!covariance) return nullptr;
-  Json turns = Json::array(), shifts = Json::array();
+  Json rotations_deg = Json::array(), translations = Json::array();
   for (int i = 0; i < 3; ++i) {
-    turns.push_back(RadToDeg(std::sqrt((*covariance)(i, i))));
-    shifts.push_back(std::sqrt((*covariance)(3 + i, 3 + i)));
+    rotations_deg.push_back(RadToDeg(std::sqrt((*covariance)(i, i))));
+    translations.push_back(std::sqrt((*covariance)(3 + i, 3 + i)));
   }
-  return {{"turns_deg", turns}, {"shifts", shifts}};
+  return {{"rotations_deg", rotations_deg}, {"translations", translations}};
 }
 
-// What covariances are relative to, and what is not observable.
+// The gauge of the covariances, and the directions that are not observable.
 Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
   Json json = {{"is_usable", covariances.is_usable},
                {"sigma_px", covariances.sigma_px},
-               {"held_frame", nullptr},
-               {"scale_is_held", covariances.scale_is_held},
+               {"fixed_frame", nullptr},
+               {"scale_is_fixed", covariances.scale_is_fixed},
                {"message", DescribeUnobservable(scene, covariances)}};
-  if (covariances.held_frame_idx) {
-    json["held_frame"] = scene.frames[*covariances.held_frame_idx].name;
+  if (covariances.fixed_frame_idx) {
+    json["fixed_frame"] = scene.frames[*covariances.fixed_frame_idx].name;
   }
   return json;
 }
 
-Json ToJson(const Scene& scene, const GoingOnSummary& summary) {
-  Json json = {{"num_frames_given", summary.num_frames_given},
+Json ToJson(const Scene& scene, const ExtensionSummary& summary) {
+  Json json = {{"num_existing_frames", summary.num_existing_frames},
                {"frames_are_fixed", summary.frames_are_fixed},
                {"num_passes", summary.num_passes},
                {"added_frames", Json::array()}};
-  for (const GoingOnSummary::AddedFrame& added : summary.added_frames) {
+  for (const ExtensionSummary::AddedFrame& added : summary.added_frames) {
     const ResectedFrame& frame = added.frame;
     json["added_frames"].push_back(
         {{"frame_id", scene.frames[frame.frame_idx].id.value()},
@@ -300,7 +302,7 @@ Json ToJson(const Scene& scene, const GoingOnSummary& summary) {
   return json;
 }
 
-// The calibrated rigs of one model, with what is known of each sensor.
+// The calibrated rigs of one model, and how each sensor was determined.
 Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
                 const MapperModel& model) {
   Json rigs = Json::array();
@@ -308,8 +310,9 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
     Json sensors = Json::array();
     for (const int sensor_idx : rig.sensor_idxs) {
       const Sensor& sensor = scene.sensors[sensor_idx];
-      const InternalRotationSummary& internal = rotation.sensors[sensor_idx];
-      const InternalTranslationSummary& translation =
+      const SensorRotationSummary& sensor_rotation =
+          rotation.sensors[sensor_idx];
+      const SensorTranslationSummary& translation =
           model.translation.sensors[sensor_idx];
       const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
       sensors.push_back(
@@ -319,10 +322,11 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
            {"was_known", sensor.sensor_from_rig.has_value()},
            {"sensor_from_rig", pose ? ToJson(*pose) : Json(nullptr)},
            {"rotation",
-            {{"is_observable", internal.is_observable},
-             {"num_samples", internal.num_samples},
-             {"median_deviation_deg", ToJson(internal.median_deviation_deg)},
-             {"message", internal.message}}},
+            {{"is_observable", sensor_rotation.is_observable},
+             {"num_samples", sensor_rotation.num_samples},
+             {"median_deviation_deg",
+              ToJson(sensor_rotation.median_deviation_deg)},
+             {"message", sensor_rotation.message}}},
            {"translation",
             {{"is_observable", translation.is_observable},
              {"message", translation.message}}},
@@ -353,7 +357,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   }
   Json json = {
       {"num_frames", num_frames},
-      {"num_frames_in_part", model.num_frames_in_part},
+      {"num_frames_in_component", model.num_frames_in_component},
       {"num_images", num_images},
       {"num_points", reconstruction.points.size()},
       {"num_observations", num_observations},
@@ -362,12 +366,12 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
            ? Json(sum_errors_px / static_cast<double>(num_observations))
            : Json(nullptr)},
       {"rigs", RigsToJson(scene, rotation, model)}};
-  if (model.going_on) {
-    json["going_on"] = ToJson(scene, *model.going_on);
+  if (model.extension) {
+    json["extension"] = ToJson(scene, *model.extension);
   } else {
     json["tracks"] = ToJson(model.tracks);
     json["translation_averaging"] = ToJson(model.translation);
-    json["suspicious_groups"] = ToJson(scene, model.suspicious_groups);
+    json["rejected_groups"] = ToJson(scene, model.rejected_groups);
   }
   json["bundle_adjustment"] = ToJson(scene, model.bundle);
   if (model.position_priors) {
@@ -383,8 +387,8 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   if (model.covariances) {
     json["covariances"] = ToJson(scene, *model.covariances);
   }
-  if (model.loose_images) {
-    json["loose_synchronization"] = ToJson(scene, model.loose_images->summary);
+  if (model.soft_rig_images) {
+    json["soft_rig"] = ToJson(scene, model.soft_rig_images->summary);
   }
   AddTimes(model.times, &json);
   return json;

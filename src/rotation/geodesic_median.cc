@@ -5,9 +5,9 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {

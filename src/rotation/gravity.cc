@@ -5,11 +5,10 @@
 #include <cmath>
 #include <utility>
 
-#include "mgsfm/geometry/mean_direction.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/robust_loss.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/rotation/rotation_averaging.h"
+#include "geometry/mean_direction.h"
+#include "geometry/so3.h"
+#include "math/robust_loss.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -24,7 +23,6 @@ constexpr double kScaleInSigmas = 3.0;
 constexpr double kMinSigmaRatio = 0.1;
 constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
 constexpr double kSmallestWeight = 1e-6;
-constexpr double kOutlierInSigmas = 4.0;
 
 double RobustSigma(double given, std::vector<double> angles) {
   return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
@@ -68,52 +66,25 @@ const GravityValues& GravityWeighting::Next(
 }
 
 void LevelParts(const RotationProblem& problem, RotationState* state) {
-  const ConnectedParts parts = FindParts(problem);
-  std::vector<std::vector<Vector3d>> directions(parts.num_parts);
+  const ConnectedComponents parts = FindParts(problem);
+  std::vector<std::vector<Vector3d>> directions(parts.num_components);
   for (const GravityTerm& term : problem.gravity) {
-    directions[parts.part[term.node]].push_back(
+    directions[parts.component[term.node]].push_back(
         (state->sensors[term.sensor] * state->nodes[term.node]).conjugate() *
         term.direction);
   }
-  std::vector<Quaterniond> old_from_new(parts.num_parts,
+  std::vector<Quaterniond> old_from_new(parts.num_components,
                                         Quaterniond::Identity());
-  for (int part = 0; part < parts.num_parts; ++part) {
+  for (int part = 0; part < parts.num_components; ++part) {
     if (directions[part].empty()) continue;
     old_from_new[part].setFromTwoVectors(Vector3d::UnitY(),
                                          RobustMeanDirection(directions[part]));
   }
   for (int node = 0; node < problem.num_nodes; ++node) {
     Quaterniond& G = state->nodes[node];
-    if (directions[parts.part[node]].empty()) continue;
-    G = (G * old_from_new[parts.part[node]]).normalized();
+    if (directions[parts.component[node]].empty()) continue;
+    G = (G * old_from_new[parts.component[node]]).normalized();
   }
-}
-
-GravitySummary JudgeGravity(
-    const GravityPriors& gravity,
-    const std::vector<std::optional<Quaterniond>>& cam_from_world,
-    double sigma_deg) {
-  GravitySummary summary;
-  std::vector<double> errors_deg;
-  std::vector<int> image_idxs;
-  for (size_t i = 0; i < gravity.images.size(); ++i) {
-    if (!gravity.images[i] || !cam_from_world[i]) continue;
-    errors_deg.push_back(RadToDeg(
-        AngleBetween(cam_from_world[i]->conjugate() * *gravity.images[i],
-                     Vector3d::UnitY().eval())));
-    image_idxs.push_back(static_cast<int>(i));
-  }
-  summary.num_given = static_cast<int>(errors_deg.size());
-  summary.sigma_deg = sigma_deg;
-  if (errors_deg.empty()) return summary;
-  summary.median_error_deg = Median(errors_deg);
-  summary.sigma_deg = RobustSigma(sigma_deg, errors_deg);
-  const double bound = kOutlierInSigmas * summary.sigma_deg;
-  for (size_t i = 0; i < errors_deg.size(); ++i) {
-    if (errors_deg[i] <= bound) continue;
-    summary.outliers.push_back({image_idxs[i], errors_deg[i]});
-  }
-  return summary;
 }
 
 }  // namespace mgsfm

@@ -6,10 +6,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/so3.h"
+#include "math/robust_loss.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/robust_loss.h"
-#include "mgsfm/math/statistics.h"
 #include "rotation/rotation_solver.h"
 
 namespace mgsfm {

@@ -5,17 +5,19 @@
 #include <cmath>
 #include <numeric>
 
+#include "geometry/so3.h"
+#include "math/spanning_tree.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/spanning_tree.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/scene/backbone.h"
-#include "rotation/doubtful_bridges.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "pair_filtering/unsupported_bridges.h"
+#include "priors/gravity_levelling.h"
 #include "rotation/gravity.h"
-#include "rotation/internal_rotations.h"
 #include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"
 #include "rotation/rotation_solver.h"
+#include "rotation/sensor_rotations.h"
 
 namespace mgsfm {
 namespace {
@@ -41,8 +43,8 @@ RotationEdge MakeEdge(const ImagePair& pair,
 class RotationAverager {
  public:
   RotationAverager(const Scene& scene, const ViewGraph& view_graph,
-                   const std::vector<char>& pair_is_used,
-                   const RotationEstimate* start, const GravityPriors& gravity,
+                   const Mask& pair_is_used, const RotationEstimate* start,
+                   const GravityPriors& gravity,
                    const RotationAveragingOptions& options,
                    const Context& context)
       : scene_(scene),
@@ -62,10 +64,10 @@ class RotationAverager {
     const ImageRotations images =
         HasUnknownSensor() ? AverageImages() : NoImages();
     report(1);
-    InternalRotations internal =
-        EstimateInternalRotations(scene_, images, options_);
+    SensorRotations internal =
+        EstimateSensorRotations(scene_, images, options_);
     if (IsJoint()) StartTheOthers(&internal);
-    SetInternalRotations(std::move(internal));
+    SetSensorRotations(std::move(internal));
     report(2);
     if (AverageFrames() && !pairs_.problem.edges.empty()) {
       report(3);
@@ -75,9 +77,9 @@ class RotationAverager {
       RefineJointly();
     }
     JudgePairs();
-    LeaveOutDoubtfulBridges();
+    RejectUnsupportedBridges();
     NumberComponents();
-    WriteInternalRotations();
+    WriteSensorRotations();
     CountPairs();
     SummarizeGravity();
     report(kNumSteps);
@@ -94,8 +96,8 @@ class RotationAverager {
   PairProblem BuildImageProblem() const;
   ImageRotations CollectImageRotations(const PairProblem& pairs,
                                        const RotationState& state) const;
-  void StartTheOthers(InternalRotations* internal) const;
-  void SetInternalRotations(InternalRotations internal);
+  void StartTheOthers(SensorRotations* internal) const;
+  void SetSensorRotations(SensorRotations internal);
   bool IsUsable(const ImagePair& pair) const;
   PairProblem BuildFrameProblem() const;
   bool AverageFrames();
@@ -103,9 +105,9 @@ class RotationAverager {
   void RefineJointly();
   void KeepConsistentPairs();
   void JudgePairs();
-  void LeaveOutDoubtfulBridges();
+  void RejectUnsupportedBridges();
   void NumberComponents();
-  void WriteInternalRotations();
+  void WriteSensorRotations();
   void CountPairs();
   void SummarizeGravity();
   std::vector<GraphEdge> InlierFrameEdges() const;
@@ -119,7 +121,7 @@ class RotationAverager {
 
   const Scene& scene_;
   const ViewGraph& view_graph_;
-  const std::vector<char>& pair_is_used_;
+  const Mask& pair_is_used_;
   const RotationEstimate* start_;  // null: none
   const GravityPriors& gravity_;
   const RotationAveragingOptions& options_;
@@ -143,7 +145,7 @@ ImageRotations RotationAverager::NoImages() {
   summary.message = "Not needed: all internal rotations are known.";
   ImageRotations images;
   images.cam_from_world.resize(scene_.images.size());
-  images.part.resize(scene_.images.size());
+  images.component.resize(scene_.images.size());
   images.support.resize(scene_.images.size());
   return images;
 }
@@ -208,7 +210,8 @@ ImageRotations RotationAverager::CollectImageRotations(
     images.support[edge.node1] += edge.support;
     images.support[edge.node2] += edge.support;
   }
-  images.part = FindConnectedParts(static_cast<int>(num_images), edges).part;
+  images.component =
+      FindConnectedComponents(static_cast<int>(num_images), edges).component;
   for (size_t i = 0; i < num_images; ++i) {
     if (images.support[i] > 0.0) images.cam_from_world[i] = state.nodes[i];
   }
@@ -216,7 +219,7 @@ ImageRotations RotationAverager::CollectImageRotations(
 }
 
 // What frames by themselves do not tell, the joint solve must find.
-void RotationAverager::StartTheOthers(InternalRotations* internal) const {
+void RotationAverager::StartTheOthers(SensorRotations* internal) const {
   for (size_t k = 0; k < scene_.sensors.size(); ++k) {
     if (internal->sensor_from_rig[k]) continue;
     internal->sensor_from_rig[k] = Quaterniond::Identity();
@@ -225,7 +228,7 @@ void RotationAverager::StartTheOthers(InternalRotations* internal) const {
   }
 }
 
-void RotationAverager::SetInternalRotations(InternalRotations internal) {
+void RotationAverager::SetSensorRotations(SensorRotations internal) {
   state_.sensors.assign(scene_.sensors.size(), Quaterniond::Identity());
   for (size_t k = 0; k < scene_.sensors.size(); ++k) {
     if (internal.sensor_from_rig[k]) {
@@ -343,15 +346,15 @@ void RotationAverager::KeepConsistentPairs() {
 // All usable pairs, also those that were dropped on the way; but two parts that
 // were solved apart have no common world in which a pair could be judged.
 void RotationAverager::JudgePairs() {
-  std::vector<char>& is_inlier = result_.estimate.pair_is_inlier;
+  Mask& is_inlier = result_.estimate.pair_is_inlier;
   is_inlier.assign(view_graph_.pairs.size(), 0);
   if (!has_frames_) return;
-  const ConnectedParts parts = FindParts(pairs_.problem);
+  const ConnectedComponents parts = FindParts(pairs_.problem);
   const PairProblem all = BuildFrameProblem();
   std::vector<double> errors;
   for (size_t e = 0; e < all.pair_idxs.size(); ++e) {
     const RotationEdge& edge = all.problem.edges[e];
-    if (parts.part[edge.node1] != parts.part[edge.node2]) continue;
+    if (parts.component[edge.node1] != parts.component[edge.node2]) continue;
     const double error = RotationResidual(edge, state_).norm();
     if (error > max_error_) continue;
     is_inlier[all.pair_idxs[e]] = 1;
@@ -363,15 +366,15 @@ void RotationAverager::JudgePairs() {
 }
 
 // Of all pairs, not of those of a backbone that is but a start.
-void RotationAverager::LeaveOutDoubtfulBridges() {
+void RotationAverager::RejectUnsupportedBridges() {
   if (start_ == nullptr) return;
-  const std::vector<char> is_doubtful =
-      FindDoubtfulBridges(scene_, view_graph_, result_.estimate.pair_is_inlier,
-                          context_.num_threads);
-  for (size_t i = 0; i < is_doubtful.size(); ++i) {
-    if (!is_doubtful[i]) continue;
+  const Mask is_unsupported = FindUnsupportedBridges(
+      scene_, view_graph_, result_.estimate.pair_is_inlier,
+      context_.num_threads);
+  for (size_t i = 0; i < is_unsupported.size(); ++i) {
+    if (!is_unsupported[i]) continue;
     result_.estimate.pair_is_inlier[i] = 0;
-    ++result_.summary.num_doubtful_bridges;
+    ++result_.summary.num_unsupported_bridges;
     const ImagePair& pair = view_graph_.pairs[i];
     context_.Warning("The images '" + scene_.images[pair.image_idx1].name +
                      "' and '" + scene_.images[pair.image_idx2].name +
@@ -397,26 +400,26 @@ std::vector<GraphEdge> RotationAverager::InlierFrameEdges() const {
 void RotationAverager::NumberComponents() {
   RotationEstimate& estimate = result_.estimate;
   const int num_frames = static_cast<int>(scene_.frames.size());
-  const ConnectedParts parts =
-      FindConnectedParts(num_frames, InlierFrameEdges());
-  std::vector<int> size(parts.num_parts, 0);
-  for (const int part : parts.part) ++size[part];
-  std::vector<int> by_size(parts.num_parts);
+  const ConnectedComponents parts =
+      FindConnectedComponents(num_frames, InlierFrameEdges());
+  std::vector<int> size(parts.num_components, 0);
+  for (const int part : parts.component) ++size[part];
+  std::vector<int> by_size(parts.num_components);
   std::iota(by_size.begin(), by_size.end(), 0);
   std::stable_sort(by_size.begin(), by_size.end(),
                    [&](int a, int b) { return size[a] > size[b]; });
-  std::vector<int> number(parts.num_parts);
-  for (int i = 0; i < parts.num_parts; ++i) number[by_size[i]] = i;
+  std::vector<int> number(parts.num_components);
+  for (int i = 0; i < parts.num_components; ++i) number[by_size[i]] = i;
 
   estimate.rig_from_world.resize(num_frames);
   estimate.component.resize(num_frames);
   for (int frame = 0; frame < num_frames; ++frame) {
-    const int part = parts.part[frame];
+    const int part = parts.component[frame];
     if (size[part] < 2) continue;
     estimate.rig_from_world[frame] = state_.nodes[frame];
     estimate.component[frame] = number[part];
   }
-  result_.summary.num_parts = static_cast<int>(
+  result_.summary.num_components = static_cast<int>(
       std::count_if(size.begin(), size.end(), [](int s) { return s >= 2; }));
   for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
     const int frame = FrameOf(view_graph_.pairs[i].image_idx1);
@@ -424,7 +427,7 @@ void RotationAverager::NumberComponents() {
   }
 }
 
-void RotationAverager::WriteInternalRotations() {
+void RotationAverager::WriteSensorRotations() {
   for (size_t k = 0; k < scene_.sensors.size(); ++k) {
     auto& sensor_from_rig = result_.estimate.sensor_from_rig[k];
     if (sensor_from_rig) sensor_from_rig = state_.sensors[k];
@@ -448,17 +451,16 @@ void RotationAverager::CountPairs() {
 // How far pairs are from the rotations of the backbone alone; nullopt where it
 // does not tell.
 std::vector<std::optional<double>> DistancesFromBackbone(
-    const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used,
-    const RotationEstimate& by_backbone) {
+    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
+    const RotationEstimate& by_skeleton) {
   std::vector<std::optional<double>> distances(view_graph.pairs.size());
   for (size_t i = 0; i < distances.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     if (!pair_is_used[i] || !pair.relative_pose) continue;
-    const auto rotation1 = by_backbone.CamFromWorld(scene, pair.image_idx1);
-    const auto rotation2 = by_backbone.CamFromWorld(scene, pair.image_idx2);
+    const auto rotation1 = by_skeleton.CamFromWorld(scene, pair.image_idx1);
+    const auto rotation2 = by_skeleton.CamFromWorld(scene, pair.image_idx2);
     const auto part = [&](int image_idx) {
-      return by_backbone.component[scene.images[image_idx].frame_idx];
+      return by_skeleton.component[scene.images[image_idx].frame_idx];
     };
     if (rotation1 && rotation2 &&
         part(pair.image_idx1) == part(pair.image_idx2)) {
@@ -471,10 +473,10 @@ std::vector<std::optional<double>> DistancesFromBackbone(
 
 // Numbers of frames along the strongest tree of the backbone.
 ForestWays WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
-                          const std::vector<char>& is_in_backbone) {
+                          const Mask& is_in_skeleton) {
   std::vector<GraphEdge> edges;
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    if (!is_in_backbone[i]) continue;
+    if (!is_in_skeleton[i]) continue;
     const ImagePair& pair = view_graph.pairs[i];
     edges.push_back({scene.images[pair.image_idx1].frame_idx,
                      scene.images[pair.image_idx2].frame_idx,
@@ -489,28 +491,26 @@ ForestWays WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
 // steps with the robust standard deviation of all distances. Copies of a
 // structure often are but some degrees off, and enough of them tear the road
 // where few pairs hold it.
-std::vector<char> FindPairsWithinDrift(const Scene& scene,
-                                       const ViewGraph& view_graph,
-                                       const std::vector<char>& pair_is_used,
-                                       const std::vector<char>& is_in_backbone,
-                                       const RotationEstimate& by_backbone,
-                                       double max_error_deg) {
+Mask FindPairsWithinDrift(const Scene& scene, const ViewGraph& view_graph,
+                          const Mask& pair_is_used, const Mask& is_in_skeleton,
+                          const RotationEstimate& by_skeleton,
+                          double max_error_deg) {
   constexpr double kMaxDriftDeg = 10.0;
   constexpr double kMaxErrorOfPair = 0.3;  // of max_error_deg
   constexpr double kDriftInSigmas = 2.0;
   const std::vector<std::optional<double>> distances =
-      DistancesFromBackbone(scene, view_graph, pair_is_used, by_backbone);
+      DistancesFromBackbone(scene, view_graph, pair_is_used, by_skeleton);
   std::vector<double> known;
   for (const auto& distance : distances) {
     if (distance) known.push_back(*distance);
   }
   if (known.empty()) return pair_is_used;
   const double sigma = RobustSigmaOfNorms3(known);
-  const ForestWays ways = WaysOfBackbone(scene, view_graph, is_in_backbone);
-  std::vector<char> is_within = pair_is_used;
+  const ForestWays ways = WaysOfBackbone(scene, view_graph, is_in_skeleton);
+  Mask is_within = pair_is_used;
   size_t num_beyond = 0;
   for (size_t i = 0; i < is_within.size(); ++i) {
-    if (!distances[i] || is_in_backbone[i]) continue;
+    if (!distances[i] || is_in_skeleton[i]) continue;
     const ImagePair& pair = view_graph.pairs[i];
     const double way = ways.Between(scene.images[pair.image_idx1].frame_idx,
                                     scene.images[pair.image_idx2].frame_idx);
@@ -541,23 +541,23 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
     MGSFM_CHECK(pair.image_idx2 >= 0 && pair.image_idx2 < num_images);
     MGSFM_CHECK_NE(pair.image_idx1, pair.image_idx2);
   }
-  std::vector<char> pair_is_used(view_graph.pairs.size());
+  Mask pair_is_used(view_graph.pairs.size());
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
     pair_is_used[i] = view_graph.pairs[i].relative_pose.has_value();
   }
-  const std::vector<char> is_in_backbone =
-      SelectBackbone(scene, view_graph, pair_is_used, {}, context.num_threads);
+  const Mask is_in_skeleton = SelectSkeletalGraph(
+      scene, view_graph, pair_is_used, {}, context.num_threads);
   Context quiet = context;
   quiet.log = nullptr;
   quiet.progress = nullptr;
-  const RotationResult by_backbone =
-      RotationAverager(scene, view_graph, is_in_backbone, nullptr, {}, options,
+  const RotationResult by_skeleton =
+      RotationAverager(scene, view_graph, is_in_skeleton, nullptr, {}, options,
                        quiet)
           .Run();
-  const std::vector<char> is_within =
-      FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_backbone,
-                           by_backbone.estimate, options.max_error_deg);
-  return RotationAverager(scene, view_graph, is_within, &by_backbone.estimate,
+  const Mask is_within =
+      FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_skeleton,
+                           by_skeleton.estimate, options.max_error_deg);
+  return RotationAverager(scene, view_graph, is_within, &by_skeleton.estimate,
                           gravity, options, context)
       .Run();
 }

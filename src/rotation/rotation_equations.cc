@@ -5,8 +5,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -25,16 +26,16 @@ Eigen::Map<const MatrixXd> Stacked(const MatrixXd& matrix) {
 
 RotationUnknowns NumberUnknowns(const RotationProblem& problem) {
   RotationUnknowns unknowns;
-  const ConnectedParts parts = FindParts(problem);
-  std::vector<char> part_is_held(parts.num_parts, 0);
-  std::vector<char> part_has_gravity(parts.num_parts, 0);
+  const ConnectedComponents parts = FindParts(problem);
+  Mask part_is_held(parts.num_components, false);
+  Mask part_has_gravity(parts.num_components, false);
   for (const GravityTerm& term : problem.gravity) {
-    part_has_gravity[parts.part[term.node]] = 1;
+    part_has_gravity[parts.component[term.node]] = 1;
   }
   unknowns.column_of_node.assign(problem.num_nodes, -1);
   for (int node = 0; node < problem.num_nodes; ++node) {
-    char& is_held = part_is_held[parts.part[node]];
-    const bool has_gravity = part_has_gravity[parts.part[node]];
+    bool& is_held = part_is_held[parts.component[node]];
+    const bool has_gravity = part_has_gravity[parts.component[node]];
     if (has_gravity && !is_held) {
       unknowns.levelled_columns.push_back(unknowns.num_node_columns);
     }

@@ -5,7 +5,7 @@
 #include <Eigen/SparseCore>
 #include <vector>
 
-#include "mgsfm/math/sparse_solver.h"
+#include "math/sparse_solver.h"
 #include "rotation/rotation_problem.h"
 
 namespace mgsfm {

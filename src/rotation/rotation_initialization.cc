@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/spanning_tree.h"
+#include "geometry/so3.h"
+#include "math/spanning_tree.h"
 #include "rotation/geodesic_median.h"
 
 namespace mgsfm {

@@ -3,8 +3,8 @@
 
 #include <cmath>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
+#include "base/parallel.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 
@@ -48,13 +48,13 @@ std::vector<double> Norms(const std::vector<Vector3d>& residuals) {
   return norms;
 }
 
-ConnectedParts FindParts(const RotationProblem& problem) {
+ConnectedComponents FindParts(const RotationProblem& problem) {
   std::vector<GraphEdge> edges;
   edges.reserve(problem.edges.size());
   for (const RotationEdge& edge : problem.edges) {
     edges.push_back({edge.node1, edge.node2, 1.0});
   }
-  return FindConnectedParts(problem.num_nodes, edges);
+  return FindConnectedComponents(problem.num_nodes, edges);
 }
 
 }  // namespace mgsfm

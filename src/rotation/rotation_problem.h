@@ -5,7 +5,8 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "mgsfm/math/graph.h"
+#include "math/graph.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -35,7 +36,7 @@ struct GravityTerm {
 
 struct RotationProblem {
   int num_nodes = 0;
-  std::vector<char> sensor_is_free;  // per sensor: unknown
+  Mask sensor_is_free;  // per sensor: unknown
   std::vector<RotationEdge> edges;
   std::vector<GravityTerm> gravity;
   double gravity_sigma_rad = 1.0;
@@ -76,6 +77,6 @@ void ComputeResiduals(const RotationProblem& problem,
 std::vector<double> Norms(const std::vector<Eigen::Vector3d>& residuals);
 
 // Connected parts of the nodes.
-ConnectedParts FindParts(const RotationProblem& problem);
+ConnectedComponents FindParts(const RotationProblem& problem);
 
 }  // namespace mgsfm

@@ -6,10 +6,10 @@
 #include <cmath>
 #include <sstream>
 
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/l1_admm.h"
-#include "mgsfm/math/sparse_solver.h"
-#include "mgsfm/math/statistics.h"
+#include "geometry/so3.h"
+#include "math/l1_admm.h"
+#include "math/sparse_solver.h"
+#include "math/statistics.h"
 #include "rotation/gravity.h"
 #include "rotation/rotation_equations.h"
 #include "rotation/rotation_initialization.h"

@@ -3,9 +3,9 @@
 
 #include <vector>
 
+#include "math/robust_loss.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
-#include "mgsfm/math/robust_loss.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"

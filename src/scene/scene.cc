@@ -4,8 +4,8 @@
 #include <set>
 #include <string>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 
 namespace mgsfm {
 namespace {

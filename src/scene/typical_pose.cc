@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/scene/typical_pose.h"
+#include "scene/typical_pose.h"
 
 #include <limits>
 
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {

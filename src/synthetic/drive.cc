@@ -5,8 +5,8 @@
 #include <cmath>
 #include <string>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -7,8 +7,9 @@
 #include <set>
 #include <utility>
 
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "synthetic/random_streams.h"
 
 namespace mgsfm {
@@ -73,8 +74,8 @@ class IsolatedPairMaker {
   std::vector<Match> MakeMatches(const PairPlan& plan,
                                  const Rigid3& cam2_from_cam1, Random* random);
   int FindFitting(const PairPlan& plan, const Rigid3& pose,
-                  const Eigen::Vector3d& ray1,
-                  const std::vector<char>& is_taken, Random* random) const;
+                  const Eigen::Vector3d& ray1, const Mask& is_taken,
+                  Random* random) const;
   int AddFitting(const PairPlan& plan, const Eigen::Vector3d& point_in_cam2,
                  Random* random);
   void RemoveNew(int image, size_t num_before);
@@ -130,8 +131,8 @@ std::vector<Match> IsolatedPairMaker::MakeMatches(const PairPlan& plan,
   const Rigid3 pose{cam2_from_cam1.rotation,
                     cam2_from_cam1.translation.normalized()};
   const auto num_features1 = static_cast<uint32_t>(num_features_[plan.image1]);
-  std::vector<char> is_taken1(num_features1, 0);
-  std::vector<char> is_taken2(num_features_[plan.image2], 0);
+  Mask is_taken1(num_features1, false);
+  Mask is_taken2(num_features_[plan.image2], false);
   std::vector<Match> matches;
   for (size_t i = 0; i < 5 * num_wanted && num_features1 > 0; ++i) {
     if (matches.size() == num_wanted) break;
@@ -158,8 +159,7 @@ std::vector<Match> IsolatedPairMaker::MakeMatches(const PairPlan& plan,
 // A feature of image 2 that fits but for noise; -1 if there is none.
 int IsolatedPairMaker::FindFitting(const PairPlan& plan, const Rigid3& pose,
                                    const Eigen::Vector3d& ray1,
-                                   const std::vector<char>& is_taken,
-                                   Random* random) const {
+                                   const Mask& is_taken, Random* random) const {
   const double max_error_rad = maker_.ErrorInRadians(
       plan.image1, plan.image2, kMaxError_sigma * options_.pixel_noise_px);
   const Features& features2 = photographs_.features[plan.image2];

@@ -6,8 +6,9 @@
 #include <map>
 #include <utility>
 
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "synthetic/random_streams.h"
 
 namespace mgsfm {
@@ -142,7 +143,7 @@ void PairMaker::AddMismatches(const PairPlan& plan,
   if (options_.mismatch_ratio == 0.0) return;
   Random random = RandomOf(options_.random_seed, Effect::kMismatches,
                            KeyOf(plan.image1, plan.image2));
-  std::vector<char> is_taken(photographs_.features[plan.image2].size(), 0);
+  Mask is_taken(photographs_.features[plan.image2].size(), false);
   std::vector<Match*> mismatches;
   for (Match& match : *matches) {
     const bool is_wrong = random.Uniform() < options_.mismatch_ratio;
@@ -176,7 +177,7 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
       ErrorInRadians(plan.image1, plan.image2, kEpipolarOutlierError_px);
   const Features& features1 = photographs_.features[plan.image1];
   const Features& features2 = photographs_.features[plan.image2];
-  std::vector<char> is_taken(features2.size(), 0);
+  Mask is_taken(features2.size(), false);
   for (const Match& match : *matches) is_taken[match.keypoint_idx2] = 1;
   for (Match& match : *matches) {
     if (random.Uniform() >= options_.epipolar_outlier_ratio) continue;

@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <utility>
 
-#include "mgsfm/base/parallel.h"
+#include "base/parallel.h"
 
 namespace mgsfm {
 namespace {

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/synthetic/position_measurement.h"
 
+#include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {

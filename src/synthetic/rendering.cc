@@ -5,8 +5,8 @@
 #include <cmath>
 #include <utility>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
+#include "base/parallel.h"
+#include "geometry/so3.h"
 #include "synthetic/drive.h"
 #include "synthetic/ground.h"
 #include "synthetic/road.h"

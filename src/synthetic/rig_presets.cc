@@ -2,7 +2,7 @@
 #include <cmath>
 #include <string>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

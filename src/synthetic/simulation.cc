@@ -10,8 +10,8 @@
 #include <string>
 #include <utility>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 #include "synthetic/detection.h"
 #include "synthetic/drive.h"
 #include "synthetic/isolated_pairs.h"

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "synthetic/random_streams.h"
 
 namespace mgsfm {
@@ -253,7 +254,7 @@ class StretchFinder {
  private:
   const Road& road_;
   const std::vector<Surface>& surfaces_;
-  std::vector<char> is_used_;
+  Mask is_used_;
 };
 
 }  // namespace

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
+#include "base/parallel.h"
+#include "geometry/so3.h"
 #include "synthetic/random_streams.h"
 
 namespace mgsfm {

@@ -6,8 +6,8 @@
 #include <string>
 #include <utility>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 #include "synthetic/random_streams.h"
 #include "synthetic/street_points.h"
 

@@ -7,7 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "mgsfm/math/sorted_adjacency.h"
+#include "math/sorted_adjacency.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm::internal {
 namespace {
@@ -111,10 +112,9 @@ std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
 
 // For each node whether it is the one to stay of its set's keypoints in its
 // image: the one with the most matches within the set, then the first.
-std::vector<char> ChooseDuplicates(const Observation* observations,
-                                   size_t num_nodes,
-                                   const SortedAdjacency& adjacency,
-                                   const std::vector<uint32_t>& set_of_node) {
+Mask ChooseDuplicates(const Observation* observations, size_t num_nodes,
+                      const SortedAdjacency& adjacency,
+                      const std::vector<uint32_t>& set_of_node) {
   std::vector<uint32_t> degree(num_nodes, 0);
   for (uint32_t node = 0; node < num_nodes; ++node) {
     for (const uint32_t* i = adjacency.begin(node); i != adjacency.end(node);
@@ -122,7 +122,7 @@ std::vector<char> ChooseDuplicates(const Observation* observations,
       degree[node] += set_of_node[*i] == set_of_node[node];
     }
   }
-  std::vector<char> stays(num_nodes, true);
+  Mask stays(num_nodes, true);
   for (uint32_t i = 0; i < num_nodes; ++i) {
     for (uint32_t j = i + 1; j < num_nodes && observations[j].image_idx ==
                                                   observations[i].image_idx;
@@ -137,7 +137,7 @@ std::vector<char> ChooseDuplicates(const Observation* observations,
 // Nodes by set; sets by first node, each with at least two nodes.
 ObservationGroups GroupBySet(const Observation* observations,
                              const std::vector<uint32_t>& set_of_node,
-                             const std::vector<char>& stays) {
+                             const Mask& stays) {
   const size_t num_nodes = set_of_node.size();
   std::vector<uint32_t> first_node_of_set(num_nodes, kNone);
   std::vector<std::pair<uint32_t, uint32_t>> order;  // first of set, node

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/math/union_find.h"
 
 namespace mgsfm::internal {
 namespace {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
@@ -39,7 +40,7 @@ struct MatchComponents {
   ObservationGroups groups;
   std::vector<uint32_t> component_of_node;  // kNone for unmatched keypoints
   std::vector<uint32_t> position_of_node;   // in the group of its component
-  std::vector<char> has_conflict;           // per component
+  Mask has_conflict;                        // per component
 };
 
 MatchComponents FindComponents(const KeypointNodes& nodes,

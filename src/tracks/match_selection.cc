@@ -7,10 +7,11 @@
 #include <optional>
 #include <utility>
 
+#include "base/parallel.h"
+#include "geometry/epipolar.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/epipolar.h"
 
 namespace mgsfm {
 namespace {
@@ -25,9 +26,9 @@ bool Agrees(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
 class MatchSelector {
  public:
   MatchSelector(const Scene& scene, const ViewGraph& view_graph,
-                const std::vector<char>& pair_is_used,
-                const Reconstruction& model, double max_error_px,
-                const MatchSelectionOptions& options, const Context& context)
+                const Mask& pair_is_used, const Reconstruction& model,
+                double max_error_px, const MatchSelectionOptions& options,
+                const Context& context)
       : scene_(scene),
         view_graph_(view_graph),
         model_(model),
@@ -126,13 +127,10 @@ void MatchSelector::DropFramePairs() {
 
 }  // namespace
 
-MatchSelection SelectConsistentMatches(const Scene& scene,
-                                       const ViewGraph& view_graph,
-                                       const std::vector<char>& pair_is_used,
-                                       const Reconstruction& model,
-                                       double max_error_px,
-                                       const MatchSelectionOptions& options,
-                                       const Context& context) {
+MatchSelection SelectConsistentMatches(
+    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
+    const Reconstruction& model, double max_error_px,
+    const MatchSelectionOptions& options, const Context& context) {
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   MGSFM_CHECK_GT(max_error_px, 0.0);
   return MatchSelector(scene, view_graph, pair_is_used, model, max_error_px,

@@ -5,9 +5,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/scene/confirmed_matches.h"
+#include "mgsfm/base/mask.h"
+#include "pair_filtering/triplet_consistency.h"
 #include "tracks/component_splitting.h"
 #include "tracks/match_graph.h"
 #include "tracks/track_selection.h"
@@ -90,15 +91,15 @@ JoinedMatches JoinMatches(const Scene& scene,
 
 // The confirmed matches, and all that poor images have.
 MatchSelection SelectConfirmed(const ViewGraph& view_graph,
-                               const std::vector<char>& pair_is_used,
-                               const std::vector<char>& is_confirmed,
-                               const std::vector<char>& is_poor) {
-  MatchSelection selection{pair_is_used, is_confirmed};
-  auto begin = selection.match_is_used.begin();
+                               const Mask& pair_is_used,
+                               const Mask& is_triplet_consistent,
+                               const Mask& is_poor) {
+  MatchSelection selection{pair_is_used, is_triplet_consistent};
+  size_t begin = 0;
   for (const ImagePair& pair : view_graph.pairs) {
-    const auto end = begin + static_cast<std::ptrdiff_t>(pair.matches.size());
+    const size_t end = begin + pair.matches.size();
     if (is_poor[pair.image_idx1] || is_poor[pair.image_idx2]) {
-      std::fill(begin, end, char{true});
+      selection.match_is_used.Fill(begin, end, true);
     }
     begin = end;
   }
@@ -106,17 +107,16 @@ MatchSelection SelectConfirmed(const ViewGraph& view_graph,
 }
 
 // Images with fewer tracks than they should have.
-std::vector<char> FindPoorImages(const ObservationGroups& tracks,
-                                 size_t num_images,
-                                 const TrackOptions& options) {
+Mask FindPoorImages(const ObservationGroups& tracks, size_t num_images,
+                    const TrackOptions& options) {
   std::vector<int> num_tracks(num_images, 0);
   for (const Observation& observation : tracks.observations) {
     ++num_tracks[observation.image_idx];
   }
-  std::vector<char> is_poor(num_images);
-  std::transform(
-      num_tracks.begin(), num_tracks.end(), is_poor.begin(),
-      [&](int number) { return number < options.min_tracks_per_image; });
+  Mask is_poor;
+  for (const int number : num_tracks) {
+    is_poor.push_back(number < options.min_tracks_per_image);
+  }
   return is_poor;
 }
 
@@ -134,23 +134,23 @@ ObservationGroups EstablishCandidates(const Scene& scene,
 }
 
 TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
-                            const std::vector<char>& pair_is_used,
+                            const Mask& pair_is_used,
                             const TrackOptions& options,
                             const Context& context) {
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   const internal::KeypointNodes nodes(scene);
-  const std::vector<char> is_confirmed =
-      FindConfirmedMatches(view_graph, pair_is_used, context.num_threads);
+  const Mask is_triplet_consistent = FindTripletConsistentMatches(
+      view_graph, pair_is_used, context.num_threads);
   context.CheckInterrupted();
-  std::vector<char> is_poor(scene.images.size(), false);
+  Mask is_poor(scene.images.size(), false);
   JoinedMatches joined;
   TrackResult result;
   // What all images have of confirmed matches tells which of them need more.
   for (int pass = 0; pass < 2; ++pass) {
-    joined = JoinMatches(
-        scene, nodes, view_graph,
-        SelectConfirmed(view_graph, pair_is_used, is_confirmed, is_poor),
-        options, context);
+    joined = JoinMatches(scene, nodes, view_graph,
+                         SelectConfirmed(view_graph, pair_is_used,
+                                         is_triplet_consistent, is_poor),
+                         options, context);
     result.estimate =
         internal::SelectTracks(joined.candidates, scene.images.size(), options);
     is_poor = FindPoorImages(result.estimate, scene.images.size(), options);

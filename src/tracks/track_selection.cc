@@ -6,6 +6,8 @@
 #include <numeric>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
+
 namespace mgsfm::internal {
 namespace {
 
@@ -46,7 +48,7 @@ class Selection {
 
  private:
   const ObservationGroups& candidates_;
-  std::vector<char> is_selected_;
+  Mask is_selected_;
   std::vector<int> num_tracks_of_image_;
 };
 

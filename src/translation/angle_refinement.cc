@@ -10,7 +10,7 @@ using AngleProblem = PositionRigProblem<RayObservation>;
 
 void AddDirections(const RefinementInput& input, double weight,
                    AngleProblem* angles) {
-  angles->AddTerms(MotionKind::kDirection, BaselineTerm::Kind::kDirection,
+  angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kDirection,
                    [&](size_t motion_idx, BaselineTerm* term) {
                      term->direction = input.motions[motion_idx].direction;
                      term->min_length =
@@ -20,7 +20,7 @@ void AddDirections(const RefinementInput& input, double weight,
 }
 
 void AddLengths(const RefinementInput& input, AngleProblem* angles) {
-  angles->AddTerms(MotionKind::kDirection, BaselineTerm::Kind::kLength,
+  angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kLength,
                    [&](size_t motion_idx, BaselineTerm* term) {
                      term->length = input.Length(motion_idx);
                      term->min_length = kMinRelativeLength * term->length;

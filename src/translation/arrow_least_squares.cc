@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/parallel.h"
 
 namespace mgsfm {
 namespace {

@@ -6,7 +6,7 @@
 #include <Eigen/SparseCore>
 #include <vector>
 
-#include "mgsfm/math/sparse_solver.h"
+#include "math/sparse_solver.h"
 
 namespace mgsfm {
 

@@ -17,7 +17,7 @@ constexpr double kMinLength = 1e-9;
 
 void AddDirections(const RefinementInput& input, double weight,
                    bool with_lengths, BilinearProblem* bilinear) {
-  bilinear->AddTerms(MotionKind::kDirection, BaselineTerm::Kind::kBilinear,
+  bilinear->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kBilinear,
                      [&](size_t motion_idx, BaselineTerm* term) {
                        term->direction = input.motions[motion_idx].direction;
                        term->length = input.Length(motion_idx);

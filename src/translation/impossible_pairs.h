@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
@@ -19,22 +20,22 @@ namespace mgsfm {
 //
 // Nothing is impossible if more than kMaxShareBeyondDrift of all pairs were.
 // Per motion. Cost: a way through the tree for each pair.
-std::vector<char> FindImpossiblePairs(const PositionProblem& problem,
-                                      const std::vector<PairMotion>& motions,
-                                      const std::vector<int>& num_matches,
-                                      const std::vector<char>& is_in_backbone,
-                                      const PairScales& scales,
-                                      const InitialPositions& by_backbone,
-                                      double max_drift);
+Mask FindInconsistentBaselines(const PositionProblem& problem,
+                               const std::vector<BaselineDirection>& motions,
+                               const std::vector<int>& num_matches,
+                               const Mask& is_in_skeleton,
+                               const PairScales& scales,
+                               const InitialPositions& by_skeleton,
+                               double max_drift);
 
 // Pairs of the backbone that positions found with other pairs tear: they
 // contradict them (pair_consistency.h) where those of the backbone do not, or
 // leave frames out that the backbone has.
-int CountTornPairs(const PositionProblem& problem,
-                   const std::vector<PairMotion>& motions,
-                   const std::vector<char>& is_in_backbone,
-                   const PairScales& scales,
-                   const InitialPositions& by_backbone,
-                   const InitialPositions& initial);
+int CountViolatedSkeletonEdges(const PositionProblem& problem,
+                               const std::vector<BaselineDirection>& motions,
+                               const Mask& is_in_skeleton,
+                               const PairScales& scales,
+                               const InitialPositions& by_skeleton,
+                               const InitialPositions& initial);
 
 }  // namespace mgsfm

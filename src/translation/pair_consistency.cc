@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstddef>
 
+#include "mgsfm/base/mask.h"
+
 namespace mgsfm {
 namespace {
 
@@ -12,14 +14,14 @@ constexpr double kMinErrorInDepths = 0.25;
 
 }  // namespace
 
-std::vector<char> FindContradictingPairs(const PositionProblem& problem,
-                                         const std::vector<PairMotion>& motions,
-                                         const PairScales& scales,
-                                         const InitialPositions& initial,
-                                         const Positions& positions) {
-  std::vector<char> contradicts(motions.size(), false);
+Mask FindInconsistentPairs(const PositionProblem& problem,
+                           const std::vector<BaselineDirection>& motions,
+                           const PairScales& scales,
+                           const InitialPositions& initial,
+                           const Positions& positions) {
+  Mask contradicts(motions.size(), false);
   for (size_t i = 0; i < motions.size(); ++i) {
-    const PairMotion& motion = motions[i];
+    const BaselineDirection& motion = motions[i];
     if (scales.group[i] < 0 ||
         !positions.IsPlaced(problem, motion.image_idx1) ||
         !positions.IsPlaced(problem, motion.image_idx2)) {

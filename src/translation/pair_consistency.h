@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
@@ -21,10 +22,10 @@ namespace mgsfm {
 // The second keeps pairs that close a loop: they miss by the drift, which is
 // small compared with what the cameras see; copies miss by the distance from
 // the original. Per motion; false where it has no direction or is not placed.
-std::vector<char> FindContradictingPairs(const PositionProblem& problem,
-                                         const std::vector<PairMotion>& motions,
-                                         const PairScales& scales,
-                                         const InitialPositions& initial,
-                                         const Positions& positions);
+Mask FindInconsistentPairs(const PositionProblem& problem,
+                           const std::vector<BaselineDirection>& motions,
+                           const PairScales& scales,
+                           const InitialPositions& initial,
+                           const Positions& positions);
 
 }  // namespace mgsfm

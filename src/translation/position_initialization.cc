@@ -7,12 +7,13 @@
 #include <array>
 #include <cmath>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/l1_admm.h"
-#include "mgsfm/math/sparse_solver.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/math/union_find.h"
+#include "base/parallel.h"
+#include "geometry/so3.h"
+#include "math/l1_admm.h"
+#include "math/sparse_solver.h"
+#include "math/statistics.h"
+#include "math/union_find.h"
+#include "mgsfm/base/mask.h"
 #include "translation/arrow_least_squares.h"
 
 namespace mgsfm {
@@ -130,7 +131,7 @@ struct BlockSystem {
 class PositionInitializer {
  public:
   PositionInitializer(const PositionProblem& problem,
-                      const std::vector<PairMotion>& motions,
+                      const std::vector<BaselineDirection>& motions,
                       const PairScales& scales, double min_parallax_deg,
                       const InitializationOptions& options,
                       const Context& context)
@@ -164,10 +165,11 @@ class PositionInitializer {
   bool Solve();
   void NumberUnknowns();
   BlockSystem AssembleData() const;
-  void AddBaseline(const PairMotion& motion, const Matrix3d& rows,
+  void AddBaseline(const BaselineDirection& motion, const Matrix3d& rows,
                    int first_row, BlockSystem* system) const;
   void AddDirection(size_t motion_idx, BlockSystem* system) const;
-  void AddNoParallax(const PairMotion& motion, BlockSystem* system) const;
+  void AddNoParallax(const BaselineDirection& motion,
+                     BlockSystem* system) const;
   void AddGroupPriors(BlockSystem* system) const;
   void AddRidge(BlockSystem* system) const;
   // Covariance of the internal translations and the unit of given ones; of no
@@ -179,7 +181,7 @@ class PositionInitializer {
   SolveSummary Minimize(const BlockSystem& system);
 
   const PositionProblem& problem_;
-  const std::vector<PairMotion>& motions_;
+  const std::vector<BaselineDirection>& motions_;
   const PairScales& scales_;
   const InitializationOptions& options_;
   const Context& context_;
@@ -201,12 +203,12 @@ class PositionInitializer {
 // The largest set of frames that pairs connect.
 void PositionInitializer::PlaceFrames() {
   UnionFind sets(problem_.num_frames);
-  for (const PairMotion& motion : motions_) {
-    if (motion.kind == MotionKind::kUnused) continue;
+  for (const BaselineDirection& motion : motions_) {
+    if (motion.kind == BaselineKind::kUnused) continue;
     sets.Union(problem_.frame_idx[motion.image_idx1],
                problem_.frame_idx[motion.image_idx2]);
   }
-  std::vector<char> has_image(problem_.num_frames, false);
+  Mask has_image(problem_.num_frames, false);
   for (size_t i = 0; i < problem_.frame_idx.size(); ++i) {
     if (problem_.IsUsed(static_cast<int>(i))) {
       has_image[problem_.frame_idx[i]] = true;
@@ -241,7 +243,7 @@ void PositionInitializer::BoundLengths() {
                       problem_.frame_idx[motions_[i].image_idx2]};
   };
   const auto is_between_frames = [&](size_t i) {
-    return motions_[i].kind == MotionKind::kDirection &&
+    return motions_[i].kind == BaselineKind::kDirection &&
            frames(i)[0] != frames(i)[1];
   };
   std::vector<std::vector<double>> lengths(problem_.num_frames);
@@ -305,7 +307,7 @@ void PositionInitializer::NumberUnknowns() {
 }
 
 // Rows `rows * C` of the baseline C of a pair.
-void PositionInitializer::AddBaseline(const PairMotion& motion,
+void PositionInitializer::AddBaseline(const BaselineDirection& motion,
                                       const Matrix3d& rows, int first_row,
                                       BlockSystem* system) const {
   const auto add = [&](int column, const Matrix3d& block) {
@@ -334,7 +336,7 @@ void PositionInitializer::AddBaseline(const PairMotion& motion,
 
 void PositionInitializer::AddDirection(size_t motion_idx,
                                        BlockSystem* system) const {
-  const PairMotion& motion = motions_[motion_idx];
+  const BaselineDirection& motion = motions_[motion_idx];
   const double scale = scales_.scale[motion_idx];
   const double normal_weight =
       kDirectionSigma / (std::max(scale, min_length_[motion_idx]) *
@@ -362,7 +364,7 @@ void PositionInitializer::AddDirection(size_t motion_idx,
   system->FinishBlock(rhs, penalty);
 }
 
-void PositionInitializer::AddNoParallax(const PairMotion& motion,
+void PositionInitializer::AddNoParallax(const BaselineDirection& motion,
                                         BlockSystem* system) const {
   const Matrix3d rows =
       kDirectionSigma / zero_baseline_sigma_ * Matrix3d::Identity();
@@ -401,12 +403,12 @@ BlockSystem PositionInitializer::AssembleData() const {
   BlockSystem system;
   system.function.num_threads = context_.num_threads;
   for (size_t i = 0; i < motions_.size(); ++i) {
-    const PairMotion& motion = motions_[i];
-    if (motion.kind == MotionKind::kUnused ||
+    const BaselineDirection& motion = motions_[i];
+    if (motion.kind == BaselineKind::kUnused ||
         !result_.positions.IsPlaced(problem_, motion.image_idx1)) {
       continue;
     }
-    if (motion.kind == MotionKind::kDirection) {
+    if (motion.kind == BaselineKind::kDirection) {
       AddDirection(i, &system);
     } else {
       AddNoParallax(motion, &system);
@@ -562,12 +564,11 @@ double ProxOfScaleResidual(double v, double rho, double bound, double steep) {
   return v + steep * step;
 }
 
-InitialPositions InitializePositions(const PositionProblem& problem,
-                                     const std::vector<PairMotion>& motions,
-                                     const PairScales& scales,
-                                     double min_parallax_deg,
-                                     const InitializationOptions& options,
-                                     const Context& context) {
+InitialPositions InitializePositions(
+    const PositionProblem& problem,
+    const std::vector<BaselineDirection>& motions, const PairScales& scales,
+    double min_parallax_deg, const InitializationOptions& options,
+    const Context& context) {
   return PositionInitializer(problem, motions, scales, min_parallax_deg,
                              options, context)
       .Run();

@@ -60,12 +60,11 @@ struct InitializationOptions {
   double relative_tolerance = 1e-4;
 };
 
-InitialPositions InitializePositions(const PositionProblem& problem,
-                                     const std::vector<PairMotion>& motions,
-                                     const PairScales& scales,
-                                     double min_parallax_deg,
-                                     const InitializationOptions& options = {},
-                                     const Context& context = {});
+InitialPositions InitializePositions(
+    const PositionProblem& problem,
+    const std::vector<BaselineDirection>& motions, const PairScales& scales,
+    double min_parallax_deg, const InitializationOptions& options = {},
+    const Context& context = {});
 
 // The prox of phi at v with step 1 / rho, where phi(v) = |v| for v >= bound and
 // rises with slope `steep` >= 1 below bound <= 0.

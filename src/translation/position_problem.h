@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
@@ -38,7 +39,7 @@ PositionProblem MakePositionProblem(const Scene& scene,
 // The unknowns. The camera centre of image i is
 //   c_i = frame_center[frame] - world_from_cam * sensor_translation[sensor].
 struct Positions {
-  std::vector<char> frame_is_placed;
+  Mask frame_is_placed;
   std::vector<Eigen::Vector3d> frame_center;
   std::vector<Eigen::Vector3d> sensor_translation;
 

@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 
-#include "mgsfm/least_squares/rig_solver.h"
+#include "least_squares/rig_solver.h"
 
 namespace mgsfm {
 namespace {
@@ -55,11 +55,11 @@ PositionRigProblem<Observation>::PositionRigProblem(
 }
 
 template <class Observation>
-void PositionRigProblem<Observation>::AddTerms(MotionKind motion_kind,
+void PositionRigProblem<Observation>::AddTerms(BaselineKind motion_kind,
                                                BaselineTerm::Kind kind,
                                                const SetTerm& set) {
   for (size_t i = 0; i < input_.motions.size(); ++i) {
-    const PairMotion& motion = input_.motions[i];
+    const BaselineDirection& motion = input_.motions[i];
     if (!input_.IsUsable(motion, motion_kind, initial_)) continue;
     MarkAsSeen(motion.image_idx1);
     MarkAsSeen(motion.image_idx2);
@@ -74,7 +74,7 @@ void PositionRigProblem<Observation>::AddTerms(MotionKind motion_kind,
 
 template <class Observation>
 void PositionRigProblem<Observation>::AddZeroBaselines() {
-  AddTerms(MotionKind::kNoParallax, BaselineTerm::Kind::kZero,
+  AddTerms(BaselineKind::kNoParallax, BaselineTerm::Kind::kZero,
            [this](size_t, BaselineTerm* term) {
              term->weight = input_.ZeroBaselineWeight();
            });

@@ -5,9 +5,10 @@
 #include <functional>
 #include <vector>
 
+#include "least_squares/rig_problem.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/rig_problem.h"
 #include "translation/refinement_terms.h"
 
 namespace mgsfm {
@@ -26,7 +27,7 @@ class PositionRigProblem {
 
   // A term for each usable motion of a kind; `set` gives it its values.
   using SetTerm = std::function<void(size_t motion_idx, BaselineTerm* term)>;
-  void AddTerms(MotionKind motion_kind, BaselineTerm::Kind kind,
+  void AddTerms(BaselineKind motion_kind, BaselineTerm::Kind kind,
                 const SetTerm& set);
   void AddZeroBaselines();
   // Observations that are used.
@@ -58,8 +59,8 @@ class PositionRigProblem {
   const RefinementInput& input_;
   const RefinementOptions& options_;
   const Positions& initial_;
-  std::vector<char> frame_is_seen_;
-  std::vector<char> sensor_is_seen_;
+  Mask frame_is_seen_;
+  Mask sensor_is_seen_;
   RigProblem<Observation> problem_;
   RigState state_;
 };

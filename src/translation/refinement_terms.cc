@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
@@ -15,7 +15,8 @@ constexpr size_t kMinNumPoints = 10;
 
 }  // namespace
 
-bool RefinementInput::IsUsable(const PairMotion& motion, MotionKind kind,
+bool RefinementInput::IsUsable(const BaselineDirection& motion,
+                               BaselineKind kind,
                                const Positions& positions) const {
   const int image1 = motion.image_idx1, image2 = motion.image_idx2;
   const bool is_constant =

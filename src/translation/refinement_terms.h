@@ -3,10 +3,10 @@
 
 #include <vector>
 
+#include "math/robust_loss.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
-#include "mgsfm/math/robust_loss.h"
 #include "translation/position_initialization.h"
 #include "translation/track_points.h"
 
@@ -29,7 +29,7 @@ struct RefinementOptions {
 // What refinements need of the stages before. Without motions, points tell all.
 struct RefinementInput {
   const PositionProblem& problem;
-  const std::vector<PairMotion>& motions;
+  const std::vector<BaselineDirection>& motions;
   const PairScales& scales;
   const InitialPositions& initial;
 
@@ -39,7 +39,7 @@ struct RefinementInput {
            SensorKind::kFree;
   }
   // Of that kind, between placed images, with a baseline that is not constant.
-  bool IsUsable(const PairMotion& motion, MotionKind kind,
+  bool IsUsable(const BaselineDirection& motion, BaselineKind kind,
                 const Positions& positions) const;
   // The measured length of a pair in the unit of positions.
   double Length(size_t motion_idx) const {

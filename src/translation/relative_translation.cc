@@ -7,11 +7,12 @@
 #include <limits>
 #include <optional>
 
-#include "mgsfm/base/parallel.h"
+#include "base/parallel.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -44,14 +45,14 @@ class MotionEstimator {
 
   // Fills all but the images and depths.
   void Estimate(const std::optional<Vector3d>& guess, Random* random,
-                PairMotion* motion) {
-    motion->kind = MotionKind::kUnused;
+                BaselineDirection* motion) {
+    motion->kind = BaselineKind::kUnused;
     if (FindDirection(guess, random)) {
-      motion->kind = MotionKind::kDirection;
+      motion->kind = BaselineKind::kDirection;
       motion->direction = direction_;
       motion->sigma_rad = sigma_rad_;
     } else if (10 * wide_.size() <= 4 * normals_.size()) {
-      motion->kind = MotionKind::kNoParallax;
+      motion->kind = BaselineKind::kNoParallax;
     }
   }
 
@@ -258,11 +259,12 @@ class PairMotionStage {
         min_sine_(std::sin(DegToRad(min_parallax_deg))),
         random_seed_(random_seed) {}
 
-  void Run(const ImagePair& pair, size_t pair_idx, PairMotion* motion) const {
+  void Run(const ImagePair& pair, size_t pair_idx,
+           BaselineDirection* motion) const {
     if (pair.relative_pose && !pair.relative_pose->translation_direction) {
       // Its own rotation explains it, which is more exact than the averaged
       // one.
-      motion->kind = MotionKind::kNoParallax;
+      motion->kind = BaselineKind::kNoParallax;
       return;
     }
     const int i = pair.image_idx1, j = pair.image_idx2;
@@ -277,7 +279,7 @@ class PairMotionStage {
     }
     Random random(random_seed_, pair_idx);
     estimator.Estimate(guess, &random, motion);
-    if (motion->kind == MotionKind::kDirection) {
+    if (motion->kind == BaselineKind::kDirection) {
       CollectDepths(estimator, used, motion);
     }
   }
@@ -299,7 +301,7 @@ class PairMotionStage {
 
   static void CollectDepths(const MotionEstimator& estimator,
                             const std::vector<Match>& used,
-                            PairMotion* motion) {
+                            BaselineDirection* motion) {
     for (size_t m = 0; m < used.size(); ++m) {
       const auto depths = estimator.Depths(m);
       if (!depths) continue;
@@ -327,16 +329,16 @@ class PairMotionStage {
 
 }  // namespace
 
-std::vector<PairMotion> EstimatePairMotions(
+std::vector<BaselineDirection> EstimateBaselineDirections(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used, const PositionProblem& problem,
+    const Mask& pair_is_used, const PositionProblem& problem,
     double min_parallax_deg, const Context& context) {
   const PairMotionStage stage(scene, bearings, problem, min_parallax_deg,
                               context.random_seed);
-  std::vector<PairMotion> motions(view_graph.pairs.size());
+  std::vector<BaselineDirection> motions(view_graph.pairs.size());
   ParallelFor(motions.size(), context.num_threads, [&](size_t pair_idx) {
     const ImagePair& pair = view_graph.pairs[pair_idx];
-    PairMotion& motion = motions[pair_idx];
+    BaselineDirection& motion = motions[pair_idx];
     motion.image_idx1 = pair.image_idx1;
     motion.image_idx2 = pair.image_idx2;
     if (!pair_is_used[pair_idx] || !problem.IsUsed(pair.image_idx1) ||

@@ -5,13 +5,14 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "translation/position_problem.h"
 
 namespace mgsfm {
 
-enum class MotionKind {
+enum class BaselineKind {
   kUnused,      // not used before, or no motion explains its matches
   kNoParallax,  // the matches agree with a rotation alone
   kDirection,   // the direction of the baseline is known
@@ -23,10 +24,10 @@ struct DepthSample {
   float log_depth;
 };
 
-struct PairMotion {
+struct BaselineDirection {
   int image_idx1 = 0;
   int image_idx2 = 0;
-  MotionKind kind = MotionKind::kUnused;
+  BaselineKind kind = BaselineKind::kUnused;
   // Unit, in the world, from the centre of camera 1 to that of camera 2, and
   // its standard deviation. Only of kDirection.
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
@@ -48,9 +49,9 @@ struct PairMotion {
 // generalised eigenproblem M b = lambda N b (Taubin) from the best of sampled
 // two-match solutions, Geman-McClure with three robust standard deviations.
 // Sign: points in front of both cameras.
-std::vector<PairMotion> EstimatePairMotions(
+std::vector<BaselineDirection> EstimateBaselineDirections(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used, const PositionProblem& problem,
+    const Mask& pair_is_used, const PositionProblem& problem,
     double min_parallax_deg, const Context& context);
 
 }  // namespace mgsfm

@@ -6,12 +6,13 @@
 #include <cmath>
 #include <numeric>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/math/graph.h"
-#include "mgsfm/math/robust_loss.h"
-#include "mgsfm/math/spanning_tree.h"
-#include "mgsfm/math/sparse_solver.h"
-#include "mgsfm/math/statistics.h"
+#include "base/parallel.h"
+#include "math/graph.h"
+#include "math/robust_loss.h"
+#include "math/spanning_tree.h"
+#include "math/sparse_solver.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -62,8 +63,9 @@ bool MakeLink(const std::vector<DepthSample>& depths1,
 }
 
 // Links between the pairs of one image: for each, the most certain ones.
-std::vector<ScaleLink> LinkPairsOfImage(const std::vector<PairMotion>& motions,
-                                        const std::vector<MotionEnd>& ends) {
+std::vector<ScaleLink> LinkPairsOfImage(
+    const std::vector<BaselineDirection>& motions,
+    const std::vector<MotionEnd>& ends) {
   std::vector<ScaleLink> all;
   std::vector<std::vector<int>> links_of_end(ends.size());
   std::vector<double> scratch;
@@ -80,7 +82,7 @@ std::vector<ScaleLink> LinkPairsOfImage(const std::vector<PairMotion>& motions,
       all.push_back(link);
     }
   }
-  std::vector<char> is_kept(all.size(), false);
+  Mask is_kept(all.size(), false);
   for (std::vector<int>& links : links_of_end) {
     std::sort(links.begin(), links.end(), [&](int x, int y) {
       return all[x].sigma != all[y].sigma ? all[x].sigma < all[y].sigma : x < y;
@@ -95,11 +97,11 @@ std::vector<ScaleLink> LinkPairsOfImage(const std::vector<PairMotion>& motions,
   return kept;
 }
 
-std::vector<ScaleLink> LinkPairs(const std::vector<PairMotion>& motions,
+std::vector<ScaleLink> LinkPairs(const std::vector<BaselineDirection>& motions,
                                  int num_images, int num_threads) {
   std::vector<std::vector<MotionEnd>> ends(num_images);
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != MotionKind::kDirection) continue;
+    if (motions[i].kind != BaselineKind::kDirection) continue;
     ends[motions[i].image_idx1].push_back({static_cast<int>(i), 0});
     ends[motions[i].image_idx2].push_back({static_cast<int>(i), 1});
   }
@@ -243,7 +245,7 @@ class ScaleAverager {
   SparseCholesky solver_;
 };
 
-double MedianLogDepth(const PairMotion& motion) {
+double MedianLogDepth(const BaselineDirection& motion) {
   std::vector<double> log_depths;
   for (const DepthSample& d : motion.depths[0]) {
     log_depths.push_back(d.log_depth);
@@ -252,18 +254,18 @@ double MedianLogDepth(const PairMotion& motion) {
 }
 
 // Numbers the groups by descending size, then by first motion.
-void NumberGroups(const std::vector<PairMotion>& motions,
-                  const ConnectedParts& parts, PairScales* scales) {
-  std::vector<int> sizes(parts.num_parts, 0);
+void NumberGroups(const std::vector<BaselineDirection>& motions,
+                  const ConnectedComponents& parts, PairScales* scales) {
+  std::vector<int> sizes(parts.num_components, 0);
   for (size_t i = 0; i < motions.size(); ++i) {
-    sizes[parts.part[i]] += motions[i].kind == MotionKind::kDirection;
+    sizes[parts.component[i]] += motions[i].kind == BaselineKind::kDirection;
   }
-  std::vector<int> order(parts.num_parts);
+  std::vector<int> order(parts.num_components);
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](int a, int b) { return sizes[a] > sizes[b]; });
-  std::vector<int> group_of_part(parts.num_parts);
-  for (int group = 0; group < parts.num_parts; ++group) {
+  std::vector<int> group_of_part(parts.num_components);
+  for (int group = 0; group < parts.num_components; ++group) {
     group_of_part[order[group]] = group;
     if (sizes[order[group]] > 0) {
       scales->group_sizes.push_back(sizes[order[group]]);
@@ -271,13 +273,13 @@ void NumberGroups(const std::vector<PairMotion>& motions,
   }
   scales->group.assign(motions.size(), -1);
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != MotionKind::kDirection) continue;
-    scales->group[i] = group_of_part[parts.part[i]];
+    if (motions[i].kind != BaselineKind::kDirection) continue;
+    scales->group[i] = group_of_part[parts.component[i]];
   }
 }
 
 // From logarithms with a free offset per group to scales in common units.
-void SetScales(const std::vector<PairMotion>& motions,
+void SetScales(const std::vector<BaselineDirection>& motions,
                const Eigen::VectorXd& log_scale, int num_threads,
                PairScales* scales) {
   std::vector<double> median_log_depth(motions.size());
@@ -308,15 +310,15 @@ void SetScales(const std::vector<PairMotion>& motions,
 
 }  // namespace
 
-PairScales AverageScales(const std::vector<PairMotion>& motions, int num_images,
-                         const Context& context) {
+PairScales AverageScales(const std::vector<BaselineDirection>& motions,
+                         int num_images, const Context& context) {
   const std::vector<ScaleLink> links =
       LinkPairs(motions, num_images, context.num_threads);
   const int num_motions = static_cast<int>(motions.size());
   ScaleAverager averager(num_motions, links, context.num_threads);
   averager.Run();
   PairScales scales;
-  NumberGroups(motions, FindConnectedParts(num_motions, averager.edges()),
+  NumberGroups(motions, FindConnectedComponents(num_motions, averager.edges()),
                &scales);
   scales.sigma_log = averager.Sigmas();
   if (scales.group_sizes.empty()) {

@@ -36,7 +36,7 @@ struct PairScales {
 // which directions alone do not give. Unit: the median of scale in group 0.
 // Cost: O(sum over images of (pairs of the image)^2 * matches) for the edges,
 // in parallel, and 20 sparse factorisations of a matrix of one row a pair.
-PairScales AverageScales(const std::vector<PairMotion>& motions, int num_images,
-                         const Context& context);
+PairScales AverageScales(const std::vector<BaselineDirection>& motions,
+                         int num_images, const Context& context);
 
 }  // namespace mgsfm

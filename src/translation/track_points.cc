@@ -5,9 +5,10 @@
 #include <cmath>
 #include <utility>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/geometry/triangulation.h"
-#include "mgsfm/math/statistics.h"
+#include "base/parallel.h"
+#include "geometry/triangulation.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -57,7 +58,7 @@ class TrackTriangulator {
     return std::nullopt;
   }
 
-  const std::vector<char>& is_inlier() const { return is_inlier_; }
+  const Mask& is_inlier() const { return is_inlier_; }
 
  private:
   // At least so many observations agree with the point, at a fair angle.
@@ -79,7 +80,7 @@ class TrackTriangulator {
 
   const OneTrack& track_;
   const TrackPointOptions options_;
-  std::vector<char> is_inlier_;
+  Mask is_inlier_;
 };
 
 // A point in the direction -ray of which the centre of a frame must lie.
@@ -160,7 +161,7 @@ int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
                         const TrackPoints& points, double max_error_rad,
                         int num_threads, Positions* positions) {
   const auto lines = CollectLinesOfSight(problem, rays, points, *positions);
-  std::vector<char> is_new(problem.num_frames, false);
+  Mask is_new(problem.num_frames, false);
   ParallelFor(problem.num_frames, num_threads, [&](size_t f) {
     if (lines[f].size() < kMinNumResectionPoints) return;
     std::vector<Vector3d> starts, directions;
@@ -204,8 +205,8 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
 
 std::vector<size_t> SelectTracks(const TrackRays& rays,
                                  const TrackPoints& points,
-                                 const std::vector<char>& is_supported,
-                                 int num_images, int min_per_image) {
+                                 const Mask& is_supported, int num_images,
+                                 int min_per_image) {
   std::vector<size_t> order;
   std::vector<int> length(rays.tracks.size(), 0);
   for (size_t t = 0; t < rays.tracks.size(); ++t) {

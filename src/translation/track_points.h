@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 #include "translation/position_problem.h"
@@ -25,7 +26,7 @@ TrackRays ComputeTrackRays(const PositionProblem& problem,
 struct TrackPoints {
   std::vector<std::optional<Eigen::Vector3d>> point_in_world;  // per track
   // Per observation of the tracks: it agrees with its point.
-  std::vector<char> observation_is_used;
+  Mask observation_is_used;
 };
 
 struct TrackPointOptions {
@@ -60,7 +61,7 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
 // `min_per_image` observations or no more tracks. All for 0.
 std::vector<size_t> SelectTracks(const TrackRays& rays,
                                  const TrackPoints& points,
-                                 const std::vector<char>& is_supported,
-                                 int num_images, int min_per_image);
+                                 const Mask& is_supported, int num_images,
+                                 int min_per_image);
 
 }  // namespace mgsfm

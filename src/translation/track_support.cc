@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <utility>
 
-#include "mgsfm/base/parallel.h"
+#include "base/parallel.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -13,10 +14,10 @@ namespace {
 class JoinedFrames {
  public:
   JoinedFrames(const PositionProblem& problem,
-               const std::vector<PairMotion>& motions)
+               const std::vector<BaselineDirection>& motions)
       : neighbours_(problem.num_frames) {
-    for (const PairMotion& motion : motions) {
-      if (motion.kind == MotionKind::kUnused) continue;
+    for (const BaselineDirection& motion : motions) {
+      if (motion.kind == BaselineKind::kUnused) continue;
       const int frame1 = problem.frame_idx[motion.image_idx1];
       const int frame2 = problem.frame_idx[motion.image_idx2];
       neighbours_[frame1].push_back(frame2);
@@ -52,14 +53,13 @@ class JoinedFrames {
 
 }  // namespace
 
-std::vector<char> FindSupportedTracks(const PositionProblem& problem,
-                                      const std::vector<PairMotion>& motions,
-                                      const TrackRays& rays,
-                                      const TrackPoints& points,
-                                      int num_threads) {
+Mask FindSupportedTracks(const PositionProblem& problem,
+                         const std::vector<BaselineDirection>& motions,
+                         const TrackRays& rays, const TrackPoints& points,
+                         int num_threads) {
   const JoinedFrames joined(problem, motions);
   const ObservationGroups& tracks = rays.tracks;
-  std::vector<char> is_supported(tracks.size(), false);
+  Mask is_supported(tracks.size(), false);
   ParallelFor(
       tracks.size(), num_threads,
       [&](size_t t) {

@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
 #include "translation/track_points.h"
@@ -18,10 +19,9 @@ namespace mgsfm {
 // Per track: whether the frames of its used observations are connected by pairs
 // that are not kUnused. False for tracks without a point.
 // Cost: O(n^2 log d) for a track of n frames with d neighbours; in parallel.
-std::vector<char> FindSupportedTracks(const PositionProblem& problem,
-                                      const std::vector<PairMotion>& motions,
-                                      const TrackRays& rays,
-                                      const TrackPoints& points,
-                                      int num_threads);
+Mask FindSupportedTracks(const PositionProblem& problem,
+                         const std::vector<BaselineDirection>& motions,
+                         const TrackRays& rays, const TrackPoints& points,
+                         int num_threads);
 
 }  // namespace mgsfm

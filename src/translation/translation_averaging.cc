@@ -9,11 +9,12 @@
 #include <string>
 #include <utility>
 
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/scene/backbone.h"
+#include "mgsfm/pair_filtering/skeletal_graph.h"
 #include "translation/angle_refinement.h"
 #include "translation/bilinear_refinement.h"
 #include "translation/impossible_pairs.h"
@@ -123,14 +124,13 @@ class TranslationAverager {
   void TriangulateOnly();
   void EstimatePairs();
   struct Backbone {
-    std::vector<char> is_in_backbone;  // per pair
+    Mask is_in_skeleton;  // per pair
     InitialPositions positions;
   };
   Backbone FindBackbone() const;
-  Backbone PositionBackbone(std::vector<char> is_in_backbone) const;
-  std::vector<char> FindImpossible(const Backbone& backbone,
-                                   double max_drift) const;
-  void SetAside(const std::vector<char>& is_set_aside);
+  Backbone PositionBackbone(Mask is_in_skeleton) const;
+  Mask FindInconsistent(const Backbone& backbone, double max_drift) const;
+  void SetAside(const Mask& is_set_aside);
   void Initialize();
   void RefineWithPairs();
   void SetContradictingPairsAside();
@@ -180,7 +180,7 @@ class TranslationAverager {
   Timer timer_;
   double last_seconds_ = 0.0;
 
-  std::vector<PairMotion> motions_;
+  std::vector<BaselineDirection> motions_;
   PairScales scales_;
   InitialPositions initial_;
   Positions positions_;
@@ -230,80 +230,81 @@ void TranslationAverager::TriangulateOnly() {
 }
 
 void TranslationAverager::EstimatePairs() {
-  motions_ = EstimatePairMotions(scene_, bearings_, view_graph_,
-                                 rotations_.pair_is_inlier, problem_,
-                                 options_.min_parallax_deg, context_);
+  motions_ = EstimateBaselineDirections(scene_, bearings_, view_graph_,
+                                        rotations_.pair_is_inlier, problem_,
+                                        options_.min_parallax_deg, context_);
   LogTime("directions of pairs");
   scales_ =
       AverageScales(motions_, static_cast<int>(scene_.images.size()), context_);
   LogTime("scales of pairs");
-  for (PairMotion& motion : motions_) {
+  for (BaselineDirection& motion : motions_) {
     for (auto& depths : motion.depths) std::vector<DepthSample>().swap(depths);
   }
   TranslationSummary& summary = result_.summary;
   for (size_t i = 0; i < motions_.size(); ++i) {
     switch (motions_[i].kind) {
-      case MotionKind::kDirection:
+      case BaselineKind::kDirection:
         ++summary.num_pairs_used;
         break;
-      case MotionKind::kNoParallax:
+      case BaselineKind::kNoParallax:
         ++summary.num_pairs_without_parallax;
         break;
-      case MotionKind::kUnused:
+      case BaselineKind::kUnused:
         summary.num_pairs_inconsistent += rotations_.pair_is_inlier[i] != 0;
     }
   }
   summary.num_scale_groups = static_cast<int>(scales_.group_sizes.size());
 }
 
-void TranslationAverager::SetAside(const std::vector<char>& is_set_aside) {
+void TranslationAverager::SetAside(const Mask& is_set_aside) {
   for (size_t i = 0; i < motions_.size(); ++i) {
-    if (is_set_aside[i]) motions_[i].kind = MotionKind::kUnused;
+    if (is_set_aside[i]) motions_[i].kind = BaselineKind::kUnused;
   }
 }
 
 // Copies may be strong enough for the backbone where a road shows little else.
 // The spine does not have them; what it cannot explain is not let in.
 TranslationAverager::Backbone TranslationAverager::FindBackbone() const {
-  std::vector<char> is_candidate(motions_.size());
+  Mask is_candidate(motions_.size());
   for (size_t i = 0; i < motions_.size(); ++i) {
-    is_candidate[i] = motions_[i].kind == MotionKind::kDirection;
+    is_candidate[i] = motions_[i].kind == BaselineKind::kDirection;
   }
-  const std::vector<char> is_beyond_spine = FindImpossible(
-      PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate, kSpine,
-                                      context_.num_threads)),
-      kMaxDrifts[0]);
+  const Mask is_beyond_strict_skeleton =
+      FindInconsistent(PositionBackbone(SelectSkeletalGraph(
+                           scene_, view_graph_, is_candidate,
+                           kStrictSkeletalGraph, context_.num_threads)),
+                       kMaxDrifts[0]);
   for (size_t i = 0; i < motions_.size(); ++i) {
-    if (is_beyond_spine[i]) is_candidate[i] = false;
+    if (is_beyond_strict_skeleton[i]) is_candidate[i] = false;
   }
-  return PositionBackbone(SelectBackbone(scene_, view_graph_, is_candidate, {},
-                                         context_.num_threads));
+  return PositionBackbone(SelectSkeletalGraph(scene_, view_graph_, is_candidate,
+                                              {}, context_.num_threads));
 }
 
 TranslationAverager::Backbone TranslationAverager::PositionBackbone(
-    std::vector<char> is_in_backbone) const {
-  std::vector<PairMotion> motions = motions_;
+    Mask is_in_skeleton) const {
+  std::vector<BaselineDirection> motions = motions_;
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind == MotionKind::kDirection && !is_in_backbone[i]) {
-      motions[i].kind = MotionKind::kUnused;
+    if (motions[i].kind == BaselineKind::kDirection && !is_in_skeleton[i]) {
+      motions[i].kind = BaselineKind::kUnused;
     }
   }
-  return {std::move(is_in_backbone),
+  return {std::move(is_in_skeleton),
           InitializePositions(
               problem_, motions, scales_, options_.min_parallax_deg,
               {kMaxNumBackboneIterations, kStartTolerance}, context_)};
 }
 
 // Per pair: whether positions by a backbone make it impossible.
-std::vector<char> TranslationAverager::FindImpossible(const Backbone& backbone,
-                                                      double max_drift) const {
+Mask TranslationAverager::FindInconsistent(const Backbone& backbone,
+                                           double max_drift) const {
   std::vector<int> num_matches(motions_.size());
   for (size_t i = 0; i < motions_.size(); ++i) {
     num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
   }
-  return FindImpossiblePairs(problem_, motions_, num_matches,
-                             backbone.is_in_backbone, scales_,
-                             backbone.positions, max_drift);
+  return FindInconsistentBaselines(problem_, motions_, num_matches,
+                                   backbone.is_in_skeleton, scales_,
+                                   backbone.positions, max_drift);
 }
 
 // Where copies that drift might explain outvote the backbone, the road is torn.
@@ -312,28 +313,28 @@ void TranslationAverager::Initialize() {
   LogTime("backbone");
   InitializationOptions options;
   if (objective_ != nullptr) options.relative_tolerance = kStartTolerance;
-  const std::vector<PairMotion> all_motions = motions_;
-  std::vector<PairMotion> best_motions;
+  const std::vector<BaselineDirection> all_motions = motions_;
+  std::vector<BaselineDirection> best_motions;
   InitialPositions best;
-  int least_torn = std::numeric_limits<int>::max();
+  int fewest_violated = std::numeric_limits<int>::max();
   for (const double max_drift : kMaxDrifts) {
-    motions_ = std::vector<PairMotion>(all_motions);
-    SetAside(FindImpossible(backbone, max_drift));
+    motions_ = std::vector<BaselineDirection>(all_motions);
+    SetAside(FindInconsistent(backbone, max_drift));
     initial_ =
         InitializePositions(problem_, motions_, scales_,
                             options_.min_parallax_deg, options, context_);
-    const int num_torn =
-        CountTornPairs(problem_, motions_, backbone.is_in_backbone, scales_,
-                       backbone.positions, initial_);
+    const int num_violated =
+        CountViolatedSkeletonEdges(problem_, motions_, backbone.is_in_skeleton,
+                                   scales_, backbone.positions, initial_);
     context_.Debug("Translation averaging: a drift of " +
                    std::to_string(max_drift) + " tears " +
-                   std::to_string(num_torn) + " pairs of the backbone");
-    if (num_torn < least_torn) {
-      least_torn = num_torn;
-      best_motions = std::vector<PairMotion>(motions_);
+                   std::to_string(num_violated) + " pairs of the backbone");
+    if (num_violated < fewest_violated) {
+      fewest_violated = num_violated;
+      best_motions = std::vector<BaselineDirection>(motions_);
       best = initial_;
     }
-    if (num_torn == 0) break;
+    if (num_violated == 0) break;
   }
   motions_ = std::move(best_motions);
   initial_ = std::move(best);
@@ -357,8 +358,8 @@ void TranslationAverager::RefineWithPairs() {
 }
 
 void TranslationAverager::SetContradictingPairsAside() {
-  SetAside(FindContradictingPairs(problem_, motions_, scales_, initial_,
-                                  positions_));
+  SetAside(
+      FindInconsistentPairs(problem_, motions_, scales_, initial_, positions_));
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
@@ -436,13 +437,14 @@ void TranslationAverager::PlaceRemainingFrames() {
 // All pairs are judged, also those set aside: points may have told better.
 void TranslationAverager::FindContradictions() {
   if (input_ == TranslationSource::kTracks) {
-    result_.pair_contradicts.assign(view_graph_.pairs.size(), false);
+    result_.pair_is_inconsistent.assign(view_graph_.pairs.size(), false);
     return;
   }
-  result_.pair_contradicts =
-      FindContradictingPairs(problem_, motions_, scales_, initial_, positions_);
-  result_.summary.num_pairs_contradicting = static_cast<int>(std::count(
-      result_.pair_contradicts.begin(), result_.pair_contradicts.end(), true));
+  result_.pair_is_inconsistent =
+      FindInconsistentPairs(problem_, motions_, scales_, initial_, positions_);
+  result_.summary.num_pairs_inconsistent_with_positions =
+      static_cast<int>(std::count(result_.pair_is_inconsistent.begin(),
+                                  result_.pair_is_inconsistent.end(), true));
 }
 
 // Angles do not tell the common scale; it is set back to that of the pairs.
@@ -461,8 +463,8 @@ void TranslationAverager::NormalizeScale() {
 double TranslationAverager::ScaleOfPairs() const {
   double sum_expected = 0.0, sum_estimated = 0.0;
   for (size_t i = 0; i < motions_.size(); ++i) {
-    const PairMotion& motion = motions_[i];
-    if (motion.kind != MotionKind::kDirection ||
+    const BaselineDirection& motion = motions_[i];
+    if (motion.kind != BaselineKind::kDirection ||
         !IsPlaced(motion.image_idx1, motion.image_idx2)) {
       continue;
     }
@@ -497,7 +499,7 @@ void TranslationAverager::WriteEstimate() {
       estimate.frame_center_in_world[f] = positions_.frame_center[f];
     }
   }
-  std::vector<char> has_rotation(scene_.frames.size(), false);
+  Mask has_rotation(scene_.frames.size(), false);
   for (size_t i = 0; i < scene_.images.size(); ++i) {
     if (problem_.IsUsed(static_cast<int>(i))) {
       has_rotation[problem_.frame_idx[i]] = true;

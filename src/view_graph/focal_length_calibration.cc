@@ -10,8 +10,9 @@
 #include <set>
 #include <utility>
 
-#include "mgsfm/base/parallel.h"
-#include "mgsfm/math/statistics.h"
+#include "base/parallel.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 #include "view_graph/focal_pair.h"
 
 namespace mgsfm {
@@ -118,7 +119,7 @@ void FocalLengthCalibrator::ListUnknowns() {
     cameras_.push_back(static_cast<int>(i));
     FocalLengthEstimate estimate;
     estimate.camera_idx = static_cast<int>(i);
-    estimate.given_px = camera.params[info.focal_length_idxs.front()];
+    estimate.prior_px = camera.params[info.focal_length_idxs.front()];
     result_.estimates.push_back(estimate);
   }
   s_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(cameras_.size()));
@@ -153,7 +154,7 @@ void FocalLengthCalibrator::SelectPairs() {
 }
 
 void FocalLengthCalibrator::StartPairs() {
-  std::vector<char> has_start(pairs_.size());
+  Mask has_start(pairs_.size());
   ParallelFor(pairs_.size(), context_.num_threads, [&](size_t k) {
     Random random(context_.random_seed, k);
     pairs_[k].SetRays(0.0, 0.0);
@@ -353,7 +354,7 @@ void FocalLengthCalibrator::Judge() {
     }
     estimate.message = Verdict(c, estimate.sigma);
     if (!estimate.message.empty()) continue;
-    estimate.estimated_px = std::exp(s_[c]) * estimate.given_px;
+    estimate.estimated_px = std::exp(s_[c]) * estimate.prior_px;
     result_.cameras[cameras_[c]] =
         internal::WithFocalFactor(scene_.cameras[cameras_[c]], s_[c]);
   }
@@ -371,7 +372,7 @@ FocalLengthResult CalibrateFocalLengths(const Scene& scene,
 ViewGraph DropCalibratedGeometry(const Scene& scene,
                                  const FocalLengthResult& focal_lengths,
                                  const ViewGraph& view_graph) {
-  std::vector<char> is_changed(scene.cameras.size(), false);
+  Mask is_changed(scene.cameras.size(), false);
   for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
     if (estimate.estimated_px) is_changed[estimate.camera_idx] = true;
   }

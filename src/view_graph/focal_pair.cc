@@ -7,8 +7,8 @@
 #include <limits>
 #include <utility>
 
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/math/robust_loss.h"
+#include "geometry/epipolar.h"
+#include "math/robust_loss.h"
 #include "view_graph/pair_estimation.h"
 
 namespace mgsfm::internal {

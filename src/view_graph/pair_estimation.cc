@@ -8,9 +8,10 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/epipolar.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm::internal {
 namespace {
@@ -106,8 +107,7 @@ class PairEstimator {
                : ScoreRotation(matches_, pose.cam2_from_cam1, max_error_);
   }
 
-  std::vector<char> InliersOf(const RelativePose& pose,
-                              double max_error) const {
+  Mask InliersOf(const RelativePose& pose, double max_error) const {
     return pose.translation_direction
                ? FindInliers(matches_, ToRigid3(pose), max_error)
                : FindRotationInliers(matches_, pose.cam2_from_cam1, max_error);
@@ -178,8 +178,7 @@ class PairEstimator {
   void Refine() {
     RayMatches inliers;
     inliers.Reserve(matches_.size());
-    const std::vector<char> is_inlier =
-        InliersOf(pose_, kRelaxation * max_error_);
+    const Mask is_inlier = InliersOf(pose_, kRelaxation * max_error_);
     for (size_t i = 0; i < matches_.size(); ++i) {
       if (is_inlier[i]) {
         inliers.Add(matches_.rays1[i], matches_.rays2[i]);
@@ -222,7 +221,7 @@ class PairEstimator {
   // Whether the rotation explains nearly all inliers of the pose.
   bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
-    const std::vector<char> is_inlier = InliersOf(pose_, max_error_);
+    const Mask is_inlier = InliersOf(pose_, max_error_);
     const Eigen::Matrix3d R = rotation.toRotationMatrix();
     int num_inliers = 0, num_with_parallax = 0;
     for (size_t i = 0; i < matches_.size(); ++i) {
@@ -249,7 +248,7 @@ class PairEstimator {
       result.pair.relative_pose->translation_direction.reset();
     }
     result.pair.matches.reserve(score_.num_inliers);
-    const std::vector<char> is_inlier = InliersOf(pose_, max_error_);
+    const Mask is_inlier = InliersOf(pose_, max_error_);
     for (size_t i = 0; i < matches_.size(); ++i) {
       if (is_inlier[i]) {
         result.pair.matches.push_back(pair_.matches[positions_[i]]);

@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "mgsfm/base/parallel.h"
+#include "base/parallel.h"
 #include "view_graph/pair_estimation.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/base/parallel.h"
+#include "base/parallel.h"
 
 #include <gtest/gtest.h>
 

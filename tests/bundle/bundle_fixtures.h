@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "bundle/problem_builder.h"
+#include "geometry/so3.h"
 #include "least_squares/rig_fixtures.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

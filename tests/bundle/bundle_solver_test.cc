@@ -8,7 +8,7 @@
 #include "bundle/bundle_fixtures.h"
 #include "bundle/ceres_reference.h"
 #include "bundle/point_filters.h"
-#include "mgsfm/least_squares/rig_solver.h"
+#include "least_squares/rig_solver.h"
 
 namespace mgsfm {
 namespace {

@@ -103,9 +103,9 @@ TEST(CovarianceTest, SaysWhatItIsRelativeTo) {
     const CovarianceResult covariances = ComputeCovariances(
         simulation.scene, Adjusted(simulation, options), options, Threads(1));
     ASSERT_TRUE(covariances.is_usable);
-    EXPECT_EQ(covariances.scale_is_held, !is_metric);
-    ASSERT_TRUE(covariances.held_frame_idx.has_value());
-    EXPECT_TRUE(covariances.frames[*covariances.held_frame_idx]->isZero(0.0));
+    EXPECT_EQ(covariances.scale_is_fixed, !is_metric);
+    ASSERT_TRUE(covariances.fixed_frame_idx.has_value());
+    EXPECT_TRUE(covariances.frames[*covariances.fixed_frame_idx]->isZero(0.0));
     EXPECT_EQ(covariances.sensors[1]->isZero(0.0), is_metric);
     EXPECT_TRUE(covariances.unobservable.empty());
     EXPECT_NEAR(covariances.sigma_px, 0.5, 0.15);

@@ -51,7 +51,7 @@ TEST(FocalLengthCheckTest, TurnsTellAFocalLength) {
     EXPECT_LT(*check.relative_sigma, 0.01);
     EXPECT_GT(*check.relative_sigma, 0.0);
     // Within five standard deviations of the truth.
-    const double truth = check.given_px / 1.02;
+    const double truth = check.prior_px / 1.02;
     EXPECT_LT(std::abs(check.estimated_px / truth - 1.0),
               5.0 * *check.relative_sigma);
   }

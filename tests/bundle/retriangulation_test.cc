@@ -7,7 +7,7 @@
 
 #include "bundle/bundle_fixtures.h"
 #include "bundle/image_views.h"
-#include "mgsfm/geometry/triangulation.h"
+#include "geometry/triangulation.h"
 
 namespace mgsfm {
 namespace {

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "cli/program_runs.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/model_io.h"
+#include "geometry/so3.h"
+#include "mgsfm/io/models/model_io.h"
 
 namespace mgsfm {
 namespace {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "cli/program_runs.h"
 #include "features/blob_images.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -165,7 +165,7 @@ TEST_F(MapperCommand, MeasuredPositionsPlaceTheModel) {
   ASSERT_EQ(output.exit_code, 0) << output.err;
   const Json priors = Report()["models"][0]["position_priors"];
   EXPECT_TRUE(priors["is_registered"]);
-  EXPECT_EQ(priors["num_given"], 20);
+  EXPECT_EQ(priors["num_priors"], 20);
   const Json errors =
       Evaluate(Out() + "/0", Path("gps/truth") + " --alignment none");
   EXPECT_LT(errors["position_m"]["max"], 0.2);
@@ -187,12 +187,12 @@ TEST_F(MapperCommand, LateCamerasAreFound) {
                 .exit_code,
             0);
   const std::string times =
-      "--LooseSynchronization.method time_offset --image_timestamps_path ";
+      "--SoftRig.method time_offset --image_timestamps_path ";
   const CommandOutput output =
       MapFrom(Path("late/database.db"), times + Path("late/timestamps.txt"));
   ASSERT_EQ(output.exit_code, 0) << output.err;
   EXPECT_THAT(output.err, HasSubstr("late by"));
-  const Json summary = Report()["models"][0]["loose_synchronization"];
+  const Json summary = Report()["models"][0]["soft_rig"];
   ASSERT_EQ(summary["sensors"].size(), 2u);
   EXPECT_NEAR(summary["sensors"][1]["time_offset_s"], 0.03, 0.003);
   const Json errors = Evaluate(Out() + "/0", Path("late/truth_images"));
@@ -208,8 +208,8 @@ TEST_F(MapperCommand, TimesThatAreNoneAreRefused) {
   const Files before = FilesIn(dir_.path());
   ExpectRefused(Map("--image_timestamps_path " + Path("times.txt")),
                 "finite number of seconds", before);
-  ExpectRefused(Map("--LooseSynchronization.method time_offset"),
-                "--image_timestamps_path", before);
+  ExpectRefused(Map("--SoftRig.method time_offset"), "--image_timestamps_path",
+                before);
 }
 
 // The world of the simulation has y down, as levelled ones have.
@@ -225,7 +225,7 @@ TEST_F(MapperCommand, GravityLevelsTheModel) {
                                              Path("level/gravity.txt"));
   ASSERT_EQ(output.exit_code, 0) << output.err;
   const Json gravity = Report()["models"][0]["gravity"];
-  EXPECT_EQ(gravity["num_given"], 20);
+  EXPECT_EQ(gravity["num_priors"], 20);
   EXPECT_LT(gravity["median_error_deg"], 1.0);
   EXPECT_LT(gravity["outliers"].size(), 6u);
   const Json errors = Evaluate(Out() + "/0", Path("level/truth"));
@@ -272,8 +272,8 @@ TEST_F(MapperCommand, CovariancesAreWritten) {
   EXPECT_EQ(model["covariances"]["message"], "");
   for (const Json& sensor : model["rigs"][0]["sensors"]) {
     if (sensor["is_reference"]) continue;
-    EXPECT_GT(sensor["sigma"]["turns_deg"][0], 0.0);
-    EXPECT_LT(sensor["sigma"]["turns_deg"][0], 1.0);
+    EXPECT_GT(sensor["sigma"]["rotations_deg"][0], 0.0);
+    EXPECT_LT(sensor["sigma"]["rotations_deg"][0], 1.0);
   }
 }
 

@@ -8,7 +8,7 @@
 #include <regex>
 
 #include "eval/svg.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

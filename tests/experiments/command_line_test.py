@@ -83,7 +83,10 @@ def test_figures_need_a_known_format(try_experiments):
 
 def test_a_missing_program_is_named(try_experiments):
     done = try_experiments("growth", "--program", "/no/mgsfm")
-    assert done.stderr.startswith("no program /no/mgsfm; scripts/build.sh")
+    assert done.stderr.startswith("no program /no/mgsfm; build it with 'scripts")
+    done = try_experiments("bench", "--program", "/bin/true",
+                           "--solver_program", "/no/solver_benchmark")
+    assert "MGSFM_BUILD_BENCHMARKS=ON" in done.stderr
 
 
 def test_unknown_sweeps_and_cases_are_named(try_experiments):

@@ -5,9 +5,9 @@
 #include <limits>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "geometry/test_cameras.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/so3.h"
 
 // Where models end.
 namespace mgsfm {

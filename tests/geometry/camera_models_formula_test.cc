@@ -5,9 +5,9 @@
 #include <cmath>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/so3.h"
 
 // The formulas of the models, written out again.
 namespace mgsfm {

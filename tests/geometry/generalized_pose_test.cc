@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/generalized_pose.h"
+#include "geometry/generalized_pose.h"
 
 #include <gtest/gtest.h>
 
 #include <vector>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {

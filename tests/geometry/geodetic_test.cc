@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/geodetic.h"
+#include "geometry/geodetic.h"
 
 #include <gtest/gtest.h>
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/mean_direction.h"
+#include "geometry/mean_direction.h"
 
 #include <gtest/gtest.h>
 
+#include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {

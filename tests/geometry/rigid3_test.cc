@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

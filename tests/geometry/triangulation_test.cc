@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/geometry/triangulation.h"
+#include "geometry/triangulation.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database.h"
+#include "mgsfm/io/database/database.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <filesystem>
 
-#include "io/sqlite_database.h"
+#include "io/database/sqlite_database.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 

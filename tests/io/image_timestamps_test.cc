@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/image_timestamps.h"
+#include "io/rigs/image_timestamps.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
 

@@ -6,7 +6,7 @@
 #include <map>
 
 #include "io/test_database.h"
-#include "mgsfm/io/model_io.h"
+#include "mgsfm/io/models/model_io.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
 

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // From a model back to the scene and reconstruction it was written from.
-#include "mgsfm/io/model_scene.h"
+#include "mgsfm/io/models/model_scene.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "geometry/so3.h"
 #include "io/test_database.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/rig_config.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/point_colors.h"
+#include "io/models/point_colors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

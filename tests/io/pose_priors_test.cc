@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/pose_priors.h"
+#include "mgsfm/io/priors/pose_priors.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 
 #include <limits>
 
+#include "geometry/geodetic.h"
 #include "io/test_database.h"
-#include "mgsfm/geometry/geodetic.h"
-#include "mgsfm/io/feature_database.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/database/scene_loading.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

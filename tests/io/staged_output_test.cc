@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/staged_output.h"
+#include "io/files/staged_output.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <map>
 #include <string>
 
-#include "io/folder_lock.h"
+#include "io/files/folder_lock.h"
 #include "io/test_database.h"
 #include "support/temp_dir.h"
 

@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/database.h"
+#include "mgsfm/io/database/database.h"
 
 namespace mgsfm {
 

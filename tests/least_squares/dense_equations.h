@@ -8,11 +8,11 @@
 #include <type_traits>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "least_squares/rig_fixtures.h"
+#include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/least_squares/rig_problem.h"
 
 namespace mgsfm {
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "least_squares/rig_fixtures.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -32,7 +33,7 @@ struct CutScene {
       : scene(MakeRayScene(Options(), 0.0)),
         structure(scene.problem, ImagesOfObservations(), ReducedSolver::kDirect,
                   1) {
-    const std::vector<char> no_border(structure.block_size.size(), false);
+    const Mask no_border(structure.block_size.size(), false);
     PointCutter(true, no_border, inseparable, 1, &structure).Cut(kNumKept);
   }
 
@@ -99,14 +100,14 @@ TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
   const CutScene cut;
   const RigStructure& s = cut.structure;
   const auto strong = cut.StrongPairsByCounting();
-  size_t num_parts = 0;
+  size_t num_components = 0;
   for (const ChunkRanges& chunk : s.chunks) {
     for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
       std::vector<int> part, images;
       for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
         if (s.observation_starts_part[k]) {
           part.clear();
-          ++num_parts;
+          ++num_components;
         }
         images.push_back(cut.ImageOf(chunk, s.observation_image[k]));
         const int block = cut.BlockOfImage(images.back());
@@ -128,7 +129,7 @@ TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
                                       expected.begin(), expected.end()));
     }
   }
-  EXPECT_GT(num_parts, cut.scene.problem.num_points() / 2);
+  EXPECT_GT(num_components, cut.scene.problem.num_points() / 2);
 }
 
 TEST(PointCutterTest, TermsAreCutWhereTheirImagesAreNoStrongPair) {

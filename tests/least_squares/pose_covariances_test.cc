@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/least_squares/pose_covariances.h"
+#include "least_squares/pose_covariances.h"
 
 #include <gtest/gtest.h>
 

@@ -11,8 +11,8 @@
 
 #include "matching/simulated_pair.h"
 #include "matching/test_descriptors.h"
-#include "mgsfm/io/feature_database.h"
-#include "mgsfm/io/scene_loading.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/database/scene_loading.h"
 
 namespace mgsfm {
 

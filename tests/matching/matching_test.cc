@@ -6,9 +6,9 @@
 
 #include <atomic>
 
+#include "geometry/so3.h"
 #include "matching/feature_world.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

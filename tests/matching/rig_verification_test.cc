@@ -7,8 +7,8 @@
 #include <set>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "matching/simulated_pair.h"
-#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

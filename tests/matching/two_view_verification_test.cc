@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <set>
 
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
 #include "matching/ray_models.h"
 #include "matching/simulated_pair.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

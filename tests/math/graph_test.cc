@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/graph.h"
+#include "math/graph.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,9 +7,10 @@
 #include <algorithm>
 #include <limits>
 
+#include "math/spanning_tree.h"
+#include "math/union_find.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/math/spanning_tree.h"
-#include "mgsfm/math/union_find.h"
 
 namespace mgsfm {
 namespace {
@@ -34,14 +35,15 @@ TEST(UnionFind, LongChainNeedsNoRecursion) {
   EXPECT_EQ(sets.SetSize(0), kSize);
 }
 
-TEST(ConnectedParts, AreNumberedByFirstNode) {
-  const ConnectedParts parts = FindConnectedParts(6, {{5, 1}, {2, 4}, {4, 2}});
-  EXPECT_THAT(parts.part, ElementsAre(0, 1, 2, 3, 2, 1));
-  EXPECT_EQ(parts.num_parts, 4);
+TEST(ConnectedComponents, AreNumberedByFirstNode) {
+  const ConnectedComponents parts =
+      FindConnectedComponents(6, {{5, 1}, {2, 4}, {4, 2}});
+  EXPECT_THAT(parts.component, ElementsAre(0, 1, 2, 3, 2, 1));
+  EXPECT_EQ(parts.num_components, 4);
 }
 
-TEST(ConnectedParts, EmptyGraph) {
-  EXPECT_EQ(FindConnectedParts(0, {}).num_parts, 0);
+TEST(ConnectedComponents, EmptyGraph) {
+  EXPECT_EQ(FindConnectedComponents(0, {}).num_components, 0);
   EXPECT_TRUE(MaximumSpanningForest(0, {}).empty());
   EXPECT_TRUE(WalkForest(0, {}, {}).empty());
 }
@@ -66,7 +68,7 @@ double BruteForceTreeWeight(int num_nodes,
       weight += edges[e].weight;
     }
     if (static_cast<int>(chosen.size()) == num_nodes - 1 &&
-        FindConnectedParts(num_nodes, chosen).num_parts == 1) {
+        FindConnectedComponents(num_nodes, chosen).num_components == 1) {
       best = std::max(best, weight);
     }
   }
@@ -103,7 +105,7 @@ TEST(WalkForest, VisitsParentsFirst) {
       WalkForest(6, edges, MaximumSpanningForest(6, edges));
   ASSERT_EQ(steps.size(), 6u);
   EXPECT_EQ(steps[0].node, 1);  // most neighbours
-  std::vector<char> visited(6, 0);
+  Mask visited(6, false);
   int num_roots = 0;
   for (const ForestStep& step : steps) {
     EXPECT_FALSE(visited[step.node]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/l1_admm.h"
+#include "math/l1_admm.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <limits>
 #include <vector>
 
+#include "math/sparse_solver.h"
+#include "math/statistics.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/math/sparse_solver.h"
-#include "mgsfm/math/statistics.h"
 
 namespace mgsfm {
 namespace {

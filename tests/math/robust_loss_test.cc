@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/robust_loss.h"
+#include "math/robust_loss.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/sparse_solver.h"
+#include "math/sparse_solver.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

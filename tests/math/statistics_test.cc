@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/math/statistics.h"
+#include "math/statistics.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The methods of the mapper that are there to compare with.
+// The mapper's methods for comparison.
 #include <gtest/gtest.h>
 
 #include <tuple>
@@ -32,11 +32,11 @@ MapperResult Map(const Simulation& simulation, const MapperOptions& options,
                  int num_threads = 2) {
   Context context;
   context.num_threads = num_threads;
-  return RunMapper(SceneFor(simulation, options), simulation.view_graph,
+  return RunMapper({SceneFor(simulation, options), simulation.view_graph},
                    options, context);
 }
 
-// The truth in the arrays of a scene with the same images.
+// The ground truth, with the indices of a scene with the same images.
 Reconstruction TruthOf(const Simulation& simulation, const Scene& scene) {
   Reconstruction truth = simulation.ground_truth;
   if (scene.frames.size() == simulation.scene.frames.size()) return truth;
@@ -85,7 +85,7 @@ TEST(SeparateImagesTest, EveryImageIsAFrame) {
   }
 }
 
-TEST(ResolveMethodTest, MethodSaysWhatIsAuto) {
+TEST(ResolveMethodTest, MethodResolvesAuto) {
   MapperOptions options;
   options.method = MapperMethod::kMma;
   const MapperOptions mma = ResolveMethod(options);

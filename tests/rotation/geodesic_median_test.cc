@@ -3,10 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {

@@ -7,12 +7,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/so3.h"
+#include "math/random_vector.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/random_vector.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "priors/gravity_levelling.h"
 
 namespace mgsfm {
 namespace {
@@ -206,7 +208,7 @@ TEST(Gravity, KeepsAWeakChainLevel) {
     EXPECT_GT(tilt_without, 2.0);
     EXPECT_LT(tilt_with, 2.0);
     EXPECT_LT(tilt_with, 0.5 * tilt_without);
-    EXPECT_EQ(with.summary.gravity->num_given, 150);
+    EXPECT_EQ(with.summary.gravity->num_priors, 150);
     EXPECT_LT(*with.summary.gravity->median_error_deg, 1.0);
   }
 }
@@ -218,7 +220,7 @@ TEST(Gravity, OutliersAreFound) {
       *AverageRotations(simulation.scene, simulation.view_graph, {}, {},
                         gravity)
            .summary.gravity;
-  std::vector<char> is_listed(gravity.images.size(), false);
+  Mask is_listed(gravity.images.size(), false);
   for (const auto& outlier : summary.outliers) {
     is_listed[outlier.image_idx] = true;
   }

@@ -9,8 +9,8 @@
 #include <limits>
 #include <numeric>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
@@ -103,7 +103,7 @@ TEST_P(PresetTest, GroundTruthIsRecovered) {
   const RotationResult result = Average(simulation);
   const RotationEstimate& estimate = result.estimate;
   EXPECT_EQ(NumFramesWithRotation(estimate), options.num_frames);
-  EXPECT_EQ(result.summary.num_parts, 1);
+  EXPECT_EQ(result.summary.num_components, 1);
   EXPECT_LT(MaxFrameErrorDeg(simulation, estimate), 1e-6);
   EXPECT_LT(MaxSensorErrorDeg(simulation, estimate), 1e-6);
   for (size_t k = 0; k < simulation.scene.sensors.size(); ++k) {
@@ -229,7 +229,7 @@ TEST(RotationAveraging, LoneWrongPairsDoNotTearAThinRoad) {
     options.random_seed = seed;
     const Simulation simulation = Simulate(options);
     const RotationResult result = Average(simulation);
-    EXPECT_EQ(result.summary.num_parts, 1);
+    EXPECT_EQ(result.summary.num_components, 1);
     EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0) << seed;
   }
 }
@@ -245,7 +245,7 @@ TEST(RotationAveraging, PartsThatOnlyContradictionsJoinStayApart) {
     const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
     return (low < kCut) == (high < kCut) || high - low == 1;
   });
-  EXPECT_EQ(Average(simulation).summary.num_parts, 1);
+  EXPECT_EQ(Average(simulation).summary.num_components, 1);
   auto& pairs = simulation.view_graph.pairs;
   ImagePair wrong = pairs.front();
   wrong.image_idx1 = 3;
@@ -257,8 +257,8 @@ TEST(RotationAveraging, PartsThatOnlyContradictionsJoinStayApart) {
   pairs.push_back(wrong);
   const RotationResult result = Average(simulation);
   EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
-  EXPECT_EQ(result.summary.num_parts, 2);
-  EXPECT_EQ(result.summary.num_doubtful_bridges, 1);
+  EXPECT_EQ(result.summary.num_components, 2);
+  EXPECT_EQ(result.summary.num_unsupported_bridges, 1);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 0), 1e-6);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 1), 1e-6);
 }
@@ -286,11 +286,11 @@ TEST(RotationAveraging, HandEyeCalibrationFindsUnlinkedSensors) {
   options.match_different_sensors = false;
   const Simulation simulation = Simulate(options);
   const RotationResult result = Average(simulation);
-  for (const InternalRotationSummary& sensor : result.summary.sensors) {
+  for (const SensorRotationSummary& sensor : result.summary.sensors) {
     EXPECT_TRUE(sensor.is_observable) << sensor.message;
   }
   EXPECT_THAT(result.summary.sensors[3].message, HasSubstr("hand-eye"));
-  EXPECT_EQ(result.summary.num_parts, 1);
+  EXPECT_EQ(result.summary.num_components, 1);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1e-6);
   EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 1e-6);
 }
@@ -357,7 +357,7 @@ TEST(RotationAveraging, TwoPartsShareInternalRotations) {
            !(is_first && a.sensor_idx != b.sensor_idx);
   });
   const RotationResult result = Average(simulation);
-  EXPECT_EQ(result.summary.num_parts, 2);
+  EXPECT_EQ(result.summary.num_components, 2);
   for (int frame = 0; frame < 30; ++frame) {
     EXPECT_EQ(result.estimate.component[frame], frame < 12 ? 1 : 0);
   }
@@ -401,9 +401,9 @@ TEST(RotationAveraging, SensorsAreChainedThroughOthers) {
     return (is_first(a) && is_first(b)) || (is_second(a) && is_second(b));
   });
   const RotationResult result = Average(simulation);
-  EXPECT_EQ(result.summary.num_parts, 2);
+  EXPECT_EQ(result.summary.num_components, 2);
   EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 1e-6);
-  for (const InternalRotationSummary& sensor : result.summary.sensors) {
+  for (const SensorRotationSummary& sensor : result.summary.sensors) {
     EXPECT_TRUE(sensor.is_observable) << sensor.message;
   }
 }
@@ -560,7 +560,7 @@ TEST(RotationAveraging, EmptyInputs) {
   simulation.view_graph.pairs.clear();
   const RotationResult result = Average(simulation);
   EXPECT_EQ(NumFramesWithRotation(result.estimate), 0);
-  EXPECT_EQ(result.summary.num_parts, 0);
+  EXPECT_EQ(result.summary.num_components, 0);
   EXPECT_TRUE(result.estimate.sensor_from_rig[0].has_value());
   EXPECT_FALSE(result.estimate.sensor_from_rig[1].has_value());
   EXPECT_FALSE(result.summary.median_error_deg.has_value());

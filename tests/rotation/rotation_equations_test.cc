@@ -6,9 +6,9 @@
 #include <Eigen/QR>
 #include <cmath>
 
+#include "geometry/so3.h"
+#include "math/random_vector.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/random_vector.h"
 
 namespace mgsfm {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

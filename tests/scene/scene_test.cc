@@ -6,8 +6,8 @@
 #include <functional>
 #include <limits>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

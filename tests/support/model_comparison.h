@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/synthetic/simulation.h"
@@ -18,7 +19,7 @@ namespace mgsfm {
 template <class Predicate>
 Reconstruction WithoutFrames(const Scene& scene, Reconstruction model,
                              const Predicate& is_left_out) {
-  std::vector<char> rig_is_left(scene.rigs.size(), false);
+  Mask rig_is_left(scene.rigs.size(), false);
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     if (is_left_out(static_cast<int>(i))) {
       model.rig_from_world[i].reset();

@@ -9,9 +9,9 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/io/database.h"
+#include "mgsfm/io/database/database.h"
 #include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {

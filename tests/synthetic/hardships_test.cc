@@ -10,8 +10,8 @@
 #include <set>
 #include <utility>
 
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "synthetic/match_statistics.h"

@@ -7,10 +7,10 @@
 #include <numeric>
 #include <utility>
 
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
-#include "mgsfm/math/union_find.h"
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "math/union_find.h"
 
 namespace mgsfm {
 namespace {

@@ -8,9 +8,9 @@
 #include <set>
 #include <vector>
 
+#include "geometry/epipolar.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/geometry/epipolar.h"
-#include "mgsfm/geometry/so3.h"
 
 namespace mgsfm {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "synthetic/drive.h"
 #include "synthetic/road.h"
 #include "synthetic/world.h"

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
@@ -30,9 +31,8 @@ MatchSelection Select(const Simulation& simulation, const ViewGraph& view_graph,
   Context context;
   context.num_threads = num_threads;
   return SelectConsistentMatches(
-      simulation.scene, view_graph,
-      std::vector<char>(view_graph.pairs.size(), true), simulation.ground_truth,
-      kMaxErrorPx, options, context);
+      simulation.scene, view_graph, Mask(view_graph.pairs.size(), true),
+      simulation.ground_truth, kMaxErrorPx, options, context);
 }
 
 // The pair with its matches shifted by one, so that hardly any is right.
@@ -63,7 +63,7 @@ TEST_P(MatchSelectionTest, TrueMatchesStay) {
 
 TEST_P(MatchSelectionTest, PairsOfOtherPlacesAreLeftOut) {
   ViewGraph view_graph = simulation_.view_graph;
-  std::vector<char> is_scrambled(view_graph.pairs.size(), false);
+  Mask is_scrambled(view_graph.pairs.size(), false);
   const std::vector<Image>& images = simulation_.scene.images;
   // All pairs of some pairs of frames.
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
@@ -128,7 +128,7 @@ TEST(SelectConsistentMatchesTest, UnknownPosesAndUnusedPairs) {
   Simulation simulation = Drive(RigPreset::kStereo, PathPreset::kCurve);
   simulation.ground_truth.rig_from_world[5].reset();
   const ViewGraph& view_graph = simulation.view_graph;
-  std::vector<char> pair_is_used(view_graph.pairs.size(), true);
+  Mask pair_is_used(view_graph.pairs.size(), true);
   pair_is_used[0] = false;
   const MatchSelection selection =
       SelectConsistentMatches(simulation.scene, view_graph, pair_is_used,

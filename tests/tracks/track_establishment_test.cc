@@ -9,6 +9,7 @@
 #include <tuple>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 
@@ -85,16 +86,15 @@ TrackOptions KeepAll() {
 
 ObservationGroups Candidates(const Scene& scene, const ViewGraph& view_graph,
                              const Context& context = {}) {
-  return EstablishCandidates(
-      scene, view_graph, {std::vector<char>(view_graph.pairs.size(), true), {}},
-      KeepAll(), context);
+  return EstablishCandidates(scene, view_graph,
+                             {Mask(view_graph.pairs.size(), true), {}},
+                             KeepAll(), context);
 }
 
 TrackResult Establish(const Scene& scene, const ViewGraph& view_graph,
                       const TrackOptions& options = KeepAll(),
                       const Context& context = {}) {
-  return EstablishTracks(scene, view_graph,
-                         std::vector<char>(view_graph.pairs.size(), true),
+  return EstablishTracks(scene, view_graph, Mask(view_graph.pairs.size(), true),
                          options, context);
 }
 

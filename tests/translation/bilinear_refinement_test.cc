@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/track_points.h"
@@ -27,10 +27,10 @@ Context Threads(int num_threads) {
 struct Stages {
   explicit Stages(const TranslationInput& input)
       : problem(MakePositionProblem(input.simulation.scene, input.rotations)),
-        motions(EstimatePairMotions(input.simulation.scene, input.bearings,
-                                    input.simulation.view_graph,
-                                    input.rotations.pair_is_inlier, problem,
-                                    kMinParallaxDeg, Threads(2))),
+        motions(EstimateBaselineDirections(
+            input.simulation.scene, input.bearings, input.simulation.view_graph,
+            input.rotations.pair_is_inlier, problem, kMinParallaxDeg,
+            Threads(2))),
         scales(AverageScales(
             motions, static_cast<int>(input.simulation.scene.images.size()),
             Threads(2))),
@@ -48,7 +48,7 @@ struct Stages {
   RefinementInput Input() const { return {problem, motions, scales, initial}; }
 
   PositionProblem problem;
-  std::vector<PairMotion> motions;
+  std::vector<BaselineDirection> motions;
   PairScales scales;
   InitialPositions initial;
   TrackRays rays;

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "mgsfm/geometry/so3.h"
-#include "mgsfm/math/statistics.h"
+#include "geometry/so3.h"
+#include "math/statistics.h"
 #include "translation/position_problem.h"
 #include "translation/relative_translation.h"
 #include "translation/scale_averaging.h"
@@ -16,18 +16,19 @@ namespace {
 
 using Eigen::Vector3d;
 
-std::vector<PairMotion> Estimate(const TranslationInput& input,
-                                 int num_threads = 1) {
+std::vector<BaselineDirection> Estimate(const TranslationInput& input,
+                                        int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
   const PositionProblem problem =
       MakePositionProblem(input.simulation.scene, input.rotations);
-  return EstimatePairMotions(
+  return EstimateBaselineDirections(
       input.simulation.scene, input.bearings, input.simulation.view_graph,
       input.rotations.pair_is_inlier, problem, 0.3, context);
 }
 
-Vector3d TrueBaseline(const TranslationInput& input, const PairMotion& motion) {
+Vector3d TrueBaseline(const TranslationInput& input,
+                      const BaselineDirection& motion) {
   const Scene& scene = input.simulation.scene;
   const Reconstruction& truth = input.simulation.ground_truth;
   return truth.CamFromWorld(scene, motion.image_idx2)->Center() -
@@ -43,9 +44,9 @@ SimulationOptions Curve() {
 TEST(RelativeTranslationTest, ExactRaysGiveTheDirection) {
   const TranslationInput input = MakeTranslationInput(Curve());
   int num_directions = 0;
-  for (const PairMotion& motion : Estimate(input)) {
-    EXPECT_NE(motion.kind, MotionKind::kUnused);
-    if (motion.kind != MotionKind::kDirection) continue;
+  for (const BaselineDirection& motion : Estimate(input)) {
+    EXPECT_NE(motion.kind, BaselineKind::kUnused);
+    if (motion.kind != BaselineKind::kDirection) continue;
     ++num_directions;
     EXPECT_LT(AngleBetween(motion.direction, TrueBaseline(input, motion)),
               1e-7);
@@ -59,8 +60,8 @@ TEST(RelativeTranslationTest, NoiseAndMismatchesGiveHonestSigmas) {
   options.mismatch_ratio = 0.15;
   const TranslationInput input = MakeTranslationInput(options);
   std::vector<double> errors, ratios;
-  for (const PairMotion& motion : Estimate(input)) {
-    if (motion.kind != MotionKind::kDirection) continue;
+  for (const BaselineDirection& motion : Estimate(input)) {
+    if (motion.kind != BaselineKind::kDirection) continue;
     errors.push_back(
         AngleBetween(motion.direction, TrueBaseline(input, motion)));
     ratios.push_back(errors.back() / motion.sigma_rad);
@@ -79,10 +80,10 @@ TEST(RelativeTranslationTest, StandingFramesHaveNoParallax) {
     pair.relative_pose.reset();
   }
   int num_checked = 0;
-  for (const PairMotion& motion : Estimate(input)) {
+  for (const BaselineDirection& motion : Estimate(input)) {
     const bool is_same_place = TrueBaseline(input, motion).norm() < 1e-9;
-    EXPECT_EQ(motion.kind,
-              is_same_place ? MotionKind::kNoParallax : MotionKind::kDirection);
+    EXPECT_EQ(motion.kind, is_same_place ? BaselineKind::kNoParallax
+                                         : BaselineKind::kDirection);
     ++num_checked;
   }
   EXPECT_GT(num_checked, 20);
@@ -92,10 +93,11 @@ TEST(RelativeTranslationTest, WrongPairsAreNotUsed) {
   SimulationOptions options = Curve();
   options.wrong_pair_ratio = 1.0;
   const TranslationInput input = MakeTranslationInput(options);
-  const std::vector<PairMotion> motions = Estimate(input);
+  const std::vector<BaselineDirection> motions = Estimate(input);
   const auto num_directions = std::count_if(
-      motions.begin(), motions.end(),
-      [](const PairMotion& m) { return m.kind == MotionKind::kDirection; });
+      motions.begin(), motions.end(), [](const BaselineDirection& m) {
+        return m.kind == BaselineKind::kDirection;
+      });
   EXPECT_LT(num_directions, 0.1 * motions.size());
 }
 

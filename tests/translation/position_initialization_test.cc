@@ -46,14 +46,14 @@ PositionProblem PlainProblem(size_t num_frames) {
 }
 
 struct PlainPairs {
-  std::vector<PairMotion> motions;
+  std::vector<BaselineDirection> motions;
   PairScales scales;
 
   void Add(int i, int j, const Vector3d& baseline, int group) {
-    PairMotion motion;
+    BaselineDirection motion;
     motion.image_idx1 = i;
     motion.image_idx2 = j;
-    motion.kind = MotionKind::kDirection;
+    motion.kind = BaselineKind::kDirection;
     motion.direction = baseline.normalized();
     motion.sigma_rad = 0.01;
     motions.push_back(motion);
@@ -137,10 +137,10 @@ TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
 TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   PlainPairs pairs;
   pairs.Add(0, 1, Vector3d(1.0, 0.0, 0.0), 0);
-  PairMotion still;
+  BaselineDirection still;
   still.image_idx1 = 1;
   still.image_idx2 = 2;
-  still.kind = MotionKind::kNoParallax;
+  still.kind = BaselineKind::kNoParallax;
   pairs.motions.push_back(still);
   pairs.scales.scale.push_back(0.0);
   pairs.scales.sigma_log.push_back(0.0);
@@ -163,7 +163,7 @@ double CostOfPairs(const PlainPairs& pairs,
   constexpr double kSigma = 0.5 * 3.14159265358979 / 180.0;
   double sum = 0.0;
   for (size_t p = 0; p < pairs.motions.size(); ++p) {
-    const PairMotion& motion = pairs.motions[p];
+    const BaselineDirection& motion = pairs.motions[p];
     const Vector3d C = centers[motion.image_idx2] - centers[motion.image_idx1];
     const double along = C.dot(motion.direction);
     const double across = (C - along * motion.direction).norm();
@@ -225,7 +225,7 @@ std::vector<double> CountedLengths(const PlainPairs& pairs) {
   for (int f = 0; f < kFrames; ++f) {
     std::vector<double> lengths;
     for (size_t p = 0; p < pairs.motions.size(); ++p) {
-      const PairMotion& motion = pairs.motions[p];
+      const BaselineDirection& motion = pairs.motions[p];
       if (motion.image_idx1 == f || motion.image_idx2 == f) {
         lengths.push_back(pairs.scales.scale[p]);
       }
@@ -235,7 +235,7 @@ std::vector<double> CountedLengths(const PlainPairs& pairs) {
   }
   std::vector<double> counted_length = pairs.scales.scale;
   for (size_t p = 0; p < counted_length.size(); ++p) {
-    const PairMotion& motion = pairs.motions[p];
+    const BaselineDirection& motion = pairs.motions[p];
     const double bound = 0.5 * std::min(quartile[motion.image_idx1],
                                         quartile[motion.image_idx2]);
     counted_length[p] = std::max(counted_length[p], bound);

@@ -3,8 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include "math/graph.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/math/graph.h"
 
 namespace mgsfm {
 namespace {
@@ -19,8 +20,8 @@ struct Drive {
     }
   }
   void AddPair(int image_idx1, int image_idx2,
-               MotionKind kind = MotionKind::kDirection) {
-    PairMotion motion;
+               BaselineKind kind = BaselineKind::kDirection) {
+    BaselineDirection motion;
     motion.image_idx1 = image_idx1;
     motion.image_idx2 = image_idx2;
     motion.kind = kind;
@@ -34,12 +35,12 @@ struct Drive {
     tracks.FinishGroup();
     points.point_in_world.emplace_back(Eigen::Vector3d::Zero());
   }
-  std::vector<char> Supported(int num_threads = 1) const {
+  Mask Supported(int num_threads = 1) const {
     return FindSupportedTracks(problem, motions, rays, points, num_threads);
   }
 
   PositionProblem problem;
-  std::vector<PairMotion> motions;
+  std::vector<BaselineDirection> motions;
   ObservationGroups tracks;
   TrackRays rays{tracks, {}};
   TrackPoints points;
@@ -48,9 +49,9 @@ struct Drive {
 TEST(TrackSupportTest, TracksHoldTogetherByPairsOrNot) {
   Drive drive(6);
   drive.AddPair(0, 2);
-  drive.AddPair(3, 4, MotionKind::kNoParallax);
+  drive.AddPair(3, 4, BaselineKind::kNoParallax);
   drive.AddPair(8, 10);
-  drive.AddPair(4, 8, MotionKind::kUnused);
+  drive.AddPair(4, 8, BaselineKind::kUnused);
   drive.AddTrack({0, 1});         // one frame
   drive.AddTrack({0, 3});         // of joined frames, other cameras
   drive.AddTrack({0, 2, 4});      // a chain
@@ -61,7 +62,7 @@ TEST(TrackSupportTest, TracksHoldTogetherByPairsOrNot) {
   drive.points.observation_is_used.back() = false;
   drive.AddTrack({0, 2});
   drive.points.point_in_world.back().reset();
-  EXPECT_EQ(drive.Supported(), (std::vector<char>{1, 1, 1, 0, 0, 0, 1, 0}));
+  EXPECT_EQ(drive.Supported(), (Mask{1, 1, 1, 0, 0, 0, 1, 0}));
 }
 
 TEST(TrackSupportTest, AgreesWithPartsOfTheWholeGraph) {
@@ -79,25 +80,26 @@ TEST(TrackSupportTest, AgreesWithPartsOfTheWholeGraph) {
     for (int& i : image_idxs) i = any(2 * kNumFrames);
     drive.AddTrack(image_idxs);
   }
-  std::vector<char> expected;
+  Mask expected;
   for (size_t t = 0; t < drive.tracks.size(); ++t) {
-    std::vector<char> is_seen(kNumFrames, false);
+    Mask is_seen(kNumFrames, false);
     for (size_t k = drive.tracks.offsets[t]; k < drive.tracks.offsets[t + 1];
          ++k) {
       is_seen[drive.tracks.observations[k].image_idx / 2] = true;
     }
     std::vector<GraphEdge> edges;
-    for (const PairMotion& motion : drive.motions) {
+    for (const BaselineDirection& motion : drive.motions) {
       const int frame1 = motion.image_idx1 / 2, frame2 = motion.image_idx2 / 2;
       if (is_seen[frame1] && is_seen[frame2]) edges.push_back({frame1, frame2});
     }
-    const ConnectedParts parts = FindConnectedParts(kNumFrames, edges);
+    const ConnectedComponents parts =
+        FindConnectedComponents(kNumFrames, edges);
     int part = -1;
     bool is_one_part = true;
     for (int f = 0; f < kNumFrames; ++f) {
       if (!is_seen[f]) continue;
-      is_one_part = is_one_part && (part < 0 || part == parts.part[f]);
-      part = parts.part[f];
+      is_one_part = is_one_part && (part < 0 || part == parts.component[f]);
+      part = parts.component[f];
     }
     expected.push_back(is_one_part);
   }
@@ -110,7 +112,7 @@ TEST(TrackSupportTest, SupportedTracksAreSelectedFirst) {
   drive.AddPair(0, 2);
   drive.AddTrack({0, 2, 4});  // longer, but not supported
   drive.AddTrack({0, 2});
-  const std::vector<char> is_supported = drive.Supported();
+  const Mask is_supported = drive.Supported();
   EXPECT_EQ(SelectTracks(drive.rays, drive.points, is_supported, 8, 0),
             (std::vector<size_t>{0, 1}));
   // Only the first track sees image 4.

@@ -65,7 +65,7 @@ TEST_P(WrongFocalLengthTest, WrongOnesAreCorrected) {
   for (const FocalLengthEstimate& estimate : result.estimates) {
     const double truth =
         FocalLength(simulation.scene.cameras[estimate.camera_idx]);
-    EXPECT_NEAR(estimate.given_px, factor * truth, 1e-9 * truth);
+    EXPECT_NEAR(estimate.prior_px, factor * truth, 1e-9 * truth);
     ASSERT_TRUE(estimate.estimated_px.has_value()) << estimate.message;
     EXPECT_NEAR(*estimate.estimated_px, truth, 0.03 * truth);
     EXPECT_NEAR(FocalLength(result.cameras[estimate.camera_idx]),

@@ -8,8 +8,8 @@
 #include <cmath>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

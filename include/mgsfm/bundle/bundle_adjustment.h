@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
@@ -43,7 +44,7 @@ namespace mgsfm {
 // internal translation, unless two sensors of one frame are held, or by their
 // priors, at different places: then scale is observable, and known extrinsics
 // keep the model metric.
-// Nothing is held if frames (all, or some that HeldPoses names) or points are,
+// Nothing is held if frames (all, or some that FixedPoses names) or points are,
 // or if positions are measured.
 //
 // Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
@@ -245,9 +246,9 @@ struct BundleResult {
 };
 
 // Poses that stay as they are, whatever the options say. Empty: none.
-struct HeldPoses {
-  std::vector<char> frames;   // per frame of the scene
-  std::vector<char> sensors;  // per sensor of the scene
+struct FixedPoses {
+  Mask frames;   // per frame of the scene
+  Mask sensors;  // per sensor of the scene
 };
 
 // One solve of (1), all blocks together. Keypoints in images without pose and
@@ -258,7 +259,7 @@ struct HeldPoses {
                                         const BundleAdjustmentOptions& options,
                                         const Context& context,
                                         const PositionPriors& priors = {},
-                                        const HeldPoses& held = {});
+                                        const FixedPoses& held = {});
 
 // Groups of keypoints that may be images of one point, at most one keypoint of
 // an image in each, as far as a model can tell whose observations have errors
@@ -297,7 +298,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context, const PositionPriors& priors = {},
-    const HeldPoses& held = {});
+    const FixedPoses& held = {});
 
 // The triangulation of 2. by itself, with max_max_error_px as threshold: for
 // models without points, or with new frames.

@@ -8,7 +8,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/least_squares/pose_covariances.h"
+#include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
@@ -43,8 +43,8 @@ struct CovarianceResult {
   // False if the equations could not be solved; then there is nothing else.
   bool is_usable = false;
   double sigma_px = 0.0;
-  std::optional<int> held_frame_idx;  // absent where positions are measured
-  bool scale_is_held = false;         // arbitrary unit
+  std::optional<int> fixed_frame_idx;  // absent where positions are measured
+  bool scale_is_fixed = false;         // arbitrary unit
   // Per frame and sensor of the scene; nullopt without observations.
   std::vector<std::optional<PoseMatrix>> frames;
   std::vector<std::optional<PoseMatrix>> sensors;

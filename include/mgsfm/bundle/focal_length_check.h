@@ -25,7 +25,7 @@ namespace mgsfm {
 // focal_length_start_sigma adds: errors of a model of the lens are more.
 struct FocalLengthCheck {
   int camera_idx = 0;
-  double given_px = 0.0;                 // the first, if there are two
+  double prior_px = 0.0;                 // the first, if there are two
   double estimated_px = 0.0;             // likewise
   std::optional<double> relative_sigma;  // the largest; nullopt: not known
   std::string message;

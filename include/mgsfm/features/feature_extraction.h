@@ -7,7 +7,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/features/sift.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 
 namespace mgsfm {
 

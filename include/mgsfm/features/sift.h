@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 
 namespace mgsfm {
 

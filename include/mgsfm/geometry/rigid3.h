@@ -6,6 +6,10 @@
 
 namespace mgsfm {
 
+// A matrix over the six coordinates of a change of pose: three of rotation
+// (rad), then three of translation.
+using PoseMatrix = Eigen::Matrix<double, 6, 6>;
+
 // A rigid transform b_from_a: x_in_b = rotation * x_in_a + translation.
 // Names compose by cancelling: c_from_a = c_from_b * b_from_a.
 struct Rigid3 {

@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/feature_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/pair_matching.h"
 #include "mgsfm/matching/pair_selection.h"
 #include "mgsfm/matching/vocabulary.h"

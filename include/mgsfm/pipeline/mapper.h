@@ -13,15 +13,16 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
 #include "mgsfm/bundle/focal_length_check.h"
-#include "mgsfm/bundle/loose_synchronization.h"
-#include "mgsfm/pipeline/going_on.h"
+#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "mgsfm/pipeline/model_extension.h"
+#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/rotation/rotation_averaging.h"
-#include "mgsfm/scene/backbone.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/soft_rig/soft_rig.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/translation/translation_averaging.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
@@ -29,14 +30,16 @@
 
 namespace mgsfm {
 
-// The main job: from verified matches to rig-consistent models.
+// The mapper estimates rig-consistent models from verified matches.
 //
-//   focal lengths -> view graph -> rotation averaging
-//                                             once, for all parts together
-//   -> tracks -> translation averaging -> bundle adjustment     for each part
+//   focal lengths -> view graph -> rotations
+//       once, for all images together
+//   -> tracks -> positions -> bundle adjustment
+//       for each connected component of the view graph
 //
-// Internal rotations are shared by all parts; every part that is connected and
-// has at least `min_num_frames` frames becomes a model with a world of its own.
+// All components share the rotations of sensors in their rigs. A component of
+// at least `min_num_frames` frames becomes a model with a world frame of its
+// own.
 
 // Methods to compare, which differ in what they name and share the rest.
 enum class MapperMethod {
@@ -68,8 +71,8 @@ struct MapperOptions {
   MatchSelectionOptions match_selection;
   TranslationAveragingOptions translation_averaging;
   BundleAdjustmentOptions bundle_adjustment;
-  GoingOnOptions going_on;  // listed by commands that can have a start
-  LooseSynchronizationOptions loose_synchronization;
+  ExtensionOptions extension;  // listed by commands that can have a start
+  SoftRigOptions soft_rig;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
@@ -90,36 +93,13 @@ struct MapperOptions {
     visit.Group("MatchSelection", self.match_selection);
     visit.Group("TranslationAveraging", self.translation_averaging);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
-    visit.Group("LooseSynchronization", self.loose_synchronization);
+    visit.Group("SoftRig", self.soft_rig);
   }
 };
 
-// How far a model was bent, see src/pipeline/position_bending.h: the most that
-// any of its frames moved and turned.
-struct ModelBending {
-  double largest_shift = 0.0;
-  double largest_turn_deg = 0.0;
-};
-
-// What became of measured positions in one model.
-struct PositionPriorSummary {
-  struct Outlier {
-    int image_idx = 0;
-    double distance = 0.0;  // from the position to the image's centre
-  };
-  bool is_registered = false;  // the model is in the world of the positions
-  std::string message;         // what is not so, or what was assumed
-  int num_given = 0;           // to images that had a pose when it was moved
-  int num_used = 0;
-  std::optional<ModelBending> bending;  // if it had to be
-  std::optional<double> rms;            // distance of those used
-  // Not used, or more than four standard deviations off in the end.
-  std::vector<Outlier> outliers;
-};
-
 struct MapperModel {
-  Reconstruction reconstruction;  // positions are those of the whole scene
-  int num_frames_in_part = 0;     // before translation averaging
+  Reconstruction reconstruction;    // positions are those of the whole scene
+  int num_frames_in_component = 0;  // before translation averaging
   TrackSummary tracks;
   TranslationSummary translation;
   BundleSummary bundle;
@@ -127,12 +107,12 @@ struct MapperModel {
   std::optional<GravitySummary> gravity;                // if it was measured
   std::vector<FocalLengthCheck> focal_lengths;          // of those refined
   std::optional<CovarianceResult> covariances;          // if asked for
-  std::optional<GoingOnSummary> going_on;               // if it had a start
+  std::optional<ExtensionSummary> extension;            // if it had a start
   // If asked for; then `reconstruction` has the mean rig, and points that fit
   // these poses of images. Covariances are those before.
-  std::optional<LooseImages> loose_images;
+  std::optional<SoftRigImages> soft_rig_images;
   // Pairs of this part that rotations or positions contradict.
-  std::vector<SuspiciousGroup> suspicious_groups;
+  std::vector<RejectedGroup> rejected_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
 };
 
@@ -152,40 +132,43 @@ struct MapperResult {
 };
 
 // The options with RotationAveraging.strategy, TranslationAveraging.input and
-// .objective as the method says where they are auto. Throws Error if they
-// contradict each other.
+// .objective set according to the method where they are auto. Throws Error if
+// they contradict each other.
 MapperOptions ResolveMethod(const MapperOptions& options);
 
-// With LooseSynchronization.method time_offset, all images of the scene must
-// have times.
-//
-// With `priors`, models come out in their world where they determine it, bent
-// to them where they drifted, and bundle adjustment keeps images near them.
-// With `gravity` rotations are levelled by it; models that are not in the world
-// of positions, nor of `start`, have gravity along +y.
-//
-// With `start`, a model of some of the frames in positions of the scene, goes
-// on from it as mgsfm/pipeline/going_on.h says, and gives that one model.
-//
-// With the method kSingle all rigs of the scene must have one sensor. Throws
-// Error if given poses of sensors contradict the matches, see
-// src/pipeline/given_rigs.h. No model in the result means that the input held
-// no reconstructable scene; `unregistered_frames` then says why for each frame.
-[[nodiscard]] MapperResult RunMapper(const Scene& scene,
-                                     const ViewGraph& view_graph,
-                                     const MapperOptions& options,
-                                     const Context& context,
-                                     const PositionPriors& priors = {},
-                                     const GravityPriors& gravity = {},
-                                     const Reconstruction* start = nullptr);
+struct MapperInput {
+  Scene scene;           // images, frames, rigs and cameras
+  ViewGraph view_graph;  // verified matches between the images of the scene
+  // Measured camera centres, see `scene/position_priors.h`. Models are
+  // registered to the frame of the priors where these determine it, and
+  // deformed towards them where they drifted.
+  PositionPriors position_priors = {};
+  // Measured directions of gravity. Models that neither position priors nor an
+  // existing model place in a world frame have gravity along +y.
+  GravityPriors gravity_priors = {};
+  // A model of some frames of the scene, with the indices of the scene. The
+  // mapper then adds the other frames (mgsfm/pipeline/model_extension.h) and
+  // returns this one model.
+  std::optional<Reconstruction> existing_model = {};
+};
 
-// The points of a model whose poses are held: tracks of the verified matches
-// between its images, triangulated and filtered as the mapper does, in rounds.
-// Points of `start` that are in no track are kept if they pass the filters.
-// What bundle_adjustment allows to refine is refined.
-[[nodiscard]] MapperResult TriangulatePoints(const Scene& scene,
-                                             const ViewGraph& view_graph,
-                                             const Reconstruction& start,
+// Estimates a model for each connected component of the input. A result without
+// models means that nothing could be reconstructed; `unregistered_frames` then
+// states the reason for each frame.
+//
+// SoftRig.method time_offset requires the timestamps of all images. The method
+// kSingle requires rigs of one sensor each. Throws Error if known poses of
+// sensors in their rig contradict the matches (src/pipeline/known_rigs.h).
+[[nodiscard]] MapperResult RunMapper(const MapperInput& input,
+                                     const MapperOptions& options,
+                                     const Context& context);
+
+// Triangulates the points of `input.existing_model`, which must be set, with
+// its poses fixed: tracks of the verified matches between its images are
+// triangulated and filtered in rounds, as in the mapper. Existing points that
+// belong to no track are kept if they pass the filters. Bundle adjustment
+// refines what its options allow.
+[[nodiscard]] MapperResult TriangulatePoints(const MapperInput& input,
                                              const MapperOptions& options,
                                              const Context& context);
 

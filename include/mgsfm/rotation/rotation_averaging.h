@@ -10,6 +10,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/scene.h"
@@ -42,7 +43,7 @@ namespace mgsfm {
 //    anew, step 4 is repeated on the pairs kept, and all pairs are judged
 //    again. Of these, pairs of two frames that alone join two parts are left
 //    out where others contradict them and no third image confirms them
-//    (rotation/doubtful_bridges.h): the parts stay apart, with a warning.
+//    (rotation/unsupported_bridges.h): the parts stay apart, with a warning.
 //
 // Weights: w_ij = sqrt(min(n, inlier_cap) / inlier_cap) with n matches.
 // rho: Geman-McClure, its scale lowered from 5 deg to six robust standard
@@ -115,36 +116,25 @@ struct RotationAveragingOptions {
 };
 
 // What is known of the internal rotation of one sensor.
-struct InternalRotationSummary {
+struct SensorRotationSummary {
   int num_samples = 0;                         // frames that gave one
   std::optional<double> median_deviation_deg;  // of the samples
   bool is_observable = false;
   std::string message;  // how it was found, or why it was not, in words
 };
 
-// What became of measured directions of gravity.
-struct GravitySummary {
-  struct Outlier {
-    int image_idx = 0;
-    double error_deg = 0.0;
-  };
-  int num_given = 0;       // to images with a rotation
-  double sigma_deg = 0.0;  // as given, or what the median tells if that is more
-  std::optional<double> median_error_deg;
-  std::vector<Outlier> outliers;
-};
-
 struct RotationSummary {
-  std::vector<InternalRotationSummary> sensors;  // per sensor
-  SolveSummary images;                           // single-image averaging
-  SolveSummary frames;                           // rigid-unit averaging
-  SolveSummary joint;                            // joint refinement, the last
-  int num_pairs_without_rotation = 0;            // no relative pose: never used
+  std::vector<SensorRotationSummary> sensors;  // per sensor
+  SolveSummary images;                         // single-image averaging
+  SolveSummary frames;                         // rigid-unit averaging
+  SolveSummary joint;                          // joint refinement, the last
+  int num_pairs_without_rotation = 0;          // no relative pose: never used
   int num_pairs_unobservable = 0;  // of sensors without internal rotation
   int num_pairs_dropped = 0;       // of all others: not consistent
-  // Of these: would alone join two parts, but see rotation/doubtful_bridges.h.
-  int num_doubtful_bridges = 0;
-  int num_parts = 0;                       // connected parts of the result
+  // Of these: would alone join two parts, but see
+  // rotation/unsupported_bridges.h.
+  int num_unsupported_bridges = 0;
+  int num_components = 0;                  // connected parts of the result
   std::optional<double> median_error_deg;  // of the pairs kept
   std::optional<GravitySummary> gravity;   // if it was measured
 };
@@ -158,12 +148,5 @@ struct RotationResult {
     const Scene& scene, const ViewGraph& view_graph,
     const RotationAveragingOptions& options, const Context& context,
     const GravityPriors& gravity = {});
-
-// How far measured gravity is from the +y of the world that given rotations of
-// images have; those without one are left out.
-[[nodiscard]] GravitySummary JudgeGravity(
-    const GravityPriors& gravity,
-    const std::vector<std::optional<Eigen::Quaterniond>>& cam_from_world,
-    double sigma_deg);
 
 }  // namespace mgsfm

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
@@ -18,7 +19,7 @@ struct RotationEstimate {
   std::vector<std::optional<Eigen::Quaterniond>> rig_from_world;   // per frame
   std::vector<std::optional<Eigen::Quaterniond>> sensor_from_rig;  // per sensor
   // Per pair of the view graph: used, and consistent with the estimate.
-  std::vector<char> pair_is_inlier;
+  Mask pair_is_inlier;
   // Per frame: which connected part it is in, by the pairs that are inliers;
   // nullopt for frames without rotation. Parts are numbered by descending
   // number of frames, then by first frame. Each part has its own world.

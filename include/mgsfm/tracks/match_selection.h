@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -24,10 +25,10 @@ struct MatchSelectionOptions {
 
 // Which matches of a view graph are used.
 struct MatchSelection {
-  std::vector<char> pair_is_used;  // per pair
+  Mask pair_is_used;  // per pair
   // Per match of all pairs, one pair after the other; empty: all that
   // pair_is_used allows.
-  std::vector<char> match_is_used;
+  Mask match_is_used;
 };
 
 // The matches that the poses of `model` do not contradict. Two keypoints agree
@@ -46,9 +47,8 @@ struct MatchSelection {
 // Pairs with pair_is_used false or with an image without pose are not used.
 // Cost: linear in the matches.
 [[nodiscard]] MatchSelection SelectConsistentMatches(
-    const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<char>& pair_is_used, const Reconstruction& model,
-    double max_error_px, const MatchSelectionOptions& options,
-    const Context& context);
+    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
+    const Reconstruction& model, double max_error_px,
+    const MatchSelectionOptions& options, const Context& context);
 
 }  // namespace mgsfm

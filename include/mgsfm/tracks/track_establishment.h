@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
@@ -79,7 +80,7 @@ struct TrackResult {
 // of the matches that are left.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
-                                          const std::vector<char>& pair_is_used,
+                                          const Mask& pair_is_used,
                                           const TrackOptions& options,
                                           const Context& context);
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
@@ -125,7 +126,7 @@ struct TranslationAveragingOptions {
 };
 
 // What is known of the internal translation of one sensor.
-struct InternalTranslationSummary {
+struct SensorTranslationSummary {
   bool is_observable = true;
   // Dimension of the directions that the data do not determine, 0 to 3; the
   // estimate is zero along them.
@@ -134,14 +135,14 @@ struct InternalTranslationSummary {
 };
 
 struct TranslationSummary {
-  std::vector<InternalTranslationSummary> sensors;
+  std::vector<SensorTranslationSummary> sensors;
   SolveSummary initialization;     // L1, ADMM
   SolveSummary camera_refinement;  // angles, cameras only
   SolveSummary joint_refinement;   // angles, cameras and points
   int num_pairs_used = 0;          // with a direction
   int num_pairs_without_parallax = 0;
-  int num_pairs_inconsistent = 0;   // no motion explains their matches
-  int num_pairs_contradicting = 0;  // by direction or length
+  int num_pairs_inconsistent = 0;  // no motion explains their matches
+  int num_pairs_inconsistent_with_positions = 0;  // by direction or length
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known
@@ -152,7 +153,7 @@ struct TranslationSummary {
 struct TranslationResult {
   PositionEstimate estimate;
   // Per pair of the view graph: its measured baseline contradicts the estimate.
-  std::vector<char> pair_contradicts;
+  Mask pair_is_inconsistent;
   TranslationSummary summary;
 };
 

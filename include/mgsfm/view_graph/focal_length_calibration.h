@@ -61,7 +61,7 @@ struct FocalLengthOptions {
 
 struct FocalLengthEstimate {
   int camera_idx = 0;
-  double given_px = 0.0;
+  double prior_px = 0.0;
   std::optional<double> estimated_px;  // nullopt: keeps the given one
   double sigma = 0.0;                  // relative; 0 if it is not known
   int num_pairs = 0;

@@ -8,7 +8,7 @@
 #include <optional>
 
 #include "geometry/camera_models/distortions.h"
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 // Lenses: from a point in the camera frame to the image plane in units of the
 // focal length. A lens is a struct with

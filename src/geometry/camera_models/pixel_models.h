@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "geometry/camera_models/lenses.h"
+#include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/geometry/so3.h"
 
 // The models with their pixels: lens, focal lengths and principal point.
 namespace mgsfm::internal {

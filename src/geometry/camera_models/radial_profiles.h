@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <optional>
 
-#include "mgsfm/geometry/so3.h"
+#include "geometry/so3.h"
 
 // Radial profiles: a point at radius r of the plane moves to radius
 // r * scale(s) with s = r^2. A profile is a struct with

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/options.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/scene/gravity_priors.h"
+#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Measured positions of images, by GPS or in any Cartesian world: from the
+// table pose_priors of the database, or from a file with a line
+// "image_name X Y Z" for each, '#' starting comments. And their measured
+// gravity.
+struct PosePriorOptions {
+  bool use_prior_position = false;
+  std::string ref_images_path;
+  bool ref_is_gps = false;
+  bool overwrite_priors_covariance = false;
+  double prior_position_std_x_m = 1.0;
+  double prior_position_std_y_m = 1.0;
+  double prior_position_std_z_m = 1.0;
+  bool use_prior_gravity = false;
+  std::string gravity_path;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("use_prior_position", self.use_prior_position, AnyValue(), "",
+          "Use the positions of images in the table pose_priors (GPS, or "
+          "Cartesian): models are moved into their world, and bundle "
+          "adjustment keeps images near them.");
+    visit("ref_images_path", self.ref_images_path, AnyValue(), "",
+          "Take positions from this file instead: a line `image_name X Y Z` "
+          "each.");
+    visit("ref_is_gps", self.ref_is_gps, AnyValue(), "",
+          "Positions of that file, and of a database that does not say it, are "
+          "latitude, longitude (deg) and altitude (m).");
+    visit("overwrite_priors_covariance", self.overwrite_priors_covariance,
+          AnyValue(), "",
+          "Use the standard deviations that follow even where the database has "
+          "covariances.");
+    visit("prior_position_std_x", self.prior_position_std_x_m, GreaterThan(0.0),
+          "m", "Standard deviation of positions without covariance; east.");
+    visit("prior_position_std_y", self.prior_position_std_y_m, GreaterThan(0.0),
+          "m", "The same to the north.");
+    visit("prior_position_std_z", self.prior_position_std_z_m, GreaterThan(0.0),
+          "m", "The same upwards.");
+    visit("use_prior_gravity", self.use_prior_gravity, AnyValue(), "",
+          "Use the directions of gravity in the table pose_priors: rotations "
+          "are levelled by them, and models come out with gravity along +y.");
+    visit("gravity_path", self.gravity_path, AnyValue(), "",
+          "Take them from this file instead: a line `image_name GX GY GZ` "
+          "each, in the frame of the camera.");
+  }
+
+  bool AreUsed() const {
+    return use_prior_position || !ref_images_path.empty();
+  }
+};
+
+// The priors of a scene; empty if the options use none. Positions given in
+// degrees become metres east, north and up of the first of them, by the name of
+// the image. Throws Error, naming the image, for a position or covariance that
+// is not finite or not possible, for a mixture of coordinate systems, for a
+// file that cannot be read, names an unknown image or one twice, and if there
+// is no position at all.
+[[nodiscard]] PositionPriors MakePositionPriors(
+    const Scene& scene, const std::vector<PosePriorRow>& rows,
+    const std::string& database_path, const PosePriorOptions& options);
+
+// With the rows that a database has, which is only read.
+[[nodiscard]] PositionPriors ReadPositionPriors(
+    const Scene& scene, const std::string& database_path,
+    const PosePriorOptions& options);
+
+// The directions of gravity in a file with lines "image_name GX GY GZ", or in
+// the column `gravity` that pose_priors of COLMAP 3.13 and later has, in the
+// frame of the camera, of any length; empty if the options use none. Throws
+// Error, naming the line or image, for a direction that is not finite (in a
+// file) or zero, and as above.
+[[nodiscard]] GravityPriors ReadGravity(const Scene& scene,
+                                        const std::string& database_path,
+                                        const PosePriorOptions& options);
+void WriteGravity(const std::string& path, const Scene& scene,
+                  const GravityPriors& gravity);
+
+// Writes {"latitude_deg", "longitude_deg", "altitude_m"} of the origin of a
+// world that is east, north, up.
+void WriteGeoOrigin(const std::string& path,
+                    const Eigen::Vector3d& origin_wgs84);
+
+// Rows for a database, in Cartesian coordinates.
+[[nodiscard]] std::vector<PosePriorRow> MakePosePriorRows(
+    const Scene& scene, const PositionPriors& priors);
+
+}  // namespace mgsfm

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/database/scene_loading.h"
+
+namespace mgsfm {
+
+struct RigConfigurationSummary {
+  size_t num_rigs = 0;
+  size_t num_sensors = 0;
+  size_t num_frames = 0;
+  size_t num_images = 0;
+  std::string rig_source;  // in words
+};
+
+// Finds rigs and frames as SceneLoadingOptions says, except that those in the
+// database are not looked at, and writes them there in place of these, in one
+// transaction. Images get the camera of their sensor: equal cameras of one
+// sensor are joined, a camera that two sensors share is copied for the second,
+// as COLMAP's rigs demand, and intrinsics of a configuration replace those of
+// the camera. Features and matches stay.
+RigConfigurationSummary ConfigureRigs(const SceneLoadingOptions& options,
+                                      FeatureDatabase* database,
+                                      const Context& context);
+
+}  // namespace mgsfm

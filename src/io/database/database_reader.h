@@ -1,0 +1,15 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "io/database/sqlite_database.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/io/database/database.h"
+
+namespace mgsfm {
+
+// All but keypoints and pairs, from a database that is open; there may be no
+// image.
+DatabaseContents ReadStructure(const SqliteDatabase& database,
+                               const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "io/database/sqlite_database.h"
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/io/database/feature_database.h"
+
+namespace mgsfm {
+
+// Single rows of a COLMAP database, for those who read and write it whole and
+// for those who add to it. What is read is checked; `name` stands for the row
+// in messages.
+
+// Values of sensor_type; others are no cameras.
+constexpr int64_t kCameraSensorType = 0;
+
+// How to repair what a row lacks.
+constexpr const char* kExtractAgain = "; extract the features again";
+constexpr const char* kMatchAgain = "; match the images again";
+constexpr const char* kConfigureAgain = "; configure the rigs again";
+
+// ---------------------------------------------------------------- reading
+
+// As on disk: w, x, y, z, then the translation. nullopt for values that stand
+// for no pose: not finite, or a zero quaternion.
+std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec);
+
+// Numbers of a row with rows, cols and data in the columns 1 to 3.
+struct KeypointBlob {
+  const char* data = nullptr;  // valid until the next step
+  size_t rows = 0;
+  size_t cols = 0;  // 2, 4 or 6 floats
+};
+KeypointBlob DecodeKeypoints(const SqliteStatement& row,
+                             const std::string& path, const std::string& name);
+std::vector<Match> DecodeMatches(const SqliteStatement& row,
+                                 const std::string& path,
+                                 const std::string& name);
+
+// "SELECT pair_id, ... FROM `table`" with the columns that the next reads, NULL
+// for those that old versions lack.
+std::string TwoViewGeometryQuery(const SqliteDatabase& database,
+                                 const std::string& table);
+void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
+                           const std::string& name, TwoViewGeometryRow* pair);
+
+// "SELECT image, position, covariance, coordinate system FROM pose_priors", for
+// all layouts of the table; that of 3.8 is in `images` and is not read.
+std::string PosePriorQuery(const SqliteDatabase& database);
+// "SELECT image, gravity FROM pose_priors", likewise; "" if it has none.
+std::string PriorGravityQuery(const SqliteDatabase& database);
+std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob);
+// Not finite where the row holds no position.
+PosePriorRow DecodePosePrior(const SqliteStatement& row);
+
+// ---------------------------------------------------------------- writing
+
+// Parameters 1 to 5: all but the id.
+void BindCamera(const Camera& camera, SqliteStatement* row);
+
+// Parameters 1 to 4 of matches and of two-view geometries: id, rows, data, as
+// the number of columns is always 2.
+void BindMatches(int64_t pair_id, const std::vector<Match>& matches,
+                 SqliteStatement* row);
+
+// Runs `row`, whose parameters are those of BindMatches and then config, F, E,
+// H, qvec, tvec. What is missing is NULL or, as versions before 4.0 demand,
+// zeros and the identity. image_id1 < image_id2.
+void WriteTwoViewGeometryRow(const TwoViewGeometryRow& pair, bool none_is_null,
+                             SqliteStatement* row);
+
+void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database);
+void WriteFrameRows(const std::vector<FrameRow>& frames,
+                    SqliteDatabase* database);
+
+}  // namespace mgsfm

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <set>
+#include <system_error>
+
+#include "io/database/database_pair_id.h"
+#include "io/database/database_rows.h"
+#include "io/database/database_schema.h"
+#include "io/database/sqlite_database.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/io/database/database.h"
+
+namespace mgsfm {
+namespace {
+
+void WriteCameras(const DatabaseContents& contents, SqliteDatabase* database) {
+  SqliteStatement row =
+      database->Prepare("INSERT INTO cameras VALUES (?6, ?1, ?2, ?3, ?4, ?5)");
+  for (const Camera& camera : contents.cameras) {
+    BindCamera(camera, &row);
+    row.BindInt(6, camera.id.value());
+    row.Run();
+  }
+}
+
+void WriteImages(const DatabaseContents& contents, SqliteDatabase* database) {
+  SqliteStatement image_row = database->Prepare(
+      "INSERT INTO images (image_id, name, camera_id) VALUES (?1, ?2, ?3)");
+  SqliteStatement keypoints_row =
+      database->Prepare("INSERT INTO keypoints VALUES (?1, ?2, 2, ?3)");
+  for (const ImageRow& image : contents.images) {
+    image_row.BindInt(1, image.id.value());
+    image_row.BindText(2, image.name);
+    image_row.BindInt(3, image.camera_id.value());
+    image_row.Run();
+    keypoints_row.BindInt(1, image.id.value());
+    keypoints_row.BindInt(2, static_cast<int64_t>(image.keypoints_px.size()));
+    keypoints_row.BindBlob(3, image.keypoints_px.data(),
+                           image.keypoints_px.size() * sizeof(Eigen::Vector2f));
+    keypoints_row.Run();
+  }
+}
+
+void WritePairs(const DatabaseContents& contents, SqliteDatabase* database) {
+  SqliteStatement matches_row =
+      database->Prepare("INSERT INTO matches VALUES (?1, ?2, 2, ?3)");
+  SqliteStatement geometry_row = database->Prepare(
+      "INSERT INTO two_view_geometries "
+      "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
+  for (const TwoViewGeometryRow& pair : contents.pairs) {
+    BindMatches(PairId(pair.image_id1.value(), pair.image_id2.value()),
+                pair.matches, &matches_row);
+    matches_row.Run();
+    WriteTwoViewGeometryRow(pair, /*none_is_null=*/false, &geometry_row);
+  }
+}
+
+void WriteAll(const std::string& path, const DatabaseContents& contents,
+              DatabaseSchema schema) {
+  SqliteDatabase database = SqliteDatabase::Create(path);
+  // A file that a crash leaves half written is of no use, so no care is taken.
+  database.Execute("PRAGMA synchronous = OFF");
+  database.Execute("BEGIN");
+  const bool has_rigs = schema == DatabaseSchema::k312;
+  CreateTables(has_rigs ? TableLayout::k312 : TableLayout::k38, &database);
+  WriteCameras(contents, &database);
+  if (has_rigs) WriteRigRows(contents.rigs, &database);
+  WriteImages(contents, &database);
+  if (has_rigs) WriteFrameRows(contents.frames, &database);
+  WritePairs(contents, &database);
+  database.Execute("COMMIT");
+}
+
+// The id of the camera that stands for each sensor in the rig tables: that of
+// its intrinsics or, where another sensor has taken it, of a copy.
+std::vector<CameraId> CamerasOfSensors(const Scene& scene,
+                                       std::vector<Camera>* cameras) {
+  uint32_t max_id = 0;
+  for (const Camera& camera : *cameras) {
+    max_id = std::max(max_id, camera.id.value());
+  }
+  std::vector<CameraId> camera_ids;
+  std::set<int> taken;
+  for (const Sensor& sensor : scene.sensors) {
+    Camera camera = scene.cameras[sensor.camera_idx];
+    if (!taken.insert(sensor.camera_idx).second) {
+      camera.id = CameraId(++max_id);
+      cameras->push_back(camera);
+    }
+    camera_ids.push_back(camera.id);
+  }
+  return camera_ids;
+}
+
+TwoViewGeometryRow MakePairRow(const Scene& scene, const ImagePair& pair) {
+  TwoViewGeometryRow row{scene.images[pair.image_idx1].id,
+                         scene.images[pair.image_idx2].id,
+                         pair.config,
+                         pair.F,
+                         pair.E,
+                         pair.H,
+                         {},
+                         pair.matches};
+  if (pair.relative_pose) {
+    row.cam2_from_cam1 =
+        Rigid3{pair.relative_pose->cam2_from_cam1,
+               pair.relative_pose->translation_direction.value_or(
+                   Eigen::Vector3d::Zero())};
+  }
+  if (row.image_id2 < row.image_id1) SwapImages(&row);
+  return row;
+}
+
+template <class Row>
+void SortById(std::vector<Row>* rows) {
+  std::sort(rows->begin(), rows->end(),
+            [](const Row& a, const Row& b) { return a.id < b.id; });
+}
+
+}  // namespace
+
+void WriteDatabase(const std::string& path, const DatabaseContents& contents,
+                   DatabaseSchema schema) {
+  if (std::filesystem::exists(path)) {
+    ThrowDatabaseError(path, "exists already; name a new file");
+  }
+  try {
+    WriteAll(path, contents, schema);
+  } catch (...) {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+    throw;
+  }
+}
+
+DatabaseContents MakeDatabaseContents(const Scene& scene,
+                                      const ViewGraph& view_graph) {
+  DatabaseContents contents;
+  contents.cameras = scene.cameras;
+  const std::vector<CameraId> camera_ids =
+      CamerasOfSensors(scene, &contents.cameras);
+  for (const Image& image : scene.images) {
+    contents.images.push_back({image.id, image.name,
+                               scene.cameras[image.camera_idx].id,
+                               image.keypoints_px});
+  }
+  for (const Rig& rig : scene.rigs) {
+    RigRow row{rig.id, camera_ids[rig.ref_sensor_idx], {}};
+    for (const int sensor_idx : rig.sensor_idxs) {
+      row.sensors.push_back(
+          {camera_ids[sensor_idx], scene.sensors[sensor_idx].sensor_from_rig});
+    }
+    contents.rigs.push_back(std::move(row));
+  }
+  for (const Frame& frame : scene.frames) {
+    FrameRow row{frame.id, scene.rigs[frame.rig_idx].id, {}};
+    for (const int image_idx : frame.image_idxs) {
+      const Image& image = scene.images[image_idx];
+      row.data.push_back({camera_ids[image.sensor_idx], image.id});
+    }
+    contents.frames.push_back(std::move(row));
+  }
+  for (const ImagePair& pair : view_graph.pairs) {
+    contents.pairs.push_back(MakePairRow(scene, pair));
+  }
+  SortById(&contents.cameras);
+  SortById(&contents.images);
+  SortById(&contents.rigs);
+  SortById(&contents.frames);
+  return contents;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "io/database/database_rows.h"
+#include "mgsfm/io/database/feature_database.h"
+
+namespace mgsfm {
+
+// Of 2, 4 (scale and orientation) or 6 columns; what is missing is completed.
+std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob);
+
+}  // namespace mgsfm

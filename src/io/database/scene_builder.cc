@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/database/scene_builder.h"
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+class SceneBuilder {
+ public:
+  SceneBuilder(RigInput input, RigAssignment assignment, const Context& context)
+      : input_(std::move(input)),
+        assignment_(std::move(assignment)),
+        context_(context) {}
+
+  Scene Build() {
+    CheckFrames();
+    CountImages();
+    ChooseReferences();
+    JoinCameras();
+    for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+      AddImage(static_cast<int>(i));
+    }
+    CheckConsistent(scene_);
+    return std::move(scene_);
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error(input_.Name() + ": " + problem);
+  }
+  const ImageRow& ImageAt(int image) const {
+    return input_.contents.images[image];
+  }
+
+  void CheckFrames() const;
+  void CountImages();
+  void ChooseReferences();
+  void ChooseReference(const std::vector<int>& sensors);
+  void ReplaceReference(const std::vector<int>& sensors,
+                        RigAssignment::Sensor* best);
+  void JoinCameras();
+  void AddImage(int image);
+  int AddCamera(int sensor);
+  CameraId UnusedCameraId() const;
+
+  // The position of `key` in an array of the scene; `is_new` if it is the first
+  // image that asks for it, which then has to append the element.
+  template <class Key>
+  static int Number(const Key& key, std::map<Key, int>* numbers, bool* is_new) {
+    const auto [it, inserted] =
+        numbers->emplace(key, static_cast<int>(numbers->size()));
+    *is_new = inserted;
+    return it->second;
+  }
+
+  RigInput input_;
+  RigAssignment assignment_;
+  const Context& context_;
+  std::vector<int> num_images_;        // per assigned sensor
+  std::vector<int> camera_of_sensor_;  // position in input_.contents.cameras
+  Scene scene_;
+
+  // Intrinsics as a sensor uses them: what the input has, or a replacement.
+  using CameraKey =
+      std::tuple<int, std::optional<CameraModelId>, std::vector<double>>;
+  std::map<CameraKey, int> camera_idxs_;
+  std::map<int, int> sensor_idxs_;
+  std::map<int, int> frame_idxs_;
+  std::map<int, int> rig_idxs_;
+};
+
+void SceneBuilder::CheckFrames() const {
+  std::map<std::pair<int, int>, int> image_of;  // by frame and sensor
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    const int image = static_cast<int>(i);
+    const int frame = assignment_.frame_of_image[i];
+    const int sensor = assignment_.sensor_of_image[i];
+    const auto [other, is_new] =
+        image_of.emplace(std::make_pair(frame, sensor), image);
+    if (!is_new) {
+      Throw("images '" + ImageAt(other->second).name + "' and '" +
+            ImageAt(image).name + "' are of one camera and one frame by " +
+            assignment_.source + "; they cannot be taken at the same time");
+    }
+  }
+}
+
+void SceneBuilder::CountImages() {
+  num_images_.assign(assignment_.sensors.size(), 0);
+  for (const int sensor : assignment_.sensor_of_image) ++num_images_[sensor];
+}
+
+void SceneBuilder::ChooseReferences() {
+  std::vector<std::vector<int>> sensors_of_rig(assignment_.rig_ids.size());
+  for (size_t i = 0; i < assignment_.sensors.size(); ++i) {
+    sensors_of_rig[assignment_.sensors[i].rig].push_back(static_cast<int>(i));
+  }
+  for (const std::vector<int>& sensors : sensors_of_rig) {
+    ChooseReference(sensors);
+  }
+}
+
+// Makes sure that the reference of the rig of these sensors has images: the one
+// given, else by known pose, number of images and name.
+void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
+  RigAssignment::Sensor* best = nullptr;
+  const auto quality = [this](const RigAssignment::Sensor& sensor) {
+    const size_t number = &sensor - assignment_.sensors.data();
+    return std::make_tuple(sensor.is_reference,
+                           sensor.sensor_from_rig.has_value(),
+                           num_images_[number]);
+  };
+  for (const int i : sensors) {
+    RigAssignment::Sensor& sensor = assignment_.sensors[i];
+    if (num_images_[i] == 0) continue;
+    if (best == nullptr || quality(sensor) > quality(*best) ||
+        (quality(sensor) == quality(*best) && sensor.name < best->name)) {
+      best = &sensor;
+    }
+  }
+  if (best == nullptr) return;
+  if (!best->is_reference) ReplaceReference(sensors, best);
+  best->sensor_from_rig = Rigid3();
+}
+
+// Makes `best` the reference and known poses relative to it.
+void SceneBuilder::ReplaceReference(const std::vector<int>& sensors,
+                                    RigAssignment::Sensor* best) {
+  const std::optional<Rigid3> new_from_old = best->sensor_from_rig;
+  for (const int i : sensors) {
+    RigAssignment::Sensor& sensor = assignment_.sensors[i];
+    if (sensor.is_reference) {
+      context_.Warning("the reference sensor of a rig has no images; '" +
+                       best->name + "' takes its place");
+    }
+    sensor.is_reference = false;
+    // Without new_from_old, no sensor with images has a known pose.
+    if (sensor.sensor_from_rig && new_from_old) {
+      sensor.sensor_from_rig =
+          *sensor.sensor_from_rig * new_from_old->Inverse();
+    }
+  }
+  best->is_reference = true;
+}
+
+// A sensor has one camera: that of its first image, if those of its other
+// images are equal.
+void SceneBuilder::JoinCameras() {
+  const size_t num_sensors = assignment_.sensors.size();
+  std::vector<int> first_image(num_sensors, -1);
+  std::vector<std::set<int>> cameras(num_sensors);
+  camera_of_sensor_.assign(num_sensors, -1);
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    const int image = static_cast<int>(i);
+    const int sensor = assignment_.sensor_of_image[i];
+    if (first_image[sensor] < 0) first_image[sensor] = image;
+    const int first = first_image[sensor];
+    camera_of_sensor_[sensor] = input_.camera_of_image[first];
+    cameras[sensor].insert(input_.camera_of_image[i]);
+    if (!HaveEqualIntrinsics(input_.CameraOf(first), input_.CameraOf(image))) {
+      Throw("images '" + ImageAt(first).name + "' and '" + ImageAt(image).name +
+            "' are of one camera '" + assignment_.sensors[sensor].name +
+            "' of a rig by " + assignment_.source +
+            ", but have different intrinsics; extract features with "
+            "--ImageReader.single_camera_per_folder 1, or use "
+            "--rig_name_rule");
+    }
+  }
+  for (size_t i = 0; i < num_sensors; ++i) {
+    if (cameras[i].size() > 1) {
+      context_.Warning("the " + std::to_string(cameras[i].size()) +
+                       " equal cameras of '" + assignment_.sensors[i].name +
+                       "' are joined to one");
+    }
+  }
+}
+
+CameraId SceneBuilder::UnusedCameraId() const {
+  uint32_t max_id = 0;
+  for (const Camera& camera : input_.contents.cameras) {
+    max_id = std::max(max_id, camera.id.value());
+  }
+  for (const Camera& camera : scene_.cameras) {
+    max_id = std::max(max_id, camera.id.value());
+  }
+  return CameraId(max_id + 1);
+}
+
+int SceneBuilder::AddCamera(int sensor) {
+  const RigAssignment::Sensor& assigned = assignment_.sensors[sensor];
+  bool is_new = false;
+  const int camera_idx =
+      Number(CameraKey(camera_of_sensor_[sensor], assigned.camera_model,
+                       assigned.camera_params),
+             &camera_idxs_, &is_new);
+  if (!is_new) return camera_idx;
+  Camera camera = input_.contents.cameras[camera_of_sensor_[sensor]];
+  if (assigned.camera_model) {
+    camera.model = *assigned.camera_model;
+    camera.params = assigned.camera_params;
+    camera.has_prior_focal_length = true;
+  }
+  const bool id_is_taken =
+      std::any_of(scene_.cameras.begin(), scene_.cameras.end(),
+                  [&](const Camera& other) { return other.id == camera.id; });
+  if (id_is_taken) camera.id = UnusedCameraId();
+  scene_.cameras.push_back(std::move(camera));
+  return camera_idx;
+}
+
+void SceneBuilder::AddImage(int image_idx) {
+  ImageRow& row = input_.contents.images[image_idx];
+  const int assigned_sensor = assignment_.sensor_of_image[image_idx];
+  const int assigned_frame = assignment_.frame_of_image[image_idx];
+  const RigAssignment::Sensor& assigned = assignment_.sensors[assigned_sensor];
+  bool is_new = false;
+  const int rig_idx = Number(assigned.rig, &rig_idxs_, &is_new);
+  if (is_new) {
+    const auto id = assignment_.rig_ids[assigned.rig];
+    scene_.rigs.push_back(
+        {id.value_or(RigId(static_cast<uint32_t>(rig_idx + 1))), 0, {}});
+  }
+  const int sensor_idx = Number(assigned_sensor, &sensor_idxs_, &is_new);
+  if (is_new) {
+    scene_.sensors.push_back({assigned.name, rig_idx,
+                              AddCamera(assigned_sensor),
+                              assigned.sensor_from_rig});
+    scene_.rigs[rig_idx].sensor_idxs.push_back(sensor_idx);
+    if (assigned.is_reference) scene_.rigs[rig_idx].ref_sensor_idx = sensor_idx;
+  }
+  const int frame_idx = Number(assigned_frame, &frame_idxs_, &is_new);
+  if (is_new) {
+    const RigAssignment::Frame& frame = assignment_.frames[assigned_frame];
+    scene_.frames.push_back(
+        {frame.id.value_or(FrameId(row.id.value())), frame.name, rig_idx, {}});
+  }
+  Frame& frame = scene_.frames[frame_idx];
+  frame.image_idxs.push_back(image_idx);
+  if (!assignment_.frames[assigned_frame].id) {
+    // No other frame can have the smallest id of its images.
+    frame.id = std::min(frame.id, FrameId(row.id.value()));
+  }
+  scene_.images.push_back({row.id, std::move(row.name),
+                           scene_.sensors[sensor_idx].camera_idx, sensor_idx,
+                           frame_idx, std::move(row.keypoints_px)});
+}
+
+}  // namespace
+
+Scene BuildScene(RigInput input, RigAssignment assignment,
+                 const Context& context) {
+  return SceneBuilder(std::move(input), std::move(assignment), context).Build();
+}
+
+}  // namespace mgsfm

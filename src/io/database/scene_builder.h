@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "io/rigs/rig_inference.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Makes the scene in canonical order: joins equal cameras of a sensor, chooses
+// references, leaves out what has no image. Throws Error if a sensor has two
+// images in a frame, or images with different intrinsics.
+Scene BuildScene(RigInput input, RigAssignment assignment,
+                 const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/files/folder_lock.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <utility>
+
+namespace mgsfm {
+namespace {
+
+// Whether the folder of that name still is the open one: between opening and
+// locking, its last owner may have removed it.
+bool IsSameFolder(int fd, const std::filesystem::path& folder) {
+  struct stat open_folder, named_folder;
+  return fstat(fd, &open_folder) == 0 &&
+         stat(folder.c_str(), &named_folder) == 0 &&
+         open_folder.st_dev == named_folder.st_dev &&
+         open_folder.st_ino == named_folder.st_ino;
+}
+
+}  // namespace
+
+FolderLock::FolderLock(const std::filesystem::path& folder)
+    : fd_(open(folder.c_str(),
+               O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)) {
+  if (fd_ < 0) {
+    if (errno != ENOENT) state_ = State::kUnsupported;
+    return;
+  }
+  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+    if (IsSameFolder(fd_, folder)) state_ = State::kHeld;
+  } else if (errno != EWOULDBLOCK) {
+    state_ = State::kUnsupported;
+  }
+}
+
+FolderLock::~FolderLock() {
+  if (fd_ >= 0) close(fd_);
+}
+
+FolderLock::FolderLock(FolderLock&& other) noexcept
+    : fd_(std::exchange(other.fd_, -1)),
+      state_(std::exchange(other.state_, State::kBusy)) {}
+
+FolderLock& FolderLock::operator=(FolderLock&& other) noexcept {
+  std::swap(fd_, other.fd_);
+  std::swap(state_, other.state_);
+  return *this;
+}
+
+}  // namespace mgsfm

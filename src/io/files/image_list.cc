@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/files/image_list.h"
+
+#include <algorithm>
+#include <fstream>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+template <class T, class Predicate>
+void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
+  items->erase(std::remove_if(items->begin(), items->end(),
+                              [&](const T& item) { return !is_kept(item); }),
+               items->end());
+}
+
+}  // namespace
+
+std::vector<std::string> ReadImageList(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) throw Error("cannot read '" + path + "' (--image_list_path)");
+  std::vector<std::string> names;
+  for (std::string line; std::getline(file, line);) {
+    line.erase(line.find_last_not_of(" \t\r") + 1);
+    if (!line.empty()) names.push_back(line);
+  }
+  return names;
+}
+
+void KeepListedImages(const std::set<std::string>& names,
+                      const std::string& list_path,
+                      DatabaseContents* contents) {
+  const std::string list = "'" + list_path + "' (--image_list_path)";
+  if (names.empty()) throw Error(list + " names no image");
+  EraseUnless(
+      [&](const ImageRow& image) { return names.count(image.name) > 0; },
+      &contents->images);
+  std::set<std::string> missing = names;
+  std::set<ImageId> ids;
+  for (const ImageRow& image : contents->images) {
+    missing.erase(image.name);
+    ids.insert(image.id);
+  }
+  if (!missing.empty()) {
+    throw Error(list + " names '" + *missing.begin() +
+                "', which the database '" + contents->path +
+                "' does not have; correct the list, or extract and match the "
+                "features of the image");
+  }
+  const auto has = [&](ImageId id) { return ids.count(id) > 0; };
+  EraseUnless(
+      [&](const TwoViewGeometryRow& pair) {
+        return has(pair.image_id1) && has(pair.image_id2);
+      },
+      &contents->pairs);
+  for (FrameRow& frame : contents->frames) {
+    EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
+                &frame.data);
+  }
+  EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
+              &contents->frames);
+}
+
+}  // namespace mgsfm

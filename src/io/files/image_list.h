@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include "mgsfm/io/database/database.h"
+
+namespace mgsfm {
+
+// A list of images (--image_list_path): a name on each line; empty lines are
+// skipped. Throws Error if it cannot be read.
+[[nodiscard]] std::vector<std::string> ReadImageList(const std::string& path);
+
+// Leaves out all images with other names, with their pairs and their places in
+// frames. Throws Error, naming `list_path`, if a name is not in the database or
+// none is listed.
+void KeepListedImages(const std::set<std::string>& names,
+                      const std::string& list_path, DatabaseContents* contents);
+
+}  // namespace mgsfm

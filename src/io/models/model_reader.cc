@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "io/models/model_file_readers.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/io/models/model_io.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+template <class File>
+std::vector<Camera> ReadCameras(File file) {
+  constexpr uint64_t kMaxSize = std::numeric_limits<int>::max();
+  std::vector<Camera> cameras;
+  while (file.NextRecord()) {
+    const CameraId id(file.ReadId());
+    const CameraModelInfo& info = file.ReadCameraModel();
+    const uint64_t width = file.ReadSize(), height = file.ReadSize();
+    if (width > kMaxSize || height > kMaxSize) {
+      file.ThrowBad("the size of an image is out of range");
+    }
+    Camera camera{
+        id, info.id, static_cast<int>(width), static_cast<int>(height), {}};
+    for (int i = 0; i < info.num_params; ++i) {
+      camera.params.push_back(file.ReadNumber());
+    }
+    cameras.push_back(std::move(camera));
+  }
+  return cameras;
+}
+
+struct ImageRecord {
+  ModelImage image;
+  std::vector<ModelKeypoint> keypoints;
+};
+
+template <class File>
+std::vector<ImageRecord> ReadImages(File file, bool with_keypoints) {
+  std::vector<ImageRecord> records;
+  while (file.NextRecord()) {
+    const ImageId id(file.ReadId());
+    const Rigid3 pose = file.ReadPose();
+    const CameraId camera_id(file.ReadId());
+    records.push_back({{id, file.ReadName(), camera_id, pose}, {}});
+    if (!with_keypoints) {
+      file.SkipKeypoints();
+      continue;
+    }
+    file.BeginKeypoints();
+    while (file.NextItem()) {
+      ModelKeypoint keypoint;
+      keypoint.position_px.x() = file.ReadNumber();
+      keypoint.position_px.y() = file.ReadNumber();
+      keypoint.point_id = file.ReadOptionalLongId();
+      records.back().keypoints.push_back(keypoint);
+    }
+  }
+  std::sort(records.begin(), records.end(),
+            [](const ImageRecord& a, const ImageRecord& b) {
+              return a.image.name < b.image.name;
+            });
+  return records;
+}
+
+template <class File>
+std::vector<ModelPoint> ReadPoints(File file) {
+  std::vector<ModelPoint> points;
+  while (file.NextRecord()) {
+    ModelPoint point;
+    point.id = file.ReadLongId();
+    for (double& value : point.point_in_world) value = file.ReadNumber();
+    for (uint8_t& value : point.color) value = file.ReadByte();
+    point.error_px = file.ReadNumber();
+    file.BeginList();
+    while (file.NextItem()) {
+      const ImageId image_id(file.ReadId());
+      point.track.push_back({image_id, file.ReadId()});
+    }
+    points.push_back(std::move(point));
+  }
+  return points;
+}
+
+template <class File>
+std::vector<ModelRig> ReadRigs(File file) {
+  std::vector<ModelRig> rigs;
+  while (file.NextRecord()) {
+    ModelRig rig{RigId(file.ReadId()), {}};
+    const uint32_t num_sensors = file.ReadCount();
+    for (uint32_t k = 0; k < num_sensors; ++k) {
+      const bool is_camera = file.ReadSensorIsCamera();
+      ModelSensor sensor{CameraId(file.ReadId()), k == 0, Rigid3()};
+      if (k > 0) {
+        sensor.sensor_from_rig.reset();
+        if (file.ReadFlag()) sensor.sensor_from_rig = file.ReadPose();
+      }
+      if (is_camera) rig.sensors.push_back(sensor);
+    }
+    rigs.push_back(std::move(rig));
+  }
+  return rigs;
+}
+
+template <class File>
+std::vector<ModelFrame> ReadFrames(File file) {
+  std::vector<ModelFrame> frames;
+  while (file.NextRecord()) {
+    const FrameId id(file.ReadId());
+    const RigId rig_id(file.ReadId());
+    ModelFrame frame{id, rig_id, file.ReadPose(), {}};
+    const uint32_t num_data = file.ReadCount();
+    for (uint32_t k = 0; k < num_data; ++k) {
+      const bool is_camera = file.ReadSensorIsCamera();
+      file.ReadId();
+      const uint64_t data_id = file.ReadLongId();
+      if (!is_camera) continue;
+      if (data_id > std::numeric_limits<uint32_t>::max()) {
+        file.ThrowBad("the id of an image is out of range");
+      }
+      frame.image_ids.emplace_back(static_cast<uint32_t>(data_id));
+    }
+    frames.push_back(std::move(frame));
+  }
+  return frames;
+}
+
+template <class File>
+Model ReadFiles(const fs::path& folder, bool poses_only) {
+  const auto exists = [&](const std::string& stem) {
+    return fs::exists(folder / (stem + File::kExtension));
+  };
+  Model model;
+  for (ImageRecord& record : ReadImages(File(folder, "images"), !poses_only)) {
+    model.poses.images.push_back(std::move(record.image));
+    model.keypoints.push_back(std::move(record.keypoints));
+  }
+  if (exists("rigs")) model.poses.rigs = ReadRigs(File(folder, "rigs"));
+  if (exists("frames")) model.poses.frames = ReadFrames(File(folder, "frames"));
+  if (!poses_only) {
+    model.cameras = ReadCameras(File(folder, "cameras"));
+    model.points = ReadPoints(File(folder, "points3D"));
+  }
+  return model;
+}
+
+Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
+  if (fs::exists(folder / "images.bin")) {
+    return ReadFiles<BinaryModelFile>(folder, poses_only);
+  }
+  if (fs::exists(folder / "images.txt")) {
+    return ReadFiles<TextModelFile>(folder, poses_only);
+  }
+  throw Error("'" + folder.string() +
+              "' holds no model (neither images.bin nor images.txt)");
+}
+
+template <class Item>
+void SortById(std::vector<Item>* items) {
+  std::sort(items->begin(), items->end(),
+            [](const Item& a, const Item& b) { return a.id < b.id; });
+}
+
+void CheckCameras(const fs::path& folder, const Model& model) {
+  for (const ModelImage& image : model.poses.images) {
+    const auto it = std::lower_bound(
+        model.cameras.begin(), model.cameras.end(), image.camera_id,
+        [](const Camera& camera, CameraId id) { return camera.id < id; });
+    if (it == model.cameras.end() || it->id != image.camera_id) {
+      throw Error("the model in '" + folder.string() + "' lacks camera " +
+                  std::to_string(image.camera_id.value()) + " of image '" +
+                  image.name + "'");
+    }
+  }
+}
+
+// Each observation is of a keypoint that refers to its point, and there are no
+// other references.
+void CheckTracks(const fs::path& folder, const Model& model) {
+  std::map<ImageId, size_t> position_of_image;
+  size_t num_references = 0;
+  for (size_t i = 0; i < model.poses.images.size(); ++i) {
+    position_of_image[model.poses.images[i].id] = i;
+    for (const ModelKeypoint& keypoint : model.keypoints[i]) {
+      num_references += keypoint.point_id.has_value() ? 1 : 0;
+    }
+  }
+  size_t num_observations = 0;
+  for (const ModelPoint& point : model.points) {
+    for (const ModelObservation& o : point.track) {
+      const auto it = position_of_image.find(o.image_id);
+      if (it == position_of_image.end() ||
+          o.keypoint_idx >= model.keypoints[it->second].size() ||
+          model.keypoints[it->second][o.keypoint_idx].point_id != point.id) {
+        throw Error("the model in '" + folder.string() +
+                    "' is inconsistent: no keypoint " +
+                    std::to_string(o.keypoint_idx) + " of image " +
+                    std::to_string(o.image_id.value()) + " refers to point " +
+                    std::to_string(point.id) + ", which it observes");
+      }
+      ++num_observations;
+    }
+  }
+  if (num_observations != num_references) {
+    throw Error("the model in '" + folder.string() +
+                "' is inconsistent: keypoints refer to points that do not "
+                "have them in their tracks");
+  }
+}
+
+}  // namespace
+
+PoseModel ReadModelPoses(const fs::path& folder) {
+  return ReadEitherFormat(folder, true).poses;
+}
+
+Model ReadModel(const fs::path& folder) {
+  Model model = ReadEitherFormat(folder, false);
+  SortById(&model.cameras);
+  SortById(&model.points);
+  CheckCameras(folder, model);
+  CheckTracks(folder, model);
+  return model;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/models/model_scene.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "io/database/rows_to_scene.h"
+#include "io/models/model_rig_poses.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Of poses that are written twice, with few digits in some text files.
+constexpr double kMaxContradiction = 1e-4;
+
+// ------------------------------------------------------------------- tables
+
+std::map<ImageId, const ModelImage*> ImagesById(const PoseModel& poses) {
+  std::map<ImageId, const ModelImage*> image_of_id;
+  for (const ModelImage& image : poses.images) {
+    image_of_id.emplace(image.id, &image);
+  }
+  return image_of_id;
+}
+
+double Extent(const PoseModel& poses) {
+  Eigen::AlignedBox3d box;
+  for (const ModelImage& image : poses.images) {
+    box.extend(image.cam_from_world.Center());
+  }
+  return box.diagonal().norm();
+}
+
+// Throws if poses of images are not those of their sensors and frames.
+void CheckTables(const PoseModel& poses, const fs::path& folder) {
+  std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig;
+  for (const ModelRig& rig : poses.rigs) {
+    for (const ModelSensor& sensor : rig.sensors) {
+      sensor_from_rig[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
+    }
+  }
+  const auto image_of_id = ImagesById(poses);
+  const double max_distance = kMaxContradiction * Extent(poses) + 1e-12;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      const auto image = image_of_id.find(id);
+      if (image == image_of_id.end()) continue;
+      const auto sensor =
+          sensor_from_rig.find({frame.rig_id, image->second->camera_id});
+      if (sensor == sensor_from_rig.end() || !sensor->second) continue;
+      const Rigid3 pose = *sensor->second * frame.rig_from_world;
+      const Rigid3& of_image = image->second->cam_from_world;
+      const double distance = (pose.Center() - of_image.Center()).norm();
+      if (AngleBetween(pose.rotation, of_image.rotation) > kMaxContradiction ||
+          distance > max_distance) {
+        ThrowModelError(
+            folder, "the pose of image '" + image->second->name +
+                        "' is not the one of its frame " +
+                        std::to_string(frame.id.value()) +
+                        " and sensor; write the model again with the program "
+                        "that made it, or find rigs anew with --rig_name_rule "
+                        "or --rig_config_path");
+      }
+    }
+  }
+}
+
+// The tables of rigs and frames, unless they leave out an image. Images that
+// the model lacks are left out of frames.
+void AddTables(const PoseModel& poses, DatabaseContents* contents) {
+  const auto image_of_id = ImagesById(poses);
+  size_t num_images = 0;
+  for (const ModelFrame& frame : poses.frames) {
+    FrameRow row{frame.id, frame.rig_id, {}};
+    for (const ImageId id : frame.image_ids) {
+      const auto image = image_of_id.find(id);
+      if (image == image_of_id.end()) continue;
+      row.data.push_back({image->second->camera_id, id});
+    }
+    num_images += row.data.size();
+    if (!row.data.empty()) contents->frames.push_back(std::move(row));
+  }
+  if (num_images < poses.images.size()) {
+    contents->frames.clear();
+    return;
+  }
+  for (const ModelRig& rig : poses.rigs) {
+    RigRow row{rig.id, {}, {}};
+    for (const ModelSensor& sensor : rig.sensors) {
+      if (sensor.is_reference) row.ref_camera_id = sensor.camera_id;
+      row.sensors.push_back({sensor.camera_id, sensor.sensor_from_rig});
+    }
+    contents->rigs.push_back(std::move(row));
+  }
+}
+
+DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
+  DatabaseContents contents;
+  contents.path = folder.string();
+  contents.cameras = model.cameras;
+  for (Camera& camera : contents.cameras) camera.has_prior_focal_length = true;
+  for (size_t i = 0; i < model.poses.images.size(); ++i) {
+    const ModelImage& image = model.poses.images[i];
+    ImageRow row{image.id, image.name, image.camera_id, {}};
+    row.keypoints_px.reserve(model.keypoints[i].size());
+    for (const ModelKeypoint& keypoint : model.keypoints[i]) {
+      row.keypoints_px.emplace_back(keypoint.position_px.cast<float>());
+    }
+    contents.images.push_back(std::move(row));
+  }
+  AddTables(model.poses, &contents);
+  return contents;
+}
+
+// ------------------------------------------------------------------- points
+
+std::vector<Point3D> MakePoints(const Model& model) {
+  std::map<ImageId, int> image_idx_of_id;
+  for (size_t i = 0; i < model.poses.images.size(); ++i) {
+    image_idx_of_id[model.poses.images[i].id] = static_cast<int>(i);
+  }
+  std::vector<Point3D> points;
+  points.reserve(model.points.size());
+  for (const ModelPoint& from : model.points) {
+    Point3D point{from.point_in_world, from.color, from.error_px, {}};
+    for (const ModelObservation& o : from.track) {
+      point.track.push_back(
+          {image_idx_of_id.at(o.image_id), static_cast<int>(o.keypoint_idx)});
+    }
+    std::sort(point.track.begin(), point.track.end());
+    points.push_back(std::move(point));
+  }
+  return points;
+}
+
+}  // namespace
+
+ModelScene MakeModelScene(const Model& model, const fs::path& folder,
+                          const SceneLoadingOptions& options,
+                          const Context& context) {
+  if (model.poses.images.empty()) ThrowModelError(folder, "it has no image");
+  const bool has_config = !options.rig_config_path.empty();
+  if (!has_config && options.rig_name_rule == "auto") {
+    CheckTables(model.poses, folder);
+  }
+  SceneOfRows rows =
+      BuildSceneOfRows("model", MakeRows(model, folder), options, context);
+  ModelScene result{std::move(rows.scene), {}, std::move(rows.rig_source)};
+  Scene& scene = result.scene;
+  Reconstruction& reconstruction = result.reconstruction;
+  reconstruction.cameras = scene.cameras;
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    std::optional<Rigid3>& known = scene.sensors[i].sensor_from_rig;
+    reconstruction.sensor_from_rig.push_back(known);
+    if (!has_config && !scene.IsReference(static_cast<int>(i))) known.reset();
+  }
+  // Both are sorted by name.
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    MGSFM_CHECK_MSG(scene.images[i].id == model.poses.images[i].id,
+                    scene.images[i].name);
+  }
+  std::vector<std::optional<Rigid3>> cam_from_world;
+  for (const ModelImage& image : model.poses.images) {
+    cam_from_world.emplace_back(image.cam_from_world);
+  }
+  const RigPoses poses(folder, cam_from_world, scene);
+  poses.EstimateSensors(&reconstruction.sensor_from_rig);
+  reconstruction.rig_from_world =
+      poses.PlaceFrames(reconstruction.sensor_from_rig);
+  reconstruction.points = MakePoints(model);
+  return result;
+}
+
+ModelScene LoadModelScene(const fs::path& folder,
+                          const SceneLoadingOptions& options,
+                          const Context& context) {
+  return MakeModelScene(ReadModel(folder), folder, options, context);
+}
+
+}  // namespace mgsfm

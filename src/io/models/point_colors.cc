@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/models/point_colors.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "base/parallel.h"
+#include "mgsfm/base/mask.h"
+
+namespace mgsfm {
+namespace {
+
+using Rgb = Eigen::Vector3f;
+
+// As features were extracted: not turned by what EXIF says of orientation.
+// Empty if it cannot be read.
+cv::Mat ReadImage(const std::filesystem::path& path) {
+  // OpenCV would complain of each missing file on the standard error stream.
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(path, ignored)) return {};
+  return cv::imread(path.string(),
+                    cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+}
+
+// An observation of one image and where its colour goes.
+struct Sample {
+  int keypoint_idx;
+  size_t sample_idx;
+};
+
+Rgb PixelAt(const cv::Mat& bgr, int x, int y) {
+  const auto& pixel = bgr.at<cv::Vec3b>(std::clamp(y, 0, bgr.rows - 1),
+                                        std::clamp(x, 0, bgr.cols - 1));
+  return {static_cast<float>(pixel[2]), static_cast<float>(pixel[1]),
+          static_cast<float>(pixel[0])};
+}
+
+// Bilinear; the centre of the first pixel is (0.5, 0.5).
+Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
+  // Beyond the border all pixels are those of the border.
+  const float x = std::clamp(keypoint_px.x() - 0.5f, 0.0f,
+                             static_cast<float>(bgr.cols - 1));
+  const float y = std::clamp(keypoint_px.y() - 0.5f, 0.0f,
+                             static_cast<float>(bgr.rows - 1));
+  const int x0 = static_cast<int>(std::floor(x));
+  const int y0 = static_cast<int>(std::floor(y));
+  const float dx = x - static_cast<float>(x0);
+  const float dy = y - static_cast<float>(y0);
+  return (1 - dy) *
+             ((1 - dx) * PixelAt(bgr, x0, y0) + dx * PixelAt(bgr, x0 + 1, y0)) +
+         dy * ((1 - dx) * PixelAt(bgr, x0, y0 + 1) +
+               dx * PixelAt(bgr, x0 + 1, y0 + 1));
+}
+
+}  // namespace
+
+std::vector<std::string> ColorPoints(const Scene& scene,
+                                     const std::filesystem::path& image_path,
+                                     const Context& context,
+                                     Reconstruction* reconstruction) {
+  std::vector<std::vector<Sample>> samples(scene.images.size());
+  size_t num_samples = 0;
+  for (const Point3D& point : reconstruction->points) {
+    for (const Observation& o : point.track) {
+      samples[o.image_idx].push_back({o.keypoint_idx, num_samples++});
+    }
+  }
+
+  std::vector<Rgb> colors(num_samples, Rgb::Zero());
+  Mask image_was_read(scene.images.size(), true);
+  ParallelFor(
+      scene.images.size(), context.num_threads,
+      [&](size_t image_idx) {
+        if (samples[image_idx].empty()) return;
+        const Image& image = scene.images[image_idx];
+        const cv::Mat bgr = ReadImage(image_path / image.name);
+        image_was_read[image_idx] = !bgr.empty();
+        if (bgr.empty()) return;
+        for (const Sample& sample : samples[image_idx]) {
+          colors[sample.sample_idx] =
+              Interpolate(bgr, image.keypoints_px[sample.keypoint_idx]);
+        }
+      },
+      1,
+      [&](size_t num_done) {
+        context.ReportProgress("colours", num_done, scene.images.size());
+      });
+
+  size_t sample_idx = 0;
+  for (Point3D& point : reconstruction->points) {
+    Rgb sum = Rgb::Zero();
+    int count = 0;
+    for (const Observation& o : point.track) {
+      const Rgb& color = colors[sample_idx++];
+      if (!image_was_read[o.image_idx]) continue;
+      sum += color;
+      ++count;
+    }
+    if (count == 0) continue;
+    point.color =
+        (sum / static_cast<float>(count)).array().round().cast<uint8_t>();
+  }
+
+  std::vector<std::string> missing;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    if (!image_was_read[i]) missing.push_back(scene.images[i].name);
+  }
+  std::sort(missing.begin(), missing.end());
+  return missing;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/models/trajectory_io.h"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <locale>
+#include <sstream>
+#include <string>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
+
+constexpr double kRotationTolerance = 1e-3;
+
+std::ifstream Open(const std::filesystem::path& path) {
+  std::ifstream file(path);
+  if (!file) throw Error("cannot read '" + path.string() + "'");
+  return file;
+}
+
+// The finite numbers a text consists of; none if there is any other word.
+std::vector<double> ParseNumbers(const std::string& text) {
+  std::istringstream words(text);
+  std::vector<double> numbers;
+  for (std::string word; words >> word;) {
+    std::istringstream stream(word);
+    stream.imbue(std::locale::classic());
+    double number = 0.0;
+    if (!(stream >> number) || !stream.eof()) return {};
+    numbers.push_back(number);
+  }
+  return numbers;
+}
+
+[[noreturn]] void ThrowBadLine(const std::filesystem::path& path, int line,
+                               const std::string& expected) {
+  throw Error("'" + path.string() + "', line " + std::to_string(line) +
+              ": expected " + expected);
+}
+
+bool IsBlank(const std::string& line) {
+  return line.find_first_not_of(" \t\r") == std::string::npos;
+}
+
+// b_from_a of [R | t]; R is made orthogonal. False if it is no rotation.
+bool ToRigid3(const Matrix34& matrix, Rigid3* b_from_a) {
+  const Eigen::Matrix3d rotation = matrix.leftCols<3>();
+  const bool is_rotation =
+      matrix.allFinite() && rotation.determinant() > 0.0 &&
+      (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() <
+          kRotationTolerance;
+  if (!is_rotation) return false;
+  *b_from_a = {Eigen::Quaterniond(rotation).normalized(), matrix.col(3)};
+  return true;
+}
+
+}  // namespace
+
+std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
+  std::ifstream file = Open(path);
+  std::vector<Rigid3> poses;
+  std::string line;
+  for (int line_number = 1; std::getline(file, line); ++line_number) {
+    if (IsBlank(line)) continue;
+    const std::vector<double> numbers = ParseNumbers(line);
+    Rigid3 world_from_cam;
+    if (numbers.size() != 12 ||
+        !ToRigid3(Eigen::Map<const Matrix34>(numbers.data()),
+                  &world_from_cam)) {
+      ThrowBadLine(path, line_number, "a 3x4 pose matrix (12 numbers)");
+    }
+    poses.push_back(world_from_cam.Inverse());
+  }
+  return poses;
+}
+
+std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
+  std::ifstream file = Open(path);
+  std::vector<TimedPose> poses;
+  std::string line;
+  for (int line_number = 1; std::getline(file, line); ++line_number) {
+    if (IsBlank(line) || line[0] == '#') continue;
+    const std::vector<double> n = ParseNumbers(line);
+    const double norm =
+        n.size() == 8
+            ? std::sqrt(n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7])
+            : 0.0;
+    if (!(std::abs(norm - 1.0) < kRotationTolerance)) {
+      ThrowBadLine(path, line_number, "timestamp tx ty tz qx qy qz qw");
+    }
+    const Rigid3 world_from_cam{
+        Eigen::Quaterniond(n[7], n[4], n[5], n[6]).normalized(),
+        {n[1], n[2], n[3]}};
+    poses.push_back({n[0], world_from_cam.Inverse()});
+  }
+  return poses;
+}
+
+std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
+  std::ifstream file = Open(path);
+  std::vector<Rigid3> cameras;
+  std::string line;
+  for (int line_number = 1; std::getline(file, line); ++line_number) {
+    const size_t colon = line.find(':');
+    const std::vector<double> numbers = ParseNumbers(
+        colon == std::string::npos ? line : line.substr(colon + 1));
+    if (numbers.size() != 12) {
+      const bool is_camera = colon != std::string::npos && line[0] == 'P';
+      if (is_camera) ThrowBadLine(path, line_number, "12 numbers");
+      continue;
+    }
+    const Eigen::Map<const Matrix34> projection(numbers.data());
+    const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
+    if (std::abs(intrinsics.determinant()) < 1e-12) {
+      ThrowBadLine(path, line_number, "a projection matrix K [I | t]");
+    }
+    Rigid3 cam_from_cam0;
+    cam_from_cam0.translation = intrinsics.inverse() * projection.col(3);
+    cameras.push_back(cam_from_cam0);
+  }
+  if (cameras.empty()) {
+    throw Error("'" + path.string() + "' holds no 3x4 projection matrix");
+  }
+  return cameras;
+}
+
+Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
+  std::ifstream file = Open(path);
+  std::string text((std::istreambuf_iterator<char>(file)),
+                   std::istreambuf_iterator<char>());
+  size_t begin = text.find("T_BS");
+  if (begin != std::string::npos) begin = text.find("data:", begin);
+  if (begin != std::string::npos) begin = text.find('[', begin);
+  const size_t end = begin == std::string::npos ? begin : text.find(']', begin);
+  if (end == std::string::npos) {
+    throw Error("'" + path.string() + "' holds no matrix T_BS");
+  }
+  std::string data = text.substr(begin + 1, end - begin - 1);
+  for (char& c : data) {
+    if (c == ',') c = ' ';
+  }
+  const std::vector<double> numbers = ParseNumbers(data);
+  Rigid3 body_from_sensor;
+  if (numbers.size() != 16 ||
+      !ToRigid3(Eigen::Map<const Matrix34>(numbers.data()),
+                &body_from_sensor)) {
+    throw Error("'" + path.string() + "': T_BS is not a 4x4 rigid transform");
+  }
+  return body_from_sensor.Inverse();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/priors/pose_priors.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "geometry/geodetic.h"
+#include "io/database/database_rows.h"
+#include "io/database/sqlite_snapshot.h"
+#include "io/files/output_file.h"
+#include "io/priors/named_vectors.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using CoordinateSystem = PosePriorRow::CoordinateSystem;
+
+class PriorMaker {
+ public:
+  PriorMaker(const Scene& scene, const PosePriorOptions& options)
+      : scene_(scene), options_(options) {
+    rows_.resize(scene.images.size());
+  }
+
+  void TakeRows(const std::vector<PosePriorRow>& rows,
+                const std::string& database_path) {
+    source_ = "database '" + database_path + "'";
+    std::map<ImageId, int> idx_of_id;
+    for (size_t i = 0; i < scene_.images.size(); ++i) {
+      idx_of_id[scene_.images[i].id] = static_cast<int>(i);
+    }
+    for (const PosePriorRow& row : rows) {
+      // Rows left behind by an image that was deleted are harmless.
+      const auto found = idx_of_id.find(row.image_id);
+      if (found != idx_of_id.end()) rows_[found->second] = row;
+    }
+  }
+
+  void ReadLines() {
+    const std::string& path = options_.ref_images_path;
+    source_ = "'" + path + "'";
+    for (const NamedVector& line :
+         ReadNamedVectors(scene_, path, "X Y Z", "--ref_images_path")) {
+      PosePriorRow row;
+      row.coordinate_system = CoordinateSystem::kUndefined;
+      row.position = line.value;
+      row.image_id = scene_.images[line.image_idx].id;
+      rows_[line.image_idx] = row;
+    }
+  }
+
+  PositionPriors Make() {
+    PositionPriors priors;
+    priors.images.resize(scene_.images.size());
+    std::optional<bool> are_gps;
+    for (size_t i = 0; i < rows_.size(); ++i) {
+      if (!rows_[i]) continue;
+      Check(*rows_[i], static_cast<int>(i));
+      const bool is_gps = IsGps(*rows_[i]);
+      if (are_gps.value_or(is_gps) != is_gps) {
+        Throw(
+            "positions are partly WGS84, partly Cartesian; give all of one "
+            "kind");
+      }
+      are_gps = is_gps;
+      if (is_gps && !priors.origin_wgs84) {
+        priors.origin_wgs84 = rows_[i]->position;
+      }
+      priors.images[i] = PositionMeasurement{
+          is_gps ? EastNorthUp(rows_[i]->position, *priors.origin_wgs84)
+                 : rows_[i]->position,
+          CovarianceOf(*rows_[i])};
+    }
+    if (!are_gps) {
+      Throw(
+          "there are no positions of images; extract features of images with "
+          "GPS, give --ref_images_path, or leave out --use_prior_position");
+    }
+    return priors;
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error(source_ + ": " + problem);
+  }
+  void Check(const PosePriorRow& row, int image_idx) const;
+  Eigen::Matrix3d CovarianceOf(const PosePriorRow& row) const;
+
+  bool IsGps(const PosePriorRow& row) const {
+    return row.coordinate_system == CoordinateSystem::kWgs84 ||
+           (row.coordinate_system == CoordinateSystem::kUndefined &&
+            options_.ref_is_gps);
+  }
+
+  const Scene& scene_;
+  const PosePriorOptions& options_;
+  std::string source_;
+  std::vector<std::optional<PosePriorRow>> rows_;  // per image
+};
+
+void PriorMaker::Check(const PosePriorRow& row, int image_idx) const {
+  const std::string of_image =
+      " of image '" + scene_.images[image_idx].name + "'";
+  if (!row.position.allFinite()) {
+    Throw("the position" + of_image +
+          " is not finite; correct it, or delete its row");
+  }
+  if (IsGps(row) && (std::abs(row.position.x()) > 90.0 ||
+                     std::abs(row.position.y()) > 360.0)) {
+    Throw("the position" + of_image +
+          " is no latitude and longitude in degrees; if it is Cartesian, its "
+          "coordinate system must say so");
+  }
+  if (!row.covariance || options_.overwrite_priors_covariance) return;
+  const Eigen::LLT<Eigen::Matrix3d> llt(*row.covariance);
+  if (!row.covariance->allFinite() || llt.info() != Eigen::Success) {
+    Throw("the covariance of the position" + of_image +
+          " is not positive definite; correct it, or use "
+          "--overwrite_priors_covariance 1");
+  }
+}
+
+Eigen::Matrix3d PriorMaker::CovarianceOf(const PosePriorRow& row) const {
+  if (row.covariance && !options_.overwrite_priors_covariance) {
+    return *row.covariance;
+  }
+  return Eigen::Vector3d(options_.prior_position_std_x_m,
+                         options_.prior_position_std_y_m,
+                         options_.prior_position_std_z_m)
+      .cwiseAbs2()
+      .asDiagonal();
+}
+
+GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
+  GravityPriors gravity;
+  gravity.images.resize(scene.images.size());
+  const auto lines =
+      ReadNamedVectors(scene, path, "GX GY GZ", "--gravity_path");
+  if (lines.empty()) {
+    throw Error("'" + path +
+                "': there is no line 'image_name GX GY GZ'; give some, or "
+                "leave out --gravity_path");
+  }
+  for (const NamedVector& line : lines) {
+    if (!line.value.allFinite() || line.value.isZero(0.0)) {
+      throw Error("'" + path + "': line " + std::to_string(line.line_number) +
+                  " has no direction of gravity for image '" +
+                  scene.images[line.image_idx].name +
+                  "'; numbers must be finite and not all zero");
+    }
+    gravity.images[line.image_idx] = line.value.stableNormalized();
+  }
+  return gravity;
+}
+
+// Those that are not finite are COLMAP's for none.
+GravityPriors ReadGravityColumn(const Scene& scene,
+                                const std::string& database_path) {
+  GravityPriors gravity;
+  gravity.images.resize(scene.images.size());
+  std::map<ImageId, size_t> idx_of_id;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    idx_of_id[scene.images[i].id] = i;
+  }
+  const SqliteSnapshot snapshot(database_path);
+  const std::string query = PriorGravityQuery(snapshot.database());
+  if (query.empty()) return gravity;
+  SqliteStatement row = snapshot.database().Prepare(query);
+  while (row.Step()) {
+    const auto found =
+        idx_of_id.find(ImageId(static_cast<uint32_t>(row.Int(0))));
+    const auto value = DecodeVector3(row.Blob(1));
+    if (found == idx_of_id.end() || !value || !value->allFinite()) continue;
+    if (value->isZero(0.0)) {
+      throw Error("database '" + database_path + "': the gravity of image '" +
+                  scene.images[found->second].name +
+                  "' is zero; correct it, or delete its row");
+    }
+    gravity.images[found->second] = value->stableNormalized();
+  }
+  snapshot.CheckUnchanged();
+  return gravity;
+}
+
+}  // namespace
+
+PositionPriors MakePositionPriors(const Scene& scene,
+                                  const std::vector<PosePriorRow>& rows,
+                                  const std::string& database_path,
+                                  const PosePriorOptions& options) {
+  if (!options.AreUsed()) return {};
+  PriorMaker maker(scene, options);
+  if (options.ref_images_path.empty()) {
+    maker.TakeRows(rows, database_path);
+  } else {
+    maker.ReadLines();
+  }
+  return maker.Make();
+}
+
+PositionPriors ReadPositionPriors(const Scene& scene,
+                                  const std::string& database_path,
+                                  const PosePriorOptions& options) {
+  std::vector<PosePriorRow> rows;
+  if (options.AreUsed() && options.ref_images_path.empty()) {
+    const SqliteSnapshot snapshot(database_path);
+    if (snapshot.database().HasTable("pose_priors")) {
+      SqliteStatement row =
+          snapshot.database().Prepare(PosePriorQuery(snapshot.database()));
+      while (row.Step()) rows.push_back(DecodePosePrior(row));
+    }
+    snapshot.CheckUnchanged();
+  }
+  return MakePositionPriors(scene, rows, database_path, options);
+}
+
+GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
+                          const PosePriorOptions& options) {
+  if (!options.gravity_path.empty()) {
+    return ReadGravityFile(scene, options.gravity_path);
+  }
+  if (!options.use_prior_gravity) return {};
+  GravityPriors gravity = ReadGravityColumn(scene, database_path);
+  if (std::none_of(gravity.images.begin(), gravity.images.end(),
+                   [](const auto& g) { return g.has_value(); })) {
+    throw Error("database '" + database_path +
+                "': there are no directions of gravity; give --gravity_path, "
+                "or leave out --use_prior_gravity");
+  }
+  return gravity;
+}
+
+void WriteGeoOrigin(const std::string& path,
+                    const Eigen::Vector3d& origin_wgs84) {
+  const nlohmann::ordered_json json = {{"latitude_deg", origin_wgs84.x()},
+                                       {"longitude_deg", origin_wgs84.y()},
+                                       {"altitude_m", origin_wgs84.z()}};
+  WriteFile(path, json.dump(2) + "\n");
+}
+
+void WriteGravity(const std::string& path, const Scene& scene,
+                  const GravityPriors& gravity) {
+  std::string text;
+  for (size_t i = 0; i < gravity.images.size(); ++i) {
+    if (!gravity.images[i]) continue;
+    text += scene.images[i].name;
+    for (const double value : *gravity.images[i]) {
+      char number[32];
+      std::snprintf(number, sizeof(number), " %.17g", value);
+      text += number;
+    }
+    text += "\n";
+  }
+  WriteFile(path, text);
+}
+
+std::vector<PosePriorRow> MakePosePriorRows(const Scene& scene,
+                                            const PositionPriors& priors) {
+  std::vector<PosePriorRow> rows;
+  for (size_t i = 0; i < priors.images.size(); ++i) {
+    if (!priors.images[i]) continue;
+    rows.push_back({scene.images[i].id, CoordinateSystem::kCartesian,
+                    priors.images[i]->position, priors.images[i]->covariance});
+  }
+  return rows;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/rigs/image_timestamps.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <utility>
+#include <vector>
+
+#include "io/files/output_file.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr char kBlanks[] = " \t\r";
+
+bool IsDigit(char c) {
+  return std::isdigit(static_cast<unsigned char>(c)) != 0;
+}
+
+// Without leading zeros.
+std::string NumberAt(const std::string& text, size_t* position) {
+  const size_t begin = *position;
+  while (*position < text.size() && IsDigit(text[*position])) ++*position;
+  const std::string digits = text.substr(begin, *position - begin);
+  return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
+}
+
+// "2.png" comes before "10.png".
+bool IsNameBefore(const std::string& a, const std::string& b) {
+  size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (IsDigit(a[i]) && IsDigit(b[j])) {
+      const std::string number_a = NumberAt(a, &i), number_b = NumberAt(b, &j);
+      if (number_a.size() != number_b.size()) {
+        return number_a.size() < number_b.size();
+      }
+      if (number_a != number_b) return number_a < number_b;
+    } else {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i, ++j;
+    }
+  }
+  return a.size() - i < b.size() - j;
+}
+
+class TimestampReader {
+ public:
+  TimestampReader(const std::filesystem::path& path, Scene* scene)
+      : path_(path), scene_(*scene) {
+    for (size_t i = 0; i < scene_.images.size(); ++i) {
+      idx_of_name_[scene_.images[i].name] = static_cast<int>(i);
+      scene_.images[i].timestamp_s.reset();
+    }
+  }
+
+  void Read() {
+    std::ifstream file(path_);
+    if (!file) Throw("cannot be read; check --image_timestamps_path");
+    std::string line;
+    for (int number = 1; std::getline(file, line); ++number) {
+      const size_t begin = line.find_first_not_of(kBlanks);
+      if (begin == std::string::npos || line[begin] == '#') continue;
+      line = line.substr(begin, line.find_last_not_of(kBlanks) + 1 - begin);
+      TakeLine(line, "line " + std::to_string(number));
+    }
+  }
+
+  void Check() const {
+    for (const Image& image : scene_.images) {
+      if (image.timestamp_s) continue;
+      Throw("has no time for image '" + image.name +
+            "'; add a line 'image_name SECONDS'");
+    }
+    for (size_t r = 0; r < scene_.rigs.size(); ++r) {
+      CheckOrder(static_cast<int>(r));
+    }
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error("'" + path_.string() + "' " + problem);
+  }
+  void TakeLine(const std::string& line, const std::string& where);
+  void CheckOrder(int rig_idx) const;
+
+  const std::filesystem::path path_;
+  Scene& scene_;
+  std::map<std::string, int> idx_of_name_;
+};
+
+// Names may have blanks: the last word is the time.
+void TimestampReader::TakeLine(const std::string& line,
+                               const std::string& where) {
+  const size_t blank = line.find_last_of(kBlanks);
+  if (blank == std::string::npos) {
+    Throw(where + " is not 'image_name SECONDS'");
+  }
+  const std::string word = line.substr(blank + 1);
+  const std::string name =
+      line.substr(0, line.find_last_not_of(kBlanks, blank) + 1);
+  char* rest = nullptr;
+  const double time_s = std::strtod(word.c_str(), &rest);
+  if (rest == word.c_str() || *rest != '\0' || !std::isfinite(time_s)) {
+    Throw(where + " has '" + word + "' as the time of '" + name +
+          "'; give a finite number of seconds");
+  }
+  const auto found = idx_of_name_.find(name);
+  if (found == idx_of_name_.end()) {
+    Throw(where + " names the image '" + name +
+          "', which the database does not have; delete the line, or correct "
+          "the name");
+  }
+  std::optional<double>& timestamp_s = scene_.images[found->second].timestamp_s;
+  if (timestamp_s) {
+    Throw(where + " names '" + name + "' again; delete one of the lines");
+  }
+  timestamp_s = time_s;
+}
+
+void TimestampReader::CheckOrder(int rig_idx) const {
+  std::vector<int> frame_idxs;
+  for (size_t i = 0; i < scene_.frames.size(); ++i) {
+    if (scene_.frames[i].rig_idx == rig_idx) {
+      frame_idxs.push_back(static_cast<int>(i));
+    }
+  }
+  const auto name_of = [&](int frame_idx) -> const std::string& {
+    return scene_.frames[frame_idx].name;
+  };
+  std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
+    return IsNameBefore(name_of(a), name_of(b));
+  });
+  const auto image_name = [&](int frame_idx) {
+    return "'" + scene_.images[scene_.frames[frame_idx].image_idxs[0]].name +
+           "'";
+  };
+  for (size_t k = 1; k < frame_idxs.size(); ++k) {
+    const int before = frame_idxs[k - 1], after = frame_idxs[k];
+    if (TimeOfFrame(scene_, before) < TimeOfFrame(scene_, after)) continue;
+    Throw("has the frame of image " + image_name(after) +
+          " not later than that of " + image_name(before) +
+          ", which is before it by its name; correct the times, or name "
+          "images in the order in which they were taken");
+  }
+}
+
+}  // namespace
+
+void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene) {
+  TimestampReader reader(path, scene);
+  reader.Read();
+  reader.Check();
+}
+
+void WriteImageTimestamps(const std::filesystem::path& path,
+                          const Scene& scene) {
+  std::string lines = "# image_name SECONDS\n";
+  for (const Image& image : scene.images) {
+    if (!image.timestamp_s) continue;
+    char time_s[32];
+    std::snprintf(time_s, sizeof(time_s), " %.9f\n", *image.timestamp_s);
+    lines += image.name + time_s;
+  }
+  WriteFile(path, lines);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,353 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/io/rigs/rig_config.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "geometry/so3.h"
+#include "io/files/output_file.h"
+#include "io/rigs/rig_inference.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/io/models/model_scene.h"
+
+namespace mgsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kCameras = "cameras";
+constexpr const char* kPrefix = "image_prefix";
+constexpr const char* kReference = "ref_sensor";
+constexpr const char* kRotation = "cam_from_rig_rotation";
+constexpr const char* kTranslation = "cam_from_rig_translation";
+constexpr const char* kModel = "camera_model_name";
+constexpr const char* kParams = "camera_params";
+
+// Reads one object of the file; messages say where it is.
+class ObjectReader {
+ public:
+  ObjectReader(const Json& json, const std::string& path,
+               const std::string& where)
+      : json_(json), path_(path), where_(where) {
+    if (!json.is_object()) Throw("is not an object");
+  }
+
+  [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error("rig configuration '" + path_ + "': " + where_ + " " + problem);
+  }
+
+  void CheckKeys(const std::vector<std::string>& known) const {
+    for (const auto& [key, value] : json_.items()) {
+      if (std::find(known.begin(), known.end(), key) == known.end()) {
+        Throw("has the unknown key '" + key + "'");
+      }
+    }
+  }
+  bool Has(const std::string& key) const { return json_.contains(key); }
+
+  std::string Text(const std::string& key) const {
+    if (!Has(key) || !json_[key].is_string()) {
+      Throw("needs '" + key + "', a text");
+    }
+    return json_[key].get<std::string>();
+  }
+  bool Flag(const std::string& key) const {
+    if (!Has(key)) return false;
+    if (!json_[key].is_boolean()) Throw("needs '" + key + "' true or false");
+    return json_[key].get<bool>();
+  }
+  std::vector<double> Numbers(const std::string& key, size_t size) const {
+    const bool is_array = Has(key) && json_[key].is_array();
+    std::vector<double> numbers;
+    if (is_array) {
+      for (const Json& number : json_[key]) {
+        if (number.is_number()) numbers.push_back(number.get<double>());
+      }
+    }
+    if (!is_array || numbers.size() != json_[key].size() ||
+        numbers.size() != size) {
+      Throw("needs '" + key + "', an array of " + std::to_string(size) +
+            " numbers");
+    }
+    return numbers;
+  }
+  // Both keys or none.
+  bool HasBoth(const std::string& a, const std::string& b) const {
+    if (Has(a) != Has(b)) {
+      Throw("has only one of '" + a + "' and '" + b + "'");
+    }
+    return Has(a);
+  }
+
+ private:
+  const Json& json_;
+  const std::string& path_;
+  std::string where_;
+};
+
+Rigid3 ReadPose(const ObjectReader& object) {
+  const std::vector<double> q = object.Numbers(kRotation, 4);
+  const std::vector<double> t = object.Numbers(kTranslation, 3);
+  Rigid3 pose;
+  pose.rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
+  pose.translation = Eigen::Vector3d(t[0], t[1], t[2]);
+  if (!(pose.rotation.norm() > 0.0)) {
+    object.Throw(std::string("has a '") + kRotation + "' of length zero");
+  }
+  pose.rotation = ToUnitQuaternion(pose.rotation);
+  return pose;
+}
+
+RigConfigCamera ReadCamera(const ObjectReader& object) {
+  object.CheckKeys(
+      {kPrefix, kReference, kRotation, kTranslation, kModel, kParams});
+  RigConfigCamera camera;
+  camera.image_prefix = object.Text(kPrefix);
+  camera.is_reference = object.Flag(kReference);
+  if (camera.is_reference) camera.cam_from_rig = Rigid3();
+  if (object.HasBoth(kRotation, kTranslation)) {
+    if (camera.is_reference) {
+      object.Throw("is the reference sensor, so it must not have a pose");
+    }
+    camera.cam_from_rig = ReadPose(object);
+  }
+  if (object.HasBoth(kModel, kParams)) {
+    const std::string name = object.Text(kModel);
+    const CameraModelInfo* model = FindCameraModel(name);
+    if (model == nullptr) {
+      object.Throw("has the unknown camera model '" + name + "'");
+    }
+    camera.camera_model = model->id;
+    camera.camera_params =
+        object.Numbers(kParams, static_cast<size_t>(model->num_params));
+  }
+  return camera;
+}
+
+RigConfig ReadRig(const Json& json, const std::string& path,
+                  const std::string& where) {
+  const ObjectReader object(json, path, where);
+  object.CheckKeys({kCameras});
+  if (!object.Has(kCameras) || !json[kCameras].is_array() ||
+      json[kCameras].empty()) {
+    object.Throw("needs 'cameras', an array of cameras");
+  }
+  RigConfig rig;
+  for (const Json& camera : json[kCameras]) {
+    const std::string camera_where =
+        "camera " + std::to_string(rig.cameras.size() + 1) + " of " + where;
+    rig.cameras.push_back(ReadCamera(ObjectReader(camera, path, camera_where)));
+  }
+  const auto num_references = std::count_if(
+      rig.cameras.begin(), rig.cameras.end(),
+      [](const RigConfigCamera& camera) { return camera.is_reference; });
+  if (num_references != 1) {
+    object.Throw("has " + std::to_string(num_references) +
+                 " cameras with \"ref_sensor\": true; it needs one");
+  }
+  return rig;
+}
+
+Json CameraToJson(const RigConfigCamera& camera) {
+  Json json;
+  json[kPrefix] = camera.image_prefix;
+  if (camera.is_reference) json[kReference] = true;
+  if (camera.cam_from_rig && !camera.is_reference) {
+    const Eigen::Quaterniond& q = camera.cam_from_rig->rotation;
+    const Eigen::Vector3d& t = camera.cam_from_rig->translation;
+    json[kRotation] = {q.w(), q.x(), q.y(), q.z()};
+    json[kTranslation] = {t.x(), t.y(), t.z()};
+  }
+  if (camera.camera_model) {
+    json[kModel] = std::string(
+        FindCameraModel(static_cast<int32_t>(*camera.camera_model))->name);
+    json[kParams] = camera.camera_params;
+  }
+  return json;
+}
+
+// The images of one rig in one outer folder, such as seq1 of seq1/cam0/0.jpg.
+struct PrefixGroup {
+  std::vector<int> image_idxs;
+  std::map<int, std::string> prefix_of_sensor;
+  bool is_valid = true;
+};
+
+// Where the name of an image changes from the sensor's prefix to the frame's
+// part; `outer` is what precedes the sensor's own name.
+std::string ImagePrefix(const Image& image, const std::string& sensor_name,
+                        std::string* outer) {
+  *outer = "";
+  if (const auto begin = FindSensorName(image.name, sensor_name)) {
+    const size_t end = *begin + sensor_name.size();
+    *outer = image.name.substr(0, *begin);
+    const bool is_folder = end > *begin && image.name[end] == '/';
+    return image.name.substr(0, is_folder ? end + 1 : end);
+  }
+  const size_t slash = image.name.rfind('/');
+  return slash == std::string::npos ? "" : image.name.substr(0, slash + 1);
+}
+
+// By outer folder.
+std::map<std::string, PrefixGroup> GroupImages(const Scene& scene,
+                                               int rig_idx) {
+  std::map<std::string, PrefixGroup> groups;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    const Sensor& sensor = scene.sensors[image.sensor_idx];
+    if (sensor.rig_idx != rig_idx) continue;
+    std::string outer;
+    const std::string prefix = ImagePrefix(image, sensor.name, &outer);
+    PrefixGroup& group = groups[outer];
+    group.image_idxs.push_back(static_cast<int>(i));
+    const auto [known, is_new] =
+        group.prefix_of_sensor.emplace(image.sensor_idx, prefix);
+    if (!is_new && known->second != prefix) group.is_valid = false;
+  }
+  return groups;
+}
+
+// Whether a reader finds the same sensors and frames by the prefixes.
+bool IsFaithful(const Scene& scene, const PrefixGroup& group) {
+  if (!group.is_valid) return false;
+  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
+    for (const Image& image : scene.images) {
+      const bool has_prefix = image.name.compare(0, prefix.size(), prefix) == 0;
+      if (has_prefix && image.sensor_idx != sensor_idx) return false;
+    }
+  }
+  std::map<std::string, int> frame_of_key;
+  std::map<int, std::string> key_of_frame;
+  for (const int image_idx : group.image_idxs) {
+    const Image& image = scene.images[image_idx];
+    const std::string key =
+        image.name.substr(group.prefix_of_sensor.at(image.sensor_idx).size());
+    const auto frame = frame_of_key.emplace(key, image.frame_idx).first;
+    const auto known_key = key_of_frame.emplace(image.frame_idx, key).first;
+    if (frame->second != image.frame_idx || known_key->second != key) {
+      return false;
+    }
+  }
+  return true;
+}
+
+// The rig's reference, if it has images here, else the first sensor that has a
+// pose to which the others can be related.
+int ChooseReference(const Scene& scene, const Reconstruction& reconstruction,
+                    const PrefixGroup& group) {
+  int chosen = -1;
+  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
+    if (scene.IsReference(sensor_idx)) return sensor_idx;
+    const bool has_pose =
+        reconstruction.sensor_from_rig[sensor_idx].has_value();
+    if (chosen < 0 ||
+        (has_pose && !reconstruction.sensor_from_rig[chosen].has_value())) {
+      chosen = sensor_idx;
+    }
+  }
+  return chosen;
+}
+
+RigConfig MakeRigConfig(const Scene& scene,
+                        const Reconstruction& reconstruction,
+                        const PrefixGroup& group) {
+  const int ref_sensor_idx = ChooseReference(scene, reconstruction, group);
+  const auto& ref_from_rig = reconstruction.sensor_from_rig[ref_sensor_idx];
+  RigConfig rig;
+  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
+    RigConfigCamera config;
+    config.image_prefix = prefix;
+    config.is_reference = sensor_idx == ref_sensor_idx;
+    const auto& sensor_from_rig = reconstruction.sensor_from_rig[sensor_idx];
+    if (config.is_reference) {
+      config.cam_from_rig = Rigid3();
+    } else if (scene.IsReference(ref_sensor_idx)) {
+      config.cam_from_rig = sensor_from_rig;
+    } else if (sensor_from_rig && ref_from_rig) {
+      config.cam_from_rig = *sensor_from_rig * ref_from_rig->Inverse();
+    }
+    const Camera& camera =
+        reconstruction.cameras[scene.sensors[sensor_idx].camera_idx];
+    config.camera_model = camera.model;
+    config.camera_params = camera.params;
+    rig.cameras.push_back(std::move(config));
+  }
+  return rig;
+}
+
+}  // namespace
+
+std::vector<RigConfig> ReadRigConfig(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) {
+    throw Error("rig configuration '" + path +
+                "' cannot be read; check the path");
+  }
+  Json json;
+  try {
+    json = Json::parse(file);
+  } catch (const Json::exception& error) {
+    // Without the name of the exception, "[json.exception.parse_error.101] ".
+    const std::string what = error.what();
+    const size_t bracket = what.find("] ");
+    throw Error("rig configuration '" + path + "' is not valid JSON: " +
+                what.substr(bracket == std::string::npos ? 0 : bracket + 2));
+  }
+  if (!json.is_array() || json.empty()) {
+    throw Error("rig configuration '" + path + "' is not an array of rigs");
+  }
+  std::vector<RigConfig> rigs;
+  for (const Json& rig : json) {
+    rigs.push_back(
+        ReadRig(rig, path, "rig " + std::to_string(rigs.size() + 1)));
+  }
+  return rigs;
+}
+
+void WriteRigConfig(const std::string& path,
+                    const std::vector<RigConfig>& rigs) {
+  Json json = Json::array();
+  for (const RigConfig& rig : rigs) {
+    Json cameras = Json::array();
+    for (const RigConfigCamera& camera : rig.cameras) {
+      cameras.push_back(CameraToJson(camera));
+    }
+    json.push_back({{kCameras, cameras}});
+  }
+  WriteFile(path, json.dump(2) + '\n');
+}
+
+std::vector<RigConfig> MakeRigConfigs(const Scene& scene,
+                                      const Reconstruction& reconstruction) {
+  std::vector<RigConfig> rigs;
+  for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
+    for (const auto& [outer, group] :
+         GroupImages(scene, static_cast<int>(rig_idx))) {
+      if (IsFaithful(scene, group)) {
+        rigs.push_back(MakeRigConfig(scene, reconstruction, group));
+      }
+    }
+  }
+  return rigs;
+}
+
+void WriteRigConfig(const std::string& path, const Scene& scene,
+                    const Reconstruction& reconstruction) {
+  WriteRigConfig(path, MakeRigConfigs(scene, reconstruction));
+}
+
+std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
+                                            const Context& context) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return ReadRigConfig(path);
+  const fs::path config = fs::path(path) / "rig_config.json";
+  if (fs::exists(config)) return ReadRigConfig(config.string());
+  const ModelScene model = LoadModelScene(path, {}, context);
+  return MakeRigConfigs(model.scene, model.reconstruction);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/io/rigs/rig_config.h"
+
+namespace mgsfm {
+
+// What rigs are found in: the rows of a database or model, images by name.
+struct RigInput {
+  std::string kind;  // "database" or "model", for messages
+  DatabaseContents contents;
+  std::vector<int> camera_of_image;  // position in contents.cameras
+
+  const Camera& CameraOf(int image) const {
+    return contents.cameras[camera_of_image[image]];
+  }
+  std::string Name() const { return kind + " '" + contents.path + "'"; }
+};
+
+// Which sensor took each image, and in which frame: the common result of all
+// sources of rigs. Sensors may be without images; a rig may be without
+// reference. Images are positions in RigInput.
+struct RigAssignment {
+  struct Sensor {
+    int rig = 0;
+    std::string name;
+    bool is_reference = false;
+    std::optional<Rigid3> sensor_from_rig;
+    // Replaces the intrinsics in the input.
+    std::optional<CameraModelId> camera_model;
+    std::vector<double> camera_params;
+  };
+  struct Frame {
+    int rig = 0;
+    std::string name;
+    std::optional<FrameId> id;
+  };
+  std::vector<std::optional<RigId>> rig_ids;  // per rig
+  std::vector<Sensor> sensors;
+  std::vector<Frame> frames;
+  std::vector<int> sensor_of_image;
+  std::vector<int> frame_of_image;
+  std::string source;  // in words
+};
+
+// What the name of an image tells. Images with equal `sensor` are of one
+// sensor, with equal `frame` of one frame.
+struct ImageKeys {
+  std::string sensor;
+  std::string frame;
+  std::string sensor_name;
+  std::string frame_name;
+};
+
+// The four sources, see scene_loading.h. Tables are trivial, and nullopt, if
+// they only repeat cameras and images.
+RigAssignment AssignByConfig(const RigInput& input,
+                             const std::vector<RigConfig>& rigs,
+                             const std::string& path);
+RigAssignment AssignByRule(const RigInput& input, const std::string& rule);
+std::optional<RigAssignment> AssignByTables(const RigInput& input);
+RigAssignment AssignByFolders(const RigInput& input);
+
+// Sensors that share frames, directly or through others, make a rig; images of
+// sensors that share none are single.
+RigAssignment AssignByKeys(const RigInput& input,
+                           const std::vector<ImageKeys>& keys);
+
+// Adds the images as single: a rig for each camera, a frame for each image.
+void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
+                        RigAssignment* assignment);
+
+bool HaveEqualIntrinsics(const Camera& a, const Camera& b);
+
+// "a/b/c.jpg" -> {"a", "b", "c.jpg"}; "c.x.jpg" -> "c.x".
+std::vector<std::string> SplitPath(const std::string& name);
+std::string WithoutExtension(const std::string& name);
+
+// Where the folder or folders `sensor_name` begin in the name of an image, as
+// whole components, or 0 if the name starts with them in any way.
+std::optional<size_t> FindSensorName(const std::string& image_name,
+                                     const std::string& sensor_name);
+
+// What is left of the name of an image for its frame: all but the sensor's name
+// and the extension.
+std::string NameWithoutSensor(const std::string& image_name,
+                              const std::string& sensor_name);
+
+}  // namespace mgsfm

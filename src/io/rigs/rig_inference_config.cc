@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <map>
+
+#include "io/rigs/rig_inference.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
+
+namespace mgsfm {
+namespace {
+
+bool StartsWith(const std::string& text, const std::string& prefix) {
+  return text.compare(0, prefix.size(), prefix) == 0;
+}
+
+void AddRigs(const std::vector<RigConfig>& rigs, RigAssignment* assignment) {
+  assignment->rig_ids.resize(rigs.size());
+  for (size_t rig = 0; rig < rigs.size(); ++rig) {
+    for (const RigConfigCamera& camera : rigs[rig].cameras) {
+      RigAssignment::Sensor sensor;
+      sensor.rig = static_cast<int>(rig);
+      sensor.name = camera.image_prefix;
+      if (!sensor.name.empty() && sensor.name.back() == '/') {
+        sensor.name.pop_back();
+      }
+      sensor.is_reference = camera.is_reference;
+      sensor.sensor_from_rig = camera.cam_from_rig;
+      sensor.camera_model = camera.camera_model;
+      sensor.camera_params = camera.camera_params;
+      assignment->sensors.push_back(std::move(sensor));
+    }
+  }
+}
+
+[[noreturn]] void ThrowTwoPrefixes(const std::string& path,
+                                   const std::string& image_name,
+                                   const std::string& prefix1,
+                                   const std::string& prefix2) {
+  throw Error("rig configuration '" + path + "': image '" + image_name +
+              "' starts with both prefixes '" + prefix1 + "' and '" + prefix2 +
+              "'; end prefixes that are folders with '/'");
+}
+
+// The sensor whose prefix the image has; nullopt if none.
+std::optional<int> FindSensor(const std::string& image_name,
+                              const std::vector<std::string>& prefixes,
+                              const std::string& path) {
+  std::optional<int> found;
+  for (size_t i = 0; i < prefixes.size(); ++i) {
+    if (!StartsWith(image_name, prefixes[i])) continue;
+    if (found) {
+      ThrowTwoPrefixes(path, image_name, prefixes[*found], prefixes[i]);
+    }
+    found = static_cast<int>(i);
+  }
+  return found;
+}
+
+}  // namespace
+
+RigAssignment AssignByConfig(const RigInput& input,
+                             const std::vector<RigConfig>& rigs,
+                             const std::string& path) {
+  RigAssignment assignment;
+  assignment.source = "rig configuration '" + path + "'";
+  AddRigs(rigs, &assignment);
+  std::vector<std::string> prefixes;
+  for (const RigConfig& rig : rigs) {
+    for (const RigConfigCamera& camera : rig.cameras) {
+      prefixes.push_back(camera.image_prefix);
+    }
+  }
+  const std::vector<ImageRow>& images = input.contents.images;
+  assignment.sensor_of_image.resize(images.size());
+  assignment.frame_of_image.resize(images.size());
+  std::map<std::pair<int, std::string>, int> frames;
+  Mask has_images(prefixes.size(), false);
+  std::vector<int> single_images;
+  for (size_t i = 0; i < images.size(); ++i) {
+    const std::string& name = images[i].name;
+    const std::optional<int> sensor = FindSensor(name, prefixes, path);
+    if (!sensor) {
+      single_images.push_back(static_cast<int>(i));
+      continue;
+    }
+    has_images[*sensor] = 1;
+    const std::string& prefix = prefixes[*sensor];
+    const std::string key =
+        prefix.empty() ? name : name.substr(name.rfind(prefix) + prefix.size());
+    const int rig = assignment.sensors[*sensor].rig;
+    const auto [frame, is_new] = frames.emplace(
+        std::make_pair(rig, key), static_cast<int>(assignment.frames.size()));
+    if (is_new) assignment.frames.push_back({rig, WithoutExtension(key), {}});
+    assignment.sensor_of_image[i] = *sensor;
+    assignment.frame_of_image[i] = frame->second;
+  }
+  for (size_t i = 0; i < prefixes.size(); ++i) {
+    if (has_images[i] == 0) {
+      throw Error("rig configuration '" + path + "': no image of " +
+                  input.Name() + " starts with the prefix '" + prefixes[i] +
+                  "'");
+    }
+  }
+  AssignSingleImages(input, single_images, &assignment);
+  return assignment;
+}
+
+}  // namespace mgsfm

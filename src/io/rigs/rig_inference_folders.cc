@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cctype>
+#include <map>
+#include <set>
+
+#include "io/rigs/rig_inference.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// Another level must give so many fewer images in shared frames to be beaten.
+constexpr double kMinSharedRatio = 1.1;
+
+struct Name {
+  std::vector<std::string> folders;
+  std::string file;
+};
+
+// A level of folders, taken for what tells the cameras apart.
+struct Level {
+  size_t position = 0;    // in Name::folders
+  size_t num_shared = 0;  // images in frames with another image
+  bool is_called_like_cameras = false;
+  bool has_one_camera_per_folder = false;
+};
+
+// The names without extensions, if that leaves them different.
+std::vector<Name> SplitNames(const RigInput& input) {
+  std::set<std::string> stems;
+  for (const ImageRow& image : input.contents.images) {
+    stems.insert(WithoutExtension(image.name));
+  }
+  const bool drop_extensions = stems.size() == input.contents.images.size();
+  std::vector<Name> names;
+  for (const ImageRow& image : input.contents.images) {
+    Name name;
+    name.folders =
+        SplitPath(drop_extensions ? WithoutExtension(image.name) : image.name);
+    name.file = name.folders.back();
+    name.folders.pop_back();
+    names.push_back(std::move(name));
+  }
+  return names;
+}
+
+std::string NameWithoutLevel(const Name& name, size_t level) {
+  std::string rest;
+  for (size_t i = 0; i < name.folders.size(); ++i) {
+    if (i != level) rest += name.folders[i] + "/";
+  }
+  return rest + name.file;
+}
+
+std::string FolderPath(const Name& name) {
+  std::string path;
+  for (const std::string& folder : name.folders) {
+    path += (path.empty() ? "" : "/") + folder;
+  }
+  return path;
+}
+
+bool IsCalledLikeCamera(std::string folder) {
+  std::transform(folder.begin(), folder.end(), folder.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  constexpr const char* kWords[] = {"cam",  "image", "left", "right",
+                                    "lens", "front", "rear", "back"};
+  return std::any_of(
+      std::begin(kWords), std::end(kWords),
+      [&](const char* word) { return folder.find(word) != std::string::npos; });
+}
+
+// What speaks for the level; nullopt if all its folders are the same.
+std::optional<Level> RateLevel(const RigInput& input,
+                               const std::vector<Name>& names,
+                               const std::vector<int>& images, size_t level) {
+  std::map<std::string, int> first_image_of_folder;
+  std::map<std::string, size_t> frame_sizes;
+  Level rated;
+  rated.position = level;
+  rated.has_one_camera_per_folder = true;
+  for (const int image : images) {
+    const int first =
+        first_image_of_folder.emplace(names[image].folders[level], image)
+            .first->second;
+    rated.has_one_camera_per_folder &=
+        HaveEqualIntrinsics(input.CameraOf(first), input.CameraOf(image));
+    ++frame_sizes[NameWithoutLevel(names[image], level)];
+  }
+  if (first_image_of_folder.size() < 2) return std::nullopt;
+  for (const auto& [frame, size] : frame_sizes) {
+    if (size > 1) rated.num_shared += size;
+  }
+  const auto num_called = std::count_if(
+      first_image_of_folder.begin(), first_image_of_folder.end(),
+      [](const auto& entry) { return IsCalledLikeCamera(entry.first); });
+  rated.is_called_like_cameras =
+      2 * static_cast<size_t>(num_called) > first_image_of_folder.size();
+  return rated;
+}
+
+// Keeps the levels with the property, if any has it.
+template <class Predicate>
+void Prefer(const Predicate& has_property, std::vector<Level>* levels) {
+  if (std::none_of(levels->begin(), levels->end(), has_property)) return;
+  levels->erase(
+      std::remove_if(levels->begin(), levels->end(),
+                     [&](const Level& level) { return !has_property(level); }),
+      levels->end());
+}
+
+// The level that tells the cameras apart, of images whose names are equally
+// deep; nullopt if no frame would have two images.
+std::optional<Level> ChooseLevel(const RigInput& input,
+                                 const std::vector<Name>& names,
+                                 const std::vector<int>& images) {
+  std::vector<Level> levels;
+  const size_t depth = names[images.front()].folders.size();
+  size_t max_num_shared = 0;
+  for (size_t i = 0; i < depth; ++i) {
+    const auto level = RateLevel(input, names, images, i);
+    if (level && level->num_shared > 0) levels.push_back(*level);
+  }
+  if (levels.empty()) return std::nullopt;
+  Prefer([](const Level& l) { return l.is_called_like_cameras; }, &levels);
+  for (const Level& level : levels) {
+    max_num_shared = std::max(max_num_shared, level.num_shared);
+  }
+  Prefer(
+      [&](const Level& l) {
+        return kMinSharedRatio * static_cast<double>(l.num_shared) >
+               static_cast<double>(max_num_shared);
+      },
+      &levels);
+  Prefer([](const Level& l) { return l.has_one_camera_per_folder; }, &levels);
+  if (levels.size() == 1) return levels.front();
+  const std::string& name = input.contents.images[images.front()].name;
+  const Name& example = names[images.front()];
+  throw Error(input.Name() + ": image names do not tell whether '" +
+              example.folders[levels[0].position] + "' or '" +
+              example.folders[levels[1].position] + "' of '" + name +
+              "' is the camera of a rig; say so with --rig_name_rule or "
+              "--rig_config_path");
+}
+
+}  // namespace
+
+RigAssignment AssignByFolders(const RigInput& input) {
+  const std::vector<Name> names = SplitNames(input);
+  std::map<size_t, std::vector<int>> images_of_depth;
+  for (size_t i = 0; i < names.size(); ++i) {
+    images_of_depth[names[i].folders.size()].push_back(static_cast<int>(i));
+  }
+  std::vector<ImageKeys> keys(names.size());
+  for (const auto& [depth, images] : images_of_depth) {
+    const auto level = ChooseLevel(input, names, images);
+    for (const int image : images) {
+      const Name& name = names[image];
+      ImageKeys& key = keys[image];
+      // Without cameras of one name in all outer folders, these hold different
+      // rigs; they share no frames.
+      key.sensor_name = level && level->has_one_camera_per_folder
+                            ? name.folders[level->position]
+                            : FolderPath(name);
+      key.frame_name = level ? NameWithoutLevel(name, level->position)
+                             : input.contents.images[image].name;
+      const std::string prefix = std::to_string(depth) + "/";
+      key.sensor = prefix + key.sensor_name;
+      key.frame = prefix + key.frame_name;
+    }
+  }
+  RigAssignment assignment = AssignByKeys(input, keys);
+  assignment.source = "image names";
+  return assignment;
+}
+
+}  // namespace mgsfm

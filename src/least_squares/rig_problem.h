@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "math/robust_loss.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/geometry/rigid3.h"
+
+namespace mgsfm {
+
+// Least squares over rigs, points and cameras, without scene: flat arrays that
+// refer to each other by dense positions. A solver needs nothing else.
+
+// Changes of a pose have six coordinates: a rotation vector w, then a
+// translation d.
+//   frame (R, c):   R <- Exp(w) R,  c <- c + d    (c: centre in the world)
+//   sensor (S, t):  S <- Exp(w) S,  t <- t + d
+// With the centre, turning a frame does not move it, however far it is from
+// the origin.
+using PoseVector = Eigen::Matrix<double, 6, 1>;
+
+// 1 for coordinates that may change, 0 for those that are held.
+using PoseMask = PoseVector;
+
+struct FramePose {
+  Eigen::Quaterniond rig_from_world = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+};
+
+using CameraParams = std::array<double, kMaxNumCameraParams>;
+
+// Scales are unknowns with this as lower bound.
+constexpr double kMinScale = 1e-5;
+
+// All that a solve may change.
+struct RigState {
+  std::vector<FramePose> frames;
+  std::vector<Rigid3> sensors;  // sensor_from_rig
+  std::vector<CameraParams> cameras;
+  std::vector<Eigen::Vector3d> points;
+  // In the order of the problem's observations, if these are
+  // ScaledRayObservation, and of its baselines, if some are kBilinear.
+  std::vector<double> observation_scales;
+  std::vector<double> baseline_scales;
+};
+
+// An image sees the point p at x = S R (p - c) + t in its camera. Its residual
+// is Project(K, x) - pixel,
+struct PixelObservation {
+  int image = 0;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+// or x / |x| - ray, which does not depend on a camera.
+struct RayObservation {
+  int image = 0;
+  Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit, in the camera
+};
+
+// or ray - d x, with a scale d for each observation as one more unknown.
+struct ScaledRayObservation {
+  int image = 0;
+  Eigen::Vector3d ray = Eigen::Vector3d::Zero();
+};
+
+// A residual on the baseline C = c_2 - c_1 of two images, whose centres are
+// c_i = c - (S R)^T t, with its length smoothed to
+// L = sqrt(|C|^2 + min_length^2), so that the residual is defined everywhere
+// and its derivative bounded. All rotations of the problem must be held.
+struct BaselineTerm {
+  enum class Kind {
+    kDirection,  // weight (C / L - direction)
+    kLength,     // weight log(L / length)
+    kZero,       // weight C
+    // weight (direction - d C) and length_weight (d length - 1), each with its
+    // loss, where the scale d is one more unknown
+    kBilinear,
+  };
+  Kind kind = Kind::kDirection;
+  int image1 = 0;
+  int image2 = 0;
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  double length = 1.0;
+  double min_length = 0.0;
+  double weight = 1.0;
+  double length_weight = 0.0;
+};
+
+// The residual weight (sum_k coefficients_k . x_k - value), where x_k is the
+// centre of a frame or the translation of a sensor.
+struct LinearTerm {
+  struct Part {
+    bool is_frame = false;  // else sensor
+    int idx = 0;
+    Eigen::Vector3d coefficients = Eigen::Vector3d::Zero();
+  };
+  std::vector<Part> parts;
+  double value = 0.0;
+  double weight = 1.0;
+};
+
+// Where an image was taken, as measured: the residual
+// sqrt_information (c_i - position) of its centre c_i = c - (S R)^T t.
+struct PositionPrior {
+  int image = 0;
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d sqrt_information = Eigen::Matrix3d::Identity();
+};
+
+// The direction of gravity in an image, as measured: the residual
+// (S R down - direction) / sigma_rad, both unit vectors.
+struct GravityPrior {
+  int image = 0;
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitY();  // in the camera
+  Eigen::Vector3d down = Eigen::Vector3d::UnitY();       // in the world
+  double sigma_rad = 1.0;
+};
+
+// The pose of a sensor, as given: the residuals Log(S S_0^T) / sigma_rad and
+// (t - t_0) / sigma_length.
+struct SensorPrior {
+  int sensor = 0;
+  Rigid3 sensor_from_rig;
+  double sigma_rad = 1.0;
+  double sigma_length = 1.0;
+};
+
+// What a solve may not change, but for the observations.
+struct RigProblemBase {
+  struct Image {
+    int frame = 0;
+    int sensor = 0;
+    int camera = 0;  // -1 if there are only rays
+  };
+  struct Camera {
+    CameraModelId model;
+    std::vector<int> free_params;  // ascending
+  };
+  struct ParameterPrior {
+    int camera = 0;
+    int param = 0;  // must be free
+    double value = 0.0;
+    double sigma = 1.0;
+  };
+
+  std::vector<Image> images;
+  std::vector<Camera> cameras;
+  std::vector<PoseMask> frame_masks;
+  std::vector<PoseMask> sensor_masks;
+  std::vector<ParameterPrior> priors;
+  std::vector<PositionPrior> position_priors;
+  std::vector<GravityPrior> gravity_priors;
+  std::vector<SensorPrior> sensor_priors;
+  std::vector<BaselineTerm> baselines;
+  std::vector<LinearTerm> linear_terms;
+  // Per image: S R, for problems that know no rotations of frames and sensors
+  // by themselves. These must be held then. Empty: from the state.
+  std::vector<Eigen::Matrix3d> held_cam_from_world;
+  // Those of point p: point_begin[p] to point_begin[p + 1] - 1. Any number of
+  // them may be in one image.
+  std::vector<size_t> point_begin = {0};
+  bool points_are_free = true;
+  RobustLoss loss = {RobustLossType::kHuber, 1.0};
+  RobustLoss position_loss;  // of position_priors
+  RobustLoss gravity_loss;   // of gravity_priors
+
+  size_t num_points() const { return point_begin.size() - 1; }
+};
+
+//   minimise  1/2 sum_o rho(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
+//           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
+//           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
+//
+// over what the masks free, and all scales: o observations, b baseline terms, l
+// linear terms, k priors of parameters, g of positions and of gravity with
+// their losses rho_g, s of sensors; rho is the loss.
+template <class Observation>
+struct RigProblem : RigProblemBase {
+  std::vector<Observation> observations;
+};
+
+}  // namespace mgsfm

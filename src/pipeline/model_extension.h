@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Extends `start` as mgsfm/pipeline/model_extension.h describes. `view_graph`
+// has relative poses and inlier matches. Adds to the result the model, the
+// reason for every frame that could not be added, and the sensors' part of the
+// summary of rotations. Throws Error if frames are to be fixed although
+// position priors or a soft rig would move them.
+void ExtendModel(const Scene& scene, const Bearings& bearings,
+                 const ViewGraph& view_graph, const Reconstruction& start,
+                 const MapperOptions& options, const Context& context,
+                 const PositionPriors& priors, const GravityPriors& gravity,
+                 MapperResult* result);
+
+// States for each sensor where its pose comes from, in the summaries that enter
+// the report.
+void DescribeSensors(const Scene& scene, const Reconstruction& start,
+                     const std::vector<PlacedSensor>& placed,
+                     MapperModel* model, MapperResult* result);
+
+}  // namespace mgsfm

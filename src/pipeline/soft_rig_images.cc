@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/soft_rig_images.h"
+
+#include <cstdio>
+#include <string>
+#include <utility>
+
+#include "geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
+               const Context& context) {
+  char text[256];
+  std::snprintf(text, sizeof(text),
+                "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
+                "and %.4g%s; "
+                "reprojection errors %.3f px, before %.3f px",
+                RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
+                RadToDeg(sensor.max_rotation_rad), sensor.max_position,
+                sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
+                sensor.mean_error_before_px);
+  std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + text;
+  if (sensor.time_offset_s) {
+    std::snprintf(text, sizeof(text), "; time offset %.6f s +- %.6f s",
+                  *sensor.time_offset_s, *sensor.time_offset_sigma_s);
+    line += text;
+  }
+  context.Info(line);
+  if (!sensor.message.empty()) {
+    context.Warning("camera '" + scene.sensors[sensor.sensor_idx].name +
+                    "': " + sensor.message);
+  }
+}
+
+}  // namespace
+
+bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
+                            const CandidateSource& candidates,
+                            const MapperOptions& options,
+                            const PositionPriors& priors,
+                            const Context& context, MapperModel* model) {
+  SoftRigResult result = EstimateSoftRig(
+      scene, separate, candidates, model->reconstruction, options.soft_rig,
+      options.bundle_adjustment, context, priors);
+  const SoftRigSummary& summary = result.images.summary;
+  for (const SoftRigSensor& sensor : summary.sensors) {
+    LogSensor(scene, sensor, context);
+  }
+  if (!summary.is_usable) {
+    context.Warning("images keep the poses of their rig: " + summary.message);
+  } else if (!summary.has_converged) {
+    context.Warning(
+        "the deviations of images from their rig have not converged; increase "
+        "SoftRig.max_num_rounds");
+  }
+  const bool is_usable = summary.is_usable;
+  model->reconstruction = std::move(result.estimate);
+  model->soft_rig_images = std::move(result.images);
+  return is_usable;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Estimates individual poses for the images of an adjusted model, and logs how
+// far the cameras deviate from a rigid rig. Returns whether it succeeded.
+bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
+                            const CandidateSource& candidates,
+                            const MapperOptions& options,
+                            const PositionPriors& priors,
+                            const Context& context, MapperModel* model);
+
+}  // namespace mgsfm

@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "priors/position_registration.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/random.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+constexpr int kNumTrials = 500;
+constexpr int kNumRefits = 10;
+constexpr int kNumAlternations = 10;
+constexpr double kMinBound = 4.0;      // standard deviations
+constexpr double kMedianFactor = 3.0;  // of the bound
+constexpr double kMinExtent = 3.0;     // standard deviations
+constexpr double kUprightRad = DegToRad(10.0);
+constexpr double kGravityRad = DegToRad(1.0);
+constexpr double kMaxTurnRad = DegToRad(5.0);
+
+struct Sample {
+  int image_idx = 0;
+  Vector3d center;    // in the model
+  Vector3d position;  // measured
+  double sigma = 1.0;
+};
+
+class PositionFitter {
+ public:
+  PositionFitter(std::vector<Sample> samples, bool fits_scale,
+                 const Matrix3d& upright)
+      : samples_(std::move(samples)),
+        fits_scale_(fits_scale),
+        upright_(upright) {}
+
+  Sim3 FitRobustly(uint64_t random_seed) {
+    Sim3 best;
+    double least = std::numeric_limits<double>::infinity();
+    Random random(random_seed);
+    const auto size = static_cast<uint32_t>(samples_.size());
+    for (int trial = 0; trial < kNumTrials; ++trial) {
+      Mask is_used(samples_.size(), false);
+      for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
+      const Sim3 fit = Fit(is_used);
+      const double median = Median(Residuals(fit));
+      if (median >= least) continue;
+      least = median;
+      best = fit;
+    }
+    is_inlier_ = InliersOf(best);
+    for (int i = 0; i < kNumRefits; ++i) {
+      best = Fit(is_inlier_);
+      Mask inliers = InliersOf(best);
+      if (inliers == is_inlier_) break;
+      is_inlier_ = std::move(inliers);
+    }
+    return best;
+  }
+
+  const std::vector<Sample>& samples() const { return samples_; }
+  const Mask& is_inlier() const { return is_inlier_; }
+
+  // Of the turn about the path, by positions alone.
+  double TurnSigma(const Sim3& fit) const {
+    Vector3d mean = Vector3d::Zero();
+    double weight = 0.0;
+    for (size_t i = 0; i < samples_.size(); ++i) {
+      if (!is_inlier_[i]) continue;
+      const double w = Weight(samples_[i]);
+      mean += w * samples_[i].center;
+      weight += w;
+    }
+    mean /= weight;
+    Matrix3d scatter = Matrix3d::Zero();
+    for (size_t i = 0; i < samples_.size(); ++i) {
+      if (!is_inlier_[i]) continue;
+      const Vector3d c = fit.scale * (samples_[i].center - mean);
+      scatter += Weight(samples_[i]) * c * c.transpose();
+    }
+    const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(scatter,
+                                                        Eigen::EigenvaluesOnly);
+    return 1.0 / std::sqrt(std::max(eigen.eigenvalues()[1], 1e-12));
+  }
+
+ private:
+  static double Weight(const Sample& sample) {
+    return 1.0 / (sample.sigma * sample.sigma);
+  }
+
+  Sim3 Fit(const Mask& is_used) const;
+  std::vector<double> Residuals(const Sim3& fit) const {
+    std::vector<double> residuals;
+    residuals.reserve(samples_.size());
+    for (const Sample& sample : samples_) {
+      residuals.push_back((fit * sample.center - sample.position).norm() /
+                          sample.sigma);
+    }
+    return residuals;
+  }
+  Mask InliersOf(const Sim3& fit) const {
+    const std::vector<double> residuals = Residuals(fit);
+    const double bound = OutlierBound(Median(residuals));
+    Mask is_inlier;
+    is_inlier.reserve(residuals.size());
+    for (const double r : residuals) is_inlier.push_back(r <= bound);
+    return is_inlier;
+  }
+
+  const std::vector<Sample> samples_;
+  const bool fits_scale_;
+  const Matrix3d upright_;  // z d^T / sigma_up^2
+  Mask is_inlier_;
+};
+
+// Alternates between rotation and scale.
+Sim3 PositionFitter::Fit(const Mask& is_used) const {
+  Vector3d mean = Vector3d::Zero(), measured_mean = Vector3d::Zero();
+  double weight = 0.0;
+  for (size_t i = 0; i < samples_.size(); ++i) {
+    if (!is_used[i]) continue;
+    const double w = Weight(samples_[i]);
+    mean += w * samples_[i].center;
+    measured_mean += w * samples_[i].position;
+    weight += w;
+  }
+  mean /= weight;
+  measured_mean /= weight;
+  Matrix3d cross = Matrix3d::Zero();
+  double variance = 0.0, measured_variance = 0.0;
+  for (size_t i = 0; i < samples_.size(); ++i) {
+    if (!is_used[i]) continue;
+    const double w = Weight(samples_[i]);
+    const Vector3d c = samples_[i].center - mean;
+    const Vector3d g = samples_[i].position - measured_mean;
+    cross += w * g * c.transpose();
+    variance += w * c.squaredNorm();
+    measured_variance += w * g.squaredNorm();
+  }
+  const bool fits_scale = fits_scale_ && variance > 0.0;
+  Sim3 fit;
+  if (fits_scale) fit.scale = std::sqrt(measured_variance / variance);
+  for (int i = 0; i < kNumAlternations; ++i) {
+    const Eigen::JacobiSVD<Matrix3d> svd(
+        fit.scale * cross + upright_,
+        Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix3d flip = Matrix3d::Identity();
+    flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+    fit.rotation = Eigen::Quaterniond(
+        Matrix3d(svd.matrixU() * flip * svd.matrixV().transpose()));
+    if (!fits_scale) break;
+    const double scale =
+        (fit.rotation.toRotationMatrix().transpose() * cross).trace() /
+        variance;
+    // Positions that contradict each other may want a mirrored model.
+    if (!(scale > 0.0)) break;
+    fit.scale = scale;
+  }
+  fit.translation = measured_mean - fit.scale * (fit.rotation * mean);
+  return fit;
+}
+
+std::vector<Sample> CollectSamples(const Scene& scene,
+                                   const PositionPriors& priors,
+                                   const Reconstruction& reconstruction) {
+  std::vector<Sample> samples;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const int image_idx = static_cast<int>(i);
+    const auto pose = reconstruction.CamFromWorld(scene, image_idx);
+    if (!pose || !priors.images[i]) continue;
+    samples.push_back({image_idx, pose->Center(), priors.images[i]->position,
+                       std::sqrt(priors.images[i]->covariance.trace() / 3.0)});
+  }
+  return samples;
+}
+
+// Root mean square distance from the median position, in standard deviations;
+// gross outliers count little, as the median of the distances is taken.
+double RelativeExtent(const std::vector<Sample>& samples) {
+  Vector3d median;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> coordinates;
+    for (const Sample& s : samples) coordinates.push_back(s.position[axis]);
+    median[axis] = Median(std::move(coordinates));
+  }
+  std::vector<double> distances;
+  for (const Sample& sample : samples) {
+    distances.push_back((sample.position - median).norm() / sample.sigma);
+  }
+  return Median(std::move(distances));
+}
+
+// z d^T / sigma_up^2, or zero if nothing tells what is up.
+Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
+                     const std::optional<Vector3d>& measured_up) {
+  if (!is_on_earth) return Matrix3d::Zero();
+  if (measured_up) {
+    return Vector3d::UnitZ() * measured_up->transpose() /
+           (kGravityRad * kGravityRad);
+  }
+  Vector3d up = Vector3d::Zero();
+  for (const auto& pose : reconstruction.rig_from_world) {
+    if (pose) up -= pose->rotation.conjugate() * Vector3d::UnitY();
+  }
+  if (!(up.norm() > 0.0)) return Matrix3d::Zero();
+  return Vector3d::UnitZ() * up.normalized().transpose() /
+         (kUprightRad * kUprightRad);
+}
+
+// What is said of a turn that positions on a line do not tell.
+const char* DescribeTurn(bool is_on_earth, bool has_gravity) {
+  if (!is_on_earth) {
+    return "The positions are on a line; the turn about it is arbitrary.";
+  }
+  return has_gravity ? "The positions are on a line; the turn about it is that "
+                       "of measured gravity."
+                     : "The positions are on a line; the turn about it is that "
+                       "of cameras that are upright on the average.";
+}
+
+}  // namespace
+
+double OutlierBound(double median_distance) {
+  return std::max(kMinBound, kMedianFactor * median_distance);
+}
+
+PositionRegistration RegisterToPriors(const Scene& scene,
+                                      const PositionPriors& priors,
+                                      const std::optional<Vector3d>& up,
+                                      bool is_metric, uint64_t random_seed,
+                                      Reconstruction* reconstruction) {
+  PositionRegistration result;
+  PositionPriorSummary& summary = result.summary;
+  std::vector<Sample> samples = CollectSamples(scene, priors, *reconstruction);
+  summary.num_priors = static_cast<int>(samples.size());
+  if (samples.size() < 3) {
+    summary.message =
+        "Fewer than three registered images have positions, so the model keeps "
+        "a world of its own.";
+    return result;
+  }
+  if (RelativeExtent(samples) < kMinExtent) {
+    summary.message =
+        "The positions differ by no more than their error, so the model keeps "
+        "a world of its own.";
+    return result;
+  }
+  const bool is_on_earth = priors.origin_wgs84.has_value();
+  PositionFitter fitter(std::move(samples), !is_metric,
+                        UprightTerm(*reconstruction, is_on_earth, up));
+  const Sim3 fit = fitter.FitRobustly(random_seed);
+  TransformWorld(fit, reconstruction);
+  summary.is_registered = true;
+  if (fitter.TurnSigma(fit) > kMaxTurnRad) {
+    summary.message = DescribeTurn(is_on_earth, up.has_value());
+  }
+  result.used.images.resize(scene.images.size());
+  for (size_t i = 0; i < fitter.samples().size(); ++i) {
+    const int image_idx = fitter.samples()[i].image_idx;
+    if (!fitter.is_inlier()[i]) continue;
+    result.used.images[image_idx] = priors.images[image_idx];
+  }
+  return result;
+}
+
+void JudgePriors(const Scene& scene, const PositionPriors& priors,
+                 const PositionPriors& used,
+                 const Reconstruction& reconstruction,
+                 PositionPriorSummary* summary) {
+  if (!summary->is_registered) return;
+  double squared_sum = 0.0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const int image_idx = static_cast<int>(i);
+    const auto pose = reconstruction.CamFromWorld(scene, image_idx);
+    if (!pose || !priors.images[i]) continue;
+    const PositionMeasurement& prior = *priors.images[i];
+    const Vector3d error = pose->Center() - prior.position;
+    const double distance =
+        std::sqrt(error.dot(prior.covariance.llt().solve(error)));
+    if (distance > kMinBound || !used.images[i]) {
+      summary->outliers.push_back({image_idx, error.norm()});
+    } else {
+      ++summary->num_used;
+      squared_sum += error.squaredNorm();
+    }
+  }
+  if (summary->num_used > 0) {
+    summary->rms = std::sqrt(squared_sum / summary->num_used);
+  }
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "soft_rig/deviations.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+namespace mgsfm {
+namespace {
+
+constexpr int kMinNumImages = 10;
+constexpr double kMaxVarianceFactor = 25.0;
+// Of the diagonal, where nothing determines a coordinate.
+constexpr double kDamping = 1e-9;
+
+// Sums over the images of a sensor or rig for the turns or shifts.
+struct SpreadSums {
+  int num_images = 0;
+  double squares = 0.0;      // |x|^2
+  double trace = 0.0;        // tr C
+  double information = 0.0;  // n tr C^2
+
+  void Add(const Eigen::Vector3d& x, const Eigen::Matrix3d& covariance,
+           double variance, double num_images_in_frame) {
+    const Eigen::Matrix3d C =
+        Eigen::Matrix3d::Identity() - covariance / variance;
+    const double n = num_images_in_frame / (num_images_in_frame - 1.0);
+    ++num_images;
+    squares += x.squaredNorm();
+    trace += C.trace();
+    information += n * C.squaredNorm();
+  }
+
+  double Share() const {
+    return num_images > 0 ? trace / (3.0 * num_images) : 0.0;
+  }
+
+  double UpdatedSpread(double spread) const {
+    if (!(information > 0.0)) return spread;
+    const double variance = spread * spread;
+    const double step = (squares - variance * trace) / information;
+    return std::sqrt(std::clamp(variance + step, variance / kMaxVarianceFactor,
+                                variance * kMaxVarianceFactor));
+  }
+};
+
+struct SensorSums {
+  SpreadSums rotation, position;
+
+  void Add(const ImageDeviation& image, const PoseMatrix& covariance,
+           const PoseVector& variances, double num_images_in_frame) {
+    rotation.Add(image.value.head<3>(), covariance.topLeftCorner<3, 3>(),
+                 variances[0], num_images_in_frame);
+    position.Add(image.value.tail<3>(), covariance.bottomRightCorner<3, 3>(),
+                 variances[3], num_images_in_frame);
+  }
+};
+
+}  // namespace
+
+std::vector<Spread> UpdateSpreads(const std::vector<FrameDeviations>& frames,
+                                  const std::vector<int>& rig_of_sensor,
+                                  const std::vector<Spread>& spreads,
+                                  std::vector<SpreadShare>* shares) {
+  std::vector<SensorSums> of_sensor(spreads.size());
+  // As many rigs as sensors at most.
+  std::vector<SensorSums> of_rig(spreads.size());
+  for (const FrameDeviations& frame : frames) {
+    for (size_t i = 0; i < frame.images.size(); ++i) {
+      const ImageDeviation& image = frame.images[i];
+      const auto first = static_cast<Eigen::Index>(6 * i);
+      const PoseMatrix covariance = frame.covariance.block<6, 6>(first, first);
+      const PoseVector variances = PriorVariances(spreads[image.sensor_idx]);
+      const auto num_images = static_cast<double>(frame.images.size());
+      of_sensor[image.sensor_idx].Add(image, covariance, variances, num_images);
+      of_rig[rig_of_sensor[image.sensor_idx]].Add(image, covariance, variances,
+                                                  num_images);
+    }
+  }
+  std::vector<Spread> updated;
+  shares->clear();
+  for (size_t s = 0; s < spreads.size(); ++s) {
+    const SensorSums& sums = of_sensor[s].rotation.num_images >= kMinNumImages
+                                 ? of_sensor[s]
+                                 : of_rig[rig_of_sensor[s]];
+    updated.push_back({sums.rotation.UpdatedSpread(spreads[s].rotation_rad),
+                       sums.position.UpdatedSpread(spreads[s].position)});
+    shares->push_back({sums.rotation.Share(), sums.position.Share()});
+  }
+  return updated;
+}
+
+PoseVector PriorVariances(const Spread& spread) {
+  PoseVector variances;
+  variances.head<3>().setConstant(spread.rotation_rad * spread.rotation_rad);
+  variances.tail<3>().setConstant(spread.position * spread.position);
+  return variances;
+}
+
+CommonEquations::CommonEquations(int num_sensors)
+    : matrix_(Eigen::MatrixXd::Zero(7 * num_sensors, 7 * num_sensors)),
+      vector_(Eigen::VectorXd::Zero(7 * num_sensors)) {}
+
+void CommonEquations::AddFrame(const FrameDeviations& frame,
+                               const std::vector<int>& sensors,
+                               const std::vector<PoseVector>& prior_variances,
+                               const std::vector<SensorJacobian>& jacobians) {
+  for (size_t i = 0; i < sensors.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(6 * i);
+    const PoseVector inverse_i = prior_variances[i].cwiseInverse();
+    vector_.segment<7>(7 * sensors[i]) +=
+        jacobians[i].transpose() *
+        inverse_i.cwiseProduct(frame.images[i].value);
+    for (size_t j = 0; j < sensors.size(); ++j) {
+      const auto column = static_cast<Eigen::Index>(6 * j);
+      const PoseVector inverse_j = prior_variances[j].cwiseInverse();
+      PoseMatrix weight =
+          -(inverse_i.asDiagonal() * frame.covariance.block<6, 6>(row, column) *
+            inverse_j.asDiagonal());
+      if (i == j) weight.diagonal() += inverse_i;
+      matrix_.block<7, 7>(7 * sensors[i], 7 * sensors[j]) +=
+          jacobians[i].transpose() * weight * jacobians[j];
+    }
+  }
+}
+
+void CommonEquations::AddPrior(int sensor, const PoseVector& change,
+                               const PoseVector& variances) {
+  const PoseVector inverse = variances.cwiseInverse();
+  matrix_.diagonal().segment<6>(7 * sensor) += inverse;
+  vector_.segment<6>(7 * sensor) += inverse.cwiseProduct(change);
+}
+
+// With ones on the diagonal in place of what is masked, so that it is not
+// changed.
+Eigen::MatrixXd CommonEquations::Masked(const Eigen::VectorXd& mask) const {
+  Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
+  masked.diagonal() *= 1.0 + kDamping;
+  for (Eigen::Index i = 0; i < mask.size(); ++i) {
+    if (!(masked(i, i) > 0.0)) masked(i, i) = 1.0;
+  }
+  return masked;
+}
+
+Eigen::VectorXd CommonEquations::Solve(const Eigen::VectorXd& mask) const {
+  return Masked(mask).ldlt().solve(mask.cwiseProduct(vector_));
+}
+
+Eigen::VectorXd CommonEquations::Variances(const Eigen::VectorXd& mask) const {
+  const Eigen::MatrixXd identity =
+      Eigen::MatrixXd::Identity(mask.size(), mask.size());
+  return mask.cwiseProduct(Masked(mask).ldlt().solve(identity).diagonal());
+}
+
+}  // namespace mgsfm

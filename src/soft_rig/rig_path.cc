@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "soft_rig/rig_path.h"
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+Vector3d TurnBetween(const Rigid3& from, const Rigid3& to) {
+  return LogSO3(to.rotation * from.rotation.conjugate());
+}
+
+// From 0 at u = 0 to `end` at u = 1 with the given derivatives by u.
+Vector3d Hermite(const Vector3d& start_rate, const Vector3d& end,
+                 const Vector3d& end_rate, double u) {
+  const double v = 1.0 - u;
+  return u * v * v * start_rate + u * u * (3.0 - 2.0 * u) * end -
+         u * u * v * end_rate;
+}
+
+}  // namespace
+
+RigPath::RigPath(std::vector<double> times_s,
+                 std::vector<Rigid3> rig_from_world)
+    : times_s_(std::move(times_s)), poses_(std::move(rig_from_world)) {
+  MGSFM_CHECK_EQ(times_s_.size(), poses_.size());
+  MGSFM_CHECK(!poses_.empty());
+  SetVelocities();
+}
+
+void RigPath::SetVelocities() {
+  const size_t size = poses_.size();
+  turn_rates_.assign(size, Vector3d::Zero());
+  velocities_.assign(size, Vector3d::Zero());
+  if (size < 2) return;
+  const auto interval = [&](size_t k) { return times_s_[k + 1] - times_s_[k]; };
+  const auto turn_rate = [&](size_t k) -> Vector3d {
+    return TurnBetween(poses_[k], poses_[k + 1]) / interval(k);
+  };
+  const auto velocity = [&](size_t k) -> Vector3d {
+    return (poses_[k + 1].Center() - poses_[k].Center()) / interval(k);
+  };
+  for (size_t k = 0; k < size; ++k) {
+    if (k == 0 || k + 1 == size) {
+      const size_t segment = k == 0 ? 0 : size - 2;
+      turn_rates_[k] = turn_rate(segment);
+      velocities_[k] = velocity(segment);
+      continue;
+    }
+    const double before = interval(k - 1), after = interval(k);
+    const double sum = before + after;
+    turn_rates_[k] = (after * turn_rate(k - 1) + before * turn_rate(k)) / sum;
+    velocities_[k] = (after * velocity(k - 1) + before * velocity(k)) / sum;
+  }
+}
+
+size_t RigPath::SegmentAt(double time_s) const {
+  const auto after =
+      std::upper_bound(times_s_.begin() + 1, times_s_.end() - 1, time_s);
+  return static_cast<size_t>(after - times_s_.begin()) - 1;
+}
+
+double RigPath::IntervalAt(double time_s) const {
+  if (poses_.size() < 2) return std::numeric_limits<double>::infinity();
+  const size_t k = SegmentAt(time_s);
+  return times_s_[k + 1] - times_s_[k];
+}
+
+Rigid3 RigPath::Extrapolate(size_t frame, double time_s) const {
+  const double time = time_s - times_s_[frame];
+  return Rigid3::FromRotationAndCenter(
+      (ExpSO3(time * turn_rates_[frame]) * poses_[frame].rotation).normalized(),
+      poses_[frame].Center() + time * velocities_[frame]);
+}
+
+Rigid3 RigPath::PoseAt(double time_s) const {
+  if (poses_.size() < 2 || time_s < times_s_.front()) {
+    return Extrapolate(0, time_s);
+  }
+  if (time_s > times_s_.back()) return Extrapolate(poses_.size() - 1, time_s);
+  const size_t k = SegmentAt(time_s);
+  const double interval = times_s_[k + 1] - times_s_[k];
+  const double u = (time_s - times_s_[k]) / interval;
+  const Vector3d turn = TurnBetween(poses_[k], poses_[k + 1]);
+  // The rate of the logarithm, at the end of the turn.
+  const Vector3d end_rate = InverseRightJacobianSO3(-turn) * turn_rates_[k + 1];
+  const Vector3d turned =
+      Hermite(interval * turn_rates_[k], turn, interval * end_rate, u);
+  const Vector3d start = poses_[k].Center();
+  const Vector3d moved =
+      Hermite(interval * velocities_[k], poses_[k + 1].Center() - start,
+              interval * velocities_[k + 1], u);
+  return Rigid3::FromRotationAndCenter(
+      (ExpSO3(turned) * poses_[k].rotation).normalized(), start + moved);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/unsupported_bridges.h"
+
+#include <gtest/gtest.h>
+
+#include "mgsfm/base/mask.h"
+
+namespace mgsfm {
+namespace {
+
+// Frames with one image each.
+class Graph {
+ public:
+  explicit Graph(int num_frames) {
+    for (int i = 0; i < num_frames; ++i) {
+      scene_.images.push_back(
+          {ImageId(static_cast<uint32_t>(i + 1)), "", 0, 0, i, {}});
+      scene_.frames.push_back(
+          {FrameId(static_cast<uint32_t>(i + 1)), "", 0, {i}});
+    }
+  }
+
+  // Matches of points that no other pair shows; returns the pair.
+  size_t AddPair(int frame1, int frame2, uint32_t num_matches,
+                 bool is_consistent = true) {
+    const auto point = static_cast<uint32_t>(1000 + num_points_);
+    num_points_ += num_matches;
+    return AddPair(frame1, frame2, point, point + num_matches, is_consistent);
+  }
+
+  // Frames that all see the same.
+  void AddPlace(int begin_frame, int end_frame) {
+    for (int f = begin_frame; f < end_frame; ++f) {
+      for (int g = f + 1; g < end_frame; ++g) AddPair(f, g, 0, 20, true);
+    }
+  }
+
+  std::vector<size_t> DoubtfulPairs() const {
+    const Mask is_unsupported =
+        FindUnsupportedBridges(scene_, view_graph_, is_consistent_);
+    std::vector<size_t> doubtful;
+    for (size_t i = 0; i < is_unsupported.size(); ++i) {
+      if (is_unsupported[i]) doubtful.push_back(i);
+    }
+    return doubtful;
+  }
+
+ private:
+  size_t AddPair(int frame1, int frame2, uint32_t begin_point,
+                 uint32_t end_point, bool is_consistent) {
+    ImagePair pair;
+    pair.image_idx1 = frame1;
+    pair.image_idx2 = frame2;
+    pair.relative_pose = RelativePose{Eigen::Quaterniond::Identity(), {}};
+    for (uint32_t point = begin_point; point < end_point; ++point) {
+      pair.matches.push_back({point, point});
+    }
+    view_graph_.pairs.push_back(pair);
+    is_consistent_.push_back(is_consistent);
+    return view_graph_.pairs.size() - 1;
+  }
+
+  Scene scene_;
+  ViewGraph view_graph_;
+  Mask is_consistent_;
+  uint32_t num_points_ = 0;
+};
+
+using Pairs = std::vector<size_t>;
+
+TEST(DoubtfulBridges, AreContradictedByAsGoodOnes) {
+  Graph graph(8);
+  graph.AddPlace(0, 4);
+  graph.AddPlace(4, 8);
+  const size_t bridge = graph.AddPair(1, 6, 40);
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});  // nothing speaks against it
+  graph.AddPair(2, 3, 50, false);             // nor does this
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+  graph.AddPair(0, 7, 15, false);
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});  // too few matches
+  graph.AddPair(3, 4, 15, false);
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{bridge});
+}
+
+TEST(DoubtfulBridges, AreTheOnlyWay) {
+  Graph graph(8);
+  graph.AddPlace(0, 4);
+  graph.AddPlace(4, 8);
+  graph.AddPair(1, 6, 40);
+  graph.AddPair(2, 5, 20);  // agrees
+  graph.AddPair(0, 7, 60, false);
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+}
+
+TEST(DoubtfulBridges, ChainsOfNeighboursAreSpared) {
+  Graph graph(12);
+  for (int f = 0; f + 1 < 12; ++f) graph.AddPair(f, f + 1, 40);
+  graph.AddPair(2, 9, 60, false);
+  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+}
+
+TEST(DoubtfulBridges, AreFoundOneAfterTheOther) {
+  Graph graph(9);
+  graph.AddPlace(0, 4);
+  graph.AddPlace(5, 9);
+  const size_t first = graph.AddPair(3, 4, 40);
+  const size_t second = graph.AddPair(4, 5, 40);
+  graph.AddPair(1, 7, 30, false);
+  EXPECT_EQ(graph.DoubtfulPairs(), (Pairs{first, second}));
+}
+
+}  // namespace
+}  // namespace mgsfm
