@@ -19,7 +19,7 @@ constexpr double kMinLossScalePx = 0.05;
 
 }  // namespace
 
-bool SolveOnce(const Scene& scene, const PositionPriors& priors,
+bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                const FixedPoses& held, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result) {
@@ -101,7 +101,7 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
-                          const Context& context, const PositionPriors& priors,
+                          const Context& context, const BundlePriors& priors,
                           const FixedPoses& held) {
   BundleResult result;
   result.estimate = initial;

@@ -36,14 +36,13 @@ void WeighPriors(double sigma_px, BundleProblem* problem) {
 BuiltProblem BuildWeighted(const Scene& scene,
                            const Reconstruction& reconstruction,
                            const BundleAdjustmentOptions& options,
-                           double sigma_px, const PositionPriors& priors) {
+                           double sigma_px, const BundlePriors& priors) {
   BundleAdjustmentOptions weighted = options;
   weighted.loss_scale_px =
       std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
-  PositionPriors positions = priors;
-  positions.gravity.reset();
-  BuiltProblem built = BuildProblem(scene, reconstruction, weighted,
-                                    RefinedParts::kAll, positions);
+  BuiltProblem built =
+      BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll,
+                   BundlePriors{priors.positions, std::nullopt});
   WeighPriors(sigma_px, &built.problem);
   return built;
 }
@@ -95,7 +94,7 @@ CovarianceResult ComputeCovariances(const Scene& scene,
                                     const Reconstruction& reconstruction,
                                     const BundleAdjustmentOptions& options,
                                     const Context& context,
-                                    const PositionPriors& priors) {
+                                    const BundlePriors& priors) {
   CovarianceResult result;
   result.sigma_px = NoiseSigmaPx(scene, reconstruction, context.num_threads);
   const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
@@ -124,7 +123,7 @@ CovarianceResult ComputeCovariances(const Scene& scene,
 std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors) {
+    const BundlePriors& priors) {
   const double sigma_px = std::max(
       kMinSigmaPx, NoiseSigmaPx(scene, reconstruction, context.num_threads));
   const BuiltProblem built =

@@ -90,7 +90,7 @@ std::string DescribeUncertain(double sigma, double turn_deg,
 std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors) {
+    const BundlePriors& priors) {
   const Mask is_seen = FindSeenCameras(scene, model);
   std::vector<FocalLengthCheck> checks;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {

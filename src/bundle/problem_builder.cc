@@ -48,7 +48,7 @@ class ProblemBuilder {
  public:
   ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
                  const BundleAdjustmentOptions& options, RefinedParts parts,
-                 const PositionPriors& priors, const FixedPoses& held)
+                 const BundlePriors& priors, const FixedPoses& held)
       : scene_(scene),
         reconstruction_(reconstruction),
         options_(options),
@@ -101,7 +101,7 @@ class ProblemBuilder {
   const Reconstruction& reconstruction_;
   const BundleAdjustmentOptions& options_;
   const RefinedParts parts_;
-  const PositionPriors& priors_;
+  const BundlePriors& priors_;
   const FixedPoses& held_;
   BuiltProblem built_;
   std::vector<int> image_idxs_;  // of the images of the problem
@@ -145,12 +145,12 @@ void ProblemBuilder::AddPoints() {
 }
 
 void ProblemBuilder::AddPositionPriors() {
-  if (priors_.IsEmpty()) return;
+  if (priors_.positions.IsEmpty()) return;
   BundleProblem& problem = built_.problem;
   problem.position_loss = {RobustLossType::kCauchy,
                            options_.prior_position_loss_scale};
   for (size_t i = 0; i < image_idxs_.size(); ++i) {
-    const auto& prior = priors_.images[image_idxs_[i]];
+    const auto& prior = priors_.positions.images[image_idxs_[i]];
     if (!prior) continue;
     problem.position_priors.push_back(
         {static_cast<int>(i), prior->position,
@@ -160,14 +160,15 @@ void ProblemBuilder::AddPositionPriors() {
 
 void ProblemBuilder::AddGravityPriors() {
   if (!priors_.gravity) return;
-  const MeasuredGravity& gravity = *priors_.gravity;
+  const GravityTerms& gravity = *priors_.gravity;
   BundleProblem& problem = built_.problem;
   problem.gravity_loss = {RobustLossType::kCauchy, kGravityLossScale};
   for (size_t i = 0; i < image_idxs_.size(); ++i) {
-    const auto& direction = gravity.images[image_idxs_[i]];
+    const auto& direction = gravity.priors.images[image_idxs_[i]];
     if (!direction) continue;
-    problem.gravity_priors.push_back(
-        {static_cast<int>(i), *direction, gravity.down, gravity.sigma_rad});
+    problem.gravity_priors.push_back({static_cast<int>(i), *direction,
+                                      gravity.down_in_world,
+                                      gravity.sigma_rad});
   }
 }
 
@@ -233,7 +234,7 @@ std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const PositionPriors& priors,
+                          RefinedParts parts, const BundlePriors& priors,
                           const FixedPoses& held) {
   return ProblemBuilder(scene, reconstruction, options, parts, priors, held)
       .Build();

@@ -32,7 +32,7 @@ enum class RefinedParts {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const PositionPriors& priors = {},
+                          RefinedParts parts, const BundlePriors& priors = {},
                           const FixedPoses& held = {});
 
 // Which coordinates of the pose of a sensor are refined, and the prior on it,

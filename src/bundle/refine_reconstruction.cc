@@ -17,7 +17,7 @@ class ReconstructionRefiner {
   ReconstructionRefiner(const Scene& scene, const CandidateSource& candidates,
                         const Reconstruction& initial,
                         const BundleAdjustmentOptions& options,
-                        const Context& context, const PositionPriors& priors,
+                        const Context& context, const BundlePriors& priors,
                         const FixedPoses& held)
       : scene_(scene),
         candidates_(candidates),
@@ -73,7 +73,7 @@ class ReconstructionRefiner {
   const Reconstruction& initial_;
   const BundleAdjustmentOptions& options_;
   const Context& context_;
-  const PositionPriors& priors_;
+  const BundlePriors& priors_;
   const FixedPoses& held_;
   BundleResult result_;
 };
@@ -172,7 +172,7 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context,
-                                  const PositionPriors& priors,
+                                  const BundlePriors& priors,
                                   const FixedPoses& held) {
   return ReconstructionRefiner(scene, candidates, initial, options, context,
                                priors, held)

@@ -13,7 +13,7 @@ namespace mgsfm {
 
 // Builds the problem of the estimate, solves it and appends to the summary. The
 // estimate is left as it was if false is returned.
-bool SolveOnce(const Scene& scene, const PositionPriors& priors,
+bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                const FixedPoses& held, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result);

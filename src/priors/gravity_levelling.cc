@@ -51,14 +51,14 @@ std::optional<Vector3d> GravityInWorld(const Scene& scene,
   return RobustMeanDirection(directions);
 }
 
-std::optional<MeasuredGravity> MakeGravityTerms(const Scene& scene,
-                                                const GravityPriors& gravity,
-                                                double sigma_deg,
-                                                const Reconstruction& model) {
+std::optional<GravityEstimate> EstimateGravity(const Scene& scene,
+                                               const GravityPriors& gravity,
+                                               double sigma_deg,
+                                               const Reconstruction& model) {
   const std::optional<Vector3d> down = GravityInWorld(scene, gravity, model);
   if (!down) return std::nullopt;
   const GravitySummary summary = Judge(scene, gravity, *down, sigma_deg, model);
-  return MeasuredGravity{gravity.images, *down, DegToRad(summary.sigma_deg)};
+  return GravityEstimate{*down, DegToRad(summary.sigma_deg)};
 }
 
 std::optional<GravitySummary> LevelModel(const Scene& scene,

@@ -9,7 +9,6 @@
 #include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -22,10 +21,14 @@ std::optional<Eigen::Vector3d> GravityInWorld(const Scene& scene,
 
 // What bundle adjustment is to use of it: with the standard deviation of the
 // options, or what the model tells if that is more. nullopt if there is none.
-std::optional<MeasuredGravity> MakeGravityTerms(const Scene& scene,
-                                                const GravityPriors& gravity,
-                                                double sigma_deg,
-                                                const Reconstruction& model);
+struct GravityEstimate {
+  Eigen::Vector3d down_in_world = Eigen::Vector3d::UnitY();
+  double sigma_rad = 1.0;
+};
+std::optional<GravityEstimate> EstimateGravity(const Scene& scene,
+                                               const GravityPriors& gravity,
+                                               double sigma_deg,
+                                               const Reconstruction& model);
 
 // Turns a model that is not in the world of measured positions such that
 // gravity is along +y, and says how well the measurements agree with it.

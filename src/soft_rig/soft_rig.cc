@@ -62,7 +62,7 @@ class RigLoosener {
               const CandidateSource& candidates, const Reconstruction& initial,
               const SoftRigOptions& options,
               const BundleAdjustmentOptions& bundle_options,
-              const Context& context, const PositionPriors& priors)
+              const Context& context, const BundlePriors& priors)
       : scene_(scene),
         separate_(separate),
         candidates_(candidates),
@@ -126,7 +126,7 @@ class RigLoosener {
   const SoftRigOptions& options_;
   BundleAdjustmentOptions bundle_options_;
   const Context& context_;
-  const PositionPriors& priors_;
+  const BundlePriors& priors_;
 
   LooseModel model_;
   CommonMotion common_;
@@ -415,7 +415,7 @@ SoftRigResult EstimateSoftRig(const Scene& scene, const Scene& separate,
                               const SoftRigOptions& options,
                               const BundleAdjustmentOptions& bundle_options,
                               const Context& context,
-                              const PositionPriors& priors) {
+                              const BundlePriors& priors) {
   return RigLoosener(scene, separate, candidates, initial, options,
                      bundle_options, context, priors)
       .Run();

@@ -59,7 +59,7 @@ SoftRigProblem BuildLooseProblem(
     const Scene& scene, const Scene& separate, const LooseModel& model,
     const std::vector<std::optional<Rigid3>>& expected,
     const std::vector<Spread>& spreads, double sigma_px,
-    const BundleAdjustmentOptions& options, const PositionPriors& priors) {
+    const BundleAdjustmentOptions& options, const BundlePriors& priors) {
   SoftRigProblem loose;
   loose.built = BuildProblem(separate, model.separate, options,
                              RefinedParts::kAll, priors);

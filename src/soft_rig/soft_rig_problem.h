@@ -7,9 +7,9 @@
 #include "bundle/problem_builder.h"
 #include "least_squares/rig_problem.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -40,7 +40,7 @@ SoftRigProblem BuildLooseProblem(
     const Scene& scene, const Scene& separate, const LooseModel& model,
     const std::vector<std::optional<Rigid3>>& expected,
     const std::vector<Spread>& spreads, double sigma_px,
-    const BundleAdjustmentOptions& options, const PositionPriors& priors);
+    const BundleAdjustmentOptions& options, const BundlePriors& priors);
 
 // Frames, images, points and cameras; images that are not in the problem get
 // the expected pose.

@@ -415,7 +415,7 @@ TEST(AdjustBundleTest, GravityTurnsTheModelLevel) {
   TransformWorld({1.0, ExpSO3({DegToRad(3.0), 0.0, DegToRad(-2.0)}),
                   Eigen::Vector3d::Zero()},
                  &tilted);
-  PositionPriors priors;
+  BundlePriors priors;
   priors.gravity.emplace();
   priors.gravity->sigma_rad = DegToRad(0.5);
   Random random(2);
@@ -425,7 +425,7 @@ TEST(AdjustBundleTest, GravityTurnsTheModelLevel) {
         is_wrong ? RandomVector(1.0, &random).normalized()
                  : ExpSO3(RandomVector(DegToRad(0.5), &random)) *
                        Eigen::Vector3d::UnitY();
-    priors.gravity->images.push_back(pose.rotation * in_world);
+    priors.gravity->priors.images.push_back(pose.rotation * in_world);
   }
   const Reconstruction level =
       AdjustBundle(simulation.scene, tilted, BundleAdjustmentOptions(),

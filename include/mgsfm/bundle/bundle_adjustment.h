@@ -10,9 +10,9 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/least_squares/backend.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 
@@ -258,7 +258,7 @@ struct FixedPoses {
                                         const Reconstruction& initial,
                                         const BundleAdjustmentOptions& options,
                                         const Context& context,
-                                        const PositionPriors& priors = {},
+                                        const BundlePriors& priors = {},
                                         const FixedPoses& held = {});
 
 // Groups of keypoints that may be images of one point, at most one keypoint of
@@ -297,7 +297,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
-    const Context& context, const PositionPriors& priors = {},
+    const Context& context, const BundlePriors& priors = {},
     const FixedPoses& held = {});
 
 // The triangulation of 2. by itself, with max_max_error_px as threshold: for

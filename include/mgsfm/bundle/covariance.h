@@ -56,7 +56,7 @@ struct CovarianceResult {
 [[nodiscard]] CovarianceResult ComputeCovariances(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
 // Standard deviations of intrinsics in the same sense, per camera of the scene
 // and parameter: zero where it is held. Empty for cameras without observations;
@@ -65,7 +65,6 @@ struct CovarianceResult {
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
                        const BundleAdjustmentOptions& options,
-                       const Context& context,
-                       const PositionPriors& priors = {});
+                       const Context& context, const BundlePriors& priors = {});
 
 }  // namespace mgsfm

@@ -37,6 +37,6 @@ struct FocalLengthCheck {
 [[nodiscard]] std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
 }  // namespace mgsfm

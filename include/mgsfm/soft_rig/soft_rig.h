@@ -11,9 +11,9 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -155,6 +155,6 @@ struct SoftRigResult {
     const CandidateSource& candidates, const Reconstruction& initial,
     const SoftRigOptions& options,
     const BundleAdjustmentOptions& bundle_options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
 }  // namespace mgsfm
