@@ -12,12 +12,6 @@
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
-namespace {
-
-// Keypoints are not located better; without noise sigma tells nothing.
-constexpr double kMinLossScalePx = 0.05;
-
-}  // namespace
 
 bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                const FixedPoses& held, const BundleAdjustmentOptions& options,
@@ -70,7 +64,7 @@ double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
       options.loss_scale_px,
-      std::max(kMinLossScalePx, options.loss_sigma_factor * sigma_px));
+      std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
 }
 
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

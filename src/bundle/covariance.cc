@@ -14,8 +14,6 @@ namespace mgsfm {
 namespace {
 
 constexpr double kMaxSigmaRad = DegToRad(10.0);
-// As in adjustments of keypoints without noise.
-constexpr double kMinSigmaPx = 0.05;
 
 // In units of the noise of observations, as these are.
 void WeighPriors(double sigma_px, BundleProblem* problem) {
@@ -97,7 +95,7 @@ CovarianceResult ComputeCovariances(const Scene& scene,
                                     const BundlePriors& priors) {
   CovarianceResult result;
   result.sigma_px = NoiseSigmaPx(scene, reconstruction, context.num_threads);
-  const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
+  const double sigma_px = std::max(result.sigma_px, kMinKeypointSigmaPx);
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   DescribeGauge(built, &result);
@@ -124,8 +122,9 @@ std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors) {
-  const double sigma_px = std::max(
-      kMinSigmaPx, NoiseSigmaPx(scene, reconstruction, context.num_threads));
+  const double sigma_px =
+      std::max(kMinKeypointSigmaPx,
+               NoiseSigmaPx(scene, reconstruction, context.num_threads));
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   const auto variances =

@@ -15,6 +15,10 @@ namespace mgsfm {
 
 size_t NumObservations(const Reconstruction& reconstruction);
 
+// A lower bound of the noise of keypoints. Keypoint detectors do not localise
+// better, and the noise of exact (synthetic) keypoints must not become zero.
+constexpr double kMinKeypointSigmaPx = 0.05;
+
 // Distances in pixels of all observations of registered images, point by
 // point; infinite where the camera cannot see the point.
 std::vector<double> ReprojectionErrors(const Scene& scene,

@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 
+#include "bundle/dense_numbering.h"
 #include "bundle/image_views.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
@@ -26,23 +27,6 @@ double LargestGivenTranslation(const Scene& scene, int rig_idx) {
   }
   return largest;
 }
-
-// Positions that are used, by position in the scene, and their numbers.
-class Numbering {
- public:
-  explicit Numbering(size_t size) : number_(size, -1) {}
-
-  int Number(int idx, std::vector<int>* idxs) {
-    if (number_[idx] < 0) {
-      number_[idx] = static_cast<int>(idxs->size());
-      idxs->push_back(idx);
-    }
-    return number_[idx];
-  }
-
- private:
-  std::vector<int> number_;
-};
 
 class ProblemBuilder {
  public:
@@ -110,8 +94,8 @@ class ProblemBuilder {
 void ProblemBuilder::AddPoints() {
   const std::vector<ImageView> views = MakeImageViews(scene_, reconstruction_);
   BundleProblem& problem = built_.problem;
-  Numbering frames(scene_.frames.size()), sensors(scene_.sensors.size());
-  Numbering cameras(scene_.cameras.size()), images(scene_.images.size());
+  DenseNumbering frames(scene_.frames.size()), sensors(scene_.sensors.size());
+  DenseNumbering cameras(scene_.cameras.size()), images(scene_.images.size());
   std::vector<const Observation*> visible;
   for (size_t i = 0; i < reconstruction_.points.size(); ++i) {
     const Point3D& point = reconstruction_.points[i];
@@ -128,12 +112,12 @@ void ProblemBuilder::AddPoints() {
     if (visible.size() < 2) continue;
     for (const Observation* o : visible) {
       const Image& image = scene_.images[o->image_idx];
-      const int number = images.Number(o->image_idx, &image_idxs_);
+      const int number = images.NumberOf(o->image_idx, &image_idxs_);
       if (number == static_cast<int>(problem.images.size())) {
         problem.images.push_back(
-            {frames.Number(image.frame_idx, &built_.frame_idxs),
-             sensors.Number(image.sensor_idx, &built_.sensor_idxs),
-             cameras.Number(image.camera_idx, &built_.camera_idxs)});
+            {frames.NumberOf(image.frame_idx, &built_.frame_idxs),
+             sensors.NumberOf(image.sensor_idx, &built_.sensor_idxs),
+             cameras.NumberOf(image.camera_idx, &built_.camera_idxs)});
       }
       problem.observations.push_back(
           {number, image.keypoints_px[o->keypoint_idx].cast<double>()});
