@@ -116,8 +116,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   model->bundle = std::move(bundle.summary);
   model->reconstruction = std::move(bundle.estimate);
   if (model->position_priors) {
-    JudgePriors(scene, input.positions, used_priors.positions,
-                model->reconstruction, &*model->position_priors);
+    EvaluatePositions(scene, input.positions, used_priors.positions,
+                      model->reconstruction, &*model->position_priors);
     LogPriors(*model->position_priors, context);
   }
   JudgeFocalLengths(input, used_priors, options, context, model);

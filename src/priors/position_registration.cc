@@ -20,15 +20,24 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// With 50 % outliers (the limit of least medians), 500 samples of three contain
+// 62 without outliers on average: enough for one with little noise, too.
 constexpr int kNumTrials = 500;
 constexpr int kNumRefits = 10;
 constexpr int kNumAlternations = 10;
-constexpr double kMinBound = 4.0;      // standard deviations
-constexpr double kMedianFactor = 3.0;  // of the bound
-constexpr double kMinExtent = 3.0;     // standard deviations
-constexpr double kUprightRad = DegToRad(10.0);
-constexpr double kGravityRad = DegToRad(1.0);
-constexpr double kMaxTurnRad = DegToRad(5.0);
+// Distance of outliers in standard deviations. Normal noise in three dimensions
+// exceeds 4 with probability 1.1e-3.
+constexpr double kOutlierInSigmas = 4.0;
+// The same in medians of all distances; normal noise has a median of 1.54.
+constexpr double kOutlierInMedians = 3.0;
+// Smallest extent of the positions, in standard deviations.
+constexpr double kMinExtent = 3.0;
+// Standard deviation of the upward direction: cameras held roughly upright, and
+// measured gravity.
+constexpr double kUprightSigmaRad = DegToRad(10.0);
+constexpr double kGravitySigmaRad = DegToRad(1.0);
+// A rotation about the path with a larger standard deviation is reported.
+constexpr double kMaxRotationSigmaRad = DegToRad(5.0);
 
 struct Sample {
   int image_idx = 0;
@@ -72,8 +81,8 @@ class PositionFitter {
   const std::vector<Sample>& samples() const { return samples_; }
   const Mask& is_inlier() const { return is_inlier_; }
 
-  // Of the turn about the path, by positions alone.
-  double TurnSigma(const Sim3& fit) const {
+  // Standard deviation of the rotation about the path from positions alone.
+  double RotationSigma(const Sim3& fit) const {
     Vector3d mean = Vector3d::Zero();
     double weight = 0.0;
     for (size_t i = 0; i < samples_.size(); ++i) {
@@ -124,7 +133,8 @@ class PositionFitter {
   Mask is_inlier_;
 };
 
-// Alternates between rotation and scale.
+// Weighted fit of the similarity, alternating between rotation (Kabsch) and
+// scale: the upright term makes the two depend on each other.
 Sim3 PositionFitter::Fit(const Mask& is_used) const {
   Vector3d mean = Vector3d::Zero(), measured_mean = Vector3d::Zero();
   double weight = 0.0;
@@ -163,7 +173,7 @@ Sim3 PositionFitter::Fit(const Mask& is_used) const {
     const double scale =
         (fit.rotation.toRotationMatrix().transpose() * cross).trace() /
         variance;
-    // Positions that contradict each other may want a mirrored model.
+    // Contradictory positions can ask for a reflection.
     if (!(scale > 0.0)) break;
     fit.scale = scale;
   }
@@ -185,8 +195,7 @@ std::vector<Sample> CollectSamples(const Scene& scene,
   return samples;
 }
 
-// Root mean square distance from the median position, in standard deviations;
-// gross outliers count little, as the median of the distances is taken.
+// Median distance from the median position, in standard deviations.
 double RelativeExtent(const std::vector<Sample>& samples) {
   Vector3d median;
   for (int axis = 0; axis < 3; ++axis) {
@@ -201,13 +210,13 @@ double RelativeExtent(const std::vector<Sample>& samples) {
   return Median(std::move(distances));
 }
 
-// z d^T / sigma_up^2, or zero if nothing tells what is up.
+// z d^T / sigma_up^2, or zero if the upward direction is unknown.
 Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
                      const std::optional<Vector3d>& measured_up) {
   if (!is_on_earth) return Matrix3d::Zero();
   if (measured_up) {
     return Vector3d::UnitZ() * measured_up->transpose() /
-           (kGravityRad * kGravityRad);
+           (kGravitySigmaRad * kGravitySigmaRad);
   }
   Vector3d up = Vector3d::Zero();
   for (const auto& pose : reconstruction.rig_from_world) {
@@ -215,24 +224,25 @@ Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
   }
   if (!(up.norm() > 0.0)) return Matrix3d::Zero();
   return Vector3d::UnitZ() * up.normalized().transpose() /
-         (kUprightRad * kUprightRad);
+         (kUprightSigmaRad * kUprightSigmaRad);
 }
 
-// What is said of a turn that positions on a line do not tell.
-const char* DescribeTurn(bool is_on_earth, bool has_gravity) {
+// A message for the rotation about a line of positions.
+const char* DescribeRotation(bool is_on_earth, bool has_gravity) {
   if (!is_on_earth) {
-    return "The positions are on a line; the turn about it is arbitrary.";
+    return "The positions are collinear; the rotation about their line is "
+           "arbitrary.";
   }
-  return has_gravity ? "The positions are on a line; the turn about it is that "
-                       "of measured gravity."
-                     : "The positions are on a line; the turn about it is that "
-                       "of cameras that are upright on the average.";
+  return has_gravity ? "The positions are collinear; measured gravity "
+                       "determines the rotation about their line."
+                     : "The positions are collinear; the rotation about their "
+                       "line assumes that cameras are upright on average.";
 }
 
 }  // namespace
 
 double OutlierBound(double median_distance) {
-  return std::max(kMinBound, kMedianFactor * median_distance);
+  return std::max(kOutlierInSigmas, kOutlierInMedians * median_distance);
 }
 
 PositionRegistration RegisterToPriors(const Scene& scene,
@@ -246,14 +256,14 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   summary.num_priors = static_cast<int>(samples.size());
   if (samples.size() < 3) {
     summary.message =
-        "Fewer than three registered images have positions, so the model keeps "
-        "a world of its own.";
+        "Fewer than three registered images have positions; the model is not "
+        "registered to them.";
     return result;
   }
   if (RelativeExtent(samples) < kMinExtent) {
     summary.message =
-        "The positions differ by no more than their error, so the model keeps "
-        "a world of its own.";
+        "The extent of the positions is within their errors; the model is not "
+        "registered to them.";
     return result;
   }
   const bool is_on_earth = priors.origin_wgs84.has_value();
@@ -262,8 +272,8 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   const Sim3 fit = fitter.FitRobustly(random_seed);
   TransformWorld(fit, reconstruction);
   summary.is_registered = true;
-  if (fitter.TurnSigma(fit) > kMaxTurnRad) {
-    summary.message = DescribeTurn(is_on_earth, up.has_value());
+  if (fitter.RotationSigma(fit) > kMaxRotationSigmaRad) {
+    summary.message = DescribeRotation(is_on_earth, up.has_value());
   }
   result.used.images.resize(scene.images.size());
   for (size_t i = 0; i < fitter.samples().size(); ++i) {
@@ -274,10 +284,10 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   return result;
 }
 
-void JudgePriors(const Scene& scene, const PositionPriors& priors,
-                 const PositionPriors& used,
-                 const Reconstruction& reconstruction,
-                 PositionPriorSummary* summary) {
+void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
+                       const PositionPriors& used,
+                       const Reconstruction& reconstruction,
+                       PositionPriorSummary* summary) {
   if (!summary->is_registered) return;
   double squared_sum = 0.0;
   for (size_t i = 0; i < scene.images.size(); ++i) {
@@ -288,7 +298,7 @@ void JudgePriors(const Scene& scene, const PositionPriors& priors,
     const Vector3d error = pose->Center() - prior.position;
     const double distance =
         std::sqrt(error.dot(prior.covariance.llt().solve(error)));
-    if (distance > kMinBound || !used.images[i]) {
+    if (distance > kOutlierInSigmas || !used.images[i]) {
       summary->outliers.push_back({image_idx, error.norm()});
     } else {
       ++summary->num_used;
