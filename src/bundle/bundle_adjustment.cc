@@ -14,11 +14,11 @@
 namespace mgsfm {
 
 bool SolveOnce(const Scene& scene, const BundlePriors& priors,
-               const FixedPoses& held, const BundleAdjustmentOptions& options,
+               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result) {
   BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors, held);
+      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
@@ -96,10 +96,10 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
                           const Context& context, const BundlePriors& priors,
-                          const FixedPoses& held) {
+                          const FixedPoses& fixed) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, priors, held, options, RefinedParts::kAll,
+  SolveOnce(scene, priors, fixed, options, RefinedParts::kAll,
             options.function_tolerance, context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);

@@ -13,9 +13,10 @@
 namespace mgsfm {
 namespace {
 
+// Beyond this, the linearisation of a rotation is meaningless.
 constexpr double kMaxSigmaRad = DegToRad(10.0);
 
-// In units of the noise of observations, as these are.
+// Expresses priors in units of the noise of observations.
 void WeighPriors(double sigma_px, BundleProblem* problem) {
   for (RigProblemBase::ParameterPrior& prior : problem->priors) {
     prior.sigma /= sigma_px;
@@ -30,7 +31,7 @@ void WeighPriors(double sigma_px, BundleProblem* problem) {
   problem->position_loss.scale *= sigma_px;
 }
 
-// The problem of a model, in units of the noise of its observations.
+// The problem of a model in units of the noise of its observations.
 BuiltProblem BuildWeighted(const Scene& scene,
                            const Reconstruction& reconstruction,
                            const BundleAdjustmentOptions& options,
