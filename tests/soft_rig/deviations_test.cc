@@ -32,10 +32,10 @@ Measured Measure(const DeviationSigma& sigma, int num_frames, uint64_t seed) {
   PoseVector noise;
   noise << 0.002, 0.001, 0.003, 0.02, 0.03, 0.01;
   measured.covariance = noise.cwiseAbs2().asDiagonal();
-  const PoseVector sigma = PriorVariances(sigma).cwiseSqrt();
+  const PoseVector sigmas = PriorVariances(sigma).cwiseSqrt();
   for (int i = 0; i < num_frames; ++i) {
     measured.values.push_back(
-        sigma.cwiseProduct(NormalVector(&random) - NormalVector(&random)) +
+        sigmas.cwiseProduct(NormalVector(&random) - NormalVector(&random)) +
         noise.cwiseProduct(NormalVector(&random)));
   }
   return measured;
