@@ -81,7 +81,7 @@ void FixScale(const BundleState& state, int fixed_frame,
   if (fixed != nullptr) *fixed = 0.0;
 }
 
-// With gravity terms, only the rotation about gravity is free, which is not a
+// Gravity terms leave only the rotation about gravity free, which is not a
 // coordinate of a frame. A weak measurement of the heading fixes it instead:
 // its influence on the tilt is negligible.
 void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {

@@ -61,7 +61,7 @@ struct ChunkWorkspace {
   std::vector<double> image_hessians;
   std::vector<double> image_gradients;
 
-  // Of the current point: its blocks, and its coupling W^T to each of them
+  // The blocks of the current point, and its coupling W^T to each of them
   // (three columns).
   std::vector<int> met;
   size_t num_met = 0;

@@ -16,9 +16,9 @@ constexpr double kDerivativeStep = 1e-3;
 // Largest change of a time offset in one step, in frame intervals: half an
 // interval stays within the neighbouring segment of the trajectory.
 constexpr double kMaxStep = 0.5;
-// The information that noise alone pretends to have on the offset of one image,
-// in 1 / interval^2. A velocity from two frames as noisy as an image has
-// variance 2 sigma^2 / interval^2 in each of six coordinates.
+// Spurious information on the offset of one image from noise of the velocity,
+// in 1 / interval^2. The velocity between two frames that are as noisy as the
+// image has variance 2 sigma^2 / interval^2 in each of six coordinates.
 constexpr double kNoiseInformation = 12.0;
 
 }  // namespace
@@ -165,7 +165,7 @@ void RigCalibration::SelectObservableOffsets(
   }
   const double max_sigma_s =
       options_.max_time_offset_sigma * motions_.MedianInterval(rig_idx);
-  for (const bool is_last : {false, true}) {
+  for (int pass = 0; pass < 2; ++pass) {
     const Eigen::VectorXd variances = equations.Variances(*mask);
     for (const int sensor_idx : sensor_idxs) {
       std::optional<double>& sigma_s = offsets_[sensor_idx].sigma_s;
@@ -179,12 +179,11 @@ void RigCalibration::SelectObservableOffsets(
         (*mask)[coordinate(sensor_idx)] = 0.0;
       }
     }
-    if (is_last) break;
   }
 }
 
-// Information on each time offset that noise alone pretends to have. Per
-// sensor.
+// Spurious information on the time offset of each sensor, see
+// kNoiseInformation.
 std::vector<double> RigCalibration::InformationOfNoise(
     const Frames& frames) const {
   std::vector<double> noise(scene_.sensors.size(), 0.0);

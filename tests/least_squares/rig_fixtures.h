@@ -163,7 +163,7 @@ inline RigScene<PixelObservation> MakePixelScene(
   return scene;
 }
 
-// With rays, held rotations, and terms of all kinds between images.
+// A scene with rays, constant rotations, and all kinds of terms between images.
 inline RigScene<RayObservation> MakeRayScene(RigSceneOptions options,
                                              double noise) {
   RigScene<RayObservation> scene;
