@@ -34,3 +34,5 @@ mgsfm_find_library(opencv_imgcodecs opencv_imgcodecs opencv2/imgcodecs.hpp
   opencv4)
 mgsfm_find_library(opencv_imgproc opencv_imgproc opencv2/imgproc.hpp opencv4)
 mgsfm_find_library(mgsfm_exiv2 exiv2 exiv2/exiv2.hpp "")
+# FLANN is used as templates; their serialisation refers to LZ4.
+mgsfm_find_library(mgsfm_flann lz4 flann/flann.hpp "")

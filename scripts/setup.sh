@@ -14,6 +14,7 @@ packages=(
   libsqlite3-dev
   nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
   libopencv-imgproc-dev libexiv2-dev
+  libflann-dev
   libgtest-dev libgmock-dev libbenchmark-dev
 )
 case "${1:-}" in

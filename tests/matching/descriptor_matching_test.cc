@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "matching/dot_tiles.h"
+#include "matching/nearest_two.h"
 #include "matching/test_descriptors.h"
 
 namespace mgsfm {

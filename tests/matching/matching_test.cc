@@ -298,7 +298,7 @@ TEST_F(MatchingTest, SpatialUsesPositions) {
   SpatialMatchingOptions options;
   EXPECT_THAT(
       ErrorOf([&] { MatchSpatially(&database, scene, options, {}, {}); }),
-      testing::HasSubstr("has no positions"));
+      testing::HasSubstr("has no position priors"));
   for (const Image& image : scene.images) {
     const int frame = std::stoi(image.name.substr(5));
     if (image.name[3] != '0') continue;

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/pair_selection.h"
+#include "matching/pair_selection.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 #include <set>
 #include <string>
 
@@ -29,8 +30,8 @@ std::vector<Where> Locate(const FrameSequence& sequence, size_t num_images) {
   std::vector<Where> where(num_images);
   for (int i = 0; i < sequence.num_frames(); ++i) {
     for (int slot = 0; slot < sequence.num_slots; ++slot) {
-      const int image = sequence.images[i][slot];
-      if (image >= 0) where[image] = {i, slot};
+      const std::optional<int> image = sequence.images[i][slot];
+      if (image) where[*image] = {i, slot};
     }
   }
   return where;
@@ -48,10 +49,10 @@ TEST(FrameSequences, HoldAllImagesInOrderOfNames) {
     const std::string& name = scene.frames[sequences[0].frame_idxs[i]].name;
     EXPECT_LT(last_name, name);
     last_name = name;
-    for (const int image : sequences[0].images[i]) {
-      if (image < 0) continue;
-      images.insert(image);
-      EXPECT_EQ(scene.images[image].frame_idx, sequences[0].frame_idxs[i]);
+    for (const std::optional<int>& image : sequences[0].images[i]) {
+      if (!image) continue;
+      images.insert(*image);
+      EXPECT_EQ(scene.images[*image].frame_idx, sequences[0].frame_idxs[i]);
     }
   }
   EXPECT_EQ(images.size(), scene.images.size());
@@ -73,7 +74,7 @@ TEST(FrameSequences, SingleCamerasOfAFolderAreOneSequence) {
   }
   const auto sequences = MakeFrameSequences(scene);
   ASSERT_EQ(sequences.size(), 2u);
-  const std::vector<std::vector<int>> expected = {{0}, {1}, {2}};
+  const std::vector<std::vector<std::optional<int>>> expected = {{0}, {1}, {2}};
   EXPECT_EQ(sequences[0].images, expected);
   SequentialPairOptions options;
   options.overlap = 1;
@@ -168,7 +169,7 @@ TEST(SpatialPairs, NearestWithinTheDistance) {
   // Only the first image of a frame has a position, 10 m after that before.
   const auto sequences = MakeFrameSequences(scene);
   for (int i = 0; i < 10; ++i) {
-    positions[sequences[0].images[i][0]] =
+    positions[*sequences[0].images[i][0]] =
         Eigen::Vector3d(10.0 * i, 0, 5.0 * i);
   }
   SpatialMatchingOptions options;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/rig_verification.h"
+#include "matching/rig_verification.h"
 
 #include <gtest/gtest.h>
 

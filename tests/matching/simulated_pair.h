@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/random.h"
@@ -16,13 +17,12 @@ inline Camera MakeCamera(CameraModelId model, int width, int height,
   return {CameraId(1), model, width, height, std::move(params), has_prior};
 }
 
-inline std::vector<Eigen::Vector3d> RaysOf(
+inline std::vector<std::optional<Eigen::Vector3d>> RaysOf(
     const Camera& camera, const std::vector<Eigen::Vector2f>& keypoints) {
-  std::vector<Eigen::Vector3d> rays;
+  std::vector<std::optional<Eigen::Vector3d>> rays;
   for (const Eigen::Vector2f& keypoint : keypoints) {
     rays.push_back(RayFromPixel(camera.model, camera.params.data(),
-                                keypoint.cast<double>())
-                       .value_or(Eigen::Vector3d::Zero()));
+                                keypoint.cast<double>()));
   }
   return rays;
 }
@@ -31,14 +31,14 @@ inline std::vector<Eigen::Vector3d> RaysOf(
 struct SimulatedView {
   Camera camera = MakeCamera(CameraModelId::kSimplePinhole, 1, 1, {1, 0, 0});
   std::vector<Eigen::Vector2f> keypoints;
-  std::vector<Eigen::Vector3d> rays;
+  std::vector<std::optional<Eigen::Vector3d>> rays;
 
   VerificationView View() const { return {&camera, &keypoints, &rays}; }
 };
 
 struct SimulatedPair {
   SimulatedView view1, view2;
-  std::vector<Match> matches;  // the first `num_true` of them are right
+  std::vector<Match> matches;  // the first `num_true` are correct
   size_t num_true = 0;
 };
 

@@ -10,6 +10,7 @@
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "matching/ray_models.h"
+#include "matching/scene_pairs.h"
 #include "matching/simulated_pair.h"
 
 namespace mgsfm {
@@ -110,7 +111,7 @@ TEST(VerifyPair, SeesBehindFisheyes) {
       SimulatePair(Fisheye(), kMotion, {200, 100, 0.5}, &random, DrawAround);
   const auto num_behind =
       std::count_if(pair.view1.rays.begin(), pair.view1.rays.end(),
-                    [](const Eigen::Vector3d& ray) { return ray.z() < 0.0; });
+                    [](const auto& ray) { return ray && ray->z() < 0.0; });
   ASSERT_GT(num_behind, 10);
   const ImagePair verified = Verify(pair);
   EXPECT_EQ(verified.config, TwoViewConfig::kCalibrated);
@@ -199,7 +200,7 @@ TEST(VerifyPair, ShiftedBorderIsWatermark) {
 TEST(VerifyPair, SkipsKeypointsWithoutRay) {
   Random random(10);
   SimulatedPair pair = SimulatePair(Pinhole(), kMotion, {}, &random, DrawInBox);
-  for (size_t i = 0; i < 20; ++i) pair.view1.rays[i].setZero();
+  for (size_t i = 0; i < 20; ++i) pair.view1.rays[i].reset();
   const ImagePair verified = Verify(pair);
   EXPECT_EQ(verified.config, TwoViewConfig::kCalibrated);
   for (const Match& match : verified.matches) {
@@ -209,8 +210,8 @@ TEST(VerifyPair, SkipsKeypointsWithoutRay) {
 
 TEST(PairSeed, DependsOnBothNamesAndSeed) {
   const std::set<uint64_t> seeds = {
-      PairSeed("a", "b", 0), PairSeed("b", "a", 0), PairSeed("ab", "", 0),
-      PairSeed("a", "b", 1)};
+      internal::PairSeed("a", "b", 0), internal::PairSeed("b", "a", 0),
+      internal::PairSeed("ab", "", 0), internal::PairSeed("a", "b", 1)};
   EXPECT_EQ(seeds.size(), 4u);
 }
 
