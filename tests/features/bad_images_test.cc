@@ -136,7 +136,7 @@ class BadImagesTest : public ExtractionTest {
   void ExpectRefused(const std::string& name, const std::string& why,
                      const FeatureExtractionOptions& options = {}) {
     const FeatureExtractionSummary summary = Extract(options);
-    EXPECT_EQ(summary.num_refused, 1u);
+    EXPECT_EQ(summary.num_rejected, 1u);
     EXPECT_EQ(warnings_.size(), 1u);
     EXPECT_TRUE(IsWarned(name, why)) << testing::PrintToString(warnings_);
     const auto images = Images();

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <vector>
 
+#include "features/sift.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/features/sift.h"
 
 namespace mgsfm {
 

@@ -105,7 +105,7 @@ TEST_F(FeatureExtractionTest, TakesGivenIntrinsics) {
   options.reader.camera_params = "100,60,45";
   EXPECT_THAT(Problem(options), HasSubstr("PINHOLE has 4 parameters, not 3"));
   options.reader.camera_params = "100,x,60,45";
-  EXPECT_THAT(Problem(options), HasSubstr("'x' is no number"));
+  EXPECT_THAT(Problem(options), HasSubstr("'x' is not a number"));
   options.reader.camera_model = "PINHOLES";
   EXPECT_THAT(Problem(options), HasSubstr("no camera model 'PINHOLES'"));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/features/sift.h"
+#include "features/sift.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
