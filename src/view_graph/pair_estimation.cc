@@ -19,10 +19,10 @@ namespace {
 // Matches within this factor of the maximum error refine the initial pose,
 // which may be slightly wrong.
 constexpr double kRelaxation = 2.0;
-// A homography this close to a rotation, relative to its norm, is decomposed as
-// a rotation.
+// A homography is a rotation if its singular values differ by at most this
+// ratio.
 constexpr double kHomographyRotationTolerance = 1e-4;
-// Gauss-Newton converges in a few iterations; this bounds the others.
+// Most pairs converge in fewer iterations.
 constexpr int kMaxNumRefinementIterations = 15;
 // A sample of two inliers at an inlier ratio of 0.2 is found with probability
 // 1 - (1 - 0.2^2)^200 = 0.9997.

@@ -72,7 +72,7 @@ struct ViewGraphResult {
 //     smallest truncated squared Sampson error over all matches, with points in
 //     front of both cameras. If it has too few inliers, LO-RANSAC of a rotation
 //     and of a pose.
-//  2. Refinement: Gauss-Newton on the Cauchy loss of Sampson angles
+//  2. Refinement: Levenberg-Marquardt on the Cauchy loss of Sampson angles
 //     (geometry/epipolar.h), first with a fixed scale, then with one
 //     proportional to the median error of the pair. It stops at a relative cost
 //     decrease of 1e-5 or after 15 iterations.
