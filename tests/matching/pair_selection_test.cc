@@ -58,7 +58,7 @@ TEST(FrameSequences, HoldAllImagesInOrderOfNames) {
   EXPECT_EQ(images.size(), scene.images.size());
 }
 
-// A flat folder whose images all have cameras of their own.
+// A folder whose images all have different cameras.
 TEST(FrameSequences, SingleCamerasOfAFolderAreOneSequence) {
   Scene scene;
   for (int i = 0; i < 4; ++i) {
@@ -127,7 +127,7 @@ TEST(SequentialPairs, LearnsWhichSensorsOverlap) {
   options.overlap = 5;
   options.quadratic_overlap = false;
   options.num_probe_frames = 6;
-  // Slot 1 sees three frames later what slot 0 sees.
+  // Slot 1 sees the same scene as slot 0 three frames later.
   const auto overlaps = [&](const ImageIdxPair& pair) {
     Where first = where[pair.image_idx1], second = where[pair.image_idx2];
     if (first.slot == 1) std::swap(first, second);
@@ -160,13 +160,13 @@ TEST(SequentialPairs, RareOverlapNeedsTheRatio) {
   };
   EXPECT_EQ(count(0), 0u);
   EXPECT_EQ(count(1), 0u);
-  EXPECT_EQ(count(2), 60u);  // of the first distance, 0
+  EXPECT_EQ(count(2), 60u);  // at distance 0
 }
 
 TEST(SpatialPairs, NearestWithinTheDistance) {
   const Scene scene = StereoScene(10);
   std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
-  // Only the first image of a frame has a position, 10 m after that before.
+  // Only the first image of a frame has a position; frames are 10 m apart.
   const auto sequences = MakeFrameSequences(scene);
   for (int i = 0; i < 10; ++i) {
     positions[*sequences[0].images[i][0]] =
@@ -187,7 +187,7 @@ TEST(SpatialPairs, NearestWithinTheDistance) {
   EXPECT_EQ(pairs.size(), 10u);  // the other image of the frame
   options.ignore_z = false;
   options.max_num_neighbors = 50;
-  options.max_distance = 11.0;  // less than 10 m and 5 m in height
+  options.max_distance = 11.0;  // less than the distance with height
   EXPECT_EQ(SpatialPairs(scene, positions, options, {}).size(), 10u);
   for (auto& position : positions) position.reset();
   EXPECT_TRUE(SpatialPairs(scene, positions, options, {}).empty());

@@ -53,8 +53,8 @@ struct PairSimulationOptions {
   double noise_px = 0.5;
 };
 
-// Points of `draw_point`, in camera 1, that both cameras see, and false
-// matches anywhere in the images.
+// Matches of points from `draw_point` (in camera 1) that both cameras see, and
+// false matches anywhere in the images.
 inline SimulatedPair SimulatePair(
     const Camera& camera, const Rigid3& cam2_from_cam1,
     const PairSimulationOptions& options, Random* random,
@@ -105,7 +105,7 @@ inline Eigen::Vector3d DrawOnPlane(Random* random) {
   return {x, y, 10.0 + 0.4 * x - 0.3 * y};
 }
 
-// All around, behind the camera too.
+// Points in all directions, including behind the camera.
 inline Eigen::Vector3d DrawAround(Random* random) {
   Eigen::Vector3d direction(random->Normal(), random->Normal(),
                             random->Normal());

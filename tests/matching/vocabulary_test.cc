@@ -84,9 +84,8 @@ TEST(Vocabulary, EqualSamplesAreOneWord) {
   EXPECT_EQ(Vocabulary::Train(single.View(), {}, {}).num_words(), 1);
 }
 
-// Images of places: each place has features at fixed positions; an image of it
-// shows most of them, moved by a similarity of the image plane, noisy, and some
-// others.
+// Images of places. Each place has features at fixed positions; an image shows
+// most of them, transformed by a similarity with noise, and some others.
 class World {
  public:
   World(int num_places, Random* random) {
@@ -221,8 +220,8 @@ FrameSequence TwoSensorSequence(int num_frames) {
 
 TEST(RetrievePairs, FindsFramesOfOnePlace) {
   Random random(7);
-  // 60 images are 30 frames: frame i saw places 2 i and 2 i + 1 (modulo 30),
-  // so that frames i and i + 15 are at one place.
+  // 60 images are 30 frames: frame i shows places 2 i and 2 i + 1 (modulo 30),
+  // so that frames i and i + 15 show the same places.
   const Visits visits(2, &random);
   const WordIndex index(visits.num_words, visits.images);
   FrameRetrievalOptions options;

@@ -33,7 +33,7 @@ struct ViewGraphOptions {
     visit("min_row_inlier_ratio", self.min_row_inlier_ratio, Between(0.0, 1.0),
           "",
           "Minimum inlier ratio of the two-view geometry in the database to "
-          "initialize the relative pose; otherwise it is estimated anew.");
+          "initialize the relative pose; otherwise it is re-estimated.");
     visit("min_parallax_px", self.min_parallax_px, AtLeast(0.0), "px",
           "Minimum error of a match to a pure rotation that counts as "
           "parallax.");
@@ -42,7 +42,7 @@ struct ViewGraphOptions {
         "Minimum ratio of inliers with parallax; pairs with a smaller one get "
         "a relative rotation without translation direction.");
     visit("max_num_trials", self.max_num_trials, AtLeast(1), "trials",
-          "Maximum number of RANSAC trials for pairs estimated anew.");
+          "Maximum number of RANSAC trials per re-estimated pair.");
   }
 };
 
