@@ -14,7 +14,7 @@ namespace mgsfm {
 namespace {
 
 constexpr size_t kDim = DescriptorView::kDim;
-// A centre of fewer samples mostly reproduces their noise.
+// Lower bound, so that a word stands for several features rather than one.
 constexpr size_t kMinSamplesPerWord = 8;
 // Samples per unit of parallel work.
 constexpr size_t kBlockSize = 256;
