@@ -45,4 +45,8 @@ function(mgsfm_find_system_libraries)
   if("mgsfm_exiv2" IN_LIST ARGN)
     mgsfm_find_library(mgsfm_exiv2 exiv2 exiv2/exiv2.hpp "")
   endif()
+  if("mgsfm_flann" IN_LIST ARGN)
+    # FLANN consists of templates, whose serialisation refers to LZ4.
+    mgsfm_find_library(mgsfm_flann lz4 flann/flann.hpp "")
+  endif()
 endfunction()

@@ -24,7 +24,7 @@ void LogSummary(const FeatureExtractionSummary& summary,
                std::to_string(summary.num_extracted) + " images" + rate + "; " +
                std::to_string(summary.num_present) +
                " images had features before, " +
-               std::to_string(summary.num_refused) + " were left out");
+               std::to_string(summary.num_rejected) + " were rejected");
 }
 
 }  // namespace

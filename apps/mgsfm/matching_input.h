@@ -7,7 +7,7 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/io/database/scene_loading.h"
-#include "mgsfm/matching/pair_matching.h"
+#include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

@@ -244,7 +244,7 @@ void LogFocalLengths(const Scene& scene,
     if (estimate.estimated_px) {
       std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
                     *estimate.estimated_px, estimate.prior_px,
-                    *estimate.estimated_px * estimate.sigma);
+                    *estimate.estimated_px * *estimate.sigma);
       context.Info(camera + numbers);
     } else {
       std::snprintf(numbers, sizeof(numbers),
@@ -263,8 +263,8 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
         continue;
       }
-      check.relative_sigma =
-          std::max(check.relative_sigma.value_or(0.0), estimate.sigma);
+      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
+                                      estimate.sigma.value_or(0.0));
       if (!check.message.empty()) continue;
       check.message =
           "a refined focal length is not to be trusted: " + estimate.message;

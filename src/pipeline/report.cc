@@ -77,7 +77,7 @@ Json ToJson(const Scene& scene,
         {{"camera_id", scene.cameras[estimate.camera_idx].id.value()},
          {"prior_px", estimate.prior_px},
          {"estimated_px", ToJson(estimate.estimated_px)},
-         {"relative_sigma", estimate.sigma},
+         {"relative_sigma", ToJson(estimate.sigma)},
          {"num_pairs", estimate.num_pairs},
          {"message", estimate.message}});
   }

@@ -86,9 +86,9 @@ TEST_F(FeatureCommandsTest, NamesBadImagesAndGoesOn) {
   WriteImage("right/2000.pgm", 3, 161, 120);
   const CommandOutput output = RunMgsfm(ExtractorLine(""));
   EXPECT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, HasSubstr("'left/empty.jpg' is left out: it is"));
-  EXPECT_THAT(output.err, HasSubstr("'left/notes.txt' is left out: it is"));
-  EXPECT_THAT(output.err, HasSubstr("'right/2000.pgm' is left out: it has"));
+  EXPECT_THAT(output.err, HasSubstr("'left/empty.jpg' is rejected: it is"));
+  EXPECT_THAT(output.err, HasSubstr("'left/notes.txt' is rejected: it is"));
+  EXPECT_THAT(output.err, HasSubstr("'right/2000.pgm' is rejected: it has"));
   EXPECT_EQ(Features().size(), 2u);
 }
 

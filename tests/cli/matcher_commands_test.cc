@@ -131,7 +131,7 @@ TEST_F(MatcherCommands, TheSecondRunChangesNothing) {
     const std::string content = ReadTextFile(database);
     const CommandOutput again = Match(command, database);
     EXPECT_EQ(again.exit_code, 0) << command;
-    EXPECT_THAT(again.err, HasSubstr("0 new ones a second"));
+    EXPECT_THAT(again.err, HasSubstr("0 new pairs/s"));
     EXPECT_TRUE(ReadTextFile(database) == content) << command;
   }
 }
@@ -244,8 +244,9 @@ TEST_F(MatcherCommands, FeaturesThatDoNotFit) {
     }
   }
   for (const std::string& command : AllCommands()) {
-    ExpectRefused(command, database,
-                  AllOf(HasSubstr(image), HasSubstr("feature_extractor")));
+    ExpectRefused(
+        command, database,
+        AllOf(HasSubstr(image), HasSubstr("extract its features again")));
   }
 }
 

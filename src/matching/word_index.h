@@ -6,7 +6,7 @@
 
 namespace mgsfm {
 
-// A feature as retrieval sees it.
+// A feature in image retrieval.
 struct WordFeature {
   int word = 0;
   float x_px = 0.0f;
@@ -20,19 +20,20 @@ struct WordImage {
   float diagonal_px = 0.0f;
 };
 
-// Which words are in which images, to find images like one of them.
+// Inverted index from visual words to images.
 class WordIndex {
  public:
   WordIndex(int num_words, const std::vector<WordImage>& images);
 
   size_t num_images() const { return words_.size(); }
 
-  // Of each image to one of them, in [0, 1]: the cosine of the vectors with the
-  // elements
+  // Similarity of all images to one of them, in [0, 1]: the cosine of the
+  // tf-idf vectors with the elements
   //   sqrt(features of the word in the image) log((images + 1) / images with
-  //   it),
-  // (the square root because words come in bursts; Jegou et al. 2009). Linear
-  // in the entries of the lists of the image's words.
+  //   it).
+  // The square root accounts for bursts of words (Jegou, Douze, Schmid: On the
+  // burstiness of visual elements, CVPR 2009). Linear in the lengths of the
+  // lists of the image's words.
   std::vector<float> Similarities(size_t image_idx) const;
 
  private:
@@ -46,13 +47,13 @@ class WordIndex {
   };
   std::vector<size_t> offsets_;  // of the list of each word in entries_
   std::vector<Entry> entries_;
-  std::vector<std::vector<WordWeight>> words_;  // of each image
+  std::vector<std::vector<WordWeight>> words_;  // per image
 };
 
-// Words that both images show at places that one similarity of the image plane
-// maps onto each other: roughly, within 5 % of the diagonal, a factor of 2 in
-// scale and 30 degrees. The largest number over the similarities that single
-// features of rare words give. O(c^2) for c <= 256 pairs of such features.
+// Spatial verification: the number of common words whose keypoints agree on one
+// similarity of the image plane, within 5 % of the diagonal, a factor of 2 in
+// scale and 30 degrees. Hypotheses are the similarities of single features of
+// rare words; the best one counts. O(c^2) for c <= 256 pairs of such features.
 int CountConsistentWords(const WordImage& image1, const WordImage& image2);
 
 }  // namespace mgsfm
