@@ -10,6 +10,8 @@
 #include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
+#include "pipeline/position_recipe.h"
+#include "pipeline/position_variants.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -96,11 +98,11 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   });
   model.tracks = tracks.summary;
 
-  TranslationResult translation =
+  PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
-        return AverageTranslations(scene, bearings, view_graph, rotations,
-                                   tracks.estimate,
-                                   options.translation_averaging, context);
+        return EstimatePositionsByVariant(
+            {scene, bearings, view_graph, rotations, tracks.estimate},
+            options.translation_averaging, context);
       });
   model.translation = std::move(translation.summary);
   model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,

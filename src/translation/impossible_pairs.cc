@@ -53,13 +53,13 @@ Mask FindInconsistentBaselines(const PositionProblem& problem,
     if (!is_in_skeleton[i] || !pairs[i].IsBetweenFrames()) continue;
     edges.push_back({pairs[i].frame_idx1, pairs[i].frame_idx2,
                      static_cast<double>(num_matches[i])});
-    lengths.push_back(scales.scale[i] * unit);
+    lengths.push_back(scales.pairs[i]->scale * unit);
   }
   const ForestWays ways(problem.num_frames, edges, lengths);
   Mask is_inconsistent(motions.size(), false);
   int num_tested = 0, num_inconsistent = 0;
   for (size_t i = 0; i < motions.size(); ++i) {
-    if (scales.group[i] != 0 || !pairs[i].IsBetweenFrames() ||
+    if (!scales.pairs[i] || scales.pairs[i]->group != 0 || !pairs[i].IsBetweenFrames() ||
         !positions.IsPlaced(problem, motions[i].image_idx1) ||
         !positions.IsPlaced(problem, motions[i].image_idx2)) {
       continue;
@@ -67,7 +67,7 @@ Mask FindInconsistentBaselines(const PositionProblem& problem,
     const Eigen::Vector3d error =
         positions.CamCenter(problem, motions[i].image_idx2) -
         positions.CamCenter(problem, motions[i].image_idx1) -
-        scales.scale[i] * unit * motions[i].direction;
+        scales.pairs[i]->scale * unit * motions[i].direction;
     is_inconsistent[i] =
         error.norm() >
         max_drift * ways.Between(pairs[i].frame_idx1, pairs[i].frame_idx2) +

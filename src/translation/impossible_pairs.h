@@ -6,7 +6,7 @@
 #include "mgsfm/base/mask.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
-#include "translation/relative_translation.h"
+#include "translation/baseline_directions.h"
 #include "translation/scale_averaging.h"
 
 namespace mgsfm {

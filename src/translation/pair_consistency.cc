@@ -22,13 +22,13 @@ Mask FindInconsistentPairs(const PositionProblem& problem,
   Mask contradicts(motions.size(), false);
   for (size_t i = 0; i < motions.size(); ++i) {
     const BaselineDirection& motion = motions[i];
-    if (scales.group[i] < 0 ||
+    if (!scales.pairs[i] ||
         !positions.IsPlaced(problem, motion.image_idx1) ||
         !positions.IsPlaced(problem, motion.image_idx2)) {
       continue;
     }
-    const double unit = initial.group_factor[scales.group[i]];
-    const double length = scales.scale[i] * unit;
+    const double unit = initial.group_factor[scales.pairs[i]->group];
+    const double length = scales.pairs[i]->scale * unit;
     const Eigen::Vector3d baseline =
         positions.CamCenter(problem, motion.image_idx2) -
         positions.CamCenter(problem, motion.image_idx1);

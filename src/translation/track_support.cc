@@ -14,10 +14,12 @@ namespace {
 class JoinedFrames {
  public:
   JoinedFrames(const PositionProblem& problem,
-               const std::vector<BaselineDirection>& motions)
+               const std::vector<BaselineDirection>& motions,
+               const Mask& pair_is_used)
       : neighbours_(problem.num_frames) {
-    for (const BaselineDirection& motion : motions) {
-      if (motion.kind == BaselineKind::kUnused) continue;
+    for (size_t i = 0; i < motions.size(); ++i) {
+      const BaselineDirection& motion = motions[i];
+      if (!pair_is_used[i] || motion.kind == BaselineKind::kUnused) continue;
       const int frame1 = problem.frame_idx[motion.image_idx1];
       const int frame2 = problem.frame_idx[motion.image_idx2];
       neighbours_[frame1].push_back(frame2);
@@ -55,9 +57,10 @@ class JoinedFrames {
 
 Mask FindSupportedTracks(const PositionProblem& problem,
                          const std::vector<BaselineDirection>& motions,
+                         const Mask& pair_is_used,
                          const TrackRays& rays, const TrackPoints& points,
                          int num_threads) {
-  const JoinedFrames joined(problem, motions);
+  const JoinedFrames joined(problem, motions, pair_is_used);
   const ObservationGroups& tracks = rays.tracks;
   Mask is_supported(tracks.size(), false);
   ParallelFor(

@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/mask.h"
 #include "translation/position_problem.h"
-#include "translation/relative_translation.h"
+#include "translation/baseline_directions.h"
 #include "translation/track_points.h"
 
 namespace mgsfm {
@@ -21,6 +21,7 @@ namespace mgsfm {
 // Cost: O(n^2 log d) for a track of n frames with d neighbours; in parallel.
 Mask FindSupportedTracks(const PositionProblem& problem,
                          const std::vector<BaselineDirection>& motions,
+                         const Mask& pair_is_used,
                          const TrackRays& rays, const TrackPoints& points,
                          int num_threads);
 

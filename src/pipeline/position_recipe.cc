@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/position_recipe.h"
+
+#include <cstdio>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/timer.h"
+#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "translation/impossible_pairs.h"
+#include "translation/pair_consistency.h"
+#include "translation/translation_stages.h"
+
+namespace mgsfm {
+namespace {
+
+// The positions of a skeleton only screen pairs, so their ADMM ends early.
+constexpr int kMaxNumSkeletonIterations = 60;
+// Drift bounds of the skeletal graph, as a share of the path length. The first
+// covers the drift of the scale of one camera.
+constexpr double kDriftBounds[] = {0.2, 0.1, 0.05, 0.02};
+
+// Logs the time of each step.
+class StepLog {
+ public:
+  explicit StepLog(const Context& context) : context_(context) {}
+  void Finish(const char* step) {
+    char line[128];
+    std::snprintf(line, sizeof(line), "positions: %s %.3f s", step,
+                  timer_.Seconds());
+    context_.Debug(line);
+    timer_ = Timer();
+  }
+
+ private:
+  const Context& context_;
+  Timer timer_;
+};
+
+// The skeletal graph, and L1 positions by its pairs alone.
+struct PositionSkeleton {
+  Mask is_in_skeleton;
+  InitialPositions initial;
+};
+
+PositionSkeleton PositionBySkeleton(const PositionMeasurements& measured,
+                                    Mask is_in_skeleton,
+                                    double min_parallax_deg,
+                                    const Context& context) {
+  // Pairs without parallax also place the frames of the skeleton.
+  Mask pair_is_used = is_in_skeleton;
+  const std::vector<BaselineDirection>& baselines = measured.pairs.baselines;
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (baselines[i].kind == BaselineKind::kNoParallax) pair_is_used[i] = true;
+  }
+  return {std::move(is_in_skeleton),
+          InitializePositions(measured.problem, baselines,
+                              measured.pairs.scales, pair_is_used,
+                              min_parallax_deg,
+                              {kMaxNumSkeletonIterations, kStartTolerance},
+                              context)};
+}
+
+// Pairs beyond the drift bound of a skeleton.
+Mask BeyondDrift(const PositionInput& input, const PositionMeasurements& measured,
+                 const PositionSkeleton& skeleton, double drift_bound) {
+  std::vector<int> num_matches;
+  for (const ImagePair& pair : input.view_graph.pairs) {
+    num_matches.push_back(static_cast<int>(pair.matches.size()));
+  }
+  return FindInconsistentBaselines(measured.problem, measured.pairs.baselines,
+                                   num_matches, skeleton.is_in_skeleton,
+                                   measured.pairs.scales, skeleton.initial,
+                                   drift_bound);
+}
+
+// Where a road shows little else, duplicate structures can be strong enough for
+// the skeletal graph. The strict graph does not contain them; pairs beyond its
+// drift bound are no candidates for the skeletal graph.
+PositionSkeleton FindSkeleton(const PositionInput& input,
+                              const PositionMeasurements& measured,
+                              double min_parallax_deg, const Context& context) {
+  Mask is_candidate(measured.pairs.baselines.size());
+  for (size_t i = 0; i < is_candidate.size(); ++i) {
+    is_candidate[i] =
+        measured.pairs.baselines[i].kind == BaselineKind::kDirection;
+  }
+  const PositionSkeleton strict = PositionBySkeleton(
+      measured,
+      SelectSkeletalGraph(input.scene, input.view_graph, is_candidate,
+                          kStrictSkeletalGraph, context.num_threads),
+      min_parallax_deg, context);
+  is_candidate.Remove(BeyondDrift(input, measured, strict, kDriftBounds[0]));
+  return PositionBySkeleton(
+      measured,
+      SelectSkeletalGraph(input.scene, input.view_graph, is_candidate, {},
+                          context.num_threads),
+      min_parallax_deg, context);
+}
+
+Mask FindInconsistent(const PositionMeasurements& measured,
+                      const InitialPositions& initial,
+                      const Positions& positions) {
+  return FindInconsistentPairs(measured.problem, measured.pairs.baselines,
+                               measured.pairs.scales, initial, positions);
+}
+
+}  // namespace
+
+PositionMeasurements MeasurePositions(
+    const PositionInput& input, const TranslationAveragingOptions& options,
+    const Context& context) {
+  const PositionProblem problem =
+      MakePositionProblem(input.scene, input.rotations);
+  TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
+                                    context.num_threads);
+  PairMeasurements pairs = MeasurePairs(
+      input.scene, input.bearings, input.view_graph,
+      input.rotations.pair_is_inlier, problem, options.min_parallax_deg,
+      context);
+  return {problem, std::move(rays), std::move(pairs)};
+}
+
+ScreenedPositions ScreenAndInitialize(
+    const PositionInput& input, const PositionMeasurements& measured,
+    const TranslationAveragingOptions& options,
+    const InitializationOptions& initialization, const Context& context) {
+  StepLog log(context);
+  const double min_parallax_deg = options.min_parallax_deg;
+  const PositionSkeleton skeleton =
+      FindSkeleton(input, measured, min_parallax_deg, context);
+  log.Finish("skeletal graph");
+  ScreenedPositions best;
+  int fewest_violated = std::numeric_limits<int>::max();
+  for (const double drift_bound : kDriftBounds) {
+    ScreenedPositions screened;
+    screened.pair_is_used = input.rotations.pair_is_inlier;
+    screened.pair_is_used.Remove(
+        BeyondDrift(input, measured, skeleton, drift_bound));
+    screened.initial = InitializePositions(
+        measured.problem, measured.pairs.baselines, measured.pairs.scales,
+        screened.pair_is_used, min_parallax_deg, initialization, context);
+    const int num_violated = CountViolatedSkeletonEdges(
+        measured.problem, measured.pairs.baselines, skeleton.is_in_skeleton,
+        measured.pairs.scales, skeleton.initial, screened.initial);
+    context.Debug("positions: drift bound " + std::to_string(drift_bound) +
+                  " violates " + std::to_string(num_violated) +
+                  " skeleton edges");
+    if (num_violated < fewest_violated) {
+      fewest_violated = num_violated;
+      best = std::move(screened);
+    }
+    if (num_violated == 0) break;
+  }
+  log.Finish("L1 positions");
+  return best;
+}
+
+Mask KeepConsistentPairs(const PositionMeasurements& measured,
+                         const ScreenedPositions& screened,
+                         const Positions& positions) {
+  Mask pair_is_used = screened.pair_is_used;
+  pair_is_used.Remove(FindInconsistent(measured, screened.initial, positions));
+  return pair_is_used;
+}
+
+PositionResult ConcludePositions(const PositionInput& input,
+                                 const PositionMeasurements& measured,
+                                 const RefinementInput& refinement,
+                                 Positions positions, TrackPoints points,
+                                 TranslationSummary summary) {
+  const InitialPositions& initial = refinement.initial;
+  if (!initial.is_metric) {
+    ScaleBy(FactorToMeasuredLengths(refinement, positions), &positions,
+            &points);
+  }
+  PositionResult result;
+  result.pair_is_inconsistent = FindInconsistent(measured, initial, positions);
+  result.estimate =
+      MakePositionEstimate(input.scene, measured.problem, positions, points);
+  result.summary = std::move(summary);
+  SummarizePairs(measured.pairs, input.rotations.pair_is_inlier,
+                 &result.summary);
+  result.summary.num_pairs_inconsistent_with_positions =
+      static_cast<int>(result.pair_is_inconsistent.Count());
+  result.summary.initialization = initial.solve;
+  SummarizeEstimate(measured.problem, initial, result.estimate,
+                    &result.summary);
+  return result;
+}
+
+PositionResult EstimatePositions(const PositionInput& input,
+                                 const TranslationAveragingOptions& options,
+                                 const Context& context) {
+  StepLog log(context);
+  const PositionMeasurements measured =
+      MeasurePositions(input, options, context);
+  log.Finish("baselines of pairs");
+
+  InitializationOptions initialization;
+  initialization.relative_tolerance = kStartTolerance;
+  const ScreenedPositions screened =
+      ScreenAndInitialize(input, measured, options, initialization, context);
+  log.Finish("screened L1 positions");
+
+  const RefinedPositions by_pairs = RefineWithPairs(
+      {measured.problem, measured.pairs.baselines, measured.pairs.scales,
+       screened.initial, screened.pair_is_used},
+      options, context);
+  log.Finish("refinement with pairs");
+
+  const Mask pair_is_used =
+      KeepConsistentPairs(measured, screened, by_pairs.positions);
+  const RefinementInput refinement{measured.problem, measured.pairs.baselines,
+                                   measured.pairs.scales, screened.initial,
+                                   pair_is_used};
+  TrackRefinement by_tracks = RefineWithTracks(
+      refinement, by_pairs.positions, measured.rays, options, context);
+  log.Finish("refinement with tracks");
+
+  TranslationSummary summary;
+  summary.camera_refinement = by_pairs.solve;
+  summary.joint_refinement = by_tracks.solve;
+  summary.num_frames_placed_by_points = by_tracks.num_frames_placed_by_points;
+  return ConcludePositions(input, measured, refinement,
+                           std::move(by_tracks.positions),
+                           std::move(by_tracks.points), std::move(summary));
+}
+
+}  // namespace mgsfm
