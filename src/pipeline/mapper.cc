@@ -7,6 +7,8 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/rejected_groups.h"
 #include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
@@ -69,7 +71,7 @@ std::vector<RejectedGroup> FindRejectedGroups(
       is_rejected[i] = true;
     }
   }
-  return GroupRejectedPairs(scene, view_graph, is_rejected);
+  return GroupRejectedPairs(FramePairIndex(scene, view_graph), is_rejected);
 }
 
 void WarnOfRejectedGroups(const Scene& scene,

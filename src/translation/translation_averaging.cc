@@ -14,18 +14,20 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/timer.h"
-#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "pair_filtering/baseline_consistency.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/track_support.h"
 #include "translation/angle_refinement.h"
 #include "translation/bilinear_refinement.h"
-#include "translation/impossible_pairs.h"
-#include "translation/pair_consistency.h"
+#include "translation/measured_baselines.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/random_start.h"
 #include "translation/relative_translation.h"
 #include "translation/scale_averaging.h"
 #include "translation/track_points.h"
-#include "translation/track_support.h"
 
 namespace mgsfm {
 namespace {
@@ -41,10 +43,6 @@ constexpr int kMaxNumBackboneIterations = 60;
 // Of L1 positions that are only a start: what ten times as exact ones would
 // tell better, about long bends, the first step of the refinement tells, too.
 constexpr double kStartTolerance = 1e-3;
-// What a backbone may drift, of the way. The least strict is taken that leaves
-// most of the backbone whole: one camera drifts in scale, and a loop must
-// close.
-constexpr double kMaxDrifts[] = {0.2, 0.1, 0.05, 0.02};
 constexpr int kNumCoarseIterations = 10;
 constexpr double kFunctionTolerance = 1e-5;
 // Of points, compared with the median depth of points.
@@ -89,6 +87,7 @@ class TranslationAverager {
         rotations_(rotations),
         options_(options),
         context_(context),
+        index_(scene, view_graph),
         input_(InputOf(options)),
         objective_(ObjectiveOf(options)),
         max_angle_rad_(DegToRad(options.max_angle_error_deg)),
@@ -172,6 +171,8 @@ class TranslationAverager {
   const RotationEstimate& rotations_;
   const TranslationAveragingOptions& options_;
   const Context& context_;
+  const PairFilteringOptions filtering_;
+  const FramePairIndex index_;
   const TranslationSource input_;
   const PositionObjective* objective_;
   const double max_angle_rad_;
@@ -269,16 +270,15 @@ TranslationAverager::Backbone TranslationAverager::FindBackbone() const {
   for (size_t i = 0; i < motions_.size(); ++i) {
     is_candidate[i] = motions_[i].kind == BaselineKind::kDirection;
   }
-  const Mask is_beyond_strict_skeleton =
-      FindInconsistent(PositionBackbone(SelectSkeletalGraph(
-                           scene_, view_graph_, is_candidate,
-                           kStrictSkeletalGraph, context_.num_threads)),
-                       kMaxDrifts[0]);
+  const Mask is_beyond_strict_skeleton = FindInconsistent(
+      PositionBackbone(SelectStrictSkeletalGraph(
+          index_, view_graph_, is_candidate, filtering_, context_.num_threads)),
+      BaselineDriftBounds(filtering_).front());
   for (size_t i = 0; i < motions_.size(); ++i) {
     if (is_beyond_strict_skeleton[i]) is_candidate[i] = false;
   }
-  return PositionBackbone(SelectSkeletalGraph(scene_, view_graph_, is_candidate,
-                                              {}, context_.num_threads));
+  return PositionBackbone(SelectSkeletalGraph(
+      index_, view_graph_, is_candidate, filtering_, context_.num_threads));
 }
 
 TranslationAverager::Backbone TranslationAverager::PositionBackbone(
@@ -298,13 +298,11 @@ TranslationAverager::Backbone TranslationAverager::PositionBackbone(
 // Per pair: whether positions by a backbone make it impossible.
 Mask TranslationAverager::FindInconsistent(const Backbone& backbone,
                                            double max_drift) const {
-  std::vector<int> num_matches(motions_.size());
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    num_matches[i] = static_cast<int>(view_graph_.pairs[i].matches.size());
-  }
-  return FindInconsistentBaselines(problem_, motions_, num_matches,
-                                   backbone.is_in_skeleton, scales_,
-                                   backbone.positions, max_drift);
+  const BaselineComparison by_skeleton =
+      CompareWith(problem_, motions_, scales_, backbone.positions);
+  return FindInconsistentBaselines(index_, view_graph_, backbone.is_in_skeleton,
+                                   by_skeleton.measured, by_skeleton.centers,
+                                   max_drift, filtering_);
 }
 
 // Where copies that drift might explain outvote the backbone, the road is torn.
@@ -317,15 +315,16 @@ void TranslationAverager::Initialize() {
   std::vector<BaselineDirection> best_motions;
   InitialPositions best;
   int fewest_violated = std::numeric_limits<int>::max();
-  for (const double max_drift : kMaxDrifts) {
+  for (const double max_drift : BaselineDriftBounds(filtering_)) {
     motions_ = std::vector<BaselineDirection>(all_motions);
     SetAside(FindInconsistent(backbone, max_drift));
     initial_ =
         InitializePositions(problem_, motions_, scales_,
                             options_.min_parallax_deg, options, context_);
-    const int num_violated =
-        CountViolatedSkeletonEdges(problem_, motions_, backbone.is_in_skeleton,
-                                   scales_, backbone.positions, initial_);
+    const int num_violated = CountViolatedSkeletonEdges(
+        view_graph_, backbone.is_in_skeleton,
+        CompareWith(problem_, motions_, scales_, backbone.positions),
+        CompareWith(problem_, motions_, scales_, initial_), filtering_);
     context_.Debug("Translation averaging: a drift of " +
                    std::to_string(max_drift) + " tears " +
                    std::to_string(num_violated) + " pairs of the backbone");
@@ -358,8 +357,9 @@ void TranslationAverager::RefineWithPairs() {
 }
 
 void TranslationAverager::SetContradictingPairsAside() {
-  SetAside(
-      FindInconsistentPairs(problem_, motions_, scales_, initial_, positions_));
+  SetAside(FindInconsistentPairs(
+      view_graph_, MeasureBaselines(motions_, scales_, initial_.group_factor),
+      ComputeCameraCenters(problem_, positions_), filtering_));
 }
 
 void TranslationAverager::Triangulate(double max_error_rad) {
@@ -389,12 +389,21 @@ SolveSummary TranslationAverager::RefineJointly(double loss_scale_rad,
 SolveSummary TranslationAverager::RefineJointly(
     const RefinementOptions& options) {
   context_.CheckInterrupted();
-  const std::vector<size_t> selected =
-      SelectTracks(rays_, points_,
-                   FindSupportedTracks(problem_, motions_, rays_, points_,
-                                       context_.num_threads),
-                   static_cast<int>(scene_.images.size()),
-                   options_.min_num_points_per_image);
+  Mask pair_is_accepted(view_graph_.pairs.size(), false);
+  for (size_t i = 0; i < motions_.size(); ++i) {
+    pair_is_accepted[i] = motions_[i].kind != BaselineKind::kUnused;
+  }
+  Mask has_point(rays_.tracks.size());
+  for (size_t t = 0; t < has_point.size(); ++t) {
+    has_point[t] = points_.point_in_world[t].has_value();
+  }
+  const std::vector<size_t> selected = SelectTracks(
+      rays_, points_,
+      FindSupportedTracks(scene_, index_, pair_is_accepted, rays_.tracks,
+                          has_point, points_.observation_is_used,
+                          context_.num_threads),
+      static_cast<int>(scene_.images.size()),
+      options_.min_num_points_per_image);
   Positions refined = positions_;
   TrackPoints refined_points = points_;
   SolveSummary summary = objective_->refine_cameras_and_points(
@@ -440,8 +449,9 @@ void TranslationAverager::FindContradictions() {
     result_.pair_is_inconsistent.assign(view_graph_.pairs.size(), false);
     return;
   }
-  result_.pair_is_inconsistent =
-      FindInconsistentPairs(problem_, motions_, scales_, initial_, positions_);
+  result_.pair_is_inconsistent = FindInconsistentPairs(
+      view_graph_, MeasureBaselines(motions_, scales_, initial_.group_factor),
+      ComputeCameraCenters(problem_, positions_), filtering_);
   result_.summary.num_pairs_inconsistent_with_positions =
       static_cast<int>(std::count(result_.pair_is_inconsistent.begin(),
                                   result_.pair_is_inconsistent.end(), true));
