@@ -3,11 +3,13 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/translation/translation_averaging.h"
+#include "pair_filtering/frame_pair_index.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/refinement_terms.h"
@@ -46,6 +48,11 @@ struct PositionInput {
   const ObservationGroups& tracks;
 };
 
+struct PositionOptions {
+  TranslationAveragingOptions averaging;
+  PairFilteringOptions filtering;
+};
+
 struct PositionResult {
   PositionEstimate estimate;
   TranslationSummary summary;
@@ -55,9 +62,9 @@ struct PositionResult {
 
 // All frames with a rotation must be in one connected component. Uses the pairs
 // with rotations.pair_is_inlier.
-[[nodiscard]] PositionResult EstimatePositions(
-    const PositionInput& input, const TranslationAveragingOptions& options,
-    const Context& context);
+[[nodiscard]] PositionResult EstimatePositions(const PositionInput& input,
+                                               const PositionOptions& options,
+                                               const Context& context);
 
 // The steps of the recipe, for methods that replace one of them.
 
@@ -66,10 +73,11 @@ struct PositionMeasurements {
   PositionProblem problem;
   TrackRays rays;
   PairMeasurements pairs;
+  FramePairIndex index;
 };
-PositionMeasurements MeasurePositions(
-    const PositionInput& input, const TranslationAveragingOptions& options,
-    const Context& context);
+PositionMeasurements MeasurePositions(const PositionInput& input,
+                                      const PositionOptions& options,
+                                      const Context& context);
 
 // L1 positions and the pairs that they use.
 struct ScreenedPositions {
@@ -80,13 +88,15 @@ struct ScreenedPositions {
 // that are returned.
 ScreenedPositions ScreenAndInitialize(
     const PositionInput& input, const PositionMeasurements& measured,
-    const TranslationAveragingOptions& options,
-    const InitializationOptions& initialization, const Context& context);
+    const PositionOptions& options, const InitializationOptions& initialization,
+    const Context& context);
 
 // The used pairs without those that contradict the positions.
-Mask KeepConsistentPairs(const PositionMeasurements& measured,
+Mask KeepConsistentPairs(const PositionInput& input,
+                         const PositionMeasurements& measured,
                          const ScreenedPositions& screened,
-                         const Positions& positions);
+                         const Positions& positions,
+                         const PairFilteringOptions& options);
 
 // The steps "normalise" and "judge". All pairs are judged, also those rejected
 // before: the final positions may agree with them.
@@ -94,6 +104,7 @@ PositionResult ConcludePositions(const PositionInput& input,
                                  const PositionMeasurements& measured,
                                  const RefinementInput& refinement,
                                  Positions positions, TrackPoints points,
-                                 TranslationSummary summary);
+                                 TranslationSummary summary,
+                                 const PairFilteringOptions& options);
 
 }  // namespace mgsfm

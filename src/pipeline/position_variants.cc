@@ -7,6 +7,7 @@
 
 #include "geometry/so3.h"
 #include "math/statistics.h"
+#include "pair_filtering/frame_pair_index.h"
 #include "translation/bilinear_refinement.h"
 #include "translation/random_start.h"
 
@@ -50,13 +51,14 @@ double FactorToUnitBaseline(const PositionInput& input,
 
 // Global positioning: one joint refinement from a random start, without pairs.
 PositionResult PositionByTracks(const PositionInput& input,
-                                const TranslationAveragingOptions& options,
+                                const PositionOptions& options,
                                 const Context& context) {
   const PositionProblem problem =
       MakePositionProblem(input.scene, input.rotations);
   const TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
                                           context.num_threads);
   const RandomStart start = StartAtRandom(problem, rays, context.random_seed);
+  const FramePairIndex index(input.scene, input.view_graph);
   const PairMeasurements no_pairs;
   const Mask no_pair_is_used;
   const RefinementInput refinement{problem, no_pairs.baselines, no_pairs.scales,
@@ -65,26 +67,30 @@ PositionResult PositionByTracks(const PositionInput& input,
   refinement_options.loss = RobustLossType::kHuber;
   refinement_options.loss_scale_rad = kRandomStartLossRad;
   refinement_options.starts_at_random = true;
-  refinement_options.backend = options.backend;
+  refinement_options.backend = options.averaging.backend;
   refinement_options.function_tolerance = kFunctionTolerance;
   refinement_options.max_num_iterations =
-      std::max(kNumRandomStartIterations, options.max_num_iterations);
+      std::max(kNumRandomStartIterations, options.averaging.max_num_iterations);
   Positions positions = start.initial.positions;
   TrackPoints points = start.points;
   PositionResult result;
   TranslationSummary& summary = result.summary;
-  summary.joint_refinement = ObjectiveOf(options).refine_cameras_and_points(
-      refinement, rays,
-      SelectSupportedTracks(refinement, rays, points, options,
-                            context.num_threads),
-      refinement_options, context, &positions, &points);
+  summary.joint_refinement =
+      ObjectiveOf(options.averaging)
+          .refine_cameras_and_points(
+              refinement, rays,
+              SelectSupportedTracks(refinement, rays, points, input.scene,
+                                    &index, options.averaging,
+                                    context.num_threads),
+              refinement_options, context, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
     positions = start.initial.positions;
     points = start.points;
   }
-  points = TriangulateAt(refinement, rays, positions,
-                         2.0 * DegToRad(options.max_angle_error_deg), options,
-                         context.num_threads, std::move(points));
+  points =
+      TriangulateAt(refinement, rays, positions,
+                    2.0 * DegToRad(options.averaging.max_angle_error_deg),
+                    options.averaging, context.num_threads, std::move(points));
   if (!start.initial.is_metric) {
     ScaleBy(FactorToUnitBaseline(input, problem, positions), &positions,
             &points);
@@ -101,9 +107,10 @@ PositionResult PositionByTracks(const PositionInput& input,
 // Pairs as in EstimatePositions(), with the objective of the options; tracks
 // only if the input is hybrid.
 PositionResult PositionByPairs(const PositionInput& input,
-                               const TranslationAveragingOptions& options,
+                               const PositionOptions& options,
                                const Context& context) {
-  const bool is_refined = options.objective != TranslationObjective::kDistance;
+  const bool is_refined =
+      options.averaging.objective != TranslationObjective::kDistance;
   const PositionMeasurements measured =
       MeasurePositions(input, options, context);
   InitializationOptions initialization;
@@ -117,10 +124,11 @@ PositionResult PositionByPairs(const PositionInput& input,
     RefinedPositions refined = RefineWithPairs(
         {measured.problem, measured.pairs.baselines, measured.pairs.scales,
          screened.initial, screened.pair_is_used},
-        options, context, ObjectiveOf(options));
+        options.averaging, context, ObjectiveOf(options.averaging));
     summary.camera_refinement = std::move(refined.solve);
     positions = std::move(refined.positions);
-    pair_is_used = KeepConsistentPairs(measured, screened, positions);
+    pair_is_used = KeepConsistentPairs(input, measured, screened, positions,
+                                       options.filtering);
   } else {
     summary.camera_refinement = NothingToDo("Not asked for.");
   }
@@ -129,31 +137,34 @@ PositionResult PositionByPairs(const PositionInput& input,
                                    pair_is_used};
   TrackPoints points;
   const bool is_hybrid =
-      is_refined && options.input != TranslationSource::kRelativeTranslations;
+      is_refined &&
+      options.averaging.input != TranslationSource::kRelativeTranslations;
   if (is_hybrid) {
-    TrackRefinement refined =
-        RefineWithTracks(refinement, positions, measured.rays, options, context,
-                         ObjectiveOf(options));
+    TrackRefinement refined = RefineWithTracks(
+        refinement, positions, measured.rays, input.scene, &measured.index,
+        options.averaging, context, ObjectiveOf(options.averaging));
     summary.joint_refinement = std::move(refined.solve);
     summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
     positions = std::move(refined.positions);
     points = std::move(refined.points);
   } else {
     summary.joint_refinement = NothingToDo("Not asked for.");
-    points = TriangulateAt(refinement, measured.rays, positions,
-                           kCoarseErrorRad, options, context.num_threads);
+    points =
+        TriangulateAt(refinement, measured.rays, positions, kCoarseErrorRad,
+                      options.averaging, context.num_threads);
   }
   return ConcludePositions(input, measured, refinement, std::move(positions),
-                           std::move(points), std::move(summary));
+                           std::move(points), std::move(summary),
+                           options.filtering);
 }
 
 }  // namespace
 
-PositionResult EstimatePositionsByVariant(
-    const PositionInput& input, const TranslationAveragingOptions& options,
-    const Context& context) {
-  CheckTranslationOptions(options);
-  return options.input == TranslationSource::kTracks
+PositionResult EstimatePositionsByVariant(const PositionInput& input,
+                                          const PositionOptions& options,
+                                          const Context& context) {
+  CheckTranslationOptions(options.averaging);
+  return options.averaging.input == TranslationSource::kTracks
              ? PositionByTracks(input, options, context)
              : PositionByPairs(input, options, context);
 }

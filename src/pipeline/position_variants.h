@@ -9,7 +9,7 @@ namespace mgsfm {
 // Positions by the inputs and objectives of the paper's ablation
 // (mgsfm/translation/translation_averaging.h), in place of EstimatePositions().
 [[nodiscard]] PositionResult EstimatePositionsByVariant(
-    const PositionInput& input, const TranslationAveragingOptions& options,
+    const PositionInput& input, const PositionOptions& options,
     const Context& context);
 
 }  // namespace mgsfm

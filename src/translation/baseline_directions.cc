@@ -66,8 +66,7 @@ struct BaselineMatches {
   // Depths in baselines along both rays.
   Eigen::Vector2d SignedDepths(const Vector3d& b, size_t m) const {
     const Vector3d& n = normals[m];
-    return Eigen::Vector2d(b.cross(rays2[m]).dot(n),
-                           b.cross(rays1[m]).dot(n)) /
+    return Eigen::Vector2d(b.cross(rays2[m]).dot(n), b.cross(rays1[m]).dot(n)) /
            n.squaredNorm();
   }
 };
@@ -75,7 +74,10 @@ struct BaselineMatches {
 // noise_rad is the standard deviation of a ray.
 BaselineMatches PrepareMatches(const RayMatches& matches, double noise_rad,
                                double min_sine) {
-  BaselineMatches prepared{matches.rays1, matches.rays2, {}, {},
+  BaselineMatches prepared{matches.rays1,
+                           matches.rays2,
+                           {},
+                           {},
                            2.0 * noise_rad + kRotationSigma,
                            std::max(min_sine, 3.0 * noise_rad)};
   for (size_t m = 0; m < matches.size(); ++m) {
@@ -163,8 +165,8 @@ ResidualNoise EstimateNoise(const BaselineMatches& matches,
     if (residual2 < max2) scratch->push_back(std::sqrt(residual2));
   }
   ResidualNoise noise;
-  noise.sigma_rad = scratch->empty() ? matches.max_residual_rad
-                                     : 1.4826 * Median(*scratch);
+  noise.sigma_rad =
+      scratch->empty() ? matches.max_residual_rad : 1.4826 * Median(*scratch);
   noise.max_inlier_rad =
       std::clamp(3.0 * noise.sigma_rad, 1e-6, matches.max_residual_rad);
   return noise;
@@ -352,10 +354,10 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
         !bearings.HasRay(pair.image_idx2, keypoint2)) {
       continue;
     }
-    collected.rays.rays1.push_back(
-        world_from_cam1 * bearings.rays[pair.image_idx1][keypoint1]);
-    collected.rays.rays2.push_back(
-        world_from_cam2 * bearings.rays[pair.image_idx2][keypoint2]);
+    collected.rays.rays1.push_back(world_from_cam1 *
+                                   bearings.rays[pair.image_idx1][keypoint1]);
+    collected.rays.rays2.push_back(world_from_cam2 *
+                                   bearings.rays[pair.image_idx2][keypoint2]);
     collected.used.push_back(match);
   }
   return collected;

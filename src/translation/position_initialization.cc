@@ -330,8 +330,7 @@ std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
   selection.middleRows(unknowns.first_sensor_column, size).setIdentity();
   MatrixXd inverse;
   op.SolveNormal(selection, &inverse);
-  const MatrixXd block =
-      inverse.middleRows(unknowns.first_sensor_column, size);
+  const MatrixXd block = inverse.middleRows(unknowns.first_sensor_column, size);
   return MatrixXd(kDirectionSigma * kDirectionSigma * 0.5 *
                   (block + block.transpose()));
 }
@@ -359,7 +358,8 @@ void AddUnobservable(const MatrixXd& unobservable, const Unknowns& unknowns,
   for (Eigen::Index k = 0; k < unobservable.rows(); ++k) {
     for (Eigen::Index c = 0; c < unobservable.cols(); ++c) {
       system->triplets.emplace_back(
-          system->num_rows(), unknowns.first_sensor_column + static_cast<int>(c),
+          system->num_rows(),
+          unknowns.first_sensor_column + static_cast<int>(c),
           weight * unobservable(k, c));
     }
     system->FinishBlock(Vector3d::Zero(), BlockPenalty());
@@ -427,9 +427,8 @@ Attempt Solve(const Input& in, const Positions& placed,
   }
   BlockSystem system = AssembleSystem(in, attempt.unknowns, placed,
                                       min_parallax_deg, context.num_threads);
-  const auto covariance =
-      ExtrinsicCovariance(system, attempt.unknowns, free_sensors.size(),
-                          context.num_threads);
+  const auto covariance = ExtrinsicCovariance(
+      system, attempt.unknowns, free_sensors.size(), context.num_threads);
   if (!covariance) {
     summary.message = "The normal equations are not definite.";
     return attempt;
@@ -452,8 +451,7 @@ void Extract(const PositionProblem& problem, const Attempt& attempt,
              InitialPositions* result) {
   const Unknowns& unknowns = attempt.unknowns;
   const MatrixXd& x = attempt.solution.x;
-  const bool is_usable =
-      attempt.solution.summary.IsUsable() && x.allFinite();
+  const bool is_usable = attempt.solution.summary.IsUsable() && x.allFinite();
   double unit = 1.0;
   if (is_usable && unknowns.unit_column) {
     unit = x(*unknowns.unit_column, 0);
@@ -495,8 +493,7 @@ InitialPositions InitializePositions(
     return Solve(in, positions, result.free_sensors, estimate_unit,
                  min_parallax_deg, options, context);
   };
-  const bool has_unit =
-      problem.HasKnownOffset() && !scales.group_sizes.empty();
+  const bool has_unit = problem.HasKnownOffset() && !scales.group_sizes.empty();
   Attempt attempt = solve(has_unit);
   const bool keeps_unit =
       attempt.unit_is_determined || attempt.solution.x.size() == 0;

@@ -6,9 +6,8 @@
 namespace mgsfm {
 
 bool PositionProblem::HasKnownOffset() const {
-  return std::any_of(
-      fixed_translation.begin(), fixed_translation.end(),
-      [](const Eigen::Vector3d& t) { return !t.isZero(0.0); });
+  return std::any_of(fixed_translation.begin(), fixed_translation.end(),
+                     [](const Eigen::Vector3d& t) { return !t.isZero(0.0); });
 }
 
 Mask PositionProblem::FramesWithRotation() const {

@@ -235,9 +235,8 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
   for (int round = 0; round < kMaxNumRounds; ++round) {
     const double loss_scale =
         std::max(kLastLossScale, kFirstLossScale * std::pow(0.5, round));
-    const Eigen::VectorXd rhs =
-        Linearize(links, log_scale, {RobustLossType::kCauchy, loss_scale},
-                  &equations);
+    const Eigen::VectorXd rhs = Linearize(
+        links, log_scale, {RobustLossType::kCauchy, loss_scale}, &equations);
     double max_step = 0.0;
     if (solver.Factorize(equations.H)) {
       Eigen::VectorXd step(num_pairs);
@@ -307,8 +306,8 @@ ScaleGroups NumberGroups(const std::vector<BaselineDirection>& baselines,
   return groups;
 }
 
-// Chooses the unit of each group, of which log_scale knows nothing: equal median
-// depths, and 1 for the median scale of group 0.
+// Chooses the unit of each group, of which log_scale knows nothing: equal
+// median depths, and 1 for the median scale of group 0.
 PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
                        const ScaleGroups& groups,
                        const Eigen::VectorXd& log_scale,

@@ -32,8 +32,7 @@ OneTrack CollectTrack(const PositionProblem& problem, const TrackRays& rays,
   for (size_t k = rays.tracks.offsets[track_idx];
        k < rays.tracks.offsets[track_idx + 1]; ++k) {
     const int image_idx = rays.tracks.observations[k].image_idx;
-    if (!rays.has_ray[k] ||
-        !positions.IsPlaced(problem, image_idx)) {
+    if (!rays.has_ray[k] || !positions.IsPlaced(problem, image_idx)) {
       continue;
     }
     track.centers.push_back(positions.CamCenter(problem, image_idx));
@@ -108,8 +107,7 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
          ++k) {
       const int image_idx = rays.tracks.observations[k].image_idx;
       const int frame_idx = problem.frame_idx[image_idx];
-      if (!rays.has_ray[k] ||
-          positions.frame_is_placed[frame_idx]) {
+      if (!rays.has_ray[k] || positions.frame_is_placed[frame_idx]) {
         continue;
       }
       // The line is moved from the camera to the centre of the frame.

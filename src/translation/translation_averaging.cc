@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "pair_filtering/frame_pair_index.h"
 #include "translation/translation_stages.h"
 
 namespace mgsfm {
@@ -39,14 +40,15 @@ TranslationResult AverageTranslations(
                    options.min_parallax_deg, context);
   InitializationOptions initialization;
   initialization.relative_tolerance = kStartTolerance;
-  const InitialPositions initial = InitializePositions(
-      problem, pairs.baselines, pairs.scales, pair_is_used,
-      options.min_parallax_deg, initialization, context);
+  const InitialPositions initial =
+      InitializePositions(problem, pairs.baselines, pairs.scales, pair_is_used,
+                          options.min_parallax_deg, initialization, context);
   const RefinementInput input{problem, pairs.baselines, pairs.scales, initial,
                               pair_is_used};
   RefinedPositions cameras = RefineWithPairs(input, options, context);
-  TrackRefinement refined =
-      RefineWithTracks(input, cameras.positions, rays, options, context);
+  const FramePairIndex index(scene, view_graph);
+  TrackRefinement refined = RefineWithTracks(input, cameras.positions, rays,
+                                             scene, &index, options, context);
   if (!initial.is_metric) {
     ScaleBy(FactorToMeasuredLengths(input, refined.positions),
             &refined.positions, &refined.points);

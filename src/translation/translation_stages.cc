@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "geometry/so3.h"
-#include "translation/track_support.h"
+#include "pair_filtering/track_support.h"
 
 namespace mgsfm {
 namespace {
@@ -39,13 +39,11 @@ RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
 
 // One joint refinement. Replaces positions and points if it is usable.
 SolveSummary RefineJointly(const RefinementInput& input, const TrackRays& rays,
-                           const TranslationAveragingOptions& options,
+                           const std::vector<size_t>& selected,
                            const RefinementOptions& refinement,
                            const PositionObjective& objective,
                            const Context& context, TrackRefinement* state) {
   context.CheckInterrupted();
-  const std::vector<size_t> selected = SelectSupportedTracks(
-      input, rays, state->points, options, context.num_threads);
   Positions positions = state->positions;
   TrackPoints points = state->points;
   SolveSummary summary = objective.refine_cameras_and_points(
@@ -70,14 +68,13 @@ PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
                               const ViewGraph& view_graph,
                               const Mask& pair_is_used,
                               const PositionProblem& problem,
-                              double min_parallax_deg,
-                              const Context& context) {
+                              double min_parallax_deg, const Context& context) {
   PairMeasurements pairs;
   pairs.baselines =
       EstimateBaselineDirections(scene, bearings, view_graph, pair_is_used,
                                  problem, min_parallax_deg, context);
-  pairs.scales = AverageScales(
-      pairs.baselines, static_cast<int>(scene.images.size()), context);
+  pairs.scales = AverageScales(pairs.baselines,
+                               static_cast<int>(scene.images.size()), context);
   for (BaselineDirection& baseline : pairs.baselines) {
     for (auto& depths : baseline.depths) {
       std::vector<DepthSample>().swap(depths);
@@ -100,8 +97,7 @@ void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
         summary->num_pairs_inconsistent += pair_is_used[i] ? 1 : 0;
     }
   }
-  summary->num_scale_groups =
-      static_cast<int>(pairs.scales.group_sizes.size());
+  summary->num_scale_groups = static_cast<int>(pairs.scales.group_sizes.size());
 }
 
 RefinedPositions RefineWithPairs(const RefinementInput& input,
@@ -112,19 +108,32 @@ RefinedPositions RefineWithPairs(const RefinementInput& input,
   RefinementOptions refinement = CommonOptions(options);
   refinement.loss_scale_rad = DegToRad(options.max_angle_error_deg);
   RefinedPositions refined{input.initial.positions, {}};
-  refined.solve = objective.refine_cameras(input, refinement, context,
-                                           &refined.positions);
+  refined.solve =
+      objective.refine_cameras(input, refinement, context, &refined.positions);
   if (!refined.solve.IsUsable()) refined.positions = input.initial.positions;
   return refined;
 }
 
 std::vector<size_t> SelectSupportedTracks(
     const RefinementInput& input, const TrackRays& rays,
-    const TrackPoints& points, const TranslationAveragingOptions& options,
-    int num_threads) {
-  const Mask is_supported =
-      FindSupportedTracks(input.problem, input.baselines, input.pair_is_used,
-                          rays, points, num_threads);
+    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
+    const TranslationAveragingOptions& options, int num_threads) {
+  const ObservationGroups& tracks = rays.tracks;
+  Mask is_supported(tracks.size(), true);
+  if (index != nullptr) {
+    Mask pair_is_used(index->num_pairs(), false);
+    for (size_t i = 0; i < input.baselines.size(); ++i) {
+      pair_is_used[i] = input.pair_is_used[i] &&
+                        input.baselines[i].kind != BaselineKind::kUnused;
+    }
+    Mask has_point(tracks.size());
+    for (size_t t = 0; t < tracks.size(); ++t) {
+      has_point[t] = points.point_in_world[t].has_value();
+    }
+    is_supported =
+        FindSupportedTracks(scene, *index, pair_is_used, tracks, has_point,
+                            points.observation_is_used, num_threads);
+  }
   return SelectTracks(rays, points, is_supported,
                       static_cast<int>(input.problem.frame_idx.size()),
                       options.min_num_points_per_image);
@@ -147,6 +156,8 @@ TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
 
 TrackRefinement RefineWithTracks(const RefinementInput& input,
                                  const Positions& start, const TrackRays& rays,
+                                 const Scene& scene,
+                                 const FramePairIndex* index,
                                  const TranslationAveragingOptions& options,
                                  const Context& context,
                                  const PositionObjective& objective) {
@@ -169,12 +180,20 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
     if (placement.num_placed > 0) triangulate(2.0 * max_angle_rad);
   };
 
+  const auto refine = [&](const RefinementOptions& refinement) {
+    return RefineJointly(
+        input, rays,
+        SelectSupportedTracks(input, rays, state.points, scene, index, options,
+                              context.num_threads),
+        refinement, objective, context, &state);
+  };
+
   triangulate(kCoarseErrorRad);
   RefinementOptions refinement = CommonOptions(options);
   refinement.loss_scale_rad = kCoarseLossRad;
   refinement.function_tolerance = kCoarseFunctionTolerance;
   refinement.max_num_iterations = kNumCoarseIterations;
-  RefineJointly(input, rays, options, refinement, objective, context, &state);
+  refine(refinement);
   triangulate_and_place();
 
   const double sigma =
@@ -184,8 +203,7 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
       std::clamp(kLossInSigmas * sigma, std::min(kMinLossRad, max_angle_rad),
                  max_angle_rad);
   refinement.function_tolerance = kFunctionTolerance;
-  state.solve = RefineJointly(input, rays, options, refinement, objective,
-                              context, &state);
+  state.solve = refine(refinement);
   triangulate_and_place();
   return state;
 }
@@ -266,8 +284,8 @@ void SummarizeEstimate(const PositionProblem& problem,
   }
   for (size_t k = 0; k < initial.free_sensors.size(); ++k) {
     // The part of the undetermined subspace that moves this sensor.
-    const Eigen::MatrixXd part = initial.unobservable.middleCols(
-        static_cast<Eigen::Index>(3 * k), 3);
+    const Eigen::MatrixXd part =
+        initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
         part.transpose() * part);
     const auto num_weak = static_cast<int>(

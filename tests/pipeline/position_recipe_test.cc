@@ -25,13 +25,13 @@ SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
   return options;
 }
 
-PositionResult Run(const TranslationInput& input, int num_threads = 1) {
+PositionResult Estimate(const TranslationInput& input, int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
   return EstimatePositions(
       {input.simulation.scene, input.bearings, input.simulation.view_graph,
        input.rotations, input.tracks},
-      TranslationAveragingOptions(), context);
+      PositionOptions(), context);
 }
 
 bool AllFinite(const PositionEstimate& estimate) {
@@ -59,7 +59,7 @@ class ExactTest
 TEST_P(ExactTest, RecoversTheTruth) {
   const auto [rig, path] = GetParam();
   const TranslationInput input = MakeTranslationInput(SmallScene(rig, path));
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   EXPECT_TRUE(result.summary.initialization.IsUsable());
   EXPECT_TRUE(result.summary.camera_refinement.IsUsable());
   EXPECT_TRUE(result.summary.joint_refinement.IsUsable());
@@ -81,7 +81,7 @@ TEST(PositionRecipeTest, StandingStereoIsOnePlaceWithABaseline) {
         SmallScene(RigPreset::kStereo, PathPreset::kStanding);
     options.pixel_noise_px = noise_px;
     const TranslationInput input = MakeTranslationInput(options);
-    const PositionResult result = Run(input);
+    const PositionResult result = Estimate(input);
     EXPECT_TRUE(AllObservable(result));
     const double tolerance = noise_px == 0.0 ? 1e-6 : 0.02;
     EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, tolerance);
@@ -95,7 +95,7 @@ TEST(PositionRecipeTest, StandingSingleCameraIsOnePlace) {
       SmallScene(RigPreset::kMono, PathPreset::kStanding);
   options.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(options);
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   EXPECT_TRUE(AllFinite(result.estimate));
   for (const auto& center : result.estimate.frame_center_in_world) {
     ASSERT_TRUE(center.has_value());
@@ -110,7 +110,7 @@ TEST(PositionRecipeTest, StandingRigsWithLittleOverlapStayTogether) {
     SimulationOptions options = SmallScene(rig, PathPreset::kStanding);
     options.pixel_noise_px = 0.5;
     const TranslationInput input = MakeTranslationInput(options);
-    const PositionResult result = Run(input);
+    const PositionResult result = Estimate(input);
     EXPECT_TRUE(AllFinite(result.estimate));
     EXPECT_EQ(result.summary.num_frames_not_placed, 0);
     const auto& centers = result.estimate.frame_center_in_world;
@@ -138,7 +138,7 @@ TEST(PositionRecipeTest, NoiseMismatchesAndWrongPairsAreBearable) {
         o.keypoint_idx =
             static_cast<int>(random.Index(static_cast<uint32_t>(rays.size())));
       }
-      const PositionResult result = Run(input);
+      const PositionResult result = Estimate(input);
       EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 0.02);
     }
   }
@@ -149,7 +149,7 @@ TEST(PositionRecipeTest, GivenExtrinsicsMakeItMetric) {
     SimulationOptions options = SmallScene(rig, PathPreset::kCurve);
     options.extrinsics_are_known = true;
     const TranslationInput input = MakeTranslationInput(options);
-    const PositionResult result = Run(input);
+    const PositionResult result = Estimate(input);
     EXPECT_TRUE(result.summary.is_metric);
     const CenterError error = MeasureCenters(input, result.estimate);
     EXPECT_LT(error.max_relative, 1e-6);
@@ -186,7 +186,7 @@ TEST(PositionRecipeTest, StraightPathWithoutOverlapIsReported) {
   for (const bool is_known : {false, true}) {
     options.extrinsics_are_known = is_known;
     const TranslationInput input = MakeInputWithoutOverlap(options);
-    const PositionResult result = Run(input);
+    const PositionResult result = Estimate(input);
     EXPECT_LT(MeasureCenters(input, result.estimate, true).max_relative, 1e-6);
     EXPECT_FALSE(result.summary.is_metric);
     for (size_t s = 1; s < result.summary.sensors.size(); ++s) {
@@ -205,7 +205,7 @@ TEST(PositionRecipeTest, StraightPathWithoutOverlapIsReported) {
 TEST(PositionRecipeTest, LevelCircleWithoutOverlapIsReported) {
   const TranslationInput input = MakeInputWithoutOverlap(
       SmallScene(RigPreset::kKitti360, PathPreset::kLoop));
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   EXPECT_LT(MeasureCenters(input, result.estimate, true).max_relative, 1e-6);
   for (size_t s = 1; s < result.summary.sensors.size(); ++s) {
     EXPECT_EQ(result.summary.sensors[s].num_unobservable_directions, 2);
@@ -218,7 +218,7 @@ TEST(PositionRecipeTest, WindingRoadWithoutOverlapIsRecovered) {
   options.num_frames = 60;
   options.num_matched_frames = 6;
   const TranslationInput input = MakeInputWithoutOverlap(options);
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   const CenterError error = MeasureCenters(input, result.estimate, true);
   EXPECT_LT(error.max_relative, 1e-6);
   for (size_t s = 1; s < result.summary.sensors.size(); ++s) {
@@ -235,7 +235,7 @@ TEST(PositionRecipeTest, MissingImagesAndRotations) {
   options.missing_image_ratio = 0.2;
   TranslationInput input = MakeTranslationInput(options);
   input.rotations.rig_from_world.back().reset();
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   const auto& centers = result.estimate.frame_center_in_world;
   EXPECT_FALSE(centers.back().has_value());
   EXPECT_EQ(std::count_if(centers.begin(), centers.end(),
@@ -254,7 +254,7 @@ TEST(PositionRecipeTest, FrameWithoutUsablePairsIsPlacedByPoints) {
       }
     }
   }
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   EXPECT_EQ(result.summary.num_frames_placed_by_points, 1);
   EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 1e-6);
 }
@@ -263,7 +263,7 @@ TEST(PositionRecipeTest, NothingToEstimate) {
   TranslationInput input =
       MakeTranslationInput(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
   for (auto& rotation : input.rotations.rig_from_world) rotation.reset();
-  const PositionResult result = Run(input);
+  const PositionResult result = Estimate(input);
   EXPECT_TRUE(AllFinite(result.estimate));
   for (const auto& center : result.estimate.frame_center_in_world) {
     EXPECT_FALSE(center.has_value());
@@ -276,8 +276,8 @@ TEST(PositionRecipeTest, ThreadsDoNotMatter) {
   options.pixel_noise_px = 0.5;
   options.mismatch_ratio = 0.1;
   const TranslationInput input = MakeTranslationInput(options);
-  const PositionResult one = Run(input, 1);
-  const PositionResult two = Run(input, 2);
+  const PositionResult one = Estimate(input, 1);
+  const PositionResult two = Estimate(input, 2);
   for (size_t f = 0; f < one.estimate.frame_center_in_world.size(); ++f) {
     EXPECT_LT((*one.estimate.frame_center_in_world[f] -
                *two.estimate.frame_center_in_world[f])
@@ -302,8 +302,8 @@ TEST(PositionRecipeTest, OrderOfTracksAndMatchesDoesNotMatter) {
                                         input.tracks.end(t));
     reversed.tracks.FinishGroup();
   }
-  const CenterError a = MeasureCenters(input, Run(input).estimate);
-  const CenterError b = MeasureCenters(reversed, Run(reversed).estimate);
+  const CenterError a = MeasureCenters(input, Estimate(input).estimate);
+  const CenterError b = MeasureCenters(reversed, Estimate(reversed).estimate);
   EXPECT_NEAR(a.max_relative, b.max_relative, 2e-3);
 }
 

@@ -7,8 +7,8 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "support/translation_input.h"
-#include "translation/position_problem.h"
 #include "translation/baseline_directions.h"
+#include "translation/position_problem.h"
 #include "translation/scale_averaging.h"
 
 namespace mgsfm {
@@ -83,7 +83,7 @@ TEST(BaselineDirectionsTest, StandingFramesHaveNoParallax) {
   for (const BaselineDirection& baseline : Estimate(input)) {
     const bool is_same_place = TrueBaseline(input, baseline).norm() < 1e-9;
     EXPECT_EQ(baseline.kind, is_same_place ? BaselineKind::kNoParallax
-                                         : BaselineKind::kDirection);
+                                           : BaselineKind::kDirection);
     ++num_checked;
   }
   EXPECT_GT(num_checked, 20);
@@ -149,8 +149,8 @@ TEST(ScaleAveragingTest, NoiseAndMismatchesAreBearable) {
   std::vector<double> logs;
   for (size_t i = 0; i < baselines.size(); ++i) {
     if (!scales.pairs[i] || scales.pairs[i]->group != 0) continue;
-    logs.push_back(
-        std::log(TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale));
+    logs.push_back(std::log(TrueBaseline(input, baselines[i]).norm() /
+                            scales.pairs[i]->scale));
   }
   ASSERT_GT(logs.size(), 80u);
   const double unit = Median(logs);

@@ -98,8 +98,7 @@ TEST(PositionInitializationTest, ExactPairsGiveTheCentersDespiteWrongOnes) {
       pairs.Add(i, j, baseline, 0);
     }
   }
-  const InitialPositions initial =
-      pairs.Initialize(12);
+  const InitialPositions initial = pairs.Initialize(12);
   EXPECT_EQ(initial.solve.termination, Termination::kConverged);
   for (int i = 0; i < 12; ++i) {
     EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
@@ -140,8 +139,7 @@ TEST(PositionInitializationTest, WrongPairsOfHardlyAnyLengthDoNotOutvote) {
       if (i % 3 == 1) pairs.Add(i, j, 0.003 * Vector3d(0.4, -1.0, 0.5), 0);
     }
   }
-  const InitialPositions initial =
-      pairs.Initialize(12);
+  const InitialPositions initial = pairs.Initialize(12);
   EXPECT_EQ(initial.solve.termination, Termination::kConverged);
   for (int i = 0; i < 12; ++i) {
     EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
@@ -159,8 +157,7 @@ TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
       pairs.Add(i, j, (centers[j] - centers[i]) * unit, group);
     }
   }
-  const InitialPositions initial =
-      pairs.Initialize(10);
+  const InitialPositions initial = pairs.Initialize(10);
   ASSERT_EQ(initial.group_factor.size(), 2u);
   EXPECT_NEAR(initial.group_factor[1], 1.0 / 2.5, 0.01);
   for (int i = 0; i < 10; ++i) {
@@ -177,8 +174,7 @@ TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   still.kind = BaselineKind::kNoParallax;
   pairs.baselines.push_back(still);
   pairs.scales.pairs.emplace_back();
-  const InitialPositions initial =
-      pairs.Initialize(4);
+  const InitialPositions initial = pairs.Initialize(4);
   const Positions& positions = initial.positions;
   EXPECT_LT((positions.frame_center[2] - positions.frame_center[1]).norm(),
             1e-3);
@@ -196,7 +192,8 @@ double CostOfPairs(const PlainPairs& pairs,
   double sum = 0.0;
   for (size_t p = 0; p < pairs.baselines.size(); ++p) {
     const BaselineDirection& baseline = pairs.baselines[p];
-    const Vector3d C = centers[baseline.image_idx2] - centers[baseline.image_idx1];
+    const Vector3d C =
+        centers[baseline.image_idx2] - centers[baseline.image_idx1];
     const double along = C.dot(baseline.direction);
     const double across = (C - along * baseline.direction).norm();
     sum += (across + std::abs(along - pairs.scales.pairs[p]->scale)) /
@@ -244,8 +241,7 @@ PlainPairs NoisyPairsOfAll(const std::vector<Vector3d>& centers) {
 
 TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
   const PlainPairs pairs = NoisyPairsOfAll(RandomCenters(3, 2));
-  const InitialPositions initial =
-      pairs.Initialize(3);
+  const InitialPositions initial = pairs.Initialize(3);
   ExpectMinimum(initial.positions.frame_center, pairs, Lengths(pairs));
 }
 
@@ -282,8 +278,7 @@ TEST(PositionInitializationTest, ShortPairsCountWithHalfTheLowerQuartile) {
     for (auto& pair : pairs.scales.pairs) {
       if (random.Uniform(0.0, 1.0) < 0.15) pair->scale = 0.01;
     }
-    const InitialPositions initial =
-        pairs.Initialize(10);
+    const InitialPositions initial = pairs.Initialize(10);
     ExpectMinimum(initial.positions.frame_center, pairs, CountedLengths(pairs));
   }
 }

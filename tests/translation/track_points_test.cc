@@ -104,8 +104,9 @@ TEST(TrackPointsTest, TruePositionsGiveTruePointsAndBack) {
   for (size_t t = 0; t < true_points.size(); ++t) {
     if (!points.point_in_world[t]) continue;
     ++num_points;
-    EXPECT_LT((*points.point_in_world[t] - true_points[t].point_in_world).norm(),
-              1e-6);
+    EXPECT_LT(
+        (*points.point_in_world[t] - true_points[t].point_in_world).norm(),
+        1e-6);
   }
   EXPECT_GT(num_points, true_points.size() / 2);
   Positions without = truth;
@@ -115,8 +116,9 @@ TEST(TrackPointsTest, TruePositionsGiveTruePointsAndBack) {
       PlaceFramesByPoints(problem, rays, points, 1e-3, 2, without);
   EXPECT_EQ(placement.num_placed, 1);
   EXPECT_TRUE(placement.positions.frame_is_placed[3]);
-  EXPECT_LT((placement.positions.frame_center[3] - truth.frame_center[3]).norm(),
-            1e-6);
+  EXPECT_LT(
+      (placement.positions.frame_center[3] - truth.frame_center[3]).norm(),
+      1e-6);
 }
 
 }  // namespace

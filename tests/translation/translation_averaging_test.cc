@@ -13,10 +13,9 @@ namespace {
 TranslationResult Average(const TranslationInput& input, int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
-  return AverageTranslations(input.simulation.scene, input.bearings,
-                             input.simulation.view_graph, input.rotations,
-                             input.tracks, TranslationAveragingOptions(),
-                             context);
+  return AverageTranslations(
+      input.simulation.scene, input.bearings, input.simulation.view_graph,
+      input.rotations, input.tracks, TranslationAveragingOptions(), context);
 }
 
 SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
@@ -70,7 +69,8 @@ TEST(TranslationAveragingTest, UsesInliersOnly) {
   const TranslationResult all = Average(input);
   const ImagePair wrong = [&] {
     ImagePair pair = input.simulation.view_graph.pairs.front();
-    pair.image_idx2 = static_cast<int>(input.simulation.scene.images.size()) - 1;
+    pair.image_idx2 =
+        static_cast<int>(input.simulation.scene.images.size()) - 1;
     return pair;
   }();
   input.simulation.view_graph.pairs.push_back(wrong);
