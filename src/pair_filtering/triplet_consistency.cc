@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// The keypoints of matches, numbered image by image.
+// Numbers the keypoints of all images that have matches, image by image.
 class KeypointNumbers {
  public:
   explicit KeypointNumbers(const ViewGraph& view_graph) {
@@ -51,6 +51,7 @@ class KeypointNumbers {
   size_t size_ = 0;
 };
 
+// Per pair: the number of matches of all pairs before it.
 std::vector<size_t> FirstMatches(const ViewGraph& view_graph) {
   std::vector<size_t> first = {0};
   for (const ImagePair& pair : view_graph.pairs) {

@@ -8,11 +8,12 @@
 
 namespace mgsfm {
 
-// A match is confirmed if a third image has a keypoint that is matched with
-// both of its keypoints. Neighbours on a path have many such matches; a pair of
-// unrelated places, however many matches agree on its motion, has none but by
-// chance. Only the pairs that pair_is_used names count, false or 0 elsewhere.
-// Cost: linear in the matches times the length of tracks.
+// A match is triplet-consistent if a keypoint of a third image is matched with
+// both of its keypoints (after Zach, Klopschitz and Pollefeys, CVPR 2010).
+// Neighbours on a path have many such matches. A pair of unrelated places has
+// none but by chance, however many of its matches agree on a relative pose.
+// Only pairs that `pair_is_used` names take part; false or 0 for all others.
+// Cost: linear in the number of matches times the length of tracks.
 
 // Per match of all pairs, one pair after the other.
 Mask FindTripletConsistentMatches(const ViewGraph& view_graph,

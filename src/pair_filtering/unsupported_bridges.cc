@@ -3,22 +3,23 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <utility>
+#include <vector>
 
-#include "mgsfm/base/mask.h"
+#include "mgsfm/base/error.h"
 #include "pair_filtering/triplet_consistency.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr double kMinShareAgainst = 0.5;
+using FramePair = FramePairIndex::FramePair;
 
 // All consistent pairs of two frames.
 struct Link {
   int frame_idx1 = 0;
   int frame_idx2 = 0;
   int num_matches = 0;
-  int num_triplet_consistent = 0;
   std::vector<size_t> pair_idxs;
 
   int Other(int frame_idx) const {
@@ -26,177 +27,174 @@ struct Link {
   }
 };
 
-class BridgeFinder {
- public:
-  BridgeFinder(const Scene& scene, const ViewGraph& view_graph,
-               const Mask& pair_is_consistent, int num_threads)
-      : scene_(scene),
-        view_graph_(view_graph),
-        is_consistent_(pair_is_consistent),
-        num_threads_(num_threads),
-        links_of_frame_(scene.frames.size()),
-        nodes_(scene.frames.size()) {}
+struct LinkGraph {
+  std::vector<Link> links;
+  std::vector<std::vector<size_t>> links_of_frame;
+};
 
-  Mask Run() {
-    CollectLinks();
-    for (size_t f = 0; f < nodes_.size(); ++f) {
-      if (nodes_[f].enter < 0) Walk(static_cast<int>(f));
-    }
-    Mask is_unsupported(view_graph_.pairs.size(), false);
-    if (std::none_of(nodes_.begin(), nodes_.end(), IsBelowBridge)) {
-      return is_unsupported;
-    }
-    CountTripletConsistent();
-    for (size_t f = 0; f < nodes_.size(); ++f) {
-      if (!IsBelowLoneBridge(f)) continue;
-      const Link& bridge = links_[nodes_[f].link_to_parent];
-      if (NumMatchesAgainst(nodes_[f]) <
-          kMinShareAgainst * bridge.num_matches) {
-        continue;
-      }
-      for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;
-    }
-    return is_unsupported;
+// A frame in the depth-first forest of the link graph. The frames below it are
+// those entered from `enter` to before `leave`.
+struct VisitedFrame {
+  int root = 0;
+  std::optional<size_t> link_to_parent;
+  int enter = 0;
+  int leave = 0;
+  int lowest = 0;  // first entered frame that a link from below leads to
+
+  bool IsBelowBridge() const { return link_to_parent && lowest >= enter; }
+  bool Contains(const VisitedFrame& other) const {
+    return root == other.root && other.enter >= enter && other.enter < leave;
   }
+};
+using DepthFirstForest = std::vector<std::optional<VisitedFrame>>;
 
- private:
-  // Of the depth-first walk. The frames below one are those that are entered
-  // from its enter to before its leave.
-  struct Node {
-    int root = -1;
-    int link_to_parent = -1;
-    int enter = -1;
-    int leave = -1;
-    int lowest = -1;  // first entered that is linked with one below
-  };
-
-  int FrameOf(int image_idx) const {
-    return scene_.images[image_idx].frame_idx;
-  }
-  std::pair<int, int> FramesOf(size_t pair_idx) const {
-    return std::minmax(FrameOf(view_graph_.pairs[pair_idx].image_idx1),
-                       FrameOf(view_graph_.pairs[pair_idx].image_idx2));
-  }
-
-  void CollectLinks() {
-    std::vector<std::pair<std::pair<int, int>, size_t>> order;
-    for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
-      const std::pair<int, int> frames = FramesOf(i);
-      if (is_consistent_[i] && frames.first != frames.second) {
-        order.emplace_back(frames, i);
-      }
-    }
-    std::sort(order.begin(), order.end());
-    for (const auto& [frames, i] : order) {
-      if (links_.empty() || links_.back().frame_idx1 != frames.first ||
-          links_.back().frame_idx2 != frames.second) {
-        links_of_frame_[frames.first].push_back(links_.size());
-        links_of_frame_[frames.second].push_back(links_.size());
-        links_.push_back({frames.first, frames.second, 0, 0, {}});
-      }
-      Link& link = links_.back();
-      link.num_matches += static_cast<int>(view_graph_.pairs[i].matches.size());
+LinkGraph BuildLinkGraph(const FramePairIndex& index,
+                         const ViewGraph& view_graph,
+                         const Mask& pair_is_consistent) {
+  LinkGraph graph;
+  graph.links_of_frame.resize(index.num_frames());
+  for (const FramePair& frames : index.frame_pairs()) {
+    if (!frames.IsBetweenFrames()) continue;
+    Link link{frames.frame_idx1, frames.frame_idx2, 0, {}};
+    for (const size_t i : frames.pair_idxs) {
+      if (!pair_is_consistent[i]) continue;
+      link.num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
       link.pair_idxs.push_back(i);
     }
+    if (link.pair_idxs.empty()) continue;
+    graph.links_of_frame[link.frame_idx1].push_back(graph.links.size());
+    graph.links_of_frame[link.frame_idx2].push_back(graph.links.size());
+    graph.links.push_back(std::move(link));
   }
+  return graph;
+}
 
-  void CountTripletConsistent() {
-    const std::vector<int> num_triplet_consistent =
-        CountTripletConsistentMatches(view_graph_, is_consistent_,
-                                      num_threads_);
-    for (Link& link : links_) {
-      for (const size_t i : link.pair_idxs) {
-        link.num_triplet_consistent += num_triplet_consistent[i];
-      }
+// Visits the component of `root` depth first (Tarjan, 1974). Iterative, because
+// paths are as long as drives.
+void VisitComponent(const LinkGraph& graph, int root, int* num_entered,
+                    DepthFirstForest* forest) {
+  std::vector<std::pair<int, size_t>> path;  // frames, and their next links
+  const auto enter = [&](int frame, std::optional<size_t> link_to_parent) {
+    (*forest)[frame] = {root, link_to_parent, *num_entered, 0, *num_entered};
+    ++*num_entered;
+    path.emplace_back(frame, 0);
+  };
+  enter(root, std::nullopt);
+  while (!path.empty()) {
+    const int frame = path.back().first;
+    VisitedFrame& visited = *(*forest)[frame];
+    if (path.back().second == graph.links_of_frame[frame].size()) {
+      visited.leave = *num_entered;
+      path.pop_back();
+      if (path.empty()) break;
+      int& lowest_of_parent = (*forest)[path.back().first]->lowest;
+      lowest_of_parent = std::min(lowest_of_parent, visited.lowest);
+      continue;
+    }
+    const size_t link = graph.links_of_frame[frame][path.back().second++];
+    if (link == visited.link_to_parent) continue;
+    const int other = graph.links[link].Other(frame);
+    if ((*forest)[other]) {
+      visited.lowest = std::min(visited.lowest, (*forest)[other]->enter);
+    } else {
+      enter(other, link);
     }
   }
+}
 
-  void Enter(int frame_idx, int root, int link_to_parent) {
-    nodes_[frame_idx] = {root, link_to_parent, num_entered_, -1, num_entered_};
-    ++num_entered_;
-    path_.emplace_back(frame_idx, 0);
-  }
-
-  // Depth first, without recursion: paths are as long as drives.
-  void Walk(int root) {
-    Enter(root, root, -1);
-    while (!path_.empty()) {
-      const int f = path_.back().first;
-      Node& node = nodes_[f];
-      if (path_.back().second == links_of_frame_[f].size()) {
-        node.leave = num_entered_;
-        path_.pop_back();
-        if (path_.empty()) continue;
-        int& lowest = nodes_[path_.back().first].lowest;
-        lowest = std::min(lowest, node.lowest);
-        continue;
-      }
-      const auto link =
-          static_cast<int>(links_of_frame_[f][path_.back().second++]);
-      if (link == node.link_to_parent) continue;
-      const int other = links_[link].Other(f);
-      if (nodes_[other].enter < 0) {
-        Enter(other, root, link);
-      } else {
-        node.lowest = std::min(node.lowest, nodes_[other].enter);
-      }
+DepthFirstForest VisitDepthFirst(const LinkGraph& graph) {
+  DepthFirstForest forest(graph.links_of_frame.size());
+  int num_entered = 0;
+  for (size_t f = 0; f < forest.size(); ++f) {
+    if (!forest[f]) {
+      VisitComponent(graph, static_cast<int>(f), &num_entered, &forest);
     }
   }
+  return forest;
+}
 
-  bool HasTripletConsistentLink(int frame_idx) const {
-    const auto& links = links_of_frame_[frame_idx];
-    return std::any_of(links.begin(), links.end(), [&](size_t link) {
-      return links_[link].num_triplet_consistent > 0;
-    });
+// Per link: whether any of its matches is triplet-consistent.
+Mask FindSupportedLinks(const LinkGraph& graph, const ViewGraph& view_graph,
+                        const Mask& pair_is_consistent, int num_threads) {
+  const std::vector<int> support = CountTripletConsistentMatches(
+      view_graph, pair_is_consistent, num_threads);
+  Mask is_supported(graph.links.size(), false);
+  for (size_t k = 0; k < graph.links.size(); ++k) {
+    const std::vector<size_t>& pair_idxs = graph.links[k].pair_idxs;
+    is_supported[k] = std::any_of(pair_idxs.begin(), pair_idxs.end(),
+                                  [&](size_t i) { return support[i] > 0; });
   }
+  return is_supported;
+}
 
-  static bool IsBelowBridge(const Node& node) {
-    return node.link_to_parent >= 0 && node.lowest >= node.enter;
-  }
+bool IsUnsupportedAmongSupported(const LinkGraph& graph,
+                                 const Mask& link_is_supported, size_t link) {
+  if (link_is_supported[link]) return false;
+  const auto has_support = [&](int frame_idx) {
+    const std::vector<size_t>& links = graph.links_of_frame[frame_idx];
+    return std::any_of(links.begin(), links.end(),
+                       [&](size_t k) { return link_is_supported[k]; });
+  };
+  return has_support(graph.links[link].frame_idx1) ||
+         has_support(graph.links[link].frame_idx2);
+}
 
-  bool IsBelowLoneBridge(size_t frame_idx) const {
-    const Node& node = nodes_[frame_idx];
-    if (!IsBelowBridge(node)) return false;
-    const Link& bridge = links_[node.link_to_parent];
-    return bridge.num_triplet_consistent == 0 &&
-           (HasTripletConsistentLink(bridge.frame_idx1) ||
-            HasTripletConsistentLink(bridge.frame_idx2));
-  }
-
-  // Of pairs from the frames below to the others of the part.
-  int NumMatchesAgainst(const Node& top) const {
-    const auto is_below = [&](int frame_idx) {
-      return nodes_[frame_idx].enter >= top.enter &&
-             nodes_[frame_idx].enter < top.leave;
-    };
-    int num = 0;
-    for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
-      if (is_consistent_[i] || !view_graph_.pairs[i].relative_pose) continue;
-      const auto [f, g] = FramesOf(i);
-      if (nodes_[f].root != top.root || nodes_[g].root != top.root) continue;
-      if (is_below(f) != is_below(g)) {
-        num += static_cast<int>(view_graph_.pairs[i].matches.size());
-      }
+// Matches of inconsistent pairs between the frames below `top` and the rest of
+// its component.
+int CountMatchesAgainst(const FramePairIndex& index,
+                        const ViewGraph& view_graph,
+                        const Mask& pair_is_consistent,
+                        const DepthFirstForest& forest,
+                        const VisitedFrame& top) {
+  int num_matches = 0;
+  for (const FramePair& frames : index.frame_pairs()) {
+    const VisitedFrame& visited1 = *forest[frames.frame_idx1];
+    const VisitedFrame& visited2 = *forest[frames.frame_idx2];
+    if (visited1.root != top.root || visited2.root != top.root ||
+        top.Contains(visited1) == top.Contains(visited2)) {
+      continue;
     }
-    return num;
+    for (const size_t i : frames.pair_idxs) {
+      if (pair_is_consistent[i] || !view_graph.pairs[i].relative_pose) continue;
+      num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
+    }
   }
-
-  const Scene& scene_;
-  const ViewGraph& view_graph_;
-  const Mask& is_consistent_;
-  const int num_threads_;
-  std::vector<Link> links_;
-  std::vector<std::vector<size_t>> links_of_frame_;
-  std::vector<Node> nodes_;                   // per frame
-  std::vector<std::pair<int, size_t>> path_;  // frame, its next link
-  int num_entered_ = 0;
-};
+  return num_matches;
+}
 
 }  // namespace
 
-Mask FindUnsupportedBridges(const Scene& scene, const ViewGraph& view_graph,
-                            const Mask& pair_is_consistent, int num_threads) {
-  return BridgeFinder(scene, view_graph, pair_is_consistent, num_threads).Run();
+Mask FindUnsupportedBridges(const FramePairIndex& index,
+                            const ViewGraph& view_graph,
+                            const Mask& pair_is_consistent,
+                            const PairFilteringOptions& options,
+                            int num_threads) {
+  MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
+  MGSFM_CHECK_EQ(pair_is_consistent.size(), view_graph.pairs.size());
+  const LinkGraph graph = BuildLinkGraph(index, view_graph, pair_is_consistent);
+  const DepthFirstForest forest = VisitDepthFirst(graph);
+  Mask is_unsupported(view_graph.pairs.size(), false);
+  if (std::none_of(forest.begin(), forest.end(),
+                   [](const auto& frame) { return frame->IsBelowBridge(); })) {
+    return is_unsupported;
+  }
+  const Mask link_is_supported =
+      FindSupportedLinks(graph, view_graph, pair_is_consistent, num_threads);
+  for (const std::optional<VisitedFrame>& top : forest) {
+    if (!top->IsBelowBridge() ||
+        !IsUnsupportedAmongSupported(graph, link_is_supported,
+                                     *top->link_to_parent)) {
+      continue;
+    }
+    const Link& bridge = graph.links[*top->link_to_parent];
+    if (CountMatchesAgainst(index, view_graph, pair_is_consistent, forest,
+                            *top) <
+        options.min_share_against_bridge * bridge.num_matches) {
+      continue;
+    }
+    for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;
+  }
+  return is_unsupported;
 }
 
 }  // namespace mgsfm

@@ -1,33 +1,36 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <vector>
-
 #include "mgsfm/base/mask.h"
-#include "mgsfm/scene/scene.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
-// Where images are missing, two stretches of frames may be joined by nothing
-// but a few lone pairs that contradict each other. Rotations agree with any one
-// of them, which then tears the road as likely as not. A link, all consistent
-// pairs of two frames, is doubtful if
+// If images are missing, two stretches of frames may be connected by nothing
+// but a few isolated pairs that contradict each other. Rotation averaging can
+// satisfy any one of them; if it is wrong, the trajectory breaks there.
 //
-//   without it its frames are in two parts,
-//   no third image confirms any of its matches,
-//   but others those of a link of one of its frames, and
-//   pairs between the two parts that contradict it have, together, at least
-//   half as many matches.
+// A link is the set of all consistent pairs of two frames. It is an unsupported
+// bridge if
 //
-// The third spares chains of which only neighbours were matched: there nothing
-// is confirmed, and one wrong pair would cut them all.
+//   its removal disconnects its frames (it is a bridge of the graph of links),
+//   none of its matches is triplet-consistent,
+//   some match of another link of one of its frames is, and
+//   the inconsistent pairs between the two components have, together, at least
+//   min_share_against_bridge times as many matches.
 //
-// Per pair; false where pair_is_consistent is. Cost: linear in the links; if
-// some are bridges, in the matches; and the number of doubtful ones times the
-// number of contradicting pairs.
-Mask FindUnsupportedBridges(const Scene& scene, const ViewGraph& view_graph,
+// The third condition spares chains in which only neighbours were matched: they
+// have no triplets, and one wrong pair would cut them all.
+//
+// Per pair; false where pair_is_consistent is false. Cost: linear in the links;
+// if some are bridges, in the matches; and the number of bridges without
+// support times the number of inconsistent pairs.
+Mask FindUnsupportedBridges(const FramePairIndex& index,
+                            const ViewGraph& view_graph,
                             const Mask& pair_is_consistent,
-                            int num_threads = 1);
+                            const PairFilteringOptions& options,
+                            int num_threads);
 
 }  // namespace mgsfm

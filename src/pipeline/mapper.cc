@@ -7,9 +7,13 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/rejected_groups.h"
 #include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
+#include "pipeline/position_recipe.h"
+#include "pipeline/position_variants.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -69,7 +73,7 @@ std::vector<RejectedGroup> FindRejectedGroups(
       is_rejected[i] = true;
     }
   }
-  return GroupRejectedPairs(scene, view_graph, is_rejected);
+  return GroupRejectedPairs(FramePairIndex(scene, view_graph), is_rejected);
 }
 
 void WarnOfRejectedGroups(const Scene& scene,
@@ -96,11 +100,11 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
   });
   model.tracks = tracks.summary;
 
-  TranslationResult translation =
+  PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
-        return AverageTranslations(scene, bearings, view_graph, rotations,
-                                   tracks.estimate,
-                                   options.translation_averaging, context);
+        return EstimatePositionsByVariant(
+            {scene, bearings, view_graph, rotations, tracks.estimate},
+            {options.translation_averaging, PairFilteringOptions()}, context);
       });
   model.translation = std::move(translation.summary);
   model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,

@@ -10,7 +10,10 @@
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/rotation_consistency.h"
+#include "pair_filtering/skeletal_graph.h"
 #include "pair_filtering/unsupported_bridges.h"
 #include "priors/gravity_levelling.h"
 #include "rotation/gravity.h"
@@ -369,8 +372,8 @@ void RotationAverager::JudgePairs() {
 void RotationAverager::RejectUnsupportedBridges() {
   if (start_ == nullptr) return;
   const Mask is_unsupported = FindUnsupportedBridges(
-      scene_, view_graph_, result_.estimate.pair_is_inlier,
-      context_.num_threads);
+      FramePairIndex(scene_, view_graph_), view_graph_,
+      result_.estimate.pair_is_inlier, {}, context_.num_threads);
   for (size_t i = 0; i < is_unsupported.size(); ++i) {
     if (!is_unsupported[i]) continue;
     result_.estimate.pair_is_inlier[i] = 0;
@@ -448,85 +451,6 @@ void RotationAverager::CountPairs() {
   }
 }
 
-// How far pairs are from the rotations of the backbone alone; nullopt where it
-// does not tell.
-std::vector<std::optional<double>> DistancesFromBackbone(
-    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
-    const RotationEstimate& by_skeleton) {
-  std::vector<std::optional<double>> distances(view_graph.pairs.size());
-  for (size_t i = 0; i < distances.size(); ++i) {
-    const ImagePair& pair = view_graph.pairs[i];
-    if (!pair_is_used[i] || !pair.relative_pose) continue;
-    const auto rotation1 = by_skeleton.CamFromWorld(scene, pair.image_idx1);
-    const auto rotation2 = by_skeleton.CamFromWorld(scene, pair.image_idx2);
-    const auto part = [&](int image_idx) {
-      return by_skeleton.component[scene.images[image_idx].frame_idx];
-    };
-    if (rotation1 && rotation2 &&
-        part(pair.image_idx1) == part(pair.image_idx2)) {
-      distances[i] = AngleBetween(
-          pair.relative_pose->cam2_from_cam1 * *rotation1, *rotation2);
-    }
-  }
-  return distances;
-}
-
-// Numbers of frames along the strongest tree of the backbone.
-ForestWays WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
-                          const Mask& is_in_skeleton) {
-  std::vector<GraphEdge> edges;
-  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    if (!is_in_skeleton[i]) continue;
-    const ImagePair& pair = view_graph.pairs[i];
-    edges.push_back({scene.images[pair.image_idx1].frame_idx,
-                     scene.images[pair.image_idx2].frame_idx,
-                     static_cast<double>(pair.matches.size())});
-  }
-  return {static_cast<int>(scene.frames.size()), edges,
-          std::vector<double>(edges.size(), 1.0)};
-}
-
-// Leaves out pairs that the rotations of the backbone alone contradict by more
-// than errors of pairs and the drift of the backbone explain: a random walk of
-// steps with the robust standard deviation of all distances. Copies of a
-// structure often are but some degrees off, and enough of them tear the road
-// where few pairs hold it.
-Mask FindPairsWithinDrift(const Scene& scene, const ViewGraph& view_graph,
-                          const Mask& pair_is_used, const Mask& is_in_skeleton,
-                          const RotationEstimate& by_skeleton,
-                          double max_error_deg) {
-  constexpr double kMaxDriftDeg = 10.0;
-  constexpr double kMaxErrorOfPair = 0.3;  // of max_error_deg
-  constexpr double kDriftInSigmas = 2.0;
-  const std::vector<std::optional<double>> distances =
-      DistancesFromBackbone(scene, view_graph, pair_is_used, by_skeleton);
-  std::vector<double> known;
-  for (const auto& distance : distances) {
-    if (distance) known.push_back(*distance);
-  }
-  if (known.empty()) return pair_is_used;
-  const double sigma = RobustSigmaOfNorms3(known);
-  const ForestWays ways = WaysOfBackbone(scene, view_graph, is_in_skeleton);
-  Mask is_within = pair_is_used;
-  size_t num_beyond = 0;
-  for (size_t i = 0; i < is_within.size(); ++i) {
-    if (!distances[i] || is_in_skeleton[i]) continue;
-    const ImagePair& pair = view_graph.pairs[i];
-    const double way = ways.Between(scene.images[pair.image_idx1].frame_idx,
-                                    scene.images[pair.image_idx2].frame_idx);
-    const double drift = std::min(
-        kDriftInSigmas * sigma * std::sqrt(way),
-        DegToRad(kMaxDriftDeg + (1.0 - kMaxErrorOfPair) * max_error_deg));
-    if (*distances[i] <= DegToRad(kMaxErrorOfPair * max_error_deg) + drift) {
-      continue;
-    }
-    is_within[i] = false;
-    ++num_beyond;
-  }
-  return num_beyond > kMaxShareBeyondDrift * known.size() ? pair_is_used
-                                                          : is_within;
-}
-
 }  // namespace
 
 RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
@@ -545,8 +469,9 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
     pair_is_used[i] = view_graph.pairs[i].relative_pose.has_value();
   }
+  const FramePairIndex index(scene, view_graph);
   const Mask is_in_skeleton = SelectSkeletalGraph(
-      scene, view_graph, pair_is_used, {}, context.num_threads);
+      index, view_graph, pair_is_used, {}, context.num_threads);
   Context quiet = context;
   quiet.log = nullptr;
   quiet.progress = nullptr;
@@ -554,9 +479,10 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
       RotationAverager(scene, view_graph, is_in_skeleton, nullptr, {}, options,
                        quiet)
           .Run();
-  const Mask is_within =
-      FindPairsWithinDrift(scene, view_graph, pair_is_used, is_in_skeleton,
-                           by_skeleton.estimate, options.max_error_deg);
+  Mask is_within = pair_is_used;
+  is_within.Remove(FindInconsistentRotations(scene, index, view_graph,
+                                             pair_is_used, is_in_skeleton,
+                                             by_skeleton.estimate, {}));
   return RotationAverager(scene, view_graph, is_within, &by_skeleton.estimate,
                           gravity, options, context)
       .Run();

@@ -11,20 +11,20 @@ using AngleProblem = PositionRigProblem<RayObservation>;
 void AddDirections(const RefinementInput& input, double weight,
                    AngleProblem* angles) {
   angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kDirection,
-                   [&](size_t motion_idx, BaselineTerm* term) {
-                     term->direction = input.motions[motion_idx].direction;
+                   [&](size_t pair_idx, BaselineTerm* term) {
+                     term->direction = input.baselines[pair_idx].direction;
                      term->min_length =
-                         kMinRelativeLength * input.Length(motion_idx);
-                     term->weight = input.DirectionWeight(motion_idx, weight);
+                         kMinRelativeLength * input.Length(pair_idx);
+                     term->weight = input.DirectionWeight(pair_idx, weight);
                    });
 }
 
 void AddLengths(const RefinementInput& input, AngleProblem* angles) {
   angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kLength,
-                   [&](size_t motion_idx, BaselineTerm* term) {
-                     term->length = input.Length(motion_idx);
+                   [&](size_t pair_idx, BaselineTerm* term) {
+                     term->length = input.Length(pair_idx);
                      term->min_length = kMinRelativeLength * term->length;
-                     term->weight = input.LengthWeight(motion_idx);
+                     term->weight = input.LengthWeight(pair_idx);
                    });
 }
 

@@ -9,16 +9,16 @@
 
 namespace mgsfm {
 
-// Refines centres and internal translations by eq. (16) of MGSfM,
+// Refines frame centres and sensor translations by eq. (16) of MGSfM,
 //
 //   min sum_p rho(w_p |b_p - C_p / |C_p||),
 //
-// with rho, whose scale is annealed to loss_scale_rad, the directions
-// b_p and baselines C_p of pairs, and terms w log(|C_p| / s_p) that keep the
-// measured lengths, which directions do not determine on straight motion.
-// Gauge: the first frame is constant; the length follows from the s_p.
-// Levenberg-Marquardt (mgsfm/least_squares/rig_solver.h); ends when the
-// relative decrease of the cost is below function_tolerance.
+// with the directions b_p and baselines C_p of pairs, a Cauchy loss rho whose
+// scale is annealed to loss_scale_rad, and terms w log(|C_p| / s_p) that keep
+// the measured lengths s_p, which directions leave open on straight motion.
+// Gauge: the first frame is constant; the unit of length follows from the s_p.
+// Levenberg-Marquardt (least_squares/rig_solver.h); stops when the relative
+// decrease of the cost is below function_tolerance.
 SolveSummary RefineCameras(const RefinementInput& input,
                            const RefinementOptions& options,
                            const Context& context, Positions* positions);
@@ -29,9 +29,10 @@ SolveSummary RefineCameras(const RefinementInput& input,
 //
 // over the used observations of the given tracks, with rays g in world axes.
 // The pair terms are those above with a tenth of their weight and without
-// lengths; they hold what no point holds. The scale, where no given internal
-// translation determines it, is held by the farthest frame if asked. Points are
-// eliminated (Schur complement).
+// lengths; they constrain frames that too few points constrain. Gauge: the
+// first frame is constant, and the farthest unknown keeps its length unless
+// known sensor offsets determine the unit. Points are eliminated (Schur
+// complement).
 SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const TrackRays& rays,
                                     const std::vector<size_t>& track_idxs,

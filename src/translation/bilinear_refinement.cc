@@ -18,13 +18,13 @@ constexpr double kMinLength = 1e-9;
 void AddDirections(const RefinementInput& input, double weight,
                    bool with_lengths, BilinearProblem* bilinear) {
   bilinear->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kBilinear,
-                     [&](size_t motion_idx, BaselineTerm* term) {
-                       term->direction = input.motions[motion_idx].direction;
-                       term->length = input.Length(motion_idx);
+                     [&](size_t pair_idx, BaselineTerm* term) {
+                       term->direction = input.baselines[pair_idx].direction;
+                       term->length = input.Length(pair_idx);
                        term->min_length = kMinRelativeLength * term->length;
-                       term->weight = input.DirectionWeight(motion_idx, weight);
+                       term->weight = input.DirectionWeight(pair_idx, weight);
                        if (with_lengths)
-                         term->length_weight = input.LengthWeight(motion_idx);
+                         term->length_weight = input.LengthWeight(pair_idx);
                      });
 }
 

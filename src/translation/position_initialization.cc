@@ -6,8 +6,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
+#include <utility>
 
-#include "base/parallel.h"
 #include "geometry/so3.h"
 #include "math/l1_admm.h"
 #include "math/sparse_solver.h"
@@ -15,6 +16,7 @@
 #include "math/union_find.h"
 #include "mgsfm/base/mask.h"
 #include "translation/arrow_least_squares.h"
+#include "translation/block_penalties.h"
 
 namespace mgsfm {
 namespace {
@@ -23,293 +25,165 @@ using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-// Error of directions that remains whatever their own estimates say. The unit
-// of residuals.
+// Error of directions beyond their own estimates, and the unit of residuals.
+// Chosen, not measured.
 constexpr double kDirectionSigma = DegToRad(0.5);
-// Lengths known this well weigh as much as directions: were they weaker, wrong
-// directions could make good baselines collapse rather than be outliers.
+// Lengths known this well weigh as much as directions. If they weighed less,
+// wrong directions could shorten good baselines instead of being outliers.
 constexpr double kGoodScaleSigma = 0.15;
-constexpr double kGroupSigma = 0.7;  // of log(median depth) between groups
-constexpr double kLowerBound = 0.1;  // of the estimated length of a baseline
-// Of undetermined directions, in units of the median baseline.
+// Of log(median depth) between groups: the depths of unrelated scenes differ by
+// a factor of two. A guess, as the groups share no measurement.
+constexpr double kGroupSigma = 0.7;
+// Lower bound of a baseline, relative to its estimated length.
+constexpr double kLowerBound = 0.1;
+// A sensor translation is not determined beyond this standard deviation, in
+// units of the median baseline.
 constexpr double kMaxSensorSigma = 0.5;
+// Ridge rows kRidge x with weight kRidgeWeight make A^T A definite. Their pull
+// is 1e-8 of that of a pair with a baseline of one unit.
 constexpr double kRidge = 1e-4;
-// A pair counts as if it were at least this long, compared with the lower
-// quartile of its frames' pairs. Were it free to count by its own length, one
-// that is wrongly found to be hardly any would outvote all others.
+constexpr double kRidgeWeight = 1e-4;
+// A pair counts with at least this share of the lower quartile of its frames'
+// lengths. Otherwise pairs that match a vehicle ahead, with 1/50 to 1/100 of
+// the true length, outvote the others: on KITTI 01 with the cube6 rig the error
+// was 8 m instead of 0.8 m (docs/math/translation.md, section 3).
 constexpr double kMinRelativeLength = 0.5;
-// Unknowns that are not frames; with more, products with them would be dense.
-constexpr int kMaxSizeOfBorder = 100;
+// Border of the arrow solver, which is dense; larger problems use the sparse
+// solver. A choice of speed.
+constexpr int kMaxBorderSize = 100;
 
-// What the three rows of a block cost.
-struct BlockPenalty {
-  enum class Kind { kScaleAndNormal, kNorm, kSum };
-  Kind kind = Kind::kSum;
-  double weight = 1.0;  // of the whole block
-  // Of kScaleAndNormal: what the first row costs above the bound, compared
-  // with the others, and below, as much as these.
-  double scale_slope = 1.0;
-  double bound = 0.0;
-};
+struct Input {
+  const PositionProblem& problem;
+  const std::vector<BaselineDirection>& baselines;
+  const PairScales& scales;
+  const Mask& pair_is_used;
 
-// f of the ADMM: a sum over blocks of three rows.
-struct BlockFunction {
-  std::vector<BlockPenalty> blocks;
-  int num_threads = 1;
-
-  double Cost(const MatrixXd& z) const {
-    double cost = 0.0;
-    for (size_t k = 0; k < blocks.size(); ++k) {
-      cost += blocks[k].weight * BlockCost(blocks[k], z.block<3, 1>(3 * k, 0));
-    }
-    return cost;
+  BaselineKind KindOf(size_t pair_idx) const {
+    return pair_is_used[pair_idx] ? baselines[pair_idx].kind
+                                  : BaselineKind::kUnused;
   }
-
-  static double BlockCost(const BlockPenalty& block, const Vector3d& z) {
-    switch (block.kind) {
-      case BlockPenalty::Kind::kScaleAndNormal:
-        return block.scale_slope * std::abs(z[0]) +
-               (1.0 - block.scale_slope) * std::max(block.bound - z[0], 0.0) +
-               z.tail<2>().norm();
-      case BlockPenalty::Kind::kNorm:
-        return z.norm();
-      case BlockPenalty::Kind::kSum:
-        break;
-    }
-    return z.lpNorm<1>();
+  std::array<int, 2> FramesOf(size_t pair_idx) const {
+    return {problem.frame_idx[baselines[pair_idx].image_idx1],
+            problem.frame_idx[baselines[pair_idx].image_idx2]};
   }
-
-  void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
-    constexpr size_t kBlocksPerItem = 16384;
-    ParallelFor(
-        blocks.size(), num_threads,
-        [&](size_t k) {
-          z->block<3, 1>(3 * k, 0) = BlockProx(
-              blocks[k], rho / blocks[k].weight, v.block<3, 1>(3 * k, 0));
-        },
-        kBlocksPerItem);
-  }
-
-  static double Shrunk(double norm, double rho) {
-    return norm * rho > 1.0 ? 1.0 - 1.0 / (rho * norm) : 0.0;
-  }
-
-  static Vector3d BlockProx(const BlockPenalty& block, double rho,
-                            const Vector3d& v) {
-    Vector3d z;
-    switch (block.kind) {
-      case BlockPenalty::Kind::kScaleAndNormal:
-        z[0] = ProxOfScaleResidual(v[0], rho / block.scale_slope, block.bound,
-                                   1.0 / block.scale_slope);
-        z.tail<2>() = Shrunk(v.tail<2>().norm(), rho) * v.tail<2>();
-        return z;
-      case BlockPenalty::Kind::kNorm:
-        return Shrunk(v.norm(), rho) * v;
-      case BlockPenalty::Kind::kSum:
-        break;
-    }
-    for (int i = 0; i < 3; ++i) z[i] = Shrunk(std::abs(v[i]), rho) * v[i];
-    return z;
+  bool IsDirectionBetweenFrames(size_t pair_idx) const {
+    return KindOf(pair_idx) == BaselineKind::kDirection &&
+           FramesOf(pair_idx)[0] != FramesOf(pair_idx)[1];
   }
 };
 
-// Rows A x - b in blocks of three, with their penalties. Of the frames all rows
-// of a block are alike but for a turn, so that A^T A is that of
-// arrow_least_squares.h.
-struct BlockSystem {
-  std::vector<Eigen::Triplet<double>> triplets;
-  std::vector<double> rhs;
-  BlockFunction function;
-
-  int num_rows() const { return static_cast<int>(rhs.size()); }
-  void FinishBlock(const Vector3d& b, const BlockPenalty& penalty) {
-    rhs.insert(rhs.end(), {b[0], b[1], b[2]});
-    function.blocks.push_back(penalty);
+// The frames of the largest set that pairs connect; the set of the first frame
+// if several are equally large.
+Mask LargestConnectedSet(const Input& in) {
+  const int num_frames = in.problem.num_frames;
+  UnionFind sets(num_frames);
+  for (size_t i = 0; i < in.baselines.size(); ++i) {
+    if (in.KindOf(i) == BaselineKind::kUnused) continue;
+    const auto [frame1, frame2] = in.FramesOf(i);
+    sets.Union(frame1, frame2);
   }
-};
-
-class PositionInitializer {
- public:
-  PositionInitializer(const PositionProblem& problem,
-                      const std::vector<BaselineDirection>& motions,
-                      const PairScales& scales, double min_parallax_deg,
-                      const InitializationOptions& options,
-                      const Context& context)
-      : problem_(problem),
-        motions_(motions),
-        scales_(scales),
-        options_(options),
-        context_(context),
-        // A baseline of this length would be seen as parallax at typical depth.
-        zero_baseline_sigma_(3.0 * std::sin(DegToRad(min_parallax_deg)) *
-                             std::max(scales.typical_depth, 1e-3)) {}
-
-  InitialPositions Run() {
-    PlaceFrames();
-    BoundLengths();
-    ListFreeSensors();
-    estimate_baseline_unit_ = HasGivenBaseline() && !scales_.scale.empty() &&
-                              !scales_.group_sizes.empty();
-    if (!Solve()) estimate_baseline_unit_ = false;
-    if (!estimate_baseline_unit_) Solve();
-    Extract();
-    return std::move(result_);
+  const Mask has_rotation = in.problem.FramesWithRotation();
+  std::vector<int> num_of_root(num_frames, 0);
+  for (int f = 0; f < num_frames; ++f) {
+    if (has_rotation[f]) ++num_of_root[sets.Find(f)];
   }
-
- private:
-  void PlaceFrames();
-  void BoundLengths();
-  void ListFreeSensors();
-  bool HasGivenBaseline() const;
-  // False if the unit of given baselines turned out not to be determined.
-  bool Solve();
-  void NumberUnknowns();
-  BlockSystem AssembleData() const;
-  void AddBaseline(const BaselineDirection& motion, const Matrix3d& rows,
-                   int first_row, BlockSystem* system) const;
-  void AddDirection(size_t motion_idx, BlockSystem* system) const;
-  void AddNoParallax(const BaselineDirection& motion,
-                     BlockSystem* system) const;
-  void AddGroupPriors(BlockSystem* system) const;
-  void AddRidge(BlockSystem* system) const;
-  // Covariance of the internal translations and the unit of given ones; of no
-  // size if the equations are not definite.
-  MatrixXd ExtrinsicCovariance(const BlockSystem& system) const;
-  void FindUnobservable(const MatrixXd& covariance);
-  void AddUnobservable(BlockSystem* system) const;
-  void Extract();
-  SolveSummary Minimize(const BlockSystem& system);
-
-  const PositionProblem& problem_;
-  const std::vector<BaselineDirection>& motions_;
-  const PairScales& scales_;
-  const InitializationOptions& options_;
-  const Context& context_;
-  const double zero_baseline_sigma_;
-  bool estimate_baseline_unit_ = false;
-  InitialPositions result_;
-  // Per motion: the length it counts with at least.
-  std::vector<double> min_length_;
-  // First unknown of each frame, sensor and group; -1 if it is constant.
-  std::vector<int> frame_column_;
-  std::vector<int> sensor_column_;
-  std::vector<int> group_column_;
-  int unit_column_ = -1;
-  int num_frame_columns_ = 0;  // the first ones
-  int num_unknowns_ = 0;
-  AdmmState state_;
-};
-
-// The largest set of frames that pairs connect.
-void PositionInitializer::PlaceFrames() {
-  UnionFind sets(problem_.num_frames);
-  for (const BaselineDirection& motion : motions_) {
-    if (motion.kind == BaselineKind::kUnused) continue;
-    sets.Union(problem_.frame_idx[motion.image_idx1],
-               problem_.frame_idx[motion.image_idx2]);
-  }
-  Mask has_image(problem_.num_frames, false);
-  for (size_t i = 0; i < problem_.frame_idx.size(); ++i) {
-    if (problem_.IsUsed(static_cast<int>(i))) {
-      has_image[problem_.frame_idx[i]] = true;
-    }
-  }
-  std::vector<int> num_of_root(problem_.num_frames, 0);
   size_t best = 0;
-  for (int f = 0; f < problem_.num_frames; ++f) {
-    if (has_image[f]) ++num_of_root[sets.Find(f)];
-  }
-  // The first frame of equally large sets decides.
   int best_size = 0;
-  for (int f = 0; f < problem_.num_frames; ++f) {
+  for (int f = 0; f < num_frames; ++f) {
     const size_t root = sets.Find(f);
-    if (has_image[f] && num_of_root[root] > best_size) {
+    if (has_rotation[f] && num_of_root[root] > best_size) {
       best = root;
       best_size = num_of_root[root];
     }
   }
-  Positions& positions = result_.positions;
-  positions.frame_center.assign(problem_.num_frames, Vector3d::Zero());
-  positions.frame_is_placed.assign(problem_.num_frames, false);
-  for (int f = 0; f < problem_.num_frames; ++f) {
-    positions.frame_is_placed[f] = has_image[f] && sets.Find(f) == best;
+  Mask is_in_set(num_frames, false);
+  for (int f = 0; f < num_frames; ++f) {
+    is_in_set[f] = has_rotation[f] && sets.Find(f) == best;
   }
+  return is_in_set;
 }
 
-// Pairs in a frame have baselines of the rig, which frames do not tell.
-void PositionInitializer::BoundLengths() {
-  const auto frames = [&](size_t i) {
-    return std::array{problem_.frame_idx[motions_[i].image_idx1],
-                      problem_.frame_idx[motions_[i].image_idx2]};
-  };
-  const auto is_between_frames = [&](size_t i) {
-    return motions_[i].kind == BaselineKind::kDirection &&
-           frames(i)[0] != frames(i)[1];
-  };
-  std::vector<std::vector<double>> lengths(problem_.num_frames);
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    if (!is_between_frames(i)) continue;
-    for (const int f : frames(i)) lengths[f].push_back(scales_.scale[i]);
+// Per pair: lower bound of the length that it counts with. Zero for pairs in a
+// frame: their baselines are those of the rig.
+std::vector<double> MinCountedLengths(const Input& in) {
+  const int num_frames = in.problem.num_frames;
+  std::vector<std::vector<double>> lengths(num_frames);
+  for (size_t i = 0; i < in.baselines.size(); ++i) {
+    if (!in.IsDirectionBetweenFrames(i)) continue;
+    for (const int f : in.FramesOf(i)) {
+      lengths[f].push_back(in.scales.pairs[i]->scale);
+    }
   }
-  std::vector<double> quartile(problem_.num_frames, 0.0);
-  for (int f = 0; f < problem_.num_frames; ++f) {
+  std::vector<double> quartile(num_frames, 0.0);
+  for (int f = 0; f < num_frames; ++f) {
     if (!lengths[f].empty()) {
       quartile[f] = Quantile(std::move(lengths[f]), 0.25);
     }
   }
-  min_length_.assign(motions_.size(), 0.0);
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    if (!is_between_frames(i)) continue;
-    const auto [f1, f2] = frames(i);
-    min_length_[i] = kMinRelativeLength * std::min(quartile[f1], quartile[f2]);
+  std::vector<double> min_length(in.baselines.size(), 0.0);
+  for (size_t i = 0; i < in.baselines.size(); ++i) {
+    if (!in.IsDirectionBetweenFrames(i)) continue;
+    const auto [f1, f2] = in.FramesOf(i);
+    min_length[i] = kMinRelativeLength * std::min(quartile[f1], quartile[f2]);
   }
+  return min_length;
 }
 
-void PositionInitializer::ListFreeSensors() {
-  for (size_t s = 0; s < problem_.sensor_kind.size(); ++s) {
-    if (problem_.sensor_kind[s] == SensorKind::kFree) {
-      result_.free_sensors.push_back(static_cast<int>(s));
+std::vector<int> FreeSensors(const PositionProblem& problem) {
+  std::vector<int> free_sensors;
+  for (size_t s = 0; s < problem.sensor_kind.size(); ++s) {
+    if (problem.sensor_kind[s] == SensorKind::kFree) {
+      free_sensors.push_back(static_cast<int>(s));
     }
   }
-  result_.unobservable.resize(0, 3 * result_.free_sensors.size());
+  return free_sensors;
 }
 
-bool PositionInitializer::HasGivenBaseline() const {
-  for (const Vector3d& t : problem_.fixed_translation) {
-    if (t.squaredNorm() > 0.0) return true;
-  }
-  return false;
-}
+// Numbers of the unknowns: the frames first, then sensors, unit and groups.
+struct Unknowns {
+  // First column of each; nullopt if it is constant.
+  std::vector<std::optional<int>> frame_column;
+  std::vector<std::optional<int>> sensor_column;
+  std::vector<std::optional<int>> group_column;
+  std::optional<int> unit_column;  // of known sensor offsets
+  int num_frame_columns = 0;
+  int first_sensor_column = 0;
+  int size = 0;
+};
 
-void PositionInitializer::NumberUnknowns() {
-  num_unknowns_ = 0;
-  frame_column_.assign(problem_.num_frames, -1);
+Unknowns NumberUnknowns(const Input& in, const Mask& frame_is_placed,
+                        const std::vector<int>& free_sensors,
+                        bool estimate_unit) {
+  Unknowns unknowns;
+  unknowns.frame_column.resize(in.problem.num_frames);
   bool is_first = true;
-  for (int f = 0; f < problem_.num_frames; ++f) {
-    if (!result_.positions.frame_is_placed[f]) continue;
+  for (int f = 0; f < in.problem.num_frames; ++f) {
+    if (!frame_is_placed[f]) continue;
     if (!is_first) {
-      frame_column_[f] = num_unknowns_;
-      num_unknowns_ += 3;
+      unknowns.frame_column[f] = unknowns.size;
+      unknowns.size += 3;
     }
     is_first = false;
   }
-  num_frame_columns_ = num_unknowns_;
-  sensor_column_.assign(problem_.sensor_kind.size(), -1);
-  for (const int s : result_.free_sensors) {
-    sensor_column_[s] = num_unknowns_;
-    num_unknowns_ += 3;
+  unknowns.num_frame_columns = unknowns.size;
+  unknowns.first_sensor_column = unknowns.size;
+  unknowns.sensor_column.resize(in.problem.sensor_kind.size());
+  for (const int s : free_sensors) {
+    unknowns.sensor_column[s] = unknowns.size;
+    unknowns.size += 3;
   }
-  unit_column_ = estimate_baseline_unit_ ? num_unknowns_++ : -1;
-  group_column_.assign(scales_.group_sizes.size(), -1);
-  for (size_t g = 1; g < group_column_.size(); ++g) {
-    group_column_[g] = num_unknowns_++;
+  if (estimate_unit) unknowns.unit_column = unknowns.size++;
+  unknowns.group_column.resize(in.scales.group_sizes.size());
+  for (size_t g = 1; g < unknowns.group_column.size(); ++g) {
+    unknowns.group_column[g] = unknowns.size++;
   }
+  return unknowns;
 }
 
-// Rows `rows * C` of the baseline C of a pair.
-void PositionInitializer::AddBaseline(const BaselineDirection& motion,
-                                      const Matrix3d& rows, int first_row,
-                                      BlockSystem* system) const {
+// Adds the rows `rows * C` of the baseline C of a pair.
+void AddBaseline(const PositionProblem& problem, const Unknowns& unknowns,
+                 const BaselineDirection& baseline, const Matrix3d& rows,
+                 int first_row, BlockSystem* system) {
   const auto add = [&](int column, const Matrix3d& block) {
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c) {
@@ -317,112 +191,130 @@ void PositionInitializer::AddBaseline(const BaselineDirection& motion,
       }
     }
   };
-  const int images[2] = {motion.image_idx1, motion.image_idx2};
+  const int images[2] = {baseline.image_idx1, baseline.image_idx2};
   for (int side = 0; side < 2; ++side) {
     const Matrix3d signed_rows = side == 0 ? Matrix3d(-rows) : rows;
-    const int frame_column = frame_column_[problem_.frame_idx[images[side]]];
-    const int sensor = problem_.sensor_idx[images[side]];
+    const auto& frame_column =
+        unknowns.frame_column[problem.frame_idx[images[side]]];
+    const int sensor = problem.sensor_idx[images[side]];
     const Matrix3d sensor_rows =
-        -signed_rows * *problem_.world_from_cam[images[side]];
-    if (frame_column >= 0) add(frame_column, signed_rows);
-    if (sensor_column_[sensor] >= 0) add(sensor_column_[sensor], sensor_rows);
-    if (unit_column_ < 0) continue;
-    const Vector3d given = sensor_rows * problem_.fixed_translation[sensor];
+        -signed_rows * *problem.world_from_cam[images[side]];
+    if (frame_column) add(*frame_column, signed_rows);
+    if (unknowns.sensor_column[sensor]) {
+      add(*unknowns.sensor_column[sensor], sensor_rows);
+    }
+    if (!unknowns.unit_column) continue;
+    const Vector3d known = sensor_rows * problem.fixed_translation[sensor];
     for (int r = 0; r < 3; ++r) {
-      system->triplets.emplace_back(first_row + r, unit_column_, given[r]);
+      system->triplets.emplace_back(first_row + r, *unknowns.unit_column,
+                                    known[r]);
     }
   }
 }
 
-void PositionInitializer::AddDirection(size_t motion_idx,
-                                       BlockSystem* system) const {
-  const BaselineDirection& motion = motions_[motion_idx];
-  const double scale = scales_.scale[motion_idx];
+void AddDirection(const Input& in, const Unknowns& unknowns, size_t pair_idx,
+                  double min_length, BlockSystem* system) {
+  const BaselineDirection& baseline = in.baselines[pair_idx];
+  const PairScale& pair = *in.scales.pairs[pair_idx];
   const double normal_weight =
-      kDirectionSigma / (std::max(scale, min_length_[motion_idx]) *
-                         std::hypot(motion.sigma_rad, kDirectionSigma));
-  const Vector3d& b = motion.direction;
+      kDirectionSigma / (std::max(pair.scale, min_length) *
+                         std::hypot(baseline.sigma_rad, kDirectionSigma));
+  const Vector3d& b = baseline.direction;
   const Vector3d normal = b.unitOrthogonal();
   Matrix3d rows;
   rows.row(0) = normal_weight * b;
   rows.row(1) = normal_weight * normal;
   rows.row(2) = normal_weight * b.cross(normal);
   const int first_row = system->num_rows();
-  AddBaseline(motion, rows, first_row, system);
+  AddBaseline(in.problem, unknowns, baseline, rows, first_row, system);
   Vector3d rhs = Vector3d::Zero();
-  const int column = group_column_[scales_.group[motion_idx]];
-  if (column < 0) {
-    rhs[0] = normal_weight * scale;
+  const std::optional<int>& column = unknowns.group_column[pair.group];
+  if (!column) {
+    rhs[0] = normal_weight * pair.scale;
   } else {
-    system->triplets.emplace_back(first_row, column, -normal_weight * scale);
+    system->triplets.emplace_back(first_row, *column,
+                                  -normal_weight * pair.scale);
   }
   BlockPenalty penalty;
   penalty.kind = BlockPenalty::Kind::kScaleAndNormal;
-  penalty.scale_slope =
-      std::min(kGoodScaleSigma / scales_.sigma_log[motion_idx], 1.0);
-  penalty.bound = -normal_weight * (1.0 - kLowerBound) * scale;
+  penalty.scale_slope = std::min(kGoodScaleSigma / pair.sigma_log, 1.0);
+  penalty.bound = -normal_weight * (1.0 - kLowerBound) * pair.scale;
   system->FinishBlock(rhs, penalty);
 }
 
-void PositionInitializer::AddNoParallax(const BaselineDirection& motion,
-                                        BlockSystem* system) const {
-  const Matrix3d rows =
-      kDirectionSigma / zero_baseline_sigma_ * Matrix3d::Identity();
-  AddBaseline(motion, rows, system->num_rows(), system);
+void AddNoParallax(const Input& in, const Unknowns& unknowns,
+                   const BaselineDirection& baseline, double sigma,
+                   BlockSystem* system) {
+  const Matrix3d rows = kDirectionSigma / sigma * Matrix3d::Identity();
+  AddBaseline(in.problem, unknowns, baseline, rows, system->num_rows(), system);
   BlockPenalty penalty;
   penalty.kind = BlockPenalty::Kind::kNorm;
   system->FinishBlock(Vector3d::Zero(), penalty);
 }
 
-void PositionInitializer::AddGroupPriors(BlockSystem* system) const {
+void AddGroupPriors(const PairScales& scales, const Unknowns& unknowns,
+                    BlockSystem* system) {
   constexpr double kWeight = kDirectionSigma / kGroupSigma;
-  for (size_t g = 1; g < group_column_.size(); ++g) {
+  for (size_t g = 1; g < unknowns.group_column.size(); ++g) {
     // As strong as the rows of the group would pull if they only had noise.
     BlockPenalty penalty;
-    penalty.weight = scales_.group_sizes[g];
-    system->triplets.emplace_back(system->num_rows(), group_column_[g],
+    penalty.weight = scales.group_sizes[g];
+    system->triplets.emplace_back(system->num_rows(), *unknowns.group_column[g],
                                   kWeight);
     system->FinishBlock(Vector3d(kWeight, 0.0, 0.0), penalty);
   }
 }
 
-// Makes A^T A definite whatever the data are; costs nothing that matters.
-void PositionInitializer::AddRidge(BlockSystem* system) const {
+void AddRidge(int num_unknowns, BlockSystem* system) {
   BlockPenalty penalty;
-  penalty.weight = 1e-4;
-  for (int column = 0; column < num_unknowns_; ++column) {
+  penalty.weight = kRidgeWeight;
+  for (int column = 0; column < num_unknowns; ++column) {
     system->triplets.emplace_back(system->num_rows() + column % 3, column,
                                   kRidge);
-    if (column % 3 == 2 || column + 1 == num_unknowns_) {
+    if (column % 3 == 2 || column + 1 == num_unknowns) {
       system->FinishBlock(Vector3d::Zero(), penalty);
     }
   }
 }
 
-BlockSystem PositionInitializer::AssembleData() const {
+BlockSystem AssembleSystem(const Input& in, const Unknowns& unknowns,
+                           const Positions& placed, double min_parallax_deg,
+                           int num_threads) {
+  const std::vector<double> min_length = MinCountedLengths(in);
+  // A baseline of this length would be seen as parallax at typical depth.
+  const double zero_baseline_sigma = 3.0 *
+                                     std::sin(DegToRad(min_parallax_deg)) *
+                                     std::max(in.scales.typical_depth, 1e-3);
   BlockSystem system;
-  system.function.num_threads = context_.num_threads;
-  for (size_t i = 0; i < motions_.size(); ++i) {
-    const BaselineDirection& motion = motions_[i];
-    if (motion.kind == BaselineKind::kUnused ||
-        !result_.positions.IsPlaced(problem_, motion.image_idx1)) {
+  system.function.num_threads = num_threads;
+  for (size_t i = 0; i < in.baselines.size(); ++i) {
+    const BaselineKind kind = in.KindOf(i);
+    if (kind == BaselineKind::kUnused ||
+        !placed.IsPlaced(in.problem, in.baselines[i].image_idx1)) {
       continue;
     }
-    if (motion.kind == BaselineKind::kDirection) {
-      AddDirection(i, &system);
+    if (kind == BaselineKind::kDirection) {
+      AddDirection(in, unknowns, i, min_length[i], &system);
     } else {
-      AddNoParallax(motion, &system);
+      AddNoParallax(in, unknowns, in.baselines[i], zero_baseline_sigma,
+                    &system);
     }
   }
-  AddGroupPriors(&system);
-  AddRidge(&system);
+  AddGroupPriors(in.scales, unknowns, &system);
+  AddRidge(unknowns.size, &system);
   return system;
 }
 
-MatrixXd PositionInitializer::ExtrinsicCovariance(
-    const BlockSystem& system) const {
-  const int num_free = 3 * static_cast<int>(result_.free_sensors.size());
-  const int size = num_free + (unit_column_ >= 0);
+// Covariance of the sensor translations and the unit of known offsets; nullopt
+// if the equations are not definite.
+std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
+                                            const Unknowns& unknowns,
+                                            size_t num_free_sensors,
+                                            int num_threads) {
+  // Their columns are consecutive.
+  const int size = 3 * static_cast<int>(num_free_sensors) +
+                   (unknowns.unit_column.has_value() ? 1 : 0);
+  if (size == 0) return MatrixXd(0, 0);
   std::vector<Eigen::Triplet<double>> triplets;
   triplets.reserve(system.triplets.size());
   for (const auto& t : system.triplets) {
@@ -430,25 +322,23 @@ MatrixXd PositionInitializer::ExtrinsicCovariance(
     const double slope = t.row() % 3 == 0 ? penalty.scale_slope : 1.0;
     triplets.emplace_back(t.row(), t.col(), slope * t.value());
   }
-  Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
+  Eigen::SparseMatrix<double> A(system.num_rows(), unknowns.size);
   A.setFromTriplets(triplets.begin(), triplets.end());
-  const SparseLeastSquares op(A, context_.num_threads);
-  if (!op.IsPositiveDefinite()) return MatrixXd(0, 0);
-  // Their columns are consecutive.
-  const int first =
-      num_free > 0 ? sensor_column_[result_.free_sensors[0]] : unit_column_;
-  MatrixXd selection = MatrixXd::Zero(num_unknowns_, size);
-  selection.middleRows(first, size).setIdentity();
+  const SparseLeastSquares op(A, num_threads);
+  if (!op.IsPositiveDefinite()) return std::nullopt;
+  MatrixXd selection = MatrixXd::Zero(unknowns.size, size);
+  selection.middleRows(unknowns.first_sensor_column, size).setIdentity();
   MatrixXd inverse;
   op.SolveNormal(selection, &inverse);
-  const MatrixXd block = inverse.middleRows(first, size);
-  return kDirectionSigma * kDirectionSigma * 0.5 * (block + block.transpose());
+  const MatrixXd block = inverse.middleRows(unknowns.first_sensor_column, size);
+  return MatrixXd(kDirectionSigma * kDirectionSigma * 0.5 *
+                  (block + block.transpose()));
 }
 
-void PositionInitializer::FindUnobservable(const MatrixXd& covariance) {
-  const Eigen::Index size = 3 * result_.free_sensors.size();
-  result_.unobservable.resize(0, size);
-  if (size == 0) return;
+// Rows over the translations of free sensors that are not determined.
+MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
+  const auto size = static_cast<Eigen::Index>(3 * num_free_sensors);
+  if (size == 0) return MatrixXd(0, 0);
   const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
       covariance.topLeftCorner(size, size));
   Eigen::Index num_weak = 0;
@@ -456,122 +346,162 @@ void PositionInitializer::FindUnobservable(const MatrixXd& covariance) {
                                 kMaxSensorSigma * kMaxSensorSigma) {
     ++num_weak;
   }
-  result_.unobservable = eigen.eigenvectors().rightCols(num_weak).transpose();
+  return eigen.eigenvectors().rightCols(num_weak).transpose();
 }
 
-void PositionInitializer::AddUnobservable(BlockSystem* system) const {
-  if (result_.free_sensors.empty()) return;
-  const int first = sensor_column_[result_.free_sensors[0]];
-  // Heavier than all data rows can pull, so that it holds exactly.
+// Holds undetermined directions at zero.
+void AddUnobservable(const MatrixXd& unobservable, const Unknowns& unknowns,
+                     BlockSystem* system) {
+  // Heavier than all data rows can pull (docs/math/translation.md, section 3),
+  // so that it holds exactly.
   const double weight = 0.1 * std::sqrt(system->num_rows());
-  for (Eigen::Index k = 0; k < result_.unobservable.rows(); ++k) {
-    for (Eigen::Index c = 0; c < result_.unobservable.cols(); ++c) {
-      system->triplets.emplace_back(system->num_rows(),
-                                    first + static_cast<int>(c),
-                                    weight * result_.unobservable(k, c));
+  for (Eigen::Index k = 0; k < unobservable.rows(); ++k) {
+    for (Eigen::Index c = 0; c < unobservable.cols(); ++c) {
+      system->triplets.emplace_back(
+          system->num_rows(),
+          unknowns.first_sensor_column + static_cast<int>(c),
+          weight * unobservable(k, c));
     }
     system->FinishBlock(Vector3d::Zero(), BlockPenalty());
   }
 }
 
-SolveSummary PositionInitializer::Minimize(const BlockSystem& system) {
-  Eigen::SparseMatrix<double> A(system.num_rows(), num_unknowns_);
+struct Solution {
+  SolveSummary summary;
+  MatrixXd x;  // one column
+};
+
+Solution Minimize(const BlockSystem& system, const Unknowns& unknowns,
+                  const InitializationOptions& options,
+                  const Context& context) {
+  Eigen::SparseMatrix<double> A(system.num_rows(), unknowns.size);
   A.setFromTriplets(system.triplets.begin(), system.triplets.end());
   const MatrixXd b =
       Eigen::Map<const Eigen::VectorXd>(system.rhs.data(), system.num_rows());
-  AdmmOptions options;
-  options.context = context_;
-  options.max_num_iterations = options_.max_num_iterations;
-  options.relative_tolerance = options_.relative_tolerance;
+  AdmmOptions admm_options;
+  admm_options.context = context;
+  admm_options.max_num_iterations = options.max_num_iterations;
+  admm_options.relative_tolerance = options.relative_tolerance;
   const auto minimize = [&](const auto& op) {
+    Solution solution;
     if (op.IsPositiveDefinite()) {
-      return MinimizeByAdmm(op, b, system.function, options, &state_);
+      AdmmState state;
+      solution.summary =
+          MinimizeByAdmm(op, b, system.function, admm_options, &state);
+      solution.x = std::move(state.x);
+    } else {
+      solution.summary.message = "The normal equations are not definite.";
     }
-    SolveSummary summary;
-    summary.message = "The normal equations are not definite.";
-    return summary;
+    return solution;
   };
-  if (num_unknowns_ - num_frame_columns_ > kMaxSizeOfBorder) {
-    return minimize(SparseLeastSquares(A, context_.num_threads));
+  if (unknowns.size - unknowns.num_frame_columns > kMaxBorderSize) {
+    return minimize(SparseLeastSquares(A, context.num_threads));
   }
-  return minimize(
-      ArrowLeastSquares(A, num_frame_columns_ / 3, context_.num_threads));
+  return minimize(ArrowLeastSquares(A, unknowns.num_frame_columns / 3,
+                                    context.num_threads));
 }
 
-bool PositionInitializer::Solve() {
-  NumberUnknowns();
-  if (num_unknowns_ == 0) {
-    state_.x.resize(0, 1);
-    result_.solve.termination = Termination::kConverged;
-    result_.solve.message = "Nothing is unknown.";
-    return true;
+struct Attempt {
+  Unknowns unknowns;
+  Solution solution;
+  MatrixXd unobservable;
+  // The unit of known sensor offsets is an unknown that the data determine.
+  bool unit_is_determined = false;
+};
+
+Attempt Solve(const Input& in, const Positions& placed,
+              const std::vector<int>& free_sensors, bool estimate_unit,
+              double min_parallax_deg, const InitializationOptions& options,
+              const Context& context) {
+  Attempt attempt;
+  attempt.unknowns =
+      NumberUnknowns(in, placed.frame_is_placed, free_sensors, estimate_unit);
+  attempt.unobservable.resize(
+      0, static_cast<Eigen::Index>(3 * free_sensors.size()));
+  SolveSummary& summary = attempt.solution.summary;
+  if (attempt.unknowns.size == 0) {
+    attempt.solution.x.resize(0, 1);
+    summary.termination = Termination::kConverged;
+    summary.message = "Nothing is unknown.";
+    return attempt;
   }
-  BlockSystem system = AssembleData();
-  MatrixXd covariance(0, 0);
-  if (unit_column_ >= 0 || !result_.free_sensors.empty()) {
-    covariance = ExtrinsicCovariance(system);
-    if (covariance.size() == 0) {
-      result_.solve.message = "The normal equations are not definite.";
-      return true;
-    }
+  BlockSystem system = AssembleSystem(in, attempt.unknowns, placed,
+                                      min_parallax_deg, context.num_threads);
+  const auto covariance = ExtrinsicCovariance(
+      system, attempt.unknowns, free_sensors.size(), context.num_threads);
+  if (!covariance) {
+    summary.message = "The normal equations are not definite.";
+    return attempt;
   }
-  FindUnobservable(covariance);
-  AddUnobservable(&system);
-  state_ = AdmmState();
-  result_.solve = Minimize(system);
-  if (unit_column_ < 0 || state_.x.size() == 0) return true;
-  const double unit = state_.x(unit_column_, 0);
+  attempt.unobservable = FindUnobservable(*covariance, free_sensors.size());
+  AddUnobservable(attempt.unobservable, attempt.unknowns, &system);
+  attempt.solution = Minimize(system, attempt.unknowns, options, context);
+  const MatrixXd& x = attempt.solution.x;
+  if (!estimate_unit || x.size() == 0) return attempt;
+  // Three standard deviations from zero.
   const double variance =
-      covariance(covariance.rows() - 1, covariance.cols() - 1);
-  return unit > 3.0 * std::sqrt(variance);
+      (*covariance)(covariance->rows() - 1, covariance->cols() - 1);
+  attempt.unit_is_determined =
+      x(*attempt.unknowns.unit_column, 0) > 3.0 * std::sqrt(variance);
+  return attempt;
 }
 
-void PositionInitializer::Extract() {
-  const MatrixXd& x = state_.x;
-  const bool is_usable = result_.solve.IsUsable() && x.allFinite();
+// Divides the solution by the unit of known sensor offsets.
+void Extract(const PositionProblem& problem, const Attempt& attempt,
+             InitialPositions* result) {
+  const Unknowns& unknowns = attempt.unknowns;
+  const MatrixXd& x = attempt.solution.x;
+  const bool is_usable = attempt.solution.summary.IsUsable() && x.allFinite();
   double unit = 1.0;
-  if (is_usable && unit_column_ >= 0) {
-    unit = x(unit_column_, 0);
-    result_.is_metric = true;
+  if (is_usable && unknowns.unit_column) {
+    unit = x(*unknowns.unit_column, 0);
+    result->is_metric = true;
   }
-  Positions& positions = result_.positions;
-  positions.sensor_translation = problem_.fixed_translation;
-  result_.group_factor.assign(group_column_.size(), 1.0 / unit);
+  Positions& positions = result->positions;
+  result->group_factor.assign(unknowns.group_column.size(), 1.0 / unit);
   if (!is_usable) return;
-  for (int f = 0; f < problem_.num_frames; ++f) {
-    if (frame_column_[f] < 0) continue;
-    positions.frame_center[f] = x.block<3, 1>(frame_column_[f], 0) / unit;
+  for (int f = 0; f < problem.num_frames; ++f) {
+    if (!unknowns.frame_column[f]) continue;
+    positions.frame_center[f] =
+        x.block<3, 1>(*unknowns.frame_column[f], 0) / unit;
   }
-  for (const int s : result_.free_sensors) {
+  for (const int s : result->free_sensors) {
     positions.sensor_translation[s] =
-        x.block<3, 1>(sensor_column_[s], 0) / unit;
+        x.block<3, 1>(*unknowns.sensor_column[s], 0) / unit;
   }
-  for (size_t g = 1; g < group_column_.size(); ++g) {
-    result_.group_factor[g] =
-        std::max(x(group_column_[g], 0), kLowerBound) / unit;
+  for (size_t g = 1; g < unknowns.group_column.size(); ++g) {
+    result->group_factor[g] =
+        std::max(x(*unknowns.group_column[g], 0), kLowerBound) / unit;
   }
 }
 
 }  // namespace
 
-double ProxOfScaleResidual(double v, double rho, double bound, double steep) {
-  // Minimises phi(z) + rho/2 (z - v)^2: z = v - phi'(z) / rho.
-  const double step = 1.0 / rho;
-  if (v > step) return v - step;
-  if (v >= -step) return 0.0;
-  if (v + step >= bound) return v + step;
-  if (v + steep * step >= bound) return bound;
-  return v + steep * step;
-}
-
 InitialPositions InitializePositions(
     const PositionProblem& problem,
-    const std::vector<BaselineDirection>& motions, const PairScales& scales,
-    double min_parallax_deg, const InitializationOptions& options,
-    const Context& context) {
-  return PositionInitializer(problem, motions, scales, min_parallax_deg,
-                             options, context)
-      .Run();
+    const std::vector<BaselineDirection>& baselines, const PairScales& scales,
+    const Mask& pair_is_used, double min_parallax_deg,
+    const InitializationOptions& options, const Context& context) {
+  const Input in{problem, baselines, scales, pair_is_used};
+  InitialPositions result;
+  result.free_sensors = FreeSensors(problem);
+  Positions& positions = result.positions;
+  positions.frame_is_placed = LargestConnectedSet(in);
+  positions.frame_center.assign(problem.num_frames, Vector3d::Zero());
+  positions.sensor_translation = problem.fixed_translation;
+  const auto solve = [&](bool estimate_unit) {
+    return Solve(in, positions, result.free_sensors, estimate_unit,
+                 min_parallax_deg, options, context);
+  };
+  const bool has_unit = problem.HasKnownOffset() && !scales.group_sizes.empty();
+  Attempt attempt = solve(has_unit);
+  const bool keeps_unit =
+      attempt.unit_is_determined || attempt.solution.x.size() == 0;
+  if (has_unit && !keeps_unit) attempt = solve(false);
+  Extract(problem, attempt, &result);
+  result.solve = attempt.solution.summary;
+  result.unobservable = std::move(attempt.unobservable);
+  return result;
 }
 
 }  // namespace mgsfm

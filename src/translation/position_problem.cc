@@ -1,7 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "translation/position_problem.h"
 
+#include <algorithm>
+
 namespace mgsfm {
+
+bool PositionProblem::HasKnownOffset() const {
+  return std::any_of(fixed_translation.begin(), fixed_translation.end(),
+                     [](const Eigen::Vector3d& t) { return !t.isZero(0.0); });
+}
+
+Mask PositionProblem::FramesWithRotation() const {
+  Mask has_rotation(num_frames, false);
+  for (size_t i = 0; i < frame_idx.size(); ++i) {
+    if (IsUsed(static_cast<int>(i))) has_rotation[frame_idx[i]] = true;
+  }
+  return has_rotation;
+}
 
 PositionProblem MakePositionProblem(const Scene& scene,
                                     const RotationEstimate& rotations) {
@@ -24,10 +39,10 @@ PositionProblem MakePositionProblem(const Scene& scene,
   }
   for (size_t i = 0; i < num_sensors; ++i) {
     const bool is_reference = scene.IsReference(static_cast<int>(i));
-    const auto& given = scene.sensors[i].sensor_from_rig;
-    if (!is_reference && !given) continue;
+    const auto& known = scene.sensors[i].sensor_from_rig;
+    if (!is_reference && !known) continue;
     problem.sensor_kind[i] = SensorKind::kFixed;
-    if (!is_reference) problem.fixed_translation[i] = given->translation;
+    if (!is_reference) problem.fixed_translation[i] = known->translation;
   }
   return problem;
 }

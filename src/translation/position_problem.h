@@ -13,24 +13,31 @@ namespace mgsfm {
 
 enum class SensorKind {
   kAbsent,  // no image with a rotation
-  kFixed,   // reference sensor, or its pose in the rig is given
-  kFree,    // translation to be estimated
+  kFixed,   // reference sensor, or a sensor with known extrinsics
+  kFree,    // the translation of sensor_from_rig is estimated
 };
 
-// What is constant during translation averaging.
+// Everything that is constant during translation averaging.
 struct PositionProblem {
-  // Per image; nullopt where the rotation of its frame or sensor is unknown.
+  // Per image; nullopt if the rotation of its frame or sensor is unknown.
   std::vector<std::optional<Eigen::Matrix3d>> world_from_cam;
   std::vector<int> frame_idx;   // per image
   std::vector<int> sensor_idx;  // per image
   std::vector<SensorKind> sensor_kind;
-  // Per sensor: the given translation of kFixed sensors, else zero.
+  // Per sensor: the known translation of a kFixed sensor, zero for others.
   std::vector<Eigen::Vector3d> fixed_translation;
   int num_frames = 0;
 
   bool IsUsed(int image_idx) const {
     return world_from_cam[image_idx].has_value();
   }
+  // A known sensor away from the rig's origin can tell the unit of length.
+  bool HasKnownOffset(int sensor_idx) const {
+    return !fixed_translation[sensor_idx].isZero(0.0);
+  }
+  bool HasKnownOffset() const;
+  // Per frame: it has an image with a rotation.
+  Mask FramesWithRotation() const;
 };
 
 PositionProblem MakePositionProblem(const Scene& scene,
@@ -41,7 +48,7 @@ PositionProblem MakePositionProblem(const Scene& scene,
 struct Positions {
   Mask frame_is_placed;
   std::vector<Eigen::Vector3d> frame_center;
-  std::vector<Eigen::Vector3d> sensor_translation;
+  std::vector<Eigen::Vector3d> sensor_translation;  // of sensor_from_rig
 
   bool IsPlaced(const PositionProblem& problem, int image_idx) const {
     return problem.IsUsed(image_idx) &&

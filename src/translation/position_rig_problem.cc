@@ -55,18 +55,18 @@ PositionRigProblem<Observation>::PositionRigProblem(
 }
 
 template <class Observation>
-void PositionRigProblem<Observation>::AddTerms(BaselineKind motion_kind,
+void PositionRigProblem<Observation>::AddTerms(BaselineKind baseline_kind,
                                                BaselineTerm::Kind kind,
                                                const SetTerm& set) {
-  for (size_t i = 0; i < input_.motions.size(); ++i) {
-    const BaselineDirection& motion = input_.motions[i];
-    if (!input_.IsUsable(motion, motion_kind, initial_)) continue;
-    MarkAsSeen(motion.image_idx1);
-    MarkAsSeen(motion.image_idx2);
+  for (size_t i = 0; i < input_.baselines.size(); ++i) {
+    if (!input_.IsUsable(i, baseline_kind, initial_)) continue;
+    const BaselineDirection& baseline = input_.baselines[i];
+    MarkAsSeen(baseline.image_idx1);
+    MarkAsSeen(baseline.image_idx2);
     BaselineTerm term;
     term.kind = kind;
-    term.image1 = motion.image_idx1;
-    term.image2 = motion.image_idx2;
+    term.image1 = baseline.image_idx1;
+    term.image2 = baseline.image_idx2;
     set(i, &term);
     problem_.baselines.push_back(term);
   }

@@ -13,10 +13,10 @@
 
 namespace mgsfm {
 
-// Positions as unknowns of a rig problem (mgsfm/least_squares/rig_problem.h)
-// with held rotations: what the objectives have in common. Frames, sensors and
-// images of the problem are those of the scene. For RayObservation and
-// ScaledRayObservation.
+// Positions as unknowns of a rig problem (least_squares/rig_problem.h) with
+// constant rotations. Frames, sensors and images of the problem are those of
+// the scene. Terms and points are added first, then the gauge is fixed.
+// For RayObservation and ScaledRayObservation.
 template <class Observation>
 class PositionRigProblem {
  public:
@@ -25,15 +25,15 @@ class PositionRigProblem {
                      const RefinementOptions& options,
                      const Positions& positions);
 
-  // A term for each usable motion of a kind; `set` gives it its values.
-  using SetTerm = std::function<void(size_t motion_idx, BaselineTerm* term)>;
-  void AddTerms(BaselineKind motion_kind, BaselineTerm::Kind kind,
+  // Adds a term for each usable pair of a kind; `set` gives it its values.
+  using SetTerm = std::function<void(size_t pair_idx, BaselineTerm* term)>;
+  void AddTerms(BaselineKind baseline_kind, BaselineTerm::Kind kind,
                 const SetTerm& set);
   void AddZeroBaselines();
-  // Observations that are used.
+  // Adds the used observations of the tracks.
   void AddPoints(const TrackRays& rays, const std::vector<size_t>& track_idxs,
                  const TrackPoints& points);
-  // Holds the first frame, and what was found to be undetermined.
+  // Holds the first frame and the unobservable directions of sensors.
   void HoldGauge();
   // Keeps the length of the longest unknown along itself. A change of scale can
   // meet this exactly, so it does not affect the shape.
@@ -43,7 +43,7 @@ class PositionRigProblem {
   RigState* mutable_state() { return &state_; }
 
   SolveSummary Solve(const Context& context);
-  // By one solve for each scale of the loss.
+  // Solves once for each scale of the annealed loss.
   SolveSummary SolveAnnealed(const Context& context);
 
   void WriteBack(Positions* positions) const;

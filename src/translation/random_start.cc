@@ -28,13 +28,13 @@ TrackPoints RandomPoints(const TrackRays& rays, Random* random) {
     const size_t end = rays.tracks.offsets[t + 1];
     int num_rays = 0;
     for (size_t k = begin; k < end; ++k) {
-      num_rays += rays.rays_in_world[k].squaredNorm() > 0.5;
+      num_rays += rays.has_ray[k] ? 1 : 0;
     }
     const Vector3d position = RandomPosition(kHalfWidth, random);
     if (num_rays < 2) continue;
     points.point_in_world[t] = position;
     for (size_t k = begin; k < end; ++k) {
-      points.observation_is_used[k] = rays.rays_in_world[k].squaredNorm() > 0.5;
+      points.observation_is_used[k] = rays.has_ray[k];
     }
   }
   return points;
@@ -52,10 +52,8 @@ RandomStart StartAtRandom(const PositionProblem& problem, const TrackRays& rays,
     positions.frame_center.push_back(RandomPosition(kHalfWidth, &random));
   }
   positions.sensor_translation = problem.fixed_translation;
+  start.initial.is_metric = problem.HasKnownOffset();
   for (size_t s = 0; s < problem.sensor_kind.size(); ++s) {
-    if (problem.fixed_translation[s].squaredNorm() > 0.0) {
-      start.initial.is_metric = true;
-    }
     if (problem.sensor_kind[s] != SensorKind::kFree) continue;
     positions.sensor_translation[s] = RandomPosition(kSensorHalfWidth, &random);
     start.initial.free_sensors.push_back(static_cast<int>(s));

@@ -8,43 +8,46 @@
 namespace mgsfm {
 namespace {
 
-// Errors of pairs that remain whatever their own estimates say.
+// Errors of pairs beyond their own estimates. Chosen, not measured.
 constexpr double kDirectionSigma = DegToRad(0.5);
 constexpr double kScaleSigma = 0.1;
+// Relative to the weight of a direction, per unit of length. Chosen small: a
+// pair without parallax bounds its baseline only loosely.
+constexpr double kZeroBaselineWeight = 0.01;
+// Fewer points do not support a refinement; a sanity bound.
 constexpr size_t kMinNumPoints = 10;
 
 }  // namespace
 
-bool RefinementInput::IsUsable(const BaselineDirection& motion,
-                               BaselineKind kind,
+bool RefinementInput::IsUsable(size_t pair_idx, BaselineKind kind,
                                const Positions& positions) const {
-  const int image1 = motion.image_idx1, image2 = motion.image_idx2;
+  if (!pair_is_used[pair_idx] || baselines[pair_idx].kind != kind) return false;
+  const int image1 = baselines[pair_idx].image_idx1;
+  const int image2 = baselines[pair_idx].image_idx2;
   const bool is_constant =
       problem.frame_idx[image1] == problem.frame_idx[image2] &&
       !IsFree(image1) && !IsFree(image2);
-  return motion.kind == kind && !is_constant &&
-         positions.IsPlaced(problem, image1) &&
+  return !is_constant && positions.IsPlaced(problem, image1) &&
          positions.IsPlaced(problem, image2);
 }
 
-double RefinementInput::DirectionWeight(size_t motion_idx,
-                                        double weight) const {
+double RefinementInput::DirectionWeight(size_t pair_idx, double weight) const {
   return weight * kDirectionSigma /
-         std::hypot(motions[motion_idx].sigma_rad, kDirectionSigma);
+         std::hypot(baselines[pair_idx].sigma_rad, kDirectionSigma);
 }
 
-double RefinementInput::LengthWeight(size_t motion_idx) const {
+double RefinementInput::LengthWeight(size_t pair_idx) const {
   return kDirectionSigma /
-         std::hypot(scales.sigma_log[motion_idx], kScaleSigma);
+         std::hypot(scales.pairs[pair_idx]->sigma_log, kScaleSigma);
 }
 
 double RefinementInput::ZeroBaselineWeight() const {
-  return 0.01 * kDirectionSigma / initial.group_factor[0];
+  return kZeroBaselineWeight * kDirectionSigma / initial.group_factor[0];
 }
 
 bool IsDetermined(const RefinementInput& input,
                   const std::vector<size_t>& track_idxs) {
-  return (input.HasDirections() || input.motions.empty()) &&
+  return (input.HasDirections() || input.baselines.empty()) &&
          track_idxs.size() >= kMinNumPoints;
 }
 

@@ -5,6 +5,7 @@
 
 #include "math/robust_loss.h"
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
 #include "translation/position_initialization.h"
@@ -12,54 +13,59 @@
 
 namespace mgsfm {
 
-// What the refinements have in common, whatever the form of their residuals:
-// which pairs they use, and how certain they take them for.
+// The terms that the refinements of positions share, whatever the form of their
+// residuals: which pairs they use, and with which weights.
 
 struct RefinementOptions {
   int max_num_iterations = 50;
   RobustLossType loss = RobustLossType::kCauchy;
   double loss_scale_rad = 0.0;
-  // Then the scale must be free to change; steps are damped, so it needs no
-  // gauge.
+  // The scale is then free to change; steps are damped, so it needs no gauge.
   bool starts_at_random = false;
   double function_tolerance = 1e-6;
   SolverBackend backend = SolverBackend::kNative;
 };
 
-// What refinements need of the stages before. Without motions, points tell all.
+// Results of the earlier stages. Without any baselines, points determine all.
 struct RefinementInput {
   const PositionProblem& problem;
-  const std::vector<BaselineDirection>& motions;
+  const std::vector<BaselineDirection>& baselines;
   const PairScales& scales;
   const InitialPositions& initial;
+  const Mask& pair_is_used;  // per baseline
 
   bool HasDirections() const { return !scales.group_sizes.empty(); }
   bool IsFree(int image_idx) const {
     return problem.sensor_kind[problem.sensor_idx[image_idx]] ==
            SensorKind::kFree;
   }
-  // Of that kind, between placed images, with a baseline that is not constant.
-  bool IsUsable(const BaselineDirection& motion, BaselineKind kind,
+  // A used pair of this kind, between placed images, whose baseline is not
+  // constant.
+  bool IsUsable(size_t pair_idx, BaselineKind kind,
                 const Positions& positions) const;
-  // The measured length of a pair in the unit of positions.
-  double Length(size_t motion_idx) const {
-    return scales.scale[motion_idx] *
-           initial.group_factor[scales.group[motion_idx]];
+  // The measured length of a kDirection pair in the unit of positions.
+  double Length(size_t pair_idx) const {
+    const PairScale& pair = *scales.pairs[pair_idx];
+    return pair.scale * initial.group_factor[pair.group];
   }
-  double DirectionWeight(size_t motion_idx, double weight) const;
+  double DirectionWeight(size_t pair_idx, double weight) const;
   // Of the logarithm of the length.
-  double LengthWeight(size_t motion_idx) const;
-  // Of baselines without parallax: weak, only to place what nothing else does.
+  double LengthWeight(size_t pair_idx) const;
+  // Of baselines without parallax: weak, they only place what nothing else
+  // does.
   double ZeroBaselineWeight() const;
 };
 
-// Of directions of pairs, where points are refined along.
+// Weight of the directions of pairs beside points. The matches of a pair are
+// observations of points, so full weight would count them twice. Chosen.
 constexpr double kPairWeightWithPoints = 0.1;
-// Baselines shorter than this, of their measured length, are as if so long.
+// The length of a baseline is smoothed below this share of its measured length,
+// where its direction is undefined.
 constexpr double kMinRelativeLength = 1e-4;
 
-// The loss of cameras alone is annealed: its scale is multiplied by these.
-// Solves but the last have kNumCoarseRefinements iterations.
+// The loss of the refinement without points is annealed: its scale is
+// multiplied by these factors. All solves but the last have
+// kNumCoarseRefinements iterations.
 constexpr double kLossAnnealing[] = {8.0, 2.0, 1.0};
 constexpr int kNumCoarseRefinements = 10;
 
@@ -67,9 +73,10 @@ constexpr int kNumCoarseRefinements = 10;
 bool IsDetermined(const RefinementInput& input,
                   const std::vector<size_t>& track_idxs);
 
+// The summary of a solve that was not necessary.
 SolveSummary NothingToDo(const char* message);
 
-// An objective for positions: refines all but the points, and all.
+// An objective for positions: refines positions alone, and with points.
 struct PositionObjective {
   SolveSummary (*refine_cameras)(const RefinementInput& input,
                                  const RefinementOptions& options,

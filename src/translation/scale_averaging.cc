@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
+#include <utility>
 
 #include "base/parallel.h"
 #include "math/graph.h"
@@ -17,25 +19,41 @@
 namespace mgsfm {
 namespace {
 
+// A median of five tolerates two outliers. Chosen.
 constexpr int kMinNumCommon = 5;
-constexpr int kMaxNumLinks = 3;  // of one pair in one image, best first
+// Links of one pair in one image, most certain first. A bound on time: the
+// pairs of an image are about equally redundant.
+constexpr int kMaxNumLinks = 3;
+// Errors that remain however many keypoints vote: 3 % of a ratio, 5 % of a
+// length. Chosen, not measured.
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
+// A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;
-// Far below what the ratios are good for.
+// Stopping rule on log(scale), far below kMinRatioSigma.
 constexpr double kMinStep = 1e-4;
+// Fixes the gauge of each group; negligible beside the weights of the links.
 constexpr double kRidge = 1e-6;
+// Cauchy loss in standard deviations of a link: from kFirstLossScale, halved
+// each round, to kLastLossScale.
+constexpr double kFirstLossScale = 30.0;
+constexpr double kLastLossScale = 3.0;
+constexpr int kMaxNumRounds = 20;
 
 struct ScaleLink {
-  int motion1;
-  int motion2;
+  int pair1;
+  int pair2;
   double log_ratio;  // log(scale2 / scale1)
   double sigma;
+
+  double Residual(const Eigen::VectorXd& log_scale) const {
+    return log_scale[pair2] - log_scale[pair1] - log_ratio;
+  }
 };
 
-// One end of a motion: its depths in one image.
-struct MotionEnd {
-  int motion_idx;
+// A pair seen from one of its images: its depths there.
+struct PairEnd {
+  int pair_idx;
   int side;
 };
 
@@ -55,25 +73,26 @@ bool MakeLink(const std::vector<DepthSample>& depths1,
   if (scratch->size() < kMinNumCommon) return false;
   link->log_ratio = Median(*scratch);
   for (double& value : *scratch) value = std::abs(value - link->log_ratio);
-  const double spread = 1.4826 * Median(*scratch);
-  // The median of n normal values has 1.25 times the error of their mean.
+  const double sigma = 1.4826 * Median(*scratch);
+  // The median of n normal values has sqrt(pi / 2) = 1.25 times the error of
+  // their mean.
   link->sigma =
-      std::hypot(1.25 * spread / std::sqrt(scratch->size()), kMinRatioSigma);
+      std::hypot(1.25 * sigma / std::sqrt(scratch->size()), kMinRatioSigma);
   return true;
 }
 
-// Links between the pairs of one image: for each, the most certain ones.
+// The most certain links between the pairs of one image.
 std::vector<ScaleLink> LinkPairsOfImage(
-    const std::vector<BaselineDirection>& motions,
-    const std::vector<MotionEnd>& ends) {
+    const std::vector<BaselineDirection>& baselines,
+    const std::vector<PairEnd>& ends) {
   std::vector<ScaleLink> all;
   std::vector<std::vector<int>> links_of_end(ends.size());
   std::vector<double> scratch;
   for (size_t a = 0; a < ends.size(); ++a) {
     for (size_t b = a + 1; b < ends.size(); ++b) {
-      ScaleLink link{ends[a].motion_idx, ends[b].motion_idx, 0.0, 0.0};
-      if (!MakeLink(motions[ends[a].motion_idx].depths[ends[a].side],
-                    motions[ends[b].motion_idx].depths[ends[b].side], &scratch,
+      ScaleLink link{ends[a].pair_idx, ends[b].pair_idx, 0.0, 0.0};
+      if (!MakeLink(baselines[ends[a].pair_idx].depths[ends[a].side],
+                    baselines[ends[b].pair_idx].depths[ends[b].side], &scratch,
                     &link)) {
         continue;
       }
@@ -97,17 +116,18 @@ std::vector<ScaleLink> LinkPairsOfImage(
   return kept;
 }
 
-std::vector<ScaleLink> LinkPairs(const std::vector<BaselineDirection>& motions,
-                                 int num_images, int num_threads) {
-  std::vector<std::vector<MotionEnd>> ends(num_images);
-  for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != BaselineKind::kDirection) continue;
-    ends[motions[i].image_idx1].push_back({static_cast<int>(i), 0});
-    ends[motions[i].image_idx2].push_back({static_cast<int>(i), 1});
+std::vector<ScaleLink> LinkPairs(
+    const std::vector<BaselineDirection>& baselines, int num_images,
+    int num_threads) {
+  std::vector<std::vector<PairEnd>> ends(num_images);
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (baselines[i].kind != BaselineKind::kDirection) continue;
+    ends[baselines[i].image_idx1].push_back({static_cast<int>(i), 0});
+    ends[baselines[i].image_idx2].push_back({static_cast<int>(i), 1});
   }
   std::vector<std::vector<ScaleLink>> of_image(num_images);
   ParallelFor(num_images, num_threads, [&](size_t image_idx) {
-    of_image[image_idx] = LinkPairsOfImage(motions, ends[image_idx]);
+    of_image[image_idx] = LinkPairsOfImage(baselines, ends[image_idx]);
   });
   std::vector<ScaleLink> links;
   for (const auto& some : of_image) {
@@ -116,217 +136,230 @@ std::vector<ScaleLink> LinkPairs(const std::vector<BaselineDirection>& motions,
   return links;
 }
 
-class ScaleAverager {
- public:
-  ScaleAverager(int num_motions, const std::vector<ScaleLink>& links,
-                int num_threads)
-      : links_(links),
-        log_scale_(Eigen::VectorXd::Zero(num_motions)),
-        solver_(num_threads) {
-    edges_.reserve(links.size());
-    for (const ScaleLink& link : links_) {
-      edges_.push_back({link.motion1, link.motion2, 1.0 / link.sigma});
-    }
+std::vector<GraphEdge> EdgesOf(const std::vector<ScaleLink>& links) {
+  std::vector<GraphEdge> edges;
+  edges.reserve(links.size());
+  for (const ScaleLink& link : links) {
+    edges.push_back({link.pair1, link.pair2, 1.0 / link.sigma});
   }
+  return edges;
+}
 
-  void Run() {
-    if (links_.empty()) return;
-    InitialiseFromForest();
-    MakePattern();
-    constexpr int kMaxNumRounds = 20;
-    for (int round = 0; round < kMaxNumRounds; ++round) {
-      const double loss_scale = std::max(3.0, 30.0 * std::pow(0.5, round));
-      const double step = Update({RobustLossType::kCauchy, loss_scale});
-      if (loss_scale == 3.0 && step < kMinStep) break;
-    }
+Eigen::VectorXd ChainAlongForest(int num_pairs,
+                                 const std::vector<ScaleLink>& links,
+                                 const std::vector<GraphEdge>& edges) {
+  Eigen::VectorXd log_scale = Eigen::VectorXd::Zero(num_pairs);
+  const auto forest = MaximumSpanningForest(num_pairs, edges);
+  for (const ForestStep& step : WalkForest(num_pairs, edges, forest)) {
+    if (step.edge < 0) continue;
+    const ScaleLink& link = links[step.edge];
+    const double sign = link.pair2 == step.node ? 1.0 : -1.0;
+    log_scale[step.node] = log_scale[step.parent] + sign * link.log_ratio;
   }
+  return log_scale;
+}
 
-  const std::vector<GraphEdge>& edges() const { return edges_; }
-  const Eigen::VectorXd& log_scale() const { return log_scale_; }
-
-  std::vector<double> Sigmas() const {
-    std::vector<std::vector<double>> errors(log_scale_.size());
-    for (const ScaleLink& link : links_) {
-      const double error = std::abs(Residual(link));
-      errors[link.motion1].push_back(error);
-      errors[link.motion2].push_back(error);
-    }
-    std::vector<double> sigmas(log_scale_.size(), kMinScaleSigma);
-    for (size_t i = 0; i < sigmas.size(); ++i) {
-      if (errors[i].empty()) continue;
-      sigmas[i] =
-          std::min(std::hypot(1.4826 * Median(errors[i]), kMinScaleSigma),
-                   kMaxScaleSigma);
-    }
-    return sigmas;
-  }
-
- private:
-  double Residual(const ScaleLink& link) const {
-    return log_scale_[link.motion2] - log_scale_[link.motion1] - link.log_ratio;
-  }
-
-  void InitialiseFromForest() {
-    const int size = static_cast<int>(log_scale_.size());
-    const auto forest = MaximumSpanningForest(size, edges_);
-    for (const ForestStep& step : WalkForest(size, edges_, forest)) {
-      if (step.edge < 0) continue;
-      const ScaleLink& link = links_[step.edge];
-      const double sign = link.motion2 == step.node ? 1.0 : -1.0;
-      log_scale_[step.node] = log_scale_[step.parent] + sign * link.log_ratio;
-    }
-  }
-
-  // Where a link is in the values of H.
-  struct LinkEntries {
-    int diagonal1;
-    int diagonal2;
-    int off_diagonal;
-  };
-
-  // The lower triangle of H and where the links are in it; the same in all
-  // rounds.
-  void MakePattern() {
-    const Eigen::Index size = log_scale_.size();
-    std::vector<Eigen::Triplet<double>> triplets;
-    for (Eigen::Index i = 0; i < size; ++i) triplets.emplace_back(i, i, 0.0);
-    for (const ScaleLink& link : links_) {
-      const auto [low, high] = std::minmax(link.motion1, link.motion2);
-      triplets.emplace_back(high, low, 0.0);
-    }
-    H_.resize(size, size);
-    H_.setFromTriplets(triplets.begin(), triplets.end());
-    for (const ScaleLink& link : links_) {
-      const auto [low, high] = std::minmax(link.motion1, link.motion2);
-      const int* begin = H_.innerIndexPtr() + H_.outerIndexPtr()[low];
-      const int* end = H_.innerIndexPtr() + H_.outerIndexPtr()[low + 1];
-      entries_.push_back({H_.outerIndexPtr()[link.motion1],
-                          H_.outerIndexPtr()[link.motion2],
-                          static_cast<int>(std::lower_bound(begin, end, high) -
-                                           H_.innerIndexPtr())});
-    }
-    solver_.Analyze(H_);
-  }
-
-  // One weighted least-squares step; returns the largest change. The gauge of
-  // each group, one common offset, is fixed by a negligible ridge on the step.
-  double Update(const RobustLoss& loss) {
-    const Eigen::Index size = log_scale_.size();
-    Eigen::VectorXd rhs = Eigen::VectorXd::Zero(size);
-    double* values = H_.valuePtr();
-    std::fill_n(values, H_.nonZeros(), 0.0);
-    for (Eigen::Index i = 0; i < size; ++i) {
-      values[H_.outerIndexPtr()[i]] = kRidge;
-    }
-    for (size_t k = 0; k < links_.size(); ++k) {
-      const ScaleLink& link = links_[k];
-      const double difference = Residual(link);
-      const double residual = difference / link.sigma;
-      const double weight =
-          loss.Weight(residual * residual) / (link.sigma * link.sigma);
-      values[entries_[k].diagonal1] += weight;
-      values[entries_[k].diagonal2] += weight;
-      values[entries_[k].off_diagonal] -= weight;
-      rhs[link.motion1] += weight * difference;
-      rhs[link.motion2] -= weight * difference;
-    }
-    if (!solver_.Factorize(H_)) return 0.0;
-    Eigen::VectorXd step(size);
-    solver_.Solve(rhs, step);
-    log_scale_ += step;
-    return step.cwiseAbs().maxCoeff();
-  }
-
-  const std::vector<ScaleLink>& links_;
-  std::vector<GraphEdge> edges_;
-  Eigen::VectorXd log_scale_;
-  std::vector<LinkEntries> entries_;  // per link
-  Eigen::SparseMatrix<double> H_;
-  SparseCholesky solver_;
+// Positions of a link in the values of the normal matrix H.
+struct LinkEntries {
+  int diagonal1;
+  int diagonal2;
+  int off_diagonal;
 };
 
-double MedianLogDepth(const BaselineDirection& motion) {
+// The lower triangle of H and the entries of the links, constant over the
+// rounds.
+struct ScaleEquations {
+  Eigen::SparseMatrix<double> H;
+  std::vector<LinkEntries> entries;
+};
+
+ScaleEquations MakeEquations(int num_pairs,
+                             const std::vector<ScaleLink>& links) {
+  ScaleEquations equations;
+  std::vector<Eigen::Triplet<double>> triplets;
+  for (int i = 0; i < num_pairs; ++i) triplets.emplace_back(i, i, 0.0);
+  for (const ScaleLink& link : links) {
+    const auto [low, high] = std::minmax(link.pair1, link.pair2);
+    triplets.emplace_back(high, low, 0.0);
+  }
+  Eigen::SparseMatrix<double>& H = equations.H;
+  H.resize(num_pairs, num_pairs);
+  H.setFromTriplets(triplets.begin(), triplets.end());
+  for (const ScaleLink& link : links) {
+    const auto [low, high] = std::minmax(link.pair1, link.pair2);
+    const int* begin = H.innerIndexPtr() + H.outerIndexPtr()[low];
+    const int* end = H.innerIndexPtr() + H.outerIndexPtr()[low + 1];
+    equations.entries.push_back(
+        {H.outerIndexPtr()[link.pair1], H.outerIndexPtr()[link.pair2],
+         static_cast<int>(std::lower_bound(begin, end, high) -
+                          H.innerIndexPtr())});
+  }
+  return equations;
+}
+
+// Fills H and returns the right-hand side of a weighted least-squares step.
+Eigen::VectorXd Linearize(const std::vector<ScaleLink>& links,
+                          const Eigen::VectorXd& log_scale,
+                          const RobustLoss& loss, ScaleEquations* equations) {
+  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(log_scale.size());
+  Eigen::SparseMatrix<double>& H = equations->H;
+  double* values = H.valuePtr();
+  std::fill_n(values, H.nonZeros(), 0.0);
+  for (Eigen::Index i = 0; i < log_scale.size(); ++i) {
+    values[H.outerIndexPtr()[i]] = kRidge;
+  }
+  for (size_t k = 0; k < links.size(); ++k) {
+    const ScaleLink& link = links[k];
+    const LinkEntries& entries = equations->entries[k];
+    const double difference = link.Residual(log_scale);
+    const double residual = difference / link.sigma;
+    const double weight =
+        loss.Weight(residual * residual) / (link.sigma * link.sigma);
+    values[entries.diagonal1] += weight;
+    values[entries.diagonal2] += weight;
+    values[entries.off_diagonal] -= weight;
+    rhs[link.pair1] += weight * difference;
+    rhs[link.pair2] -= weight * difference;
+  }
+  return rhs;
+}
+
+Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
+                             const std::vector<GraphEdge>& edges,
+                             int num_threads) {
+  if (links.empty()) return Eigen::VectorXd::Zero(num_pairs);
+  Eigen::VectorXd log_scale = ChainAlongForest(num_pairs, links, edges);
+  ScaleEquations equations = MakeEquations(num_pairs, links);
+  SparseCholesky solver(num_threads);
+  solver.Analyze(equations.H);
+  for (int round = 0; round < kMaxNumRounds; ++round) {
+    const double loss_scale =
+        std::max(kLastLossScale, kFirstLossScale * std::pow(0.5, round));
+    const Eigen::VectorXd rhs = Linearize(
+        links, log_scale, {RobustLossType::kCauchy, loss_scale}, &equations);
+    double max_step = 0.0;
+    if (solver.Factorize(equations.H)) {
+      Eigen::VectorXd step(num_pairs);
+      solver.Solve(rhs, step);
+      log_scale += step;
+      max_step = step.cwiseAbs().maxCoeff();
+    }
+    if (loss_scale == kLastLossScale && max_step < kMinStep) break;
+  }
+  return log_scale;
+}
+
+// Per pair, from the residuals of its links.
+std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
+                                const Eigen::VectorXd& log_scale) {
+  std::vector<std::vector<double>> errors(log_scale.size());
+  for (const ScaleLink& link : links) {
+    const double error = std::abs(link.Residual(log_scale));
+    errors[link.pair1].push_back(error);
+    errors[link.pair2].push_back(error);
+  }
+  std::vector<double> sigmas(log_scale.size(), kMinScaleSigma);
+  for (size_t i = 0; i < sigmas.size(); ++i) {
+    if (errors[i].empty()) continue;
+    sigmas[i] = std::min(std::hypot(1.4826 * Median(errors[i]), kMinScaleSigma),
+                         kMaxScaleSigma);
+  }
+  return sigmas;
+}
+
+double MedianLogDepth(const BaselineDirection& baseline) {
   std::vector<double> log_depths;
-  for (const DepthSample& d : motion.depths[0]) {
+  for (const DepthSample& d : baseline.depths[0]) {
     log_depths.push_back(d.log_depth);
   }
   return Median(std::move(log_depths));
 }
 
-// Numbers the groups by descending size, then by first motion.
-void NumberGroups(const std::vector<BaselineDirection>& motions,
-                  const ConnectedComponents& parts, PairScales* scales) {
-  std::vector<int> sizes(parts.num_components, 0);
-  for (size_t i = 0; i < motions.size(); ++i) {
-    sizes[parts.component[i]] += motions[i].kind == BaselineKind::kDirection;
+// Groups in descending order of size, then by first pair.
+struct ScaleGroups {
+  std::vector<int> sizes;
+  std::vector<std::optional<int>> group_of_pair;  // of kDirection
+};
+
+ScaleGroups NumberGroups(const std::vector<BaselineDirection>& baselines,
+                         const ConnectedComponents& components) {
+  std::vector<int> sizes(components.num_components, 0);
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    sizes[components.component[i]] +=
+        baselines[i].kind == BaselineKind::kDirection;
   }
-  std::vector<int> order(parts.num_components);
+  std::vector<int> order(components.num_components);
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(),
                    [&](int a, int b) { return sizes[a] > sizes[b]; });
-  std::vector<int> group_of_part(parts.num_components);
-  for (int group = 0; group < parts.num_components; ++group) {
-    group_of_part[order[group]] = group;
-    if (sizes[order[group]] > 0) {
-      scales->group_sizes.push_back(sizes[order[group]]);
-    }
+  ScaleGroups groups;
+  std::vector<int> group_of_component(components.num_components);
+  for (int group = 0; group < components.num_components; ++group) {
+    group_of_component[order[group]] = group;
+    if (sizes[order[group]] > 0) groups.sizes.push_back(sizes[order[group]]);
   }
-  scales->group.assign(motions.size(), -1);
-  for (size_t i = 0; i < motions.size(); ++i) {
-    if (motions[i].kind != BaselineKind::kDirection) continue;
-    scales->group[i] = group_of_part[parts.component[i]];
+  groups.group_of_pair.resize(baselines.size());
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (baselines[i].kind != BaselineKind::kDirection) continue;
+    groups.group_of_pair[i] = group_of_component[components.component[i]];
   }
+  return groups;
 }
 
-// From logarithms with a free offset per group to scales in common units.
-void SetScales(const std::vector<BaselineDirection>& motions,
-               const Eigen::VectorXd& log_scale, int num_threads,
-               PairScales* scales) {
-  std::vector<double> median_log_depth(motions.size());
-  ParallelFor(motions.size(), num_threads, [&](size_t i) {
-    if (scales->group[i] >= 0) median_log_depth[i] = MedianLogDepth(motions[i]);
+// Chooses the unit of each group, of which log_scale knows nothing: equal
+// median depths, and 1 for the median scale of group 0.
+PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
+                       const ScaleGroups& groups,
+                       const Eigen::VectorXd& log_scale,
+                       const std::vector<double>& sigmas, int num_threads) {
+  PairScales scales;
+  scales.pairs.resize(baselines.size());
+  scales.group_sizes = groups.sizes;
+  if (groups.sizes.empty()) return scales;
+  std::vector<double> median_log_depth(baselines.size());
+  ParallelFor(baselines.size(), num_threads, [&](size_t i) {
+    if (groups.group_of_pair[i]) {
+      median_log_depth[i] = MedianLogDepth(baselines[i]);
+    }
   });
-  const size_t num_groups = scales->group_sizes.size();
-  std::vector<std::vector<double>> log_depths(num_groups);
-  for (size_t i = 0; i < motions.size(); ++i) {
-    if (scales->group[i] < 0) continue;
-    log_depths[scales->group[i]].push_back(log_scale[i] + median_log_depth[i]);
+  std::vector<std::vector<double>> log_depths(groups.sizes.size());
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    const std::optional<int>& group = groups.group_of_pair[i];
+    if (group) log_depths[*group].push_back(log_scale[i] + median_log_depth[i]);
   }
-  std::vector<double> offsets(num_groups);
-  for (size_t g = 0; g < num_groups; ++g) offsets[g] = Median(log_depths[g]);
+  std::vector<double> offsets;
+  for (const auto& depths : log_depths) offsets.push_back(Median(depths));
   std::vector<double> in_depths;  // log scales of group 0, in typical depths
-  for (size_t i = 0; i < motions.size(); ++i) {
-    if (scales->group[i] == 0) in_depths.push_back(log_scale[i] - offsets[0]);
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (groups.group_of_pair[i] == 0) {
+      in_depths.push_back(log_scale[i] - offsets[0]);
+    }
   }
   const double unit = Median(in_depths);
-  scales->typical_depth = std::exp(-unit);
-  scales->scale.assign(motions.size(), 0.0);
-  for (size_t i = 0; i < motions.size(); ++i) {
-    const int group = scales->group[i];
-    if (group < 0) continue;
-    scales->scale[i] = std::exp(log_scale[i] - offsets[group] - unit);
+  scales.typical_depth = std::exp(-unit);
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    const std::optional<int>& group = groups.group_of_pair[i];
+    if (!group) continue;
+    scales.pairs[i] = PairScale{std::exp(log_scale[i] - offsets[*group] - unit),
+                                sigmas[i], *group};
   }
+  return scales;
 }
 
 }  // namespace
 
-PairScales AverageScales(const std::vector<BaselineDirection>& motions,
+PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context) {
   const std::vector<ScaleLink> links =
-      LinkPairs(motions, num_images, context.num_threads);
-  const int num_motions = static_cast<int>(motions.size());
-  ScaleAverager averager(num_motions, links, context.num_threads);
-  averager.Run();
-  PairScales scales;
-  NumberGroups(motions, FindConnectedComponents(num_motions, averager.edges()),
-               &scales);
-  scales.sigma_log = averager.Sigmas();
-  if (scales.group_sizes.empty()) {
-    scales.scale.assign(motions.size(), 0.0);
-    return scales;
-  }
-  SetScales(motions, averager.log_scale(), context.num_threads, &scales);
-  return scales;
+      LinkPairs(baselines, num_images, context.num_threads);
+  const std::vector<GraphEdge> edges = EdgesOf(links);
+  const int num_pairs = static_cast<int>(baselines.size());
+  const Eigen::VectorXd log_scale =
+      AverageLinks(num_pairs, links, edges, context.num_threads);
+  const ScaleGroups groups =
+      NumberGroups(baselines, FindConnectedComponents(num_pairs, edges));
+  return ChooseUnits(baselines, groups, log_scale,
+                     ScaleSigmas(links, log_scale), context.num_threads);
 }
 
 }  // namespace mgsfm

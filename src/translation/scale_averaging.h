@@ -1,23 +1,30 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "translation/relative_translation.h"
+#include "translation/baseline_directions.h"
 
 namespace mgsfm {
 
-// Relative lengths of the baselines of pairs. Within one group they share one
-// unknown factor. Where nothing links two groups, their factors are chosen such
-// that the median depth of points is the same, which is only a guess.
+// The length of the baseline of one pair in the unit of its group.
+struct PairScale {
+  double scale = 0.0;
+  double sigma_log = 0.0;  // standard deviation of log(scale)
+  int group = 0;
+};
+
+// Relative lengths of the baselines of pairs. All pairs of a group share one
+// unknown factor. The factors are chosen such that the median depth of points
+// is the same in all groups, which is a guess: nothing links two groups.
 struct PairScales {
-  std::vector<double> scale;      // per motion; 0 unless kDirection
-  std::vector<double> sigma_log;  // standard deviation of log(scale)
-  std::vector<int> group;         // per motion; -1 unless kDirection
-  // Number of motions in each group; 0 is the largest.
+  // Per pair; nullopt unless the pair is kDirection.
+  std::vector<std::optional<PairScale>> pairs;
+  // Number of pairs in each group, in descending order.
   std::vector<int> group_sizes;
-  // Median depth of points in the unit of `scale`; 0 without any kDirection.
+  // Median depth of points in the unit of `scale`; 0 if no pair is kDirection.
   double typical_depth = 0.0;
 };
 
@@ -30,13 +37,14 @@ struct PairScales {
 //
 //   min_s sum_e rho((log s_b - log s_a - ratio_e)^2 / sigma_e^2)
 //
-// with a Cauchy loss from a maximum spanning forest, by reweighted least
-// squares; ends when no log s changes by more than 1e-4, or after 20 rounds.
-// Lengths on collinear motion and of cameras without overlap follow from it,
-// which directions alone do not give. Unit: the median of scale in group 0.
+// with a Cauchy loss rho, by reweighted least squares from a maximum spanning
+// forest. Stops when no log s changes by more than 1e-4, or after 20 rounds.
+// Gauge: one factor per group; the unit is the median of `scale` in group 0.
+// The lengths determine what directions leave open: positions along collinear
+// motion, and the motion of cameras without overlap.
 // Cost: O(sum over images of (pairs of the image)^2 * matches) for the edges,
-// in parallel, and 20 sparse factorisations of a matrix of one row a pair.
-PairScales AverageScales(const std::vector<BaselineDirection>& motions,
+// in parallel, and 20 sparse factorisations of a matrix with one row per pair.
+PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context);
 
 }  // namespace mgsfm

@@ -15,6 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
+// Lines of sight that must agree on the centre of a frame. Two lines determine
+// it; chosen three times as many.
 constexpr int kMinNumResectionPoints = 6;
 
 // The usable rays of one track.
@@ -30,8 +32,7 @@ OneTrack CollectTrack(const PositionProblem& problem, const TrackRays& rays,
   for (size_t k = rays.tracks.offsets[track_idx];
        k < rays.tracks.offsets[track_idx + 1]; ++k) {
     const int image_idx = rays.tracks.observations[k].image_idx;
-    if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
-        !positions.IsPlaced(problem, image_idx)) {
+    if (!rays.has_ray[k] || !positions.IsPlaced(problem, image_idx)) {
       continue;
     }
     track.centers.push_back(positions.CamCenter(problem, image_idx));
@@ -41,49 +42,56 @@ OneTrack CollectTrack(const PositionProblem& problem, const TrackRays& rays,
   return track;
 }
 
-class TrackTriangulator {
- public:
-  TrackTriangulator(const OneTrack& track, const TrackPointOptions& options)
-      : track_(track), options_(options) {}
-
-  std::optional<Vector3d> Run(const std::optional<Vector3d>& given) {
-    if (given && Accept(*given, track_.rays.size())) return given;
-    if (track_.rays.size() < 2) return std::nullopt;
-    const auto l1 = TriangulateL1(track_.centers, track_.rays);
-    if (l1 && Accept(*l1, track_.rays.size())) return l1;
-    const auto robust =
-        TriangulateRobust(track_.centers, track_.rays,
-                          {options_.max_error_rad, options_.min_angle_rad});
-    if (robust && Accept(robust->point, 2)) return robust->point;
-    return std::nullopt;
-  }
-
-  const Mask& is_inlier() const { return is_inlier_; }
-
- private:
-  // At least so many observations agree with the point, at a fair angle.
-  bool Accept(const Vector3d& point, size_t min_num_inliers) {
-    is_inlier_.assign(track_.rays.size(), false);
-    std::vector<Vector3d> centers;
-    for (size_t k = 0; k < track_.rays.size(); ++k) {
-      if (!(AngularError(track_.centers[k], track_.rays[k], point) <
-            options_.max_error_rad) ||
-          (point - track_.centers[k]).norm() < options_.min_depth) {
-        continue;
-      }
-      is_inlier_[k] = true;
-      centers.push_back(track_.centers[k]);
-    }
-    return centers.size() >= std::max<size_t>(min_num_inliers, 2) &&
-           MaxTriangulationAngle(centers, point) >= options_.min_angle_rad;
-  }
-
-  const OneTrack& track_;
-  const TrackPointOptions options_;
-  Mask is_inlier_;
+struct AcceptedPoint {
+  Vector3d point;
+  Mask is_inlier;  // per ray of the track
 };
 
-// A point in the direction -ray of which the centre of a frame must lie.
+// The point if at least `min_num_inliers` observations agree with it, two of
+// them at a sufficient angle.
+std::optional<AcceptedPoint> Accept(const OneTrack& track,
+                                    const TrackPointOptions& options,
+                                    const Vector3d& point,
+                                    size_t min_num_inliers) {
+  AcceptedPoint accepted{point, Mask(track.rays.size(), false)};
+  std::vector<Vector3d> centers;
+  for (size_t k = 0; k < track.rays.size(); ++k) {
+    if (!(AngularError(track.centers[k], track.rays[k], point) <
+          options.max_error_rad) ||
+        (point - track.centers[k]).norm() < options.min_depth) {
+      continue;
+    }
+    accepted.is_inlier[k] = true;
+    centers.push_back(track.centers[k]);
+  }
+  if (centers.size() < std::max<size_t>(min_num_inliers, 2) ||
+      !(MaxTriangulationAngle(centers, point) >= options.min_angle_rad)) {
+    return std::nullopt;
+  }
+  return accepted;
+}
+
+std::optional<AcceptedPoint> TriangulateTrack(
+    const OneTrack& track, const TrackPointOptions& options,
+    const std::optional<Vector3d>& previous) {
+  const size_t num_rays = track.rays.size();
+  if (previous) {
+    if (auto accepted = Accept(track, options, *previous, num_rays)) {
+      return accepted;
+    }
+  }
+  if (num_rays < 2) return std::nullopt;
+  if (const auto l1 = TriangulateL1(track.centers, track.rays)) {
+    if (auto accepted = Accept(track, options, *l1, num_rays)) return accepted;
+  }
+  const auto robust =
+      TriangulateRobust(track.centers, track.rays,
+                        {options.max_error_rad, options.min_angle_rad});
+  if (!robust) return std::nullopt;
+  return Accept(track, options, robust->point, 2);
+}
+
+// The centre of a frame lies on the line from `point` along -ray.
 struct LineOfSight {
   Vector3d point;
   Vector3d ray;
@@ -99,11 +107,10 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
          ++k) {
       const int image_idx = rays.tracks.observations[k].image_idx;
       const int frame_idx = problem.frame_idx[image_idx];
-      if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
-          positions.frame_is_placed[frame_idx]) {
+      if (!rays.has_ray[k] || positions.frame_is_placed[frame_idx]) {
         continue;
       }
-      // The same line, moved from the camera to the frame's centre.
+      // The line is moved from the camera to the centre of the frame.
       const Vector3d offset =
           *problem.world_from_cam[image_idx] *
           positions.sensor_translation[problem.sensor_idx[image_idx]];
@@ -119,48 +126,57 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
 TrackRays ComputeTrackRays(const PositionProblem& problem,
                            const Bearings& bearings,
                            const ObservationGroups& tracks, int num_threads) {
-  TrackRays rays{tracks, {}};
-  rays.rays_in_world.resize(tracks.observations.size());
+  TrackRays rays{tracks, {}, {}};
+  rays.rays_in_world.resize(tracks.observations.size(), Vector3d::Zero());
+  rays.has_ray.assign(tracks.observations.size(), false);
   ParallelFor(
       rays.rays_in_world.size(), num_threads,
       [&](size_t k) {
         const Observation& o = tracks.observations[k];
-        rays.rays_in_world[k] =
-            problem.IsUsed(o.image_idx)
-                ? Vector3d(*problem.world_from_cam[o.image_idx] *
-                           bearings.rays[o.image_idx][o.keypoint_idx])
-                : Vector3d::Zero();
+        const auto keypoint_idx = static_cast<int>(o.keypoint_idx);
+        if (!problem.IsUsed(o.image_idx) ||
+            !bearings.HasRay(o.image_idx, keypoint_idx)) {
+          return;
+        }
+        rays.has_ray[k] = true;
+        rays.rays_in_world[k] = *problem.world_from_cam[o.image_idx] *
+                                bearings.rays[o.image_idx][keypoint_idx];
       },
       4096);
   return rays;
 }
 
-void TriangulateTracks(const PositionProblem& problem, const TrackRays& rays,
-                       const Positions& positions,
-                       const TrackPointOptions& options, int num_threads,
-                       TrackPoints* points) {
-  points->point_in_world.resize(rays.tracks.size());
-  points->observation_is_used.assign(rays.tracks.observations.size(), false);
+TrackPoints TriangulateTracks(const PositionProblem& problem,
+                              const TrackRays& rays, const Positions& positions,
+                              const TrackPointOptions& options, int num_threads,
+                              TrackPoints previous) {
+  TrackPoints points = std::move(previous);
+  points.point_in_world.resize(rays.tracks.size());
+  points.observation_is_used.assign(rays.tracks.observations.size(), false);
   ParallelFor(
       rays.tracks.size(), num_threads,
       [&](size_t t) {
         const OneTrack track = CollectTrack(problem, rays, positions, t);
-        TrackTriangulator triangulator(track, options);
-        auto& point = points->point_in_world[t];
-        point = triangulator.Run(point);
-        if (!point) return;
+        auto& point = points.point_in_world[t];
+        const auto accepted = TriangulateTrack(track, options, point);
+        point.reset();
+        if (!accepted) return;
+        point = accepted->point;
         for (size_t k = 0; k < track.rays.size(); ++k) {
-          points->observation_is_used[track.observation_idxs[k]] =
-              triangulator.is_inlier()[k];
+          points.observation_is_used[track.observation_idxs[k]] =
+              accepted->is_inlier[k];
         }
       },
       256);
+  return points;
 }
 
-int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
-                        const TrackPoints& points, double max_error_rad,
-                        int num_threads, Positions* positions) {
-  const auto lines = CollectLinesOfSight(problem, rays, points, *positions);
+FramePlacement PlaceFramesByPoints(const PositionProblem& problem,
+                                   const TrackRays& rays,
+                                   const TrackPoints& points,
+                                   double max_error_rad, int num_threads,
+                                   Positions positions) {
+  const auto lines = CollectLinesOfSight(problem, rays, points, positions);
   Mask is_new(problem.num_frames, false);
   ParallelFor(problem.num_frames, num_threads, [&](size_t f) {
     if (lines[f].size() < kMinNumResectionPoints) return;
@@ -172,16 +188,13 @@ int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
     const auto center =
         TriangulateRobust(starts, directions, {max_error_rad, max_error_rad});
     if (!center || center->num_inliers < kMinNumResectionPoints) return;
-    positions->frame_center[f] = center->point;
+    positions.frame_center[f] = center->point;
     is_new[f] = true;
   });
-  int num_placed = 0;
   for (int f = 0; f < problem.num_frames; ++f) {
-    if (!is_new[f]) continue;
-    positions->frame_is_placed[f] = true;
-    ++num_placed;
+    if (is_new[f]) positions.frame_is_placed[f] = true;
   }
-  return num_placed;
+  return {std::move(positions), static_cast<int>(is_new.Count())};
 }
 
 double AngularSigma(const PositionProblem& problem, const TrackRays& rays,

@@ -12,11 +12,13 @@
 
 namespace mgsfm {
 
-// The tracks with the rays of their observations in world axes, in the order of
-// tracks.observations; zero where an observation has no ray or no rotation.
+// The tracks with the rays of their observations in world axes.
 struct TrackRays {
   const ObservationGroups& tracks;
+  // In the order of tracks.observations. A ray is defined only if its keypoint
+  // has a ray and its image has a rotation.
   std::vector<Eigen::Vector3d> rays_in_world;
+  Mask has_ray;
 };
 
 TrackRays ComputeTrackRays(const PositionProblem& problem,
@@ -32,33 +34,39 @@ struct TrackPoints {
 struct TrackPointOptions {
   double max_error_rad = 0.0;  // of an observation
   double min_angle_rad = 0.0;  // between two rays of a point
-  // Distance to the cameras that see it. Lines of sight from about one place
-  // seem to meet close to it, whatever their true point is.
+  // Lower bound of the distance to the cameras that see the point. Rays from
+  // about the same place seem to meet close to it, wherever the point is.
   double min_depth = 0.0;
 };
 
-// Keeps those of the given points whose observations all agree with them, and
-// triangulates the others: the L1 solution if all observations agree with it,
-// else the robust one. `points` may be empty. In parallel over tracks.
-void TriangulateTracks(const PositionProblem& problem, const TrackRays& rays,
-                       const Positions& positions,
-                       const TrackPointOptions& options, int num_threads,
-                       TrackPoints* points);
+// Triangulates all tracks: the previous point if all observations agree with
+// it, else the L1 solution if all agree with that, else the robust one.
+// `previous` has no points or one item per track. Parallel over tracks.
+TrackPoints TriangulateTracks(const PositionProblem& problem,
+                              const TrackRays& rays, const Positions& positions,
+                              const TrackPointOptions& options, int num_threads,
+                              TrackPoints previous = {});
 
-// Places frames that are not yet placed from points they see, by intersecting
-// the lines of sight in the centre of the frame. Returns how many it placed.
-int PlaceFramesByPoints(const PositionProblem& problem, const TrackRays& rays,
-                        const TrackPoints& points, double max_error_rad,
-                        int num_threads, Positions* positions);
+// Places frames that are not yet placed by the points that they see: the lines
+// of sight are intersected in the centre of the frame.
+struct FramePlacement {
+  Positions positions;
+  int num_placed = 0;
+};
+FramePlacement PlaceFramesByPoints(const PositionProblem& problem,
+                                   const TrackRays& rays,
+                                   const TrackPoints& points,
+                                   double max_error_rad, int num_threads,
+                                   Positions positions);
 
-// Standard deviation (per axis) of the angular errors of used observations,
-// robustly; 0 without any.
+// Robust standard deviation per axis of the angular errors of used
+// observations; 0 without any.
 double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
                     const TrackPoints& points, const Positions& positions);
 
-// Tracks to estimate positions with: those supported by pairs first
-// (track_support.h), of these the longest, until every image has at least
-// `min_per_image` observations or no more tracks. All for 0.
+// Tracks to estimate positions with: those supported by pairs first, of these
+// the longest, until every image has at least `min_per_image` observations or
+// no tracks are left. 0 selects all tracks with a point.
 std::vector<size_t> SelectTracks(const TrackRays& rays,
                                  const TrackPoints& points,
                                  const Mask& is_supported, int num_images,

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "pair_filtering/skeletal_graph.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "mgsfm/base/mask.h"
@@ -20,8 +19,8 @@ Scene MakeScene(int num_frames) {
   return scene;
 }
 
-// Of keypoints begin_point to end_point, which show the points of these
-// numbers.
+// Matches the keypoints begin_point to end_point - 1, which observe the points
+// with these numbers.
 void AddPair(int image_idx1, int image_idx2, uint32_t begin_point,
              uint32_t end_point, ViewGraph* view_graph) {
   ImagePair pair;
@@ -33,7 +32,7 @@ void AddPair(int image_idx1, int image_idx2, uint32_t begin_point,
   view_graph->pairs.push_back(pair);
 }
 
-// Of points that no other pair shows.
+// Matches of points that no other pair observes.
 void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
              ViewGraph* view_graph) {
   const auto begin_point =
@@ -42,11 +41,18 @@ void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
           view_graph);
 }
 
-Mask All(const ViewGraph& view_graph) {
-  return Mask(view_graph.pairs.size(), true);
+Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph) {
+  return SelectSkeletalGraph(FramePairIndex(scene, view_graph), view_graph,
+                             Mask(view_graph.pairs.size(), true), {}, 1);
 }
 
-TEST(Backbone, TakesNeighboursAndNoCopies) {
+Mask SelectStrict(const Scene& scene, const ViewGraph& view_graph) {
+  return SelectStrictSkeletalGraph(FramePairIndex(scene, view_graph),
+                                   view_graph,
+                                   Mask(view_graph.pairs.size(), true), {}, 1);
+}
+
+TEST(SkeletalGraph, ContainsNeighboursAndNoDuplicates) {
   const Scene scene = MakeScene(20);
   ViewGraph view_graph;
   Mask is_neighbour;
@@ -62,11 +68,10 @@ TEST(Backbone, TakesNeighboursAndNoCopies) {
       is_neighbour.push_back(false);
     }
   }
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph)),
-            is_neighbour);
+  EXPECT_EQ(SelectNormal(scene, view_graph), is_neighbour);
 }
 
-TEST(Backbone, WeakLinksConnectWhatNothingElseDoes) {
+TEST(SkeletalGraph, WeakPairsConnectComponents) {
   const Scene scene = MakeScene(6);
   ViewGraph view_graph;
   AddPair(0, 1, 100, &view_graph);
@@ -76,29 +81,27 @@ TEST(Backbone, WeakLinksConnectWhatNothingElseDoes) {
   AddPair(2, 3, 30, &view_graph);
   AddPair(2, 4, 20, &view_graph);  // nearly as strong
   AddPair(0, 5, 10, &view_graph);  // far weaker
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph)),
+  EXPECT_EQ(SelectNormal(scene, view_graph),
             (Mask{true, true, true, true, true, true, false}));
 }
 
-TEST(Backbone, SpineKeepsCopiesOut) {
+TEST(SkeletalGraph, StrictOneKeepsDuplicatesOut) {
   const Scene scene = MakeScene(6);
   ViewGraph view_graph;
   AddPair(0, 1, 100, &view_graph);
   AddPair(1, 2, 100, &view_graph);
-  AddPair(2, 3, 80, &view_graph);  // joins what is strong
+  AddPair(2, 3, 80, &view_graph);  // connects two strong chains
   AddPair(3, 4, 100, &view_graph);
   AddPair(4, 5, 100, &view_graph);
-  AddPair(0, 4, 70, &view_graph);  // a copy on a road with little else
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph)),
-            Mask(6, true));
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph),
-                                kStrictSkeletalGraph),
+  AddPair(0, 4, 70, &view_graph);  // a duplicate on a road with little else
+  EXPECT_EQ(SelectNormal(scene, view_graph), Mask(6, true));
+  EXPECT_EQ(SelectStrict(scene, view_graph),
             (Mask{true, true, true, true, true, false}));
 }
 
-// Of two frames that each lost images, one has more matches with an unrelated
-// place than with its neighbours. But these see the same as each other.
-TEST(Backbone, ManyMatchesThatNothingConfirmsMakeNoNeighbours) {
+// A frame that lost images can have more matches with an unrelated place than
+// with its neighbours. Only the neighbours have triplet support.
+TEST(SkeletalGraph, ManyMatchesWithoutTripletSupportAreNotEnough) {
   const Scene scene = MakeScene(8);
   ViewGraph view_graph;
   const auto add_place = [&](int first, uint32_t begin_point) {
@@ -117,11 +120,10 @@ TEST(Backbone, ManyMatchesThatNothingConfirmsMakeNoNeighbours) {
   AddPair(1, 6, 300, 360, &view_graph);
   Mask expected(view_graph.pairs.size(), true);
   for (size_t i = num_true; i < expected.size(); ++i) expected[i] = false;
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph)), expected);
+  EXPECT_EQ(SelectNormal(scene, view_graph), expected);
 }
 
-// Where nothing else leads there, one is as good as the other.
-TEST(Backbone, WhatNothingConfirmsConnectsTheRest) {
+TEST(SkeletalGraph, PairsWithoutTripletSupportConnectTheRest) {
   const Scene scene = MakeScene(5);
   ViewGraph view_graph;
   AddPair(0, 1, 0, 50, &view_graph);
@@ -130,49 +132,18 @@ TEST(Backbone, WhatNothingConfirmsConnectsTheRest) {
   AddPair(2, 3, 60, &view_graph);
   AddPair(1, 3, 20, &view_graph);
   AddPair(3, 4, 30, &view_graph);
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, All(view_graph)),
+  EXPECT_EQ(SelectNormal(scene, view_graph),
             (Mask{true, true, true, true, false, true}));
 }
 
-TEST(Backbone, LeavesOutWhatIsNotUsed) {
+TEST(SkeletalGraph, ContainsNoUnusedPairs) {
   const Scene scene = MakeScene(3);
   ViewGraph view_graph;
   AddPair(0, 1, 100, &view_graph);
   AddPair(1, 2, 50, &view_graph);
-  EXPECT_EQ(SelectSkeletalGraph(scene, view_graph, {false, true}),
+  EXPECT_EQ(SelectSkeletalGraph(FramePairIndex(scene, view_graph), view_graph,
+                                {false, true}, {}, 1),
             (Mask{false, true}));
-}
-
-TEST(SuspiciousGroups, AreStretchesOfNeighbours) {
-  const Scene scene = MakeScene(100);
-  ViewGraph view_graph;
-  AddPair(10, 50, 20, &view_graph);
-  AddPair(11, 52, 20, &view_graph);
-  AddPair(12, 49, 20, &view_graph);
-  AddPair(12, 90, 20, &view_graph);  // shares an end only
-  AddPair(10, 51, 20, &view_graph);  // not suspicious
-  const std::vector<RejectedGroup> groups =
-      GroupRejectedPairs(scene, view_graph, {true, true, true, true, false});
-  ASSERT_EQ(groups.size(), 2u);
-  EXPECT_EQ(groups[0].num_pairs, 3);
-  EXPECT_EQ(groups[0].first_frame_idx1, 10);
-  EXPECT_EQ(groups[0].last_frame_idx1, 12);
-  EXPECT_EQ(groups[0].first_frame_idx2, 49);
-  EXPECT_EQ(groups[0].last_frame_idx2, 52);
-  EXPECT_EQ(groups[1].num_pairs, 1);
-  EXPECT_EQ(groups[1].first_frame_idx2, 90);
-}
-
-TEST(SuspiciousGroups, AreOfVehiclesIfNear) {
-  const Scene scene = MakeScene(100);
-  const auto describe = [&](const RejectedGroup& group) {
-    return DescribeRejectedGroup(scene, group);
-  };
-  EXPECT_THAT(describe({7, 10, 30, 20, 45}),
-              testing::AllOf(testing::HasSubstr("7 pairs"),
-                             testing::HasSubstr("vehicles")));
-  EXPECT_THAT(describe({7, 10, 30, 35, 45}), testing::HasSubstr("vehicles"));
-  EXPECT_THAT(describe({7, 10, 30, 60, 75}), testing::HasSubstr("alike"));
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ Mask All(const ViewGraph& view_graph) {
   return Mask(view_graph.pairs.size(), true);
 }
 
-// Many matches by chance of few keypoints, also several of one keypoint.
+// Many random matches of few keypoints; a keypoint can have several.
 ViewGraph RandomViewGraph(int num_images, uint32_t num_keypoints,
                           int num_matches) {
   Random random(7);
@@ -41,7 +41,7 @@ ViewGraph RandomViewGraph(int num_images, uint32_t num_keypoints,
 std::vector<int> CountByTryingAll(const ViewGraph& view_graph,
                                   const Mask& pair_is_used, int num_images,
                                   int num_keypoints) {
-  using Keypoint = std::pair<int, uint32_t>;  // image, position
+  using Keypoint = std::pair<int, uint32_t>;  // image, index
   std::set<std::pair<Keypoint, Keypoint>> matched;
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
@@ -75,7 +75,7 @@ std::vector<int> CountByTryingAll(const ViewGraph& view_graph,
   return num_triplet_consistent;
 }
 
-TEST(ConfirmedMatches, AreWhatTryingAllKeypointsFinds) {
+TEST(TripletConsistency, AgreesWithTryingAllKeypoints) {
   constexpr int kNumImages = 6, kNumKeypoints = 12;
   const ViewGraph view_graph = RandomViewGraph(kNumImages, kNumKeypoints, 12);
   Mask is_used = All(view_graph);
@@ -83,14 +83,14 @@ TEST(ConfirmedMatches, AreWhatTryingAllKeypointsFinds) {
     const std::vector<int> expected =
         CountByTryingAll(view_graph, is_used, kNumImages, kNumKeypoints);
     EXPECT_EQ(CountTripletConsistentMatches(view_graph, is_used), expected);
-    // Neither all nor none, or this would show nothing.
+    // The test is only meaningful with some but not all.
     EXPECT_GT(*std::max_element(expected.begin(), expected.end()), 0);
     EXPECT_LT(*std::max_element(expected.begin(), expected.end()), 12);
     for (size_t i = 0; i < is_used.size(); i += 4) is_used[i] = false;
   }
 }
 
-TEST(ConfirmedMatches, TellTrueFromIsolatedWrongPairs) {
+TEST(TripletConsistency, TellsTrueFromIsolatedWrongPairs) {
   SimulationOptions options;
   options.rig = RigPreset::kKitti360;
   options.max_num_features_per_image = 200;
@@ -114,7 +114,7 @@ TEST(ConfirmedMatches, TellTrueFromIsolatedWrongPairs) {
   EXPECT_GT(num_of_true, num_matches / 2);
 }
 
-TEST(ConfirmedMatches, NoPairsNoMatches) {
+TEST(TripletConsistency, NoPairsNoMatches) {
   EXPECT_TRUE(CountTripletConsistentMatches({}, {}).empty());
 }
 

@@ -20,7 +20,7 @@ class Graph {
     }
   }
 
-  // Matches of points that no other pair shows; returns the pair.
+  // Matches of points that no other pair observes; returns the pair.
   size_t AddPair(int frame1, int frame2, uint32_t num_matches,
                  bool is_consistent = true) {
     const auto point = static_cast<uint32_t>(1000 + num_points_);
@@ -28,21 +28,22 @@ class Graph {
     return AddPair(frame1, frame2, point, point + num_matches, is_consistent);
   }
 
-  // Frames that all see the same.
+  // Frames that all observe the same points.
   void AddPlace(int begin_frame, int end_frame) {
     for (int f = begin_frame; f < end_frame; ++f) {
       for (int g = f + 1; g < end_frame; ++g) AddPair(f, g, 0, 20, true);
     }
   }
 
-  std::vector<size_t> DoubtfulPairs() const {
+  std::vector<size_t> UnsupportedPairs() const {
     const Mask is_unsupported =
-        FindUnsupportedBridges(scene_, view_graph_, is_consistent_);
-    std::vector<size_t> doubtful;
+        FindUnsupportedBridges(FramePairIndex(scene_, view_graph_), view_graph_,
+                               is_consistent_, {}, 1);
+    std::vector<size_t> unsupported;
     for (size_t i = 0; i < is_unsupported.size(); ++i) {
-      if (is_unsupported[i]) doubtful.push_back(i);
+      if (is_unsupported[i]) unsupported.push_back(i);
     }
-    return doubtful;
+    return unsupported;
   }
 
  private:
@@ -68,45 +69,45 @@ class Graph {
 
 using Pairs = std::vector<size_t>;
 
-TEST(DoubtfulBridges, AreContradictedByAsGoodOnes) {
+TEST(UnsupportedBridges, AreContradictedByComparablePairs) {
   Graph graph(8);
   graph.AddPlace(0, 4);
   graph.AddPlace(4, 8);
   const size_t bridge = graph.AddPair(1, 6, 40);
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});  // nothing speaks against it
-  graph.AddPair(2, 3, 50, false);             // nor does this
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // no pair contradicts it
+  graph.AddPair(2, 3, 50, false);                // this one is within a place
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
   graph.AddPair(0, 7, 15, false);
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});  // too few matches
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // too few matches
   graph.AddPair(3, 4, 15, false);
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{bridge});
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{bridge});
 }
 
-TEST(DoubtfulBridges, AreTheOnlyWay) {
+TEST(UnsupportedBridges, AreTheOnlyConnection) {
   Graph graph(8);
   graph.AddPlace(0, 4);
   graph.AddPlace(4, 8);
   graph.AddPair(1, 6, 40);
   graph.AddPair(2, 5, 20);  // agrees
   graph.AddPair(0, 7, 60, false);
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
 }
 
-TEST(DoubtfulBridges, ChainsOfNeighboursAreSpared) {
+TEST(UnsupportedBridges, AreNotInChainsOfNeighbours) {
   Graph graph(12);
   for (int f = 0; f + 1 < 12; ++f) graph.AddPair(f, f + 1, 40);
   graph.AddPair(2, 9, 60, false);
-  EXPECT_EQ(graph.DoubtfulPairs(), Pairs{});
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
 }
 
-TEST(DoubtfulBridges, AreFoundOneAfterTheOther) {
+TEST(UnsupportedBridges, CanFollowEachOther) {
   Graph graph(9);
   graph.AddPlace(0, 4);
   graph.AddPlace(5, 9);
   const size_t first = graph.AddPair(3, 4, 40);
   const size_t second = graph.AddPair(4, 5, 40);
   graph.AddPair(1, 7, 30, false);
-  EXPECT_EQ(graph.DoubtfulPairs(), (Pairs{first, second}));
+  EXPECT_EQ(graph.UnsupportedPairs(), (Pairs{first, second}));
 }
 
 }  // namespace

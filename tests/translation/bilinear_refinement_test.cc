@@ -7,10 +7,11 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
+#include "support/translation_input.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
 #include "translation/track_points.h"
-#include "translation/translation_test_utils.h"
 
 namespace mgsfm {
 namespace {
@@ -27,29 +28,34 @@ Context Threads(int num_threads) {
 struct Stages {
   explicit Stages(const TranslationInput& input)
       : problem(MakePositionProblem(input.simulation.scene, input.rotations)),
-        motions(EstimateBaselineDirections(
+        baselines(EstimateBaselineDirections(
             input.simulation.scene, input.bearings, input.simulation.view_graph,
             input.rotations.pair_is_inlier, problem, kMinParallaxDeg,
             Threads(2))),
         scales(AverageScales(
-            motions, static_cast<int>(input.simulation.scene.images.size()),
+            baselines, static_cast<int>(input.simulation.scene.images.size()),
             Threads(2))),
-        initial(InitializePositions(problem, motions, scales, kMinParallaxDeg)),
+        pair_is_used(input.rotations.pair_is_inlier),
+        initial(InitializePositions(problem, baselines, scales, pair_is_used,
+                                    kMinParallaxDeg)),
         rays(ComputeTrackRays(problem, input.bearings, input.tracks, 2)) {
     TrackPointOptions options;
     options.max_error_rad = DegToRad(4.0);
     options.min_angle_rad = DegToRad(kMinParallaxDeg);
-    TriangulateTracks(problem, rays, initial.positions, options, 2, &points);
+    points = TriangulateTracks(problem, rays, initial.positions, options, 2);
     for (size_t t = 0; t < points.point_in_world.size(); ++t) {
       if (points.point_in_world[t]) track_idxs.push_back(t);
     }
   }
 
-  RefinementInput Input() const { return {problem, motions, scales, initial}; }
+  RefinementInput Input() const {
+    return {problem, baselines, scales, initial, pair_is_used};
+  }
 
   PositionProblem problem;
-  std::vector<BaselineDirection> motions;
+  std::vector<BaselineDirection> baselines;
   PairScales scales;
+  Mask pair_is_used;
   InitialPositions initial;
   TrackRays rays;
   TrackPoints points;
@@ -156,22 +162,6 @@ TEST(BilinearRefinementTest, ThreadsDoNotChangeABit) {
   EXPECT_EQ(one.summary.final_cost, three.summary.final_cost);
   EXPECT_EQ(one.positions.frame_center, three.positions.frame_center);
   EXPECT_EQ(one.points.point_in_world, three.points.point_in_world);
-}
-
-// From a random start, where nothing is right at first.
-TEST(BilinearRefinementTest, RandomStartsLeadToTheSamePlace) {
-  SimulationOptions drive = Noisy(RigPreset::kStereo);
-  drive.pixel_noise_px = 0.0;
-  drive.mismatch_ratio = 0.0;
-  const TranslationInput input = MakeTranslationInput(drive);
-  TranslationAveragingOptions options;
-  options.input = TranslationSource::kTracks;
-  options.objective = TranslationObjective::kBilinear;
-  for (const auto backend : {SolverBackend::kNative, SolverBackend::kCeres}) {
-    options.backend = backend;
-    EXPECT_LT(MeasureCenters(input, input.Run(options).estimate).max_relative,
-              0.01);
-  }
 }
 
 }  // namespace

@@ -7,7 +7,9 @@
 #include <cmath>
 #include <limits>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
+#include "translation/block_penalties.h"
 
 namespace mgsfm {
 namespace {
@@ -46,27 +48,35 @@ PositionProblem PlainProblem(size_t num_frames) {
 }
 
 struct PlainPairs {
-  std::vector<BaselineDirection> motions;
+  std::vector<BaselineDirection> baselines;
   PairScales scales;
 
   void Add(int i, int j, const Vector3d& baseline, int group) {
-    BaselineDirection motion;
-    motion.image_idx1 = i;
-    motion.image_idx2 = j;
-    motion.kind = BaselineKind::kDirection;
-    motion.direction = baseline.normalized();
-    motion.sigma_rad = 0.01;
-    motions.push_back(motion);
-    scales.scale.push_back(baseline.norm());
-    scales.sigma_log.push_back(0.05);
-    scales.group.push_back(group);
+    BaselineDirection direction;
+    direction.image_idx1 = i;
+    direction.image_idx2 = j;
+    direction.kind = BaselineKind::kDirection;
+    direction.direction = baseline.normalized();
+    direction.sigma_rad = 0.01;
+    baselines.push_back(direction);
+    scales.pairs.push_back(PairScale{baseline.norm(), 0.05, group});
     if (group >= static_cast<int>(scales.group_sizes.size())) {
       scales.group_sizes.resize(group + 1, 0);
     }
     ++scales.group_sizes[group];
     scales.typical_depth = 10.0;
   }
+  InitialPositions Initialize(size_t num_frames) const {
+    return InitializePositions(PlainProblem(num_frames), baselines, scales,
+                               Mask(baselines.size(), true), 0.3);
+  }
 };
+
+std::vector<double> Lengths(const PlainPairs& pairs) {
+  std::vector<double> lengths;
+  for (const auto& pair : pairs.scales.pairs) lengths.push_back(pair->scale);
+  return lengths;
+}
 
 std::vector<Vector3d> RandomCenters(int size, uint64_t seed) {
   Random random(seed);
@@ -88,12 +98,35 @@ TEST(PositionInitializationTest, ExactPairsGiveTheCentersDespiteWrongOnes) {
       pairs.Add(i, j, baseline, 0);
     }
   }
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(12), pairs.motions, pairs.scales, 0.3);
+  const InitialPositions initial = pairs.Initialize(12);
   EXPECT_EQ(initial.solve.termination, Termination::kConverged);
   for (int i = 0; i < 12; ++i) {
     EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
   }
+}
+
+// A mask has the same effect as pairs that do not exist.
+TEST(PositionInitializationTest, PairsOutsideTheMaskDoNotMatter) {
+  const std::vector<Vector3d> centers = RandomCenters(8, 6);
+  PlainPairs pairs;
+  Mask pair_is_used;
+  PlainPairs used;
+  Random random(7);
+  for (int i = 0; i < 8; ++i) {
+    for (int j = i + 1; j < std::min(i + 4, 8); ++j) {
+      const Vector3d baseline = centers[j] - centers[i];
+      pairs.Add(i, j, baseline, 0);
+      used.Add(i, j, baseline, 0);
+      pair_is_used.push_back(true);
+      pairs.Add(i, j, random.Uniform(0.5, 2.0) * Vector3d(-1.0, 2.0, 0.0), 0);
+      pair_is_used.push_back(false);
+    }
+  }
+  pairs.scales.group_sizes = used.scales.group_sizes;
+  const InitialPositions masked = InitializePositions(
+      PlainProblem(8), pairs.baselines, pairs.scales, pair_is_used, 0.3);
+  EXPECT_EQ(masked.positions.frame_center,
+            used.Initialize(8).positions.frame_center);
 }
 
 TEST(PositionInitializationTest, WrongPairsOfHardlyAnyLengthDoNotOutvote) {
@@ -106,8 +139,7 @@ TEST(PositionInitializationTest, WrongPairsOfHardlyAnyLengthDoNotOutvote) {
       if (i % 3 == 1) pairs.Add(i, j, 0.003 * Vector3d(0.4, -1.0, 0.5), 0);
     }
   }
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(12), pairs.motions, pairs.scales, 0.3);
+  const InitialPositions initial = pairs.Initialize(12);
   EXPECT_EQ(initial.solve.termination, Termination::kConverged);
   for (int i = 0; i < 12; ++i) {
     EXPECT_LT((initial.positions.frame_center[i] - centers[i]).norm(), 0.02);
@@ -125,8 +157,7 @@ TEST(PositionInitializationTest, GroupFactorsAreFoundWhereTheyShow) {
       pairs.Add(i, j, (centers[j] - centers[i]) * unit, group);
     }
   }
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(10), pairs.motions, pairs.scales, 0.3);
+  const InitialPositions initial = pairs.Initialize(10);
   ASSERT_EQ(initial.group_factor.size(), 2u);
   EXPECT_NEAR(initial.group_factor[1], 1.0 / 2.5, 0.01);
   for (int i = 0; i < 10; ++i) {
@@ -141,12 +172,9 @@ TEST(PositionInitializationTest, PairsWithoutParallaxKeepFramesTogether) {
   still.image_idx1 = 1;
   still.image_idx2 = 2;
   still.kind = BaselineKind::kNoParallax;
-  pairs.motions.push_back(still);
-  pairs.scales.scale.push_back(0.0);
-  pairs.scales.sigma_log.push_back(0.0);
-  pairs.scales.group.push_back(-1);
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(4), pairs.motions, pairs.scales, 0.3);
+  pairs.baselines.push_back(still);
+  pairs.scales.pairs.emplace_back();
+  const InitialPositions initial = pairs.Initialize(4);
   const Positions& positions = initial.positions;
   EXPECT_LT((positions.frame_center[2] - positions.frame_center[1]).norm(),
             1e-3);
@@ -162,12 +190,13 @@ double CostOfPairs(const PlainPairs& pairs,
                    const std::vector<Vector3d>& centers) {
   constexpr double kSigma = 0.5 * 3.14159265358979 / 180.0;
   double sum = 0.0;
-  for (size_t p = 0; p < pairs.motions.size(); ++p) {
-    const BaselineDirection& motion = pairs.motions[p];
-    const Vector3d C = centers[motion.image_idx2] - centers[motion.image_idx1];
-    const double along = C.dot(motion.direction);
-    const double across = (C - along * motion.direction).norm();
-    sum += (across + std::abs(along - pairs.scales.scale[p])) /
+  for (size_t p = 0; p < pairs.baselines.size(); ++p) {
+    const BaselineDirection& baseline = pairs.baselines[p];
+    const Vector3d C =
+        centers[baseline.image_idx2] - centers[baseline.image_idx1];
+    const double along = C.dot(baseline.direction);
+    const double across = (C - along * baseline.direction).norm();
+    sum += (across + std::abs(along - pairs.scales.pairs[p]->scale)) /
            (counted_length[p] * std::hypot(0.01, kSigma));
   }
   return sum;
@@ -212,9 +241,8 @@ PlainPairs NoisyPairsOfAll(const std::vector<Vector3d>& centers) {
 
 TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
   const PlainPairs pairs = NoisyPairsOfAll(RandomCenters(3, 2));
-  const InitialPositions initial =
-      InitializePositions(PlainProblem(3), pairs.motions, pairs.scales, 0.3);
-  ExpectMinimum(initial.positions.frame_center, pairs, pairs.scales.scale);
+  const InitialPositions initial = pairs.Initialize(3);
+  ExpectMinimum(initial.positions.frame_center, pairs, Lengths(pairs));
 }
 
 // Of ten frames that all have pairs with each other, so that the lower quartile
@@ -224,20 +252,20 @@ std::vector<double> CountedLengths(const PlainPairs& pairs) {
   std::vector<double> quartile;
   for (int f = 0; f < kFrames; ++f) {
     std::vector<double> lengths;
-    for (size_t p = 0; p < pairs.motions.size(); ++p) {
-      const BaselineDirection& motion = pairs.motions[p];
-      if (motion.image_idx1 == f || motion.image_idx2 == f) {
-        lengths.push_back(pairs.scales.scale[p]);
+    for (size_t p = 0; p < pairs.baselines.size(); ++p) {
+      const BaselineDirection& baseline = pairs.baselines[p];
+      if (baseline.image_idx1 == f || baseline.image_idx2 == f) {
+        lengths.push_back(pairs.scales.pairs[p]->scale);
       }
     }
     std::sort(lengths.begin(), lengths.end());
     quartile.push_back(lengths[2]);
   }
-  std::vector<double> counted_length = pairs.scales.scale;
+  std::vector<double> counted_length = Lengths(pairs);
   for (size_t p = 0; p < counted_length.size(); ++p) {
-    const BaselineDirection& motion = pairs.motions[p];
-    const double bound = 0.5 * std::min(quartile[motion.image_idx1],
-                                        quartile[motion.image_idx2]);
+    const BaselineDirection& baseline = pairs.baselines[p];
+    const double bound = 0.5 * std::min(quartile[baseline.image_idx1],
+                                        quartile[baseline.image_idx2]);
     counted_length[p] = std::max(counted_length[p], bound);
   }
   return counted_length;
@@ -247,11 +275,10 @@ TEST(PositionInitializationTest, ShortPairsCountWithHalfTheLowerQuartile) {
   for (uint64_t seed = 0; seed < 8; ++seed) {
     PlainPairs pairs = NoisyPairsOfAll(RandomCenters(10, seed));
     Random random(seed);
-    for (double& length : pairs.scales.scale) {
-      if (random.Uniform(0.0, 1.0) < 0.15) length = 0.01;
+    for (auto& pair : pairs.scales.pairs) {
+      if (random.Uniform(0.0, 1.0) < 0.15) pair->scale = 0.01;
     }
-    const InitialPositions initial =
-        InitializePositions(PlainProblem(10), pairs.motions, pairs.scales, 0.3);
+    const InitialPositions initial = pairs.Initialize(10);
     ExpectMinimum(initial.positions.frame_center, pairs, CountedLengths(pairs));
   }
 }

@@ -13,7 +13,7 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/covariance.h"
 #include "mgsfm/bundle/focal_length_check.h"
-#include "mgsfm/pair_filtering/skeletal_graph.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/pipeline/model_extension.h"
 #include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/rotation/rotation_averaging.h"

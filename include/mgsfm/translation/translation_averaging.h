@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/least_squares/backend.h"
@@ -18,41 +17,40 @@
 
 namespace mgsfm {
 
-// Frame centres c^g and internal translations t^r from known rotations
-// (section 3.4 of MGSfM). The centre of image i is c_i = c^g - R_i^T t^r, with
-// R_i its cam_from_world. Steps, each with its objective in the header named:
+// Translation averaging: frame centres c^g and translations t^r of
+// sensor_from_rig from known rotations (section 3.4 of MGSfM). The centre of
+// image i is c_i = c^g - R_i^T t^r, with R_i its cam_from_world. Stages, each
+// with its objective in the header named:
 //
-// 1. Directions b_ij of the baselines c_j - c_i of pairs, estimated anew with
-//    the known rotations (src/translation/relative_translation.h), and ratios
-//    of their lengths from points that two pairs see (scale_averaging.h).
-// 2. A convex L1 problem in c^g, t^r, by ADMM (position_initialization.h).
-// 3. Refinement of angles between b_ij and c_j - c_i (angle_refinement.h).
-//    Pairs that contradict its result, as repeated structures make them, are
-//    left out from then on (pair_consistency.h).
-// 4. Triangulation of the tracks, L1 (mgsfm/geometry/triangulation.h).
+// 1. Directions b_ij of the baselines c_j - c_i of pairs, estimated again with
+//    the known rotations (src/translation/baseline_directions.h), and ratios of
+//    their lengths from points that two pairs see (scale_averaging.h).
+// 2. A convex L1 problem in c^g and t^r, by ADMM (position_initialization.h).
+// 3. Refinement of the angles between b_ij and c_j - c_i
+//    (angle_refinement.h).
+// 4. Triangulation of the tracks, L1 (geometry/triangulation.h).
 // 5. Refinement of the angles between rays and points, over c^g, t^r and
-//    points, twice, with re-triangulation between.
+//    points, twice, with another triangulation in between.
 //
 // Pairs whose matches agree with a rotation alone have no direction; they keep
-// their frames together, so frames at standstill are placed.
+// their frames together, so that frames at standstill are placed.
 //
 // Gauge: the first placed frame is at the origin. Unit of length: that of the
-// given internal translations where they determine it; else the median
+// known sensor offsets where the data determine it; otherwise the median
 // baseline of pairs is about 1.
 //
-// Cost: linear in matches and observations but for the scale ratios (squared in
-// the number of pairs of an image) and the sparse factorisations of step 2
-// (3 unknowns a frame), 3 and 5.
-//
-// That is the input `hybrid` with the objective `non_bilinear`. The others are
-// those of the paper's ablation, to compare with:
-// - relative_translations: steps 1 to 3; points are triangulated, no more.
-// - tracks: no pairs. Frames, points (step 5) and free internal translations
-//   start at random (random_start.h), and are solved for once.
-// - bilinear: the residuals of steps 3 and 5 with a scale d >= 0 of each as one
-//   more unknown, v - d C in place of v - C / |C| (bilinear_refinement.h).
-// - distance: steps 1 and 2 alone, which is what MMA does.
+// Cost: linear in matches and observations, except for the scale ratios, which
+// are quadratic in the pairs of an image, and the sparse factorisations of
+// stages 2 (3 unknowns per frame), 3 and 5.
 
+// Inputs and objectives of the paper's ablation. The product is `hybrid` with
+// `non_bilinear`.
+// - relative_translations: stages 1 to 3, then the tracks are triangulated.
+// - tracks: no pairs. Frames, points and free sensor translations start at
+//   random (random_start.h); stage 5 is solved once.
+// - bilinear: each residual v - C / |C| of stages 3 and 5 becomes v - d C with
+//   a scale d >= 0 as one more unknown (bilinear_refinement.h).
+// - distance: stages 1 and 2 alone, as in MMA.
 enum class TranslationSource {
   kAuto,  // hybrid; of kDistance relative_translations
   kRelativeTranslations,
@@ -97,41 +95,42 @@ struct TranslationAveragingOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("input", self.input, AnyValue(), "",
-          "What positions are estimated from: relative translations of pairs, "
-          "tracks from a random start, or both (hybrid); auto: as the method "
-          "of the mapper says, else hybrid.");
+          "Measurements that positions are estimated from: relative "
+          "translations of pairs, tracks from a random start, or both "
+          "(hybrid). auto: as the method of the mapper, by default hybrid.");
     visit("objective", self.objective, AnyValue(), "",
-          "What is minimised: angles (non_bilinear), the same with a scale for "
-          "each observation as unknown (bilinear), or distances alone, which "
-          "need relative_translations; auto: as the method of the mapper says, "
-          "else non_bilinear.");
+          "Objective of the refinement: angles (non_bilinear), angles with one "
+          "scale per observation (bilinear), or none (distance, for "
+          "relative_translations). auto: as the method of the mapper, by "
+          "default non_bilinear.");
     visit("backend", self.backend, AnyValue(), "",
-          "Solver of refinements: that of this program, or Ceres with the "
-          "same derivatives, for comparison.");
+          "Solver of the refinements. ceres uses the same derivatives and "
+          "serves as a reference.");
     visit("min_parallax_deg", self.min_parallax_deg, Between(0.0, 60.0), "deg",
-          "Matches with less parallax do not vote on relative translations, "
-          "nor are points with less used.");
+          "Smallest parallax of matches that determine relative translations, "
+          "and of points. Decrease it for small baselines and precise "
+          "keypoints.");
     visit("max_angle_error_deg", self.max_angle_error_deg, GreaterThan(0.0),
           "deg",
-          "Largest scale of the robust loss on angles; rays that miss their "
-          "point by more than twice of it are not used.");
+          "Largest scale of the robust loss on angles. Rays that miss their "
+          "point by more than twice this angle are rejected.");
     visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
           "iterations",
-          "Most iterations of the last solve of each refinement.");
+          "Iteration limit of the last solve of each refinement.");
     visit("min_num_points_per_image", self.min_num_points_per_image, AtLeast(0),
           "points",
-          "Positions are refined with the longest tracks, until each image has "
-          "so many; 0 takes all tracks.");
+          "Positions are refined with the longest tracks until each image has "
+          "this many observations. 0 uses all tracks, which takes longer.");
   }
 };
 
-// What is known of the internal translation of one sensor.
+// Estimate of the translation of sensor_from_rig of one sensor.
 struct SensorTranslationSummary {
   bool is_observable = true;
   // Dimension of the directions that the data do not determine, 0 to 3; the
   // estimate is zero along them.
   int num_unobservable_directions = 0;
-  std::string message;  // which directions were not observable, and why
+  std::string message;  // which directions are not observable, and why
 };
 
 struct TranslationSummary {
@@ -141,28 +140,28 @@ struct TranslationSummary {
   SolveSummary joint_refinement;   // angles, cameras and points
   int num_pairs_used = 0;          // with a direction
   int num_pairs_without_parallax = 0;
-  int num_pairs_inconsistent = 0;  // no motion explains their matches
+  int num_pairs_inconsistent = 0;  // no direction explains their matches
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known
   size_t num_points = 0;
-  bool is_metric = false;  // unit of the given internal translations
+  bool is_metric = false;  // in the unit of the known sensor offsets
 };
 
 struct TranslationResult {
   PositionEstimate estimate;
-  // Per pair of the view graph: its measured baseline contradicts the estimate.
-  Mask pair_is_inconsistent;
   TranslationSummary summary;
 };
 
 // Throws Error if options.input and options.objective contradict each other.
 void CheckTranslationOptions(const TranslationAveragingOptions& options);
 
-// All frames with a rotation must be in one connected part. Uses the pairs with
-// rotations.pair_is_inlier. Points of `tracks` that could not be triangulated
-// and frames that could not be placed are nullopt.
+// Averages once and trusts all pairs with rotations.pair_is_inlier; the mapper
+// also filters pairs by their baselines (src/pipeline/position_recipe.h). All
+// frames with a rotation must be in one connected component. Frames that could
+// not be placed and points of `tracks` that could not be triangulated are
+// nullopt. options.input and options.objective must be those of the product.
 [[nodiscard]] TranslationResult AverageTranslations(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const RotationEstimate& rotations, const ObservationGroups& tracks,

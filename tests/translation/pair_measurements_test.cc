@@ -6,10 +6,10 @@
 
 #include "geometry/so3.h"
 #include "math/statistics.h"
+#include "support/translation_input.h"
+#include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
-#include "translation/relative_translation.h"
 #include "translation/scale_averaging.h"
-#include "translation/translation_test_utils.h"
 
 namespace mgsfm {
 namespace {
@@ -28,11 +28,11 @@ std::vector<BaselineDirection> Estimate(const TranslationInput& input,
 }
 
 Vector3d TrueBaseline(const TranslationInput& input,
-                      const BaselineDirection& motion) {
+                      const BaselineDirection& baseline) {
   const Scene& scene = input.simulation.scene;
   const Reconstruction& truth = input.simulation.ground_truth;
-  return truth.CamFromWorld(scene, motion.image_idx2)->Center() -
-         truth.CamFromWorld(scene, motion.image_idx1)->Center();
+  return truth.CamFromWorld(scene, baseline.image_idx2)->Center() -
+         truth.CamFromWorld(scene, baseline.image_idx1)->Center();
 }
 
 SimulationOptions Curve() {
@@ -41,37 +41,37 @@ SimulationOptions Curve() {
   return options;
 }
 
-TEST(RelativeTranslationTest, ExactRaysGiveTheDirection) {
+TEST(BaselineDirectionsTest, ExactRaysGiveTheDirection) {
   const TranslationInput input = MakeTranslationInput(Curve());
   int num_directions = 0;
-  for (const BaselineDirection& motion : Estimate(input)) {
-    EXPECT_NE(motion.kind, BaselineKind::kUnused);
-    if (motion.kind != BaselineKind::kDirection) continue;
+  for (const BaselineDirection& baseline : Estimate(input)) {
+    EXPECT_NE(baseline.kind, BaselineKind::kUnused);
+    if (baseline.kind != BaselineKind::kDirection) continue;
     ++num_directions;
-    EXPECT_LT(AngleBetween(motion.direction, TrueBaseline(input, motion)),
+    EXPECT_LT(AngleBetween(baseline.direction, TrueBaseline(input, baseline)),
               1e-7);
   }
   EXPECT_GT(num_directions, 100);
 }
 
-TEST(RelativeTranslationTest, NoiseAndMismatchesGiveHonestSigmas) {
+TEST(BaselineDirectionsTest, NoiseAndMismatchesGiveHonestSigmas) {
   SimulationOptions options = Curve();
   options.pixel_noise_px = 0.7;
   options.mismatch_ratio = 0.15;
   const TranslationInput input = MakeTranslationInput(options);
   std::vector<double> errors, ratios;
-  for (const BaselineDirection& motion : Estimate(input)) {
-    if (motion.kind != BaselineKind::kDirection) continue;
+  for (const BaselineDirection& baseline : Estimate(input)) {
+    if (baseline.kind != BaselineKind::kDirection) continue;
     errors.push_back(
-        AngleBetween(motion.direction, TrueBaseline(input, motion)));
-    ratios.push_back(errors.back() / motion.sigma_rad);
+        AngleBetween(baseline.direction, TrueBaseline(input, baseline)));
+    ratios.push_back(errors.back() / baseline.sigma_rad);
   }
   ASSERT_GT(errors.size(), 100u);
   EXPECT_LT(Median(errors), DegToRad(1.0));
   EXPECT_LT(Quantile(ratios, 0.9), 3.0);
 }
 
-TEST(RelativeTranslationTest, StandingFramesHaveNoParallax) {
+TEST(BaselineDirectionsTest, StandingFramesHaveNoParallax) {
   SimulationOptions options = Curve();
   options.path = PathPreset::kStanding;
   options.pixel_noise_px = 0.5;
@@ -80,28 +80,28 @@ TEST(RelativeTranslationTest, StandingFramesHaveNoParallax) {
     pair.relative_pose.reset();
   }
   int num_checked = 0;
-  for (const BaselineDirection& motion : Estimate(input)) {
-    const bool is_same_place = TrueBaseline(input, motion).norm() < 1e-9;
-    EXPECT_EQ(motion.kind, is_same_place ? BaselineKind::kNoParallax
-                                         : BaselineKind::kDirection);
+  for (const BaselineDirection& baseline : Estimate(input)) {
+    const bool is_same_place = TrueBaseline(input, baseline).norm() < 1e-9;
+    EXPECT_EQ(baseline.kind, is_same_place ? BaselineKind::kNoParallax
+                                           : BaselineKind::kDirection);
     ++num_checked;
   }
   EXPECT_GT(num_checked, 20);
 }
 
-TEST(RelativeTranslationTest, WrongPairsAreNotUsed) {
+TEST(BaselineDirectionsTest, WrongPairsAreNotUsed) {
   SimulationOptions options = Curve();
   options.wrong_pair_ratio = 1.0;
   const TranslationInput input = MakeTranslationInput(options);
-  const std::vector<BaselineDirection> motions = Estimate(input);
+  const std::vector<BaselineDirection> baselines = Estimate(input);
   const auto num_directions = std::count_if(
-      motions.begin(), motions.end(), [](const BaselineDirection& m) {
+      baselines.begin(), baselines.end(), [](const BaselineDirection& m) {
         return m.kind == BaselineKind::kDirection;
       });
-  EXPECT_LT(num_directions, 0.1 * motions.size());
+  EXPECT_LT(num_directions, 0.1 * baselines.size());
 }
 
-TEST(RelativeTranslationTest, ThreadsDoNotMatter) {
+TEST(BaselineDirectionsTest, ThreadsDoNotMatter) {
   SimulationOptions options = Curve();
   options.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(options);
@@ -118,16 +118,16 @@ TEST(ScaleAveragingTest, ExactDepthsGiveTheLengths) {
     options.path = path;
     options.rig = RigPreset::kMono;
     const TranslationInput input = MakeTranslationInput(options);
-    const auto motions = Estimate(input);
+    const auto baselines = Estimate(input);
     const PairScales scales = AverageScales(
-        motions, static_cast<int>(input.simulation.scene.images.size()),
+        baselines, static_cast<int>(input.simulation.scene.images.size()),
         Context());
     ASSERT_EQ(scales.group_sizes.size(), 1u);
     double unit = 0.0;
-    for (size_t i = 0; i < motions.size(); ++i) {
-      if (scales.group[i] < 0) continue;
+    for (size_t i = 0; i < baselines.size(); ++i) {
+      if (!scales.pairs[i]) continue;
       const double ratio =
-          TrueBaseline(input, motions[i]).norm() / scales.scale[i];
+          TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale;
       if (unit == 0.0) unit = ratio;
       EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
     }
@@ -142,15 +142,15 @@ TEST(ScaleAveragingTest, NoiseAndMismatchesAreBearable) {
   options.mismatch_ratio = 0.1;
   options.wrong_pair_ratio = 0.1;
   const TranslationInput input = MakeTranslationInput(options);
-  const auto motions = Estimate(input);
+  const auto baselines = Estimate(input);
   const PairScales scales = AverageScales(
-      motions, static_cast<int>(input.simulation.scene.images.size()),
+      baselines, static_cast<int>(input.simulation.scene.images.size()),
       Context());
   std::vector<double> logs;
-  for (size_t i = 0; i < motions.size(); ++i) {
-    if (scales.group[i] != 0) continue;
-    logs.push_back(
-        std::log(TrueBaseline(input, motions[i]).norm() / scales.scale[i]));
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (!scales.pairs[i] || scales.pairs[i]->group != 0) continue;
+    logs.push_back(std::log(TrueBaseline(input, baselines[i]).norm() /
+                            scales.pairs[i]->scale));
   }
   ASSERT_GT(logs.size(), 80u);
   const double unit = Median(logs);

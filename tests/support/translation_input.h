@@ -2,33 +2,22 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "mgsfm/base/random.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/synthetic/simulation.h"
-#include "mgsfm/translation/translation_averaging.h"
 
 namespace mgsfm {
 
-// A simulation with what the stages before translation averaging would give.
+// A simulation with the results of the stages before translation averaging.
 struct TranslationInput {
   Simulation simulation;
   Bearings bearings;
   RotationEstimate rotations;
   ObservationGroups tracks;
-
-  TranslationResult Run(int num_threads = 1) const {
-    return Run(TranslationAveragingOptions(), num_threads);
-  }
-  TranslationResult Run(const TranslationAveragingOptions& options,
-                        int num_threads = 1) const {
-    Context context;
-    context.num_threads = num_threads;
-    return AverageTranslations(simulation.scene, bearings,
-                               simulation.view_graph, rotations, tracks,
-                               options, context);
-  }
 };
 
 // True rotations and tracks; exact rays if there is no pixel noise, free of the

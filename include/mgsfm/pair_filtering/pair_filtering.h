@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Which image pairs can be trusted?
+//
+// Verification accepts a pair on its own matches. Duplicate structures, such as
+// two equal facades, pass it: their matches agree with one relative pose, and
+// many such pairs agree with each other. Robust averaging cannot outvote them.
+// The rules below compare pairs instead; all judge pairs of frames, so that the
+// cameras of a rig vote together.
+//
+// 1. Skeletal graph (Snavely, Seitz, Szeliski, CVPR 2008; skeletal_graph.h).
+//    Neighbouring frames share most of what they see, duplicates share only the
+//    duplicate. A sparse graph of the strongest pairs gives first rotations and
+//    positions. A strict graph, hardly more than a chain, first screens the
+//    candidates for positions.
+// 2. Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
+//    triplet_consistency.h). A match counts as support if a third image matches
+//    both of its keypoints. Unrelated places have no such matches.
+// 3. Rotation consistency (rotation_consistency.h). A pair must agree with the
+//    rotations of the skeleton up to a drift bound (drift_bound.h): drift grows
+//    with the path length through the maximum spanning tree of the skeleton,
+//    like its square root for rotations and proportionally for positions.
+// 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
+//    two components is rejected if it has no triplet support and other pairs
+//    contradict it. The components then stay apart.
+// 5. Baseline consistency (baseline_consistency.h). Direction and length of the
+//    measured baseline must agree with the positions: first with those of the
+//    skeleton up to the drift bound, at the end with the estimate.
+// 6. Track support (track_support.h). A track helps to estimate positions only
+//    if accepted pairs connect all frames that observe it.
+//
+// Rules 3 and 5 reject nothing if they would reject more than a third of the
+// pairs they judge: then the skeleton is wrong, not the pairs.
+//
+// Known limits. Duplicates closer than the drift bound are accepted. If the
+// neighbours of a place are missing, its duplicate can be the strongest pair.
+// Objects that move along with the rig look like static structure.
+
+struct PairFilteringOptions {
+  bool use_skeletal_graph = true;
+  bool use_strict_skeletal_graph = true;
+  bool use_triplet_support = true;
+  bool use_rotation_consistency = true;
+  bool use_unsupported_bridges = true;
+  bool use_baseline_drift_bound = true;
+  bool use_baseline_consistency = true;
+  bool use_track_support = true;
+
+  double min_strength = 0.6;
+  double min_connecting_strength = 0.5;
+  double strict_min_strength = 0.9;
+  double strict_min_connecting_strength = 0.9;
+  double max_rotation_error_deg = 3.0;
+  double rotation_drift_in_sigmas = 2.0;
+  double max_rotation_drift_deg = 17.0;
+  double min_share_against_bridge = 0.5;
+  double max_baseline_drift = 0.2;
+  double max_baseline_error_in_depths = 0.25;
+  double max_relative_baseline_error = 0.5;
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit("use_skeletal_graph", self.use_skeletal_graph, AnyValue(), "",
+          "Start rotations and positions from a skeletal graph. Without it, "
+          "the two rules that compare pairs with the skeleton are off, too.");
+    visit("use_strict_skeletal_graph", self.use_strict_skeletal_graph,
+          AnyValue(), "",
+          "Screen the skeletal graph for positions with a stricter one.");
+    visit("use_triplet_support", self.use_triplet_support, AnyValue(), "",
+          "Select the skeletal graph by triplet-consistent matches first, "
+          "instead of by all matches.");
+    visit("use_rotation_consistency", self.use_rotation_consistency, AnyValue(),
+          "",
+          "Reject pairs whose rotation is beyond the drift bound of the "
+          "skeletal graph.");
+    visit("use_unsupported_bridges", self.use_unsupported_bridges, AnyValue(),
+          "",
+          "Reject pairs that alone connect two components without triplet "
+          "support and against other pairs.");
+    visit("use_baseline_drift_bound", self.use_baseline_drift_bound, AnyValue(),
+          "",
+          "Ignore baselines beyond the drift bound of the skeletal graph when "
+          "positions are initialised.");
+    visit("use_baseline_consistency", self.use_baseline_consistency, AnyValue(),
+          "",
+          "Reject pairs whose baseline contradicts the estimated positions.");
+    visit("use_track_support", self.use_track_support, AnyValue(), "",
+          "Estimate positions from tracks whose frames are connected by "
+          "accepted pairs.");
+    visit("min_strength", self.min_strength, Between(0.0, 1.0), "",
+          "Strength of a pair of frames, relative to the strongest pair of "
+          "either frame, above which it joins the skeletal graph.");
+    visit("min_connecting_strength", self.min_connecting_strength,
+          Between(0.0, 1.0), "",
+          "Strength, relative to the strongest pair that leaves a component, "
+          "from which a pair connects components of the skeletal graph.");
+    visit("strict_min_strength", self.strict_min_strength, Between(0.0, 1.0),
+          "", "min_strength of the strict skeletal graph.");
+    visit("strict_min_connecting_strength", self.strict_min_connecting_strength,
+          Between(0.0, 1.0), "",
+          "min_connecting_strength of the strict skeletal graph.");
+    visit("max_rotation_error_deg", self.max_rotation_error_deg,
+          Between(0.0, 180.0), "deg",
+          "Deviation of a pair from the rotations of the skeletal graph that "
+          "is accepted without any drift.");
+    visit("rotation_drift_in_sigmas", self.rotation_drift_in_sigmas,
+          AtLeast(0.0), "sigmas",
+          "Drift bound of rotations in standard deviations of a random walk "
+          "along the skeletal graph.");
+    visit("max_rotation_drift_deg", self.max_rotation_drift_deg,
+          Between(0.0, 180.0), "deg",
+          "Upper limit of the drift bound of rotations.");
+    visit("min_share_against_bridge", self.min_share_against_bridge,
+          AtLeast(0.0), "",
+          "Matches of contradicting pairs, relative to those of a bridge, from "
+          "which the bridge is rejected.");
+    visit("max_baseline_drift", self.max_baseline_drift, GreaterThan(0.0), "",
+          "Largest drift bound of positions, as a share of the path length. "
+          "It is tightened to a tenth while positions violate the skeletal "
+          "graph.");
+    visit("max_baseline_error_in_depths", self.max_baseline_error_in_depths,
+          AtLeast(0.0), "depths",
+          "Error of a baseline, in typical depths of points, that never "
+          "rejects a pair. Loop closures miss by the drift, which is small "
+          "compared with what the cameras see.");
+    visit("max_relative_baseline_error", self.max_relative_baseline_error,
+          AtLeast(0.0), "",
+          "Error of a baseline, relative to the longer of the measured and "
+          "the estimated one, that never rejects a pair.");
+  }
+};
+
+// Why a pair is not used. A pair has the reason of the first rule it fails.
+enum class RejectionReason {
+  kNoRelativePose,            // verification found none
+  kUnknownSensorRotation,     // sensor_from_rig of one of its images is unknown
+  kRotationBeyondDriftBound,  // rule 3
+  kInconsistentRotation,      // contradicts the estimated rotations
+  kUnsupportedBridge,         // rule 4
+  kFrameWithoutRotation,      // no other pair connects its frame
+  kNoBaseline,                // no translation explains its matches
+  kInconsistentBaseline,      // rule 5
+};
+
+template <>
+struct EnumTable<RejectionReason> {
+  static constexpr std::pair<std::string_view, RejectionReason> kNames[] = {
+      {"no_relative_pose", RejectionReason::kNoRelativePose},
+      {"unknown_sensor_rotation", RejectionReason::kUnknownSensorRotation},
+      {"rotation_beyond_drift_bound",
+       RejectionReason::kRotationBeyondDriftBound},
+      {"inconsistent_rotation", RejectionReason::kInconsistentRotation},
+      {"unsupported_bridge", RejectionReason::kUnsupportedBridge},
+      {"frame_without_rotation", RejectionReason::kFrameWithoutRotation},
+      {"no_baseline", RejectionReason::kNoBaseline},
+      {"inconsistent_baseline", RejectionReason::kInconsistentBaseline}};
+};
+
+// Per pair of the view graph; nullopt: accepted.
+using PairVerdicts = std::vector<std::optional<RejectionReason>>;
+
+// Rejects the pairs that `is_rejected` names and that were accepted so far.
+void Reject(const Mask& is_rejected, RejectionReason reason,
+            PairVerdicts* verdicts);
+
+Mask AcceptedPairs(const PairVerdicts& verdicts);
+
+struct RejectionCount {
+  RejectionReason reason;
+  size_t num_pairs = 0;
+};
+
+// All reasons in the order of the enum, also those without any pair.
+// EnumName() gives the name of a reason in the report.
+std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts);
+
+// Rejected pairs between two stretches of neighbouring frames: first_frame_idx1
+// to last_frame_idx1 and first_frame_idx2 to last_frame_idx2. A large group
+// indicates duplicate structures.
+struct RejectedGroup {
+  int num_pairs = 0;
+  int first_frame_idx1 = 0;
+  int last_frame_idx1 = 0;
+  int first_frame_idx2 = 0;
+  int last_frame_idx2 = 0;
+};
+
+// One line for the user: how many pairs between which frames, and what they may
+// show.
+std::string DescribeRejectedGroup(const Scene& scene,
+                                  const RejectedGroup& group);
+
+}  // namespace mgsfm

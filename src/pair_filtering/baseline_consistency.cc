@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/baseline_consistency.h"
+
+#include <algorithm>
+#include <cstddef>
+
+#include "mgsfm/base/error.h"
+#include "pair_filtering/drift_bound.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+// Baseline of a pair by positions, if both images have one.
+std::optional<Vector3d> BaselineByPositions(const ImagePair& pair,
+                                            const CameraCenters& centers) {
+  const auto& center1 = centers[pair.image_idx1];
+  const auto& center2 = centers[pair.image_idx2];
+  if (!center1 || !center2) return std::nullopt;
+  return *center2 - *center1;
+}
+
+}  // namespace
+
+Mask FindInconsistentBaselines(const FramePairIndex& index,
+                               const ViewGraph& view_graph,
+                               const Mask& is_in_skeleton,
+                               const MeasuredBaselines& measured,
+                               const CameraCenters& centers_by_skeleton,
+                               double max_drift,
+                               const PairFilteringOptions& options) {
+  MGSFM_CHECK_EQ(measured.size(), view_graph.pairs.size());
+  const DriftBound bound(index, view_graph, is_in_skeleton,
+                         [&](size_t i) {
+                           MGSFM_CHECK(measured[i].has_value());
+                           return measured[i]->baseline_in_world.norm();
+                         },
+                         {DriftGrowth::kProportional, max_drift});
+  Mask is_inconsistent(measured.size(), false);
+  size_t num_judged = 0;
+  for (size_t i = 0; i < measured.size(); ++i) {
+    if (!measured[i] || !measured[i]->is_comparable ||
+        !index.Of(i).IsBetweenFrames()) {
+      continue;
+    }
+    const auto baseline =
+        BaselineByPositions(view_graph.pairs[i], centers_by_skeleton);
+    if (!baseline) continue;
+    ++num_judged;
+    is_inconsistent[i] =
+        (*baseline - measured[i]->baseline_in_world).norm() >
+        bound.Of(index.Of(i)) +
+            options.max_baseline_error_in_depths * measured[i]->typical_depth;
+  }
+  if (RejectsTooMany(is_inconsistent.Count(), num_judged)) {
+    is_inconsistent.assign(measured.size(), false);
+  }
+  return is_inconsistent;
+}
+
+std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
+  // The first is loose because one camera drifts in scale and loops must close.
+  constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
+  std::vector<double> bounds;
+  for (const double divisor : kDivisors) {
+    bounds.push_back(options.max_baseline_drift / divisor);
+  }
+  return bounds;
+}
+
+Mask FindInconsistentPairs(const ViewGraph& view_graph,
+                           const MeasuredBaselines& measured,
+                           const CameraCenters& centers,
+                           const PairFilteringOptions& options) {
+  MGSFM_CHECK_EQ(measured.size(), view_graph.pairs.size());
+  Mask is_inconsistent(measured.size(), false);
+  for (size_t i = 0; i < measured.size(); ++i) {
+    if (!measured[i]) continue;
+    const auto baseline = BaselineByPositions(view_graph.pairs[i], centers);
+    if (!baseline) continue;
+    const Vector3d& expected = measured[i]->baseline_in_world;
+    const double error = (*baseline - expected).norm();
+    is_inconsistent[i] =
+        error > options.max_relative_baseline_error *
+                    std::max(expected.norm(), baseline->norm()) &&
+        error >
+            options.max_baseline_error_in_depths * measured[i]->typical_depth;
+  }
+  return is_inconsistent;
+}
+
+int CountViolatedSkeletonEdges(const ViewGraph& view_graph,
+                               const Mask& is_in_skeleton,
+                               const BaselineComparison& by_skeleton,
+                               const BaselineComparison& by_others,
+                               const PairFilteringOptions& options) {
+  const auto find_inconsistent = [&](const BaselineComparison& by) {
+    return FindInconsistentPairs(view_graph, by.measured, by.centers, options);
+  };
+  const Mask contradicts_skeleton = find_inconsistent(by_skeleton);
+  const Mask contradicts_others = find_inconsistent(by_others);
+  int num_violated = 0;
+  for (size_t i = 0; i < is_in_skeleton.size(); ++i) {
+    if (!is_in_skeleton[i] || contradicts_skeleton[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    const bool is_missing = BaselineByPositions(pair, by_skeleton.centers) &&
+                            !BaselineByPositions(pair, by_others.centers);
+    num_violated += contradicts_others[i] || is_missing;
+  }
+  return num_violated;
+}
+
+}  // namespace mgsfm

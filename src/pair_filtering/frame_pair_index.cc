@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/frame_pair_index.h"
+
+#include <algorithm>
+#include <tuple>
+
+namespace mgsfm {
+
+FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph)
+    : num_frames_(static_cast<int>(scene.frames.size())),
+      frame_pair_of_pair_(view_graph.pairs.size()) {
+  std::vector<std::tuple<int, int, size_t>> order;
+  order.reserve(view_graph.pairs.size());
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    const auto [low, high] =
+        std::minmax({scene.images[pair.image_idx1].frame_idx,
+                     scene.images[pair.image_idx2].frame_idx});
+    order.emplace_back(low, high, i);
+  }
+  std::sort(order.begin(), order.end());
+  for (const auto& [low, high, i] : order) {
+    if (frame_pairs_.empty() || frame_pairs_.back().frame_idx1 != low ||
+        frame_pairs_.back().frame_idx2 != high) {
+      frame_pairs_.push_back({low, high, {}});
+    }
+    frame_pairs_.back().pair_idxs.push_back(i);
+    frame_pair_of_pair_[i] = frame_pairs_.size() - 1;
+  }
+}
+
+}  // namespace mgsfm

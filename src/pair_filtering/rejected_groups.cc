@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/rejected_groups.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <tuple>
+
+#include "math/union_find.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// Bridges short gaps in the matches of a structure; affects the report only.
+constexpr int kMaxFrameGap = 3;
+// A vehicle is seen from frames that are close in time. Closer stretches than
+// this are more likely to show one than a duplicate; affects the report only.
+constexpr int kMaxGapOfVehicles = 10;
+
+// The rejected pairs of two frames.
+struct RejectedLink {
+  int frame_idx1;
+  int frame_idx2;
+  int num_pairs;
+};
+
+std::vector<RejectedLink> CollectLinks(const FramePairIndex& index,
+                                       const Mask& pair_is_rejected) {
+  std::vector<RejectedLink> links;
+  for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
+    const auto num_pairs =
+        std::count_if(frames.pair_idxs.begin(), frames.pair_idxs.end(),
+                      [&](size_t i) { return pair_is_rejected[i]; });
+    if (num_pairs == 0) continue;
+    links.push_back(
+        {frames.frame_idx1, frames.frame_idx2, static_cast<int>(num_pairs)});
+  }
+  return links;
+}
+
+// `links` are sorted by their first frame.
+UnionFind JoinNeighbours(const std::vector<RejectedLink>& links) {
+  UnionFind sets(links.size());
+  for (size_t i = 0; i < links.size(); ++i) {
+    for (size_t k = i + 1; k < links.size(); ++k) {
+      if (links[k].frame_idx1 - links[i].frame_idx1 > kMaxFrameGap) break;
+      if (std::abs(links[k].frame_idx2 - links[i].frame_idx2) <= kMaxFrameGap) {
+        sets.Union(i, k);
+      }
+    }
+  }
+  return sets;
+}
+
+}  // namespace
+
+std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
+                                              const Mask& pair_is_rejected) {
+  MGSFM_CHECK_EQ(pair_is_rejected.size(), index.num_pairs());
+  const std::vector<RejectedLink> links = CollectLinks(index, pair_is_rejected);
+  UnionFind sets = JoinNeighbours(links);
+  std::vector<RejectedGroup> group_of_set(links.size());
+  for (size_t i = 0; i < links.size(); ++i) {
+    const auto& [frame1, frame2, num_pairs] = links[i];
+    RejectedGroup& group = group_of_set[sets.Find(i)];
+    if (group.num_pairs == 0) group = {0, frame1, frame1, frame2, frame2};
+    group.num_pairs += num_pairs;
+    group.first_frame_idx1 = std::min(group.first_frame_idx1, frame1);
+    group.last_frame_idx1 = std::max(group.last_frame_idx1, frame1);
+    group.first_frame_idx2 = std::min(group.first_frame_idx2, frame2);
+    group.last_frame_idx2 = std::max(group.last_frame_idx2, frame2);
+  }
+  std::vector<RejectedGroup> groups;
+  for (const RejectedGroup& group : group_of_set) {
+    if (group.num_pairs > 0) groups.push_back(group);
+  }
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const RejectedGroup& a, const RejectedGroup& b) {
+                     return std::tuple(-a.num_pairs, a.first_frame_idx1,
+                                       a.first_frame_idx2) <
+                            std::tuple(-b.num_pairs, b.first_frame_idx1,
+                                       b.first_frame_idx2);
+                   });
+  return groups;
+}
+
+std::string DescribeRejectedGroup(const Scene& scene,
+                                  const RejectedGroup& group) {
+  const auto name = [&](int frame_idx) {
+    return "'" + scene.frames[frame_idx].name + "'";
+  };
+  const bool is_near =
+      group.first_frame_idx2 - group.last_frame_idx1 <= kMaxGapOfVehicles;
+  return std::to_string(group.num_pairs) + " pairs between frames " +
+         name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
+         " and " + name(group.first_frame_idx2) + " to " +
+         name(group.last_frame_idx2) +
+         " are rejected because they contradict the other pairs; they may "
+         "show " +
+         (is_near ? "vehicles that move along with the rig"
+                  : "duplicate structures");
+}
+
+}  // namespace mgsfm

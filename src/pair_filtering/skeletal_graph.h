@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/mask.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/frame_pair_index.h"
+
+namespace mgsfm {
+
+// A sparse subgraph of pairs of neighbours, after the skeletal graphs of
+// Snavely, Seitz and Szeliski (CVPR 2008). Votes cannot tell a road from one
+// that is folded so that two equal facades meet: few pairs cross the place
+// where it breaks, many connect the facades. Strength can: neighbours share
+// most of what they see, duplicate structures share only the duplicate.
+//
+// The support of a pair of frames is the number of triplet-consistent matches
+// of all its image pairs. Its strength is the support over that of the best
+// partner of either frame, whichever ratio is larger. The skeleton contains
+//
+//   pairs within a frame,
+//   pairs with support whose frames are stronger than min_strength, and
+//   pairs that connect components: of the pairs that leave a component, those
+//   of at least min_connecting_strength times the strength of the strongest.
+//
+// Components that remain are connected in the same way with all matches as
+// support, because a chain in which only neighbours are matched has no
+// triplets.
+//
+// Per pair; false where pair_is_used is false.
+Mask SelectSkeletalGraph(const FramePairIndex& index,
+                         const ViewGraph& view_graph, const Mask& pair_is_used,
+                         const PairFilteringOptions& options, int num_threads);
+
+// The same with strict_min_strength and strict_min_connecting_strength: hardly
+// more than a chain, which keeps duplicates out even on a road that shows
+// little else.
+Mask SelectStrictSkeletalGraph(const FramePairIndex& index,
+                               const ViewGraph& view_graph,
+                               const Mask& pair_is_used,
+                               const PairFilteringOptions& options,
+                               int num_threads);
+
+}  // namespace mgsfm

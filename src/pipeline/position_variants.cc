@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/position_variants.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "translation/bilinear_refinement.h"
+#include "translation/random_start.h"
+
+namespace mgsfm {
+namespace {
+
+// The loss and iterations of global positioning (GLOMAP).
+constexpr double kRandomStartLossRad = 0.1;
+constexpr int kNumRandomStartIterations = 100;
+constexpr double kFunctionTolerance = 1e-5;
+// Rays that agree with positions by pairs alone.
+constexpr double kCoarseErrorRad = DegToRad(4.0);
+
+const PositionObjective& ObjectiveOf(
+    const TranslationAveragingOptions& options) {
+  return options.objective == TranslationObjective::kBilinear
+             ? kBilinearObjective
+             : kNonBilinearObjective;
+}
+
+// The factor that makes the median baseline of the used pairs 1.
+double FactorToUnitBaseline(const PositionInput& input,
+                            const PositionProblem& problem,
+                            const Positions& positions) {
+  std::vector<double> baselines;
+  for (size_t i = 0; i < input.view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    if (!input.rotations.pair_is_inlier[i] ||
+        !positions.IsPlaced(problem, pair.image_idx1) ||
+        !positions.IsPlaced(problem, pair.image_idx2)) {
+      continue;
+    }
+    baselines.push_back((positions.CamCenter(problem, pair.image_idx2) -
+                         positions.CamCenter(problem, pair.image_idx1))
+                            .norm());
+  }
+  if (baselines.empty()) return 1.0;
+  const double median = Median(std::move(baselines));
+  return median > 0.0 ? 1.0 / median : 1.0;
+}
+
+// Global positioning: one joint refinement from a random start, without pairs.
+PositionResult PositionByTracks(const PositionInput& input,
+                                const PositionOptions& options,
+                                const Context& context) {
+  const PositionProblem problem =
+      MakePositionProblem(input.scene, input.rotations);
+  const TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
+                                          context.num_threads);
+  const RandomStart start = StartAtRandom(problem, rays, context.random_seed);
+  const FramePairIndex index(input.scene, input.view_graph);
+  const PairMeasurements no_pairs;
+  const Mask no_pair_is_used;
+  const RefinementInput refinement{problem, no_pairs.baselines, no_pairs.scales,
+                                   start.initial, no_pair_is_used};
+  RefinementOptions refinement_options;
+  refinement_options.loss = RobustLossType::kHuber;
+  refinement_options.loss_scale_rad = kRandomStartLossRad;
+  refinement_options.starts_at_random = true;
+  refinement_options.backend = options.averaging.backend;
+  refinement_options.function_tolerance = kFunctionTolerance;
+  refinement_options.max_num_iterations =
+      std::max(kNumRandomStartIterations, options.averaging.max_num_iterations);
+  Positions positions = start.initial.positions;
+  TrackPoints points = start.points;
+  PositionResult result;
+  TranslationSummary& summary = result.summary;
+  summary.joint_refinement =
+      ObjectiveOf(options.averaging)
+          .refine_cameras_and_points(
+              refinement, rays,
+              SelectSupportedTracks(refinement, rays, points, input.scene,
+                                    &index, options.averaging,
+                                    context.num_threads),
+              refinement_options, context, &positions, &points);
+  if (!summary.joint_refinement.IsUsable()) {
+    positions = start.initial.positions;
+    points = start.points;
+  }
+  points =
+      TriangulateAt(refinement, rays, positions,
+                    2.0 * DegToRad(options.averaging.max_angle_error_deg),
+                    options.averaging, context.num_threads, std::move(points));
+  if (!start.initial.is_metric) {
+    ScaleBy(FactorToUnitBaseline(input, problem, positions), &positions,
+            &points);
+  }
+  result.pair_is_inconsistent.assign(input.view_graph.pairs.size(), false);
+  result.estimate =
+      MakePositionEstimate(input.scene, problem, positions, points);
+  summary.initialization = start.initial.solve;
+  summary.camera_refinement = NothingToDo("Not needed: points determine all.");
+  SummarizeEstimate(problem, start.initial, result.estimate, &summary);
+  return result;
+}
+
+// Pairs as in EstimatePositions(), with the objective of the options; tracks
+// only if the input is hybrid.
+PositionResult PositionByPairs(const PositionInput& input,
+                               const PositionOptions& options,
+                               const Context& context) {
+  const bool is_refined =
+      options.averaging.objective != TranslationObjective::kDistance;
+  const PositionMeasurements measured =
+      MeasurePositions(input, options, context);
+  InitializationOptions initialization;
+  if (is_refined) initialization.relative_tolerance = kStartTolerance;
+  const ScreenedPositions screened =
+      ScreenAndInitialize(input, measured, options, initialization, context);
+  TranslationSummary summary;
+  Positions positions = screened.initial.positions;
+  Mask pair_is_used = screened.pair_is_used;
+  if (is_refined) {
+    RefinedPositions refined = RefineWithPairs(
+        {measured.problem, measured.pairs.baselines, measured.pairs.scales,
+         screened.initial, screened.pair_is_used},
+        options.averaging, context, ObjectiveOf(options.averaging));
+    summary.camera_refinement = std::move(refined.solve);
+    positions = std::move(refined.positions);
+    pair_is_used = KeepConsistentPairs(input, measured, screened, positions,
+                                       options.filtering);
+  } else {
+    summary.camera_refinement = NothingToDo("Not asked for.");
+  }
+  const RefinementInput refinement{measured.problem, measured.pairs.baselines,
+                                   measured.pairs.scales, screened.initial,
+                                   pair_is_used};
+  TrackPoints points;
+  const bool is_hybrid =
+      is_refined &&
+      options.averaging.input != TranslationSource::kRelativeTranslations;
+  if (is_hybrid) {
+    TrackRefinement refined = RefineWithTracks(
+        refinement, positions, measured.rays, input.scene, &measured.index,
+        options.averaging, context, ObjectiveOf(options.averaging));
+    summary.joint_refinement = std::move(refined.solve);
+    summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
+    positions = std::move(refined.positions);
+    points = std::move(refined.points);
+  } else {
+    summary.joint_refinement = NothingToDo("Not asked for.");
+    points =
+        TriangulateAt(refinement, measured.rays, positions, kCoarseErrorRad,
+                      options.averaging, context.num_threads);
+  }
+  return ConcludePositions(input, measured, refinement, std::move(positions),
+                           std::move(points), std::move(summary),
+                           options.filtering);
+}
+
+}  // namespace
+
+PositionResult EstimatePositionsByVariant(const PositionInput& input,
+                                          const PositionOptions& options,
+                                          const Context& context) {
+  CheckTranslationOptions(options.averaging);
+  return options.averaging.input == TranslationSource::kTracks
+             ? PositionByTracks(input, options, context)
+             : PositionByPairs(input, options, context);
+}
+
+}  // namespace mgsfm

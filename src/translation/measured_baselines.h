@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "pair_filtering/baseline_consistency.h"
+#include "translation/baseline_directions.h"
+#include "translation/position_problem.h"
+#include "translation/scale_averaging.h"
+
+namespace mgsfm {
+
+// The inputs of baseline consistency (pair_filtering/baseline_consistency.h)
+// from the values of translation averaging.
+
+// Per direction: the baseline scale * group_factor * direction. Pairs in the
+// largest scale group are comparable.
+MeasuredBaselines MeasureBaselines(
+    const std::vector<BaselineDirection>& directions, const PairScales& scales,
+    const std::vector<double>& group_factor);
+
+// Per image.
+CameraCenters ComputeCameraCenters(const PositionProblem& problem,
+                                   const Positions& positions);
+
+// Both for positions, in the unit that `group_factor` is in.
+BaselineComparison CompareWith(const PositionProblem& problem,
+                               const std::vector<BaselineDirection>& directions,
+                               const PairScales& scales,
+                               const std::vector<double>& group_factor,
+                               const Positions& positions);
+
+}  // namespace mgsfm

@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "translation/translation_stages.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "pair_filtering/track_support.h"
+
+namespace mgsfm {
+namespace {
+
+// Errors of positions by pairs alone, before points are used. Chosen to cover
+// some degrees of error in the direction to a point.
+constexpr double kCoarseErrorRad = DegToRad(4.0);
+constexpr double kCoarseLossRad = DegToRad(1.0);
+constexpr double kCoarseFunctionTolerance = 1e-3;
+constexpr int kNumCoarseIterations = 10;
+// Lower bound of the loss scale: 0.14 pixels at a focal length of 800 pixels.
+constexpr double kMinLossRad = DegToRad(0.01);
+// 2.4 standard deviations: the Cauchy loss is 95 % efficient for normal noise.
+constexpr double kLossInSigmas = 2.4;
+constexpr double kFunctionTolerance = 1e-5;
+// Lower bound of the depth of points, relative to the typical depth. Chosen:
+// points this close are rays from about the same place.
+constexpr double kMinRelativeDepth = 0.02;
+// A sensor is reported unless less than this share of its squared motion lies
+// in the undetermined subspace.
+constexpr double kMinUnobservableShare = 0.01;
+
+RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
+  RefinementOptions common;
+  common.max_num_iterations = options.max_num_iterations;
+  common.backend = options.backend;
+  return common;
+}
+
+// One joint refinement. Replaces positions and points if it is usable.
+SolveSummary RefineJointly(const RefinementInput& input, const TrackRays& rays,
+                           const std::vector<size_t>& selected,
+                           const RefinementOptions& refinement,
+                           const PositionObjective& objective,
+                           const Context& context, TrackRefinement* state) {
+  context.CheckInterrupted();
+  Positions positions = state->positions;
+  TrackPoints points = state->points;
+  SolveSummary summary = objective.refine_cameras_and_points(
+      input, rays, selected, refinement, context, &positions, &points);
+  if (summary.IsUsable()) {
+    state->positions = std::move(positions);
+    state->points = std::move(points);
+  }
+  return summary;
+}
+
+std::string DescribeUnobservable(int num_directions) {
+  return std::to_string(num_directions) +
+         " of 3 directions of the translation of sensor_from_rig are not "
+         "determined: the frames rotate too little for the matches of this "
+         "sensor with others; they are set to zero.";
+}
+
+}  // namespace
+
+PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
+                              const ViewGraph& view_graph,
+                              const Mask& pair_is_used,
+                              const PositionProblem& problem,
+                              double min_parallax_deg, const Context& context) {
+  PairMeasurements pairs;
+  pairs.baselines =
+      EstimateBaselineDirections(scene, bearings, view_graph, pair_is_used,
+                                 problem, min_parallax_deg, context);
+  pairs.scales = AverageScales(pairs.baselines,
+                               static_cast<int>(scene.images.size()), context);
+  for (BaselineDirection& baseline : pairs.baselines) {
+    for (auto& depths : baseline.depths) {
+      std::vector<DepthSample>().swap(depths);
+    }
+  }
+  return pairs;
+}
+
+void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
+                    TranslationSummary* summary) {
+  for (size_t i = 0; i < pairs.baselines.size(); ++i) {
+    switch (pairs.baselines[i].kind) {
+      case BaselineKind::kDirection:
+        ++summary->num_pairs_used;
+        break;
+      case BaselineKind::kNoParallax:
+        ++summary->num_pairs_without_parallax;
+        break;
+      case BaselineKind::kUnused:
+        summary->num_pairs_inconsistent += pair_is_used[i] ? 1 : 0;
+    }
+  }
+  summary->num_scale_groups = static_cast<int>(pairs.scales.group_sizes.size());
+}
+
+RefinedPositions RefineWithPairs(const RefinementInput& input,
+                                 const TranslationAveragingOptions& options,
+                                 const Context& context,
+                                 const PositionObjective& objective) {
+  context.CheckInterrupted();
+  RefinementOptions refinement = CommonOptions(options);
+  refinement.loss_scale_rad = DegToRad(options.max_angle_error_deg);
+  RefinedPositions refined{input.initial.positions, {}};
+  refined.solve =
+      objective.refine_cameras(input, refinement, context, &refined.positions);
+  if (!refined.solve.IsUsable()) refined.positions = input.initial.positions;
+  return refined;
+}
+
+std::vector<size_t> SelectSupportedTracks(
+    const RefinementInput& input, const TrackRays& rays,
+    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
+    const TranslationAveragingOptions& options, int num_threads) {
+  const ObservationGroups& tracks = rays.tracks;
+  Mask is_supported(tracks.size(), true);
+  if (index != nullptr) {
+    Mask pair_is_used(index->num_pairs(), false);
+    for (size_t i = 0; i < input.baselines.size(); ++i) {
+      pair_is_used[i] = input.pair_is_used[i] &&
+                        input.baselines[i].kind != BaselineKind::kUnused;
+    }
+    Mask has_point(tracks.size());
+    for (size_t t = 0; t < tracks.size(); ++t) {
+      has_point[t] = points.point_in_world[t].has_value();
+    }
+    is_supported =
+        FindSupportedTracks(scene, *index, pair_is_used, tracks, has_point,
+                            points.observation_is_used, num_threads);
+  }
+  return SelectTracks(rays, points, is_supported,
+                      static_cast<int>(input.problem.frame_idx.size()),
+                      options.min_num_points_per_image);
+}
+
+TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
+                          const Positions& positions, double max_error_rad,
+                          const TranslationAveragingOptions& options,
+                          int num_threads, TrackPoints previous) {
+  TrackPointOptions point_options;
+  point_options.max_error_rad = max_error_rad;
+  point_options.min_angle_rad = DegToRad(options.min_parallax_deg);
+  if (!input.initial.group_factor.empty()) {
+    point_options.min_depth = kMinRelativeDepth * input.scales.typical_depth *
+                              input.initial.group_factor[0];
+  }
+  return TriangulateTracks(input.problem, rays, positions, point_options,
+                           num_threads, std::move(previous));
+}
+
+TrackRefinement RefineWithTracks(const RefinementInput& input,
+                                 const Positions& start, const TrackRays& rays,
+                                 const Scene& scene,
+                                 const FramePairIndex* index,
+                                 const TranslationAveragingOptions& options,
+                                 const Context& context,
+                                 const PositionObjective& objective) {
+  const double max_angle_rad = DegToRad(options.max_angle_error_deg);
+  TrackRefinement state;
+  state.positions = start;
+  const auto triangulate = [&](double max_error_rad) {
+    context.CheckInterrupted();
+    state.points =
+        TriangulateAt(input, rays, state.positions, max_error_rad, options,
+                      context.num_threads, std::move(state.points));
+  };
+  const auto triangulate_and_place = [&] {
+    triangulate(2.0 * max_angle_rad);
+    FramePlacement placement = PlaceFramesByPoints(
+        input.problem, rays, state.points, 2.0 * max_angle_rad,
+        context.num_threads, std::move(state.positions));
+    state.positions = std::move(placement.positions);
+    state.num_frames_placed_by_points += placement.num_placed;
+    if (placement.num_placed > 0) triangulate(2.0 * max_angle_rad);
+  };
+
+  const auto refine = [&](const RefinementOptions& refinement) {
+    return RefineJointly(
+        input, rays,
+        SelectSupportedTracks(input, rays, state.points, scene, index, options,
+                              context.num_threads),
+        refinement, objective, context, &state);
+  };
+
+  triangulate(kCoarseErrorRad);
+  RefinementOptions refinement = CommonOptions(options);
+  refinement.loss_scale_rad = kCoarseLossRad;
+  refinement.function_tolerance = kCoarseFunctionTolerance;
+  refinement.max_num_iterations = kNumCoarseIterations;
+  refine(refinement);
+  triangulate_and_place();
+
+  const double sigma =
+      AngularSigma(input.problem, rays, state.points, state.positions);
+  refinement = CommonOptions(options);
+  refinement.loss_scale_rad =
+      std::clamp(kLossInSigmas * sigma, std::min(kMinLossRad, max_angle_rad),
+                 max_angle_rad);
+  refinement.function_tolerance = kFunctionTolerance;
+  state.solve = refine(refinement);
+  triangulate_and_place();
+  return state;
+}
+
+double FactorToMeasuredLengths(const RefinementInput& input,
+                               const Positions& positions) {
+  const PositionProblem& problem = input.problem;
+  double sum_expected = 0.0, sum_estimated = 0.0;
+  for (size_t i = 0; i < input.baselines.size(); ++i) {
+    const BaselineDirection& baseline = input.baselines[i];
+    if (!input.pair_is_used[i] || baseline.kind != BaselineKind::kDirection ||
+        !positions.IsPlaced(problem, baseline.image_idx1) ||
+        !positions.IsPlaced(problem, baseline.image_idx2)) {
+      continue;
+    }
+    sum_expected += input.Length(i);
+    sum_estimated += (positions.CamCenter(problem, baseline.image_idx2) -
+                      positions.CamCenter(problem, baseline.image_idx1))
+                         .norm();
+  }
+  return sum_estimated > 0.0 ? sum_expected / sum_estimated : 1.0;
+}
+
+void ScaleBy(double factor, Positions* positions, TrackPoints* points) {
+  for (Eigen::Vector3d& center : positions->frame_center) center *= factor;
+  for (Eigen::Vector3d& t : positions->sensor_translation) t *= factor;
+  for (auto& point : points->point_in_world) {
+    if (point) *point *= factor;
+  }
+}
+
+PositionEstimate MakePositionEstimate(const Scene& scene,
+                                      const PositionProblem& problem,
+                                      const Positions& positions,
+                                      const TrackPoints& points) {
+  PositionEstimate estimate;
+  estimate.frame_center_in_world.resize(scene.frames.size());
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    if (positions.frame_is_placed[f]) {
+      estimate.frame_center_in_world[f] = positions.frame_center[f];
+    }
+  }
+  estimate.sensor_from_rig_translation.resize(scene.sensors.size());
+  for (size_t s = 0; s < scene.sensors.size(); ++s) {
+    if (problem.sensor_kind[s] != SensorKind::kAbsent) {
+      estimate.sensor_from_rig_translation[s] = positions.sensor_translation[s];
+    }
+  }
+  estimate.point_in_world = points.point_in_world;
+  return estimate;
+}
+
+void SummarizeEstimate(const PositionProblem& problem,
+                       const InitialPositions& initial,
+                       const PositionEstimate& estimate,
+                       TranslationSummary* summary) {
+  const Mask has_rotation = problem.FramesWithRotation();
+  for (size_t f = 0; f < has_rotation.size(); ++f) {
+    if (has_rotation[f] && !estimate.frame_center_in_world[f]) {
+      ++summary->num_frames_not_placed;
+    }
+  }
+  for (const auto& point : estimate.point_in_world) {
+    summary->num_points += point.has_value() ? 1 : 0;
+  }
+  summary->is_metric = initial.is_metric;
+  summary->sensors.resize(problem.sensor_kind.size());
+  for (size_t s = 0; s < summary->sensors.size(); ++s) {
+    if (problem.sensor_kind[s] == SensorKind::kAbsent) {
+      summary->sensors[s] = {false, 3,
+                             "No image of the sensor has a known rotation."};
+    } else if (problem.HasKnownOffset(static_cast<int>(s)) &&
+               !initial.is_metric) {
+      summary->sensors[s].message =
+          "The matches do not determine the known translation of "
+          "sensor_from_rig, so the unit of length is arbitrary.";
+    }
+  }
+  for (size_t k = 0; k < initial.free_sensors.size(); ++k) {
+    // The part of the undetermined subspace that moves this sensor.
+    const Eigen::MatrixXd part =
+        initial.unobservable.middleCols(static_cast<Eigen::Index>(3 * k), 3);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(
+        part.transpose() * part);
+    const auto num_weak = static_cast<int>(
+        (eigen.eigenvalues().array() > kMinUnobservableShare).count());
+    if (num_weak == 0) continue;
+    summary->sensors[initial.free_sensors[k]] = {
+        false, num_weak, DescribeUnobservable(num_weak)};
+  }
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
+#include "mgsfm/base/summary.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "mgsfm/translation/translation_averaging.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "translation/angle_refinement.h"
+#include "translation/baseline_directions.h"
+#include "translation/position_initialization.h"
+#include "translation/position_problem.h"
+#include "translation/refinement_terms.h"
+#include "translation/scale_averaging.h"
+#include "translation/track_points.h"
+
+namespace mgsfm {
+
+// The stages of translation averaging, from known rotations to positions and
+// points. Recipes compose them: AverageTranslations
+// (mgsfm/translation/translation_averaging.h), and with pair filtering
+// pipeline/position_recipe.h.
+
+// Stopping criterion of L1 positions that a refinement follows. Ten times
+// tighter, they would start the refinement no better: errors along long bends
+// are gone after its first step.
+constexpr double kStartTolerance = 1e-3;
+
+// Directions (baseline_directions.h) and relative lengths (scale_averaging.h)
+// of the baselines of pairs.
+struct PairMeasurements {
+  std::vector<BaselineDirection> baselines;  // without depths
+  PairScales scales;
+};
+
+PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
+                              const ViewGraph& view_graph,
+                              const Mask& pair_is_used,
+                              const PositionProblem& problem,
+                              double min_parallax_deg, const Context& context);
+
+// Counts the kinds of pairs and the groups of scales.
+void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
+                    TranslationSummary* summary);
+
+// Positions by the directions of pairs alone (angle_refinement.h), from
+// input.initial. Without a usable solution the result is the start.
+struct RefinedPositions {
+  Positions positions;
+  SolveSummary solve;
+};
+RefinedPositions RefineWithPairs(
+    const RefinementInput& input, const TranslationAveragingOptions& options,
+    const Context& context,
+    const PositionObjective& objective = kNonBilinearObjective);
+
+// Tracks that a joint refinement uses (SelectTracks): those whose frames the
+// used pairs connect (pair_filtering/track_support.h) first. Without an index,
+// support does not count.
+std::vector<size_t> SelectSupportedTracks(
+    const RefinementInput& input, const TrackRays& rays,
+    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
+    const TranslationAveragingOptions& options, int num_threads);
+
+// Points for given positions. The lower bound of their depth is a share of the
+// typical depth of input.scales.
+TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
+                          const Positions& positions, double max_error_rad,
+                          const TranslationAveragingOptions& options,
+                          int num_threads, TrackPoints previous = {});
+
+// Positions and points by all rays: a coarse triangulation and joint refinement
+// by eq. (18) of MGSfM, then triangulation and refinement at the noise level of
+// the rays. Frames without usable pairs are placed by points in between. For
+// scene and index see SelectSupportedTracks().
+struct TrackRefinement {
+  Positions positions;
+  TrackPoints points;
+  SolveSummary solve;  // of the last refinement
+  int num_frames_placed_by_points = 0;
+};
+TrackRefinement RefineWithTracks(
+    const RefinementInput& input, const Positions& start, const TrackRays& rays,
+    const Scene& scene, const FramePairIndex* index,
+    const TranslationAveragingOptions& options, const Context& context,
+    const PositionObjective& objective = kNonBilinearObjective);
+
+// The factor that returns positions to the measured lengths of the used pairs.
+// Angles leave the common scale open, so that it drifts in refinements.
+double FactorToMeasuredLengths(const RefinementInput& input,
+                               const Positions& positions);
+
+void ScaleBy(double factor, Positions* positions, TrackPoints* points);
+
+PositionEstimate MakePositionEstimate(const Scene& scene,
+                                      const PositionProblem& problem,
+                                      const Positions& positions,
+                                      const TrackPoints& points);
+
+// Counts placed frames and points, and describes each sensor.
+void SummarizeEstimate(const PositionProblem& problem,
+                       const InitialPositions& initial,
+                       const PositionEstimate& estimate,
+                       TranslationSummary* summary);
+
+}  // namespace mgsfm
