@@ -77,7 +77,7 @@ CameraPoints FrameResector::PointsOf(int image_idx,
                          PixelsPerRadian(camera.model, camera.params.data());
   for (const PointMatch& match : matches_[image_idx]) {
     if (!bearings_.HasRay(image_idx, match.keypoint_idx)) continue;
-    result.rays.push_back(bearings_.rays[image_idx][match.keypoint_idx]);
+    result.rays.push_back(bearings_.Ray(image_idx, match.keypoint_idx));
     result.points.push_back(model_.points[match.point_idx].point_in_world);
   }
   return result;

@@ -87,13 +87,7 @@ void FeatureCache::ComputeRays(const Context& context) {
         const auto& [image_idx, features] = images[i];
         const Camera& camera =
             scene_.cameras[scene_.images[image_idx].camera_idx];
-        features->rays.reserve(features->keypoints_px.size());
-        for (const Eigen::Vector2f& keypoint : features->keypoints_px) {
-          features->rays.push_back(RayFromPixel(camera.model,
-                                                camera.params.data(),
-                                                keypoint.cast<double>())
-                                       .value_or(Eigen::Vector3d::Zero()));
-        }
+        features->rays = ComputeKeypointRays(camera, features->keypoints_px);
       },
       1);
 }

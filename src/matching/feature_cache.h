@@ -20,7 +20,7 @@ DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
 
 struct ImageFeatures {
   std::vector<Eigen::Vector2f> keypoints_px;
-  std::vector<Eigen::Vector3d> rays;
+  KeypointRays rays;
   DescriptorMatrix descriptors;
   size_t last_batch = 0;  // that used it
 

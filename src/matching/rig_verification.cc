@@ -62,10 +62,12 @@ class UnitVerifier {
     std::vector<size_t> positions;
     for (size_t i = 0; TakesPart(pair) && i < pair.matches->size(); ++i) {
       const auto [idx1, idx2] = (*pair.matches)[i];
-      const Eigen::Vector3d& ray1 = (*pair.view1.rays)[idx1];
-      const Eigen::Vector3d& ray2 = (*pair.view2.rays)[idx2];
-      if (ray1.squaredNorm() < 0.5 || ray2.squaredNorm() < 0.5) continue;
-      matches.rays.Add(ray1, ray2);
+      if (!pair.view1.rays->is_valid[idx1] ||
+          !pair.view2.rays->is_valid[idx2]) {
+        continue;
+      }
+      matches.rays.Add(pair.view1.rays->rays[idx1],
+                       pair.view2.rays->rays[idx2]);
       positions.push_back(i);
     }
     matches_.push_back(std::move(matches));

@@ -134,9 +134,8 @@ class PairVerifier {
       if (!is_calibrated) {
         rays_.Add(linear_ray(inverse_K1, (*view1_.keypoints_px)[idx1]),
                   linear_ray(inverse_K2, (*view2_.keypoints_px)[idx2]));
-      } else if ((*view1_.rays)[idx1].squaredNorm() > 0.5 &&
-                 (*view2_.rays)[idx2].squaredNorm() > 0.5) {
-        rays_.Add((*view1_.rays)[idx1], (*view2_.rays)[idx2]);
+      } else if (view1_.rays->is_valid[idx1] && view2_.rays->is_valid[idx2]) {
+        rays_.Add(view1_.rays->rays[idx1], view2_.rays->rays[idx2]);
       } else {
         continue;
       }

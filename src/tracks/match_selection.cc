@@ -96,10 +96,9 @@ void MatchSelector::TestPair(size_t pair_idx) {
     const bool agrees =
         bearings_.HasRay(pair.image_idx1, match.keypoint_idx1) &&
         bearings_.HasRay(pair.image_idx2, match.keypoint_idx2) &&
-        Agrees(cam2_from_cam1,
-               bearings_.rays[pair.image_idx1][match.keypoint_idx1],
-               bearings_.rays[pair.image_idx2][match.keypoint_idx2],
-               max_error_rad);
+        Agrees(
+            cam2_from_cam1, bearings_.Ray(pair.image_idx1, match.keypoint_idx1),
+            bearings_.Ray(pair.image_idx2, match.keypoint_idx2), max_error_rad);
     selection_.match_is_used[first_match_[pair_idx] + i] = agrees;
     num_agreeing_[pair_idx] += agrees;
   }

@@ -28,13 +28,13 @@ TrackPoints RandomPoints(const TrackRays& rays, Random* random) {
     const size_t end = rays.tracks.offsets[t + 1];
     int num_rays = 0;
     for (size_t k = begin; k < end; ++k) {
-      num_rays += rays.rays_in_world[k].squaredNorm() > 0.5;
+      num_rays += rays.has_ray[k];
     }
     const Vector3d position = RandomPosition(kHalfWidth, random);
     if (num_rays < 2) continue;
     points.point_in_world[t] = position;
     for (size_t k = begin; k < end; ++k) {
-      points.observation_is_used[k] = rays.rays_in_world[k].squaredNorm() > 0.5;
+      points.observation_is_used[k] = rays.has_ray[k];
     }
   }
   return points;

@@ -289,11 +289,16 @@ class PairMotionStage {
                          std::vector<Match>* used) const {
     RayMatches matches;
     for (const Match& match : pair.matches) {
-      const auto& ray1 = bearings_.rays[pair.image_idx1][match.keypoint_idx1];
-      const auto& ray2 = bearings_.rays[pair.image_idx2][match.keypoint_idx2];
-      if (ray1.squaredNorm() < 0.5 || ray2.squaredNorm() < 0.5) continue;
-      matches.rays1.push_back(*problem_.world_from_cam[pair.image_idx1] * ray1);
-      matches.rays2.push_back(*problem_.world_from_cam[pair.image_idx2] * ray2);
+      const int keypoint1 = static_cast<int>(match.keypoint_idx1);
+      const int keypoint2 = static_cast<int>(match.keypoint_idx2);
+      if (!bearings_.HasRay(pair.image_idx1, keypoint1) ||
+          !bearings_.HasRay(pair.image_idx2, keypoint2)) {
+        continue;
+      }
+      matches.rays1.push_back(*problem_.world_from_cam[pair.image_idx1] *
+                              bearings_.Ray(pair.image_idx1, keypoint1));
+      matches.rays2.push_back(*problem_.world_from_cam[pair.image_idx2] *
+                              bearings_.Ray(pair.image_idx2, keypoint2));
       used->push_back(match);
     }
     return matches;

@@ -30,8 +30,7 @@ OneTrack CollectTrack(const PositionProblem& problem, const TrackRays& rays,
   for (size_t k = rays.tracks.offsets[track_idx];
        k < rays.tracks.offsets[track_idx + 1]; ++k) {
     const int image_idx = rays.tracks.observations[k].image_idx;
-    if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
-        !positions.IsPlaced(problem, image_idx)) {
+    if (!rays.has_ray[k] || !positions.IsPlaced(problem, image_idx)) {
       continue;
     }
     track.centers.push_back(positions.CamCenter(problem, image_idx));
@@ -99,8 +98,7 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
          ++k) {
       const int image_idx = rays.tracks.observations[k].image_idx;
       const int frame_idx = problem.frame_idx[image_idx];
-      if (rays.rays_in_world[k].squaredNorm() < 0.5 ||
-          positions.frame_is_placed[frame_idx]) {
+      if (!rays.has_ray[k] || positions.frame_is_placed[frame_idx]) {
         continue;
       }
       // The same line, moved from the camera to the frame's centre.
@@ -119,17 +117,21 @@ std::vector<std::vector<LineOfSight>> CollectLinesOfSight(
 TrackRays ComputeTrackRays(const PositionProblem& problem,
                            const Bearings& bearings,
                            const ObservationGroups& tracks, int num_threads) {
-  TrackRays rays{tracks, {}};
-  rays.rays_in_world.resize(tracks.observations.size());
+  const size_t num_observations = tracks.observations.size();
+  TrackRays rays{tracks,
+                 std::vector<Vector3d>(num_observations, Vector3d::Zero()),
+                 Mask(num_observations, false)};
   ParallelFor(
-      rays.rays_in_world.size(), num_threads,
+      num_observations, num_threads,
       [&](size_t k) {
         const Observation& o = tracks.observations[k];
-        rays.rays_in_world[k] =
-            problem.IsUsed(o.image_idx)
-                ? Vector3d(*problem.world_from_cam[o.image_idx] *
-                           bearings.rays[o.image_idx][o.keypoint_idx])
-                : Vector3d::Zero();
+        if (!problem.IsUsed(o.image_idx) ||
+            !bearings.HasRay(o.image_idx, o.keypoint_idx)) {
+          return;
+        }
+        rays.has_ray[k] = true;
+        rays.rays_in_world[k] = *problem.world_from_cam[o.image_idx] *
+                                bearings.Ray(o.image_idx, o.keypoint_idx);
       },
       4096);
   return rays;

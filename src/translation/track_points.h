@@ -12,11 +12,13 @@
 
 namespace mgsfm {
 
-// The tracks with the rays of their observations in world axes, in the order of
-// tracks.observations; zero where an observation has no ray or no rotation.
+// Tracks with the rays of their observations in world axes, in the order of
+// tracks.observations.
 struct TrackRays {
   const ObservationGroups& tracks;
-  std::vector<Eigen::Vector3d> rays_in_world;
+  std::vector<Eigen::Vector3d> rays_in_world;  // zero where has_ray is false
+  // False for keypoints without ray and for images without rotation.
+  Mask has_ray;
 };
 
 TrackRays ComputeTrackRays(const PositionProblem& problem,

@@ -574,7 +574,7 @@ TranslationResult AverageTranslations(
   CheckTranslationOptions(options);
   MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
-  MGSFM_CHECK_EQ(bearings.rays.size(), scene.images.size());
+  MGSFM_CHECK_EQ(bearings.images.size(), scene.images.size());
   return TranslationAverager(scene, bearings, view_graph, rotations, tracks,
                              options, context)
       .Run();

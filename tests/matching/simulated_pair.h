@@ -16,22 +16,11 @@ inline Camera MakeCamera(CameraModelId model, int width, int height,
   return {CameraId(1), model, width, height, std::move(params), has_prior};
 }
 
-inline std::vector<Eigen::Vector3d> RaysOf(
-    const Camera& camera, const std::vector<Eigen::Vector2f>& keypoints) {
-  std::vector<Eigen::Vector3d> rays;
-  for (const Eigen::Vector2f& keypoint : keypoints) {
-    rays.push_back(RayFromPixel(camera.model, camera.params.data(),
-                                keypoint.cast<double>())
-                       .value_or(Eigen::Vector3d::Zero()));
-  }
-  return rays;
-}
-
 // One image of a pair.
 struct SimulatedView {
   Camera camera = MakeCamera(CameraModelId::kSimplePinhole, 1, 1, {1, 0, 0});
   std::vector<Eigen::Vector2f> keypoints;
-  std::vector<Eigen::Vector3d> rays;
+  KeypointRays rays;
 
   VerificationView View() const { return {&camera, &keypoints, &rays}; }
 };
@@ -90,8 +79,8 @@ inline SimulatedPair SimulatePair(
             random->Uniform(0.0, camera.height_px)};
   };
   for (size_t i = 0; i < options.num_false; ++i) add(anywhere(), anywhere());
-  pair.view1.rays = RaysOf(camera, pair.view1.keypoints);
-  pair.view2.rays = RaysOf(camera, pair.view2.keypoints);
+  pair.view1.rays = ComputeKeypointRays(camera, pair.view1.keypoints);
+  pair.view2.rays = ComputeKeypointRays(camera, pair.view2.keypoints);
   return pair;
 }
 

@@ -109,7 +109,7 @@ TEST(VerifyPair, SeesBehindFisheyes) {
   const SimulatedPair pair =
       SimulatePair(Fisheye(), kMotion, {200, 100, 0.5}, &random, DrawAround);
   const auto num_behind =
-      std::count_if(pair.view1.rays.begin(), pair.view1.rays.end(),
+      std::count_if(pair.view1.rays.rays.begin(), pair.view1.rays.rays.end(),
                     [](const Eigen::Vector3d& ray) { return ray.z() < 0.0; });
   ASSERT_GT(num_behind, 10);
   const ImagePair verified = Verify(pair);
@@ -188,8 +188,10 @@ TEST(VerifyPair, ShiftedBorderIsWatermark) {
         (pixel + Eigen::Vector2d(3.0, 1.0)).cast<float>());
     pair.matches.push_back({i, i});
   }
-  pair.view1.rays = RaysOf(pair.view1.camera, pair.view1.keypoints);
-  pair.view2.rays = RaysOf(pair.view2.camera, pair.view2.keypoints);
+  pair.view1.rays =
+      ComputeKeypointRays(pair.view1.camera, pair.view1.keypoints);
+  pair.view2.rays =
+      ComputeKeypointRays(pair.view2.camera, pair.view2.keypoints);
   EXPECT_EQ(Verify(pair).config, TwoViewConfig::kWatermark);
   TwoViewGeometryOptions options;
   options.detect_watermark = false;
@@ -199,7 +201,7 @@ TEST(VerifyPair, ShiftedBorderIsWatermark) {
 TEST(VerifyPair, SkipsKeypointsWithoutRay) {
   Random random(10);
   SimulatedPair pair = SimulatePair(Pinhole(), kMotion, {}, &random, DrawInBox);
-  for (size_t i = 0; i < 20; ++i) pair.view1.rays[i].setZero();
+  for (size_t i = 0; i < 20; ++i) pair.view1.rays.is_valid[i] = false;
   const ImagePair verified = Verify(pair);
   EXPECT_EQ(verified.config, TwoViewConfig::kCalibrated);
   for (const Match& match : verified.matches) {

@@ -42,7 +42,7 @@ struct Drive {
   PositionProblem problem;
   std::vector<BaselineDirection> motions;
   ObservationGroups tracks;
-  TrackRays rays{tracks, {}};
+  TrackRays rays{tracks, {}, {}};
   TrackPoints points;
 };
 

@@ -49,12 +49,12 @@ struct TwoViewGeometryOptions {
   }
 };
 
-// What verification needs of an image; refers to what must outlive it. `rays`
-// are unit rays of the keypoints, zero where there is none (see Bearings).
+// The parts of an image that verification reads. Refers to data that must
+// outlive it.
 struct VerificationView {
   const Camera* camera = nullptr;
   const std::vector<Eigen::Vector2f>* keypoints_px = nullptr;
-  const std::vector<Eigen::Vector3d>* rays = nullptr;
+  const KeypointRays* rays = nullptr;
 };
 
 // The two-view geometry that explains the most matches, and which those are.

@@ -7,28 +7,26 @@
 
 namespace mgsfm {
 
-// A measured position, as by GPS, in metres or the unit of its world.
+// A measured position, e.g. by GPS, in metres or the unit of its world.
 struct PositionMeasurement {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Identity();
 };
 
-// The direction of gravity in images, a unit vector in the camera, and in the
-// world.
+// The measured direction of gravity. All directions are unit vectors.
 struct MeasuredGravity {
-  std::vector<std::optional<Eigen::Vector3d>> images;
-  Eigen::Vector3d down = Eigen::Vector3d::UnitY();
+  std::vector<std::optional<Eigen::Vector3d>> images;  // in the camera
+  Eigen::Vector3d down = Eigen::Vector3d::UnitY();     // in the world
   double sigma_rad = 1.0;
 };
 
-// Where images were taken, as measured: of their camera centres, in one common
-// world.
+// Measured positions of camera centres in one common world frame.
 struct PositionPriors {
-  std::vector<std::optional<PositionMeasurement>> images;  // empty: none
-  // Latitude and longitude (degrees, WGS84) and altitude (metres) of the origin
-  // of the world if that is local: x east, y north, z up.
+  std::vector<std::optional<PositionMeasurement>> images;  // empty: no priors
+  // For local worlds with x east, y north and z up: latitude and longitude
+  // (degrees, WGS84) and altitude (metres) of the origin.
   std::optional<Eigen::Vector3d> origin_wgs84;
-  // For bundle adjustment, which may have this alone.
+  // For bundle adjustment; available without positions, too.
   std::optional<MeasuredGravity> gravity;
 
   bool IsEmpty() const { return images.empty(); }  // of positions
