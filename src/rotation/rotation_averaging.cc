@@ -472,8 +472,8 @@ std::vector<std::optional<double>> DistancesFromBackbone(
 }
 
 // Numbers of frames along the strongest tree of the backbone.
-ForestWays WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
-                          const Mask& is_in_skeleton) {
+TreePathLengths WaysOfBackbone(const Scene& scene, const ViewGraph& view_graph,
+                               const Mask& is_in_skeleton) {
   std::vector<GraphEdge> edges;
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     if (!is_in_skeleton[i]) continue;
@@ -506,7 +506,8 @@ Mask FindPairsWithinDrift(const Scene& scene, const ViewGraph& view_graph,
   }
   if (known.empty()) return pair_is_used;
   const double sigma = RobustSigmaOfNorms3(known);
-  const ForestWays ways = WaysOfBackbone(scene, view_graph, is_in_skeleton);
+  const TreePathLengths ways =
+      WaysOfBackbone(scene, view_graph, is_in_skeleton);
   Mask is_within = pair_is_used;
   size_t num_beyond = 0;
   for (size_t i = 0; i < is_within.size(); ++i) {

@@ -55,7 +55,7 @@ Mask FindInconsistentBaselines(const PositionProblem& problem,
                      static_cast<double>(num_matches[i])});
     lengths.push_back(scales.scale[i] * unit);
   }
-  const ForestWays ways(problem.num_frames, edges, lengths);
+  const TreePathLengths ways(problem.num_frames, edges, lengths);
   Mask is_inconsistent(motions.size(), false);
   int num_tested = 0, num_inconsistent = 0;
   for (size_t i = 0; i < motions.size(); ++i) {

@@ -170,10 +170,11 @@ class ScaleAverager {
     const int size = static_cast<int>(log_scale_.size());
     const auto forest = MaximumSpanningForest(size, edges_);
     for (const ForestStep& step : WalkForest(size, edges_, forest)) {
-      if (step.edge < 0) continue;
-      const ScaleLink& link = links_[step.edge];
+      if (!step.from) continue;
+      const ScaleLink& link = links_[step.from->edge];
       const double sign = link.motion2 == step.node ? 1.0 : -1.0;
-      log_scale_[step.node] = log_scale_[step.parent] + sign * link.log_ratio;
+      log_scale_[step.node] =
+          log_scale_[step.from->parent] + sign * link.log_ratio;
     }
   }
 
