@@ -61,7 +61,7 @@ CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
                          PixelsPerRadian(camera.model, camera.params.data());
   for (const PointMatch& match : input.matches[image_idx]) {
     if (!input.bearings.HasRay(image_idx, match.keypoint_idx)) continue;
-    result.rays.push_back(input.bearings.rays[image_idx][match.keypoint_idx]);
+    result.rays.push_back(input.bearings.Ray(image_idx, match.keypoint_idx));
     result.points.push_back(input.model.points[match.point_idx].point_in_world);
   }
   return result;

@@ -49,8 +49,8 @@ std::optional<Mask> TestMatches(const Scene& scene, const ImagePair& pair,
     agrees[i] = bearings.HasRay(pair.image_idx1, match.keypoint_idx1) &&
                 bearings.HasRay(pair.image_idx2, match.keypoint_idx2) &&
                 Agrees(cam2_from_cam1,
-                       bearings.rays[pair.image_idx1][match.keypoint_idx1],
-                       bearings.rays[pair.image_idx2][match.keypoint_idx2],
+                       bearings.Ray(pair.image_idx1, match.keypoint_idx1),
+                       bearings.Ray(pair.image_idx2, match.keypoint_idx2),
                        max_error_rad);
   }
   return agrees;

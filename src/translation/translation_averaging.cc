@@ -26,7 +26,7 @@ TranslationResult AverageTranslations(
     const TranslationAveragingOptions& options, const Context& context) {
   MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
-  MGSFM_CHECK_EQ(bearings.rays.size(), scene.images.size());
+  MGSFM_CHECK_EQ(bearings.images.size(), scene.images.size());
   MGSFM_CHECK(options.input == TranslationSource::kAuto ||
               options.input == TranslationSource::kHybrid);
   MGSFM_CHECK(options.objective == TranslationObjective::kAuto ||

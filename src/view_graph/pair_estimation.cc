@@ -102,8 +102,8 @@ class PairEstimator {
           !bearings.HasRay(pair_.image_idx2, keypoint2)) {
         continue;
       }
-      matches_.Add(bearings.rays[pair_.image_idx1][keypoint1],
-                   bearings.rays[pair_.image_idx2][keypoint2]);
+      matches_.Add(bearings.Ray(pair_.image_idx1, keypoint1),
+                   bearings.Ray(pair_.image_idx2, keypoint2));
       match_idxs_.push_back(i);
     }
   }

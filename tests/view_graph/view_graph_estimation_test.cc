@@ -273,8 +273,8 @@ TEST(ViewGraphEstimationTest, DropsUnusablePairs) {
 TEST(ViewGraphEstimationTest, KeypointsWithoutRayAreNoInliers) {
   const Simulation simulation = Simulate(SmallSimulation(RigPreset::kMono));
   Bearings bearings = ComputeBearings(simulation.scene, 1);
-  for (size_t i = 0; i < bearings.rays[0].size(); i += 2) {
-    bearings.rays[0][i].setZero();
+  for (size_t i = 0; i < bearings.images[0].size(); i += 2) {
+    bearings.images[0].is_valid[i] = false;
   }
   const ViewGraphResult result = EstimateViewGraph(
       simulation.scene, bearings, simulation.view_graph, {}, {});
