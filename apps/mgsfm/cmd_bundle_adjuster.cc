@@ -225,7 +225,7 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
     context.log(LogLevel::kError, "nothing was adjusted: " + reason);
     return kExitNotSolvable;
   };
-  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  StagedOutput output(options.output_path, OutputKind::kModel);
   const ModelScene input =
       LoadModelScene(options.input_path, options.loading, context);
   CheckFormat(input.scene, options.output_format);

@@ -71,7 +71,7 @@ MapperOptions StageOptions(const PointTriangulatorOptions& options) {
 int RunPointTriangulator(const PointTriangulatorOptions& options,
                          const Context& context) {
   CheckImagePath(options.image_path);
-  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  StagedOutput output(options.output_path, OutputKind::kModel);
   MapperRun run;
   run.database_path = options.database_path;
   run.input_path = options.input_path;

@@ -16,9 +16,11 @@ class FolderLock {
     kUnsupported,  // the folder cannot be locked at all
   };
 
+  enum class Wait { kNo, kYes };
+
   FolderLock() = default;
-  // Does not wait.
-  explicit FolderLock(const std::filesystem::path& folder);
+  explicit FolderLock(const std::filesystem::path& folder,
+                      Wait wait = Wait::kNo);
   ~FolderLock();
   FolderLock(FolderLock&& other) noexcept;
   FolderLock& operator=(FolderLock&& other) noexcept;
