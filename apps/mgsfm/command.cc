@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "output_check.h"
 
 namespace mgsfm {
 namespace {
@@ -113,7 +114,8 @@ Switches SetOptions(const std::vector<std::string>& arguments,
   switches.dump_config = TakeSwitch("dump_config", &flags);
   if (const auto config = TakeFlag("config_path", &flags)) {
     if (!config->value) throw Error("--config_path needs a value");
-    LoadOptions(std::filesystem::path(*config->value), options);
+    switches.config_path = *config->value;
+    LoadOptions(std::filesystem::path(switches.config_path), options);
   }
   SetFlags(flags, options);
   return switches;
@@ -132,6 +134,7 @@ bool ParseArguments(const std::string& name, const std::string& summary,
     return false;
   }
   CheckOptions(options);
+  CheckOutputsAreNoInputs(name, options, switches.config_path);
   return true;
 }
 

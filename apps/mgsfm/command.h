@@ -42,6 +42,7 @@
 //
 // 2. Declare FooCommand in commands.h and add it to the table in program.cc.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
+// 4. List its outputs in output_check.cc.
 //
 // The flags, their checks, --help, --config_path, --dump_config, the common
 // options below and the section of docs/options.md come by themselves.
@@ -112,6 +113,7 @@ struct AllOptions {
 struct Switches {
   bool help = false;
   bool dump_config = false;
+  std::string config_path;  // empty: none
 };
 
 // Sets options: first from the file --config_path, then from the flags, each
