@@ -154,9 +154,9 @@ void ModelPlacer::CheckFrames() const {
                                    NameOf(image_idx) +
                                    "' are of one frame, but not in " +
                                    database_ +
-                                   "; say so with --rig_config_path, which "
-                                   "takes the folder of the model, too, or "
-                                   "with --rig_name_rule");
+                                   "; set rig_config_path, to the folder of "
+                                   "the model for instance, or "
+                                   "rig_name_rule");
     }
   }
 }

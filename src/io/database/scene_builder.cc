@@ -169,8 +169,7 @@ void SceneBuilder::JoinCameras() {
             "' are of one camera '" + assignment_.sensors[sensor].name +
             "' of a rig by " + assignment_.source +
             ", but have different intrinsics; extract features with "
-            "--ImageReader.single_camera_per_folder 1, or use "
-            "--rig_name_rule");
+            "ImageReader.single_camera_per_folder, or set rig_name_rule");
     }
   }
   for (size_t i = 0; i < num_sensors; ++i) {

@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// A list of images (--image_list_path): a name on each line; empty lines are
+// A list of images (option image_list_path): one name per line; empty lines are
 // skipped. Throws Error if it cannot be read.
 [[nodiscard]] std::vector<std::string> ReadImageList(const std::string& path);
 

@@ -66,8 +66,8 @@ void CheckTables(const PoseModel& poses, const fs::path& folder) {
                         "' is not the one of its frame " +
                         std::to_string(frame.id.value()) +
                         " and sensor; write the model again with the program "
-                        "that made it, or find rigs anew with --rig_name_rule "
-                        "or --rig_config_path");
+                        "that made it, or find rigs anew with rig_name_rule "
+                        "or rig_config_path");
       }
     }
   }

@@ -20,7 +20,7 @@ struct NamedVector {
 // that start with '#' are skipped. Names may have blanks. Throws Error, naming
 // file and line, for other lines, unknown images and images that come twice,
 // and for a file that cannot be read; `columns` ("X Y Z") and `option`
-// ("--ref_images_path") are what it then speaks of.
+// ("ref_images_path") are what it then speaks of.
 std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
                                           const std::string& path,
                                           const std::string& columns,

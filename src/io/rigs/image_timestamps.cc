@@ -61,7 +61,7 @@ class TimestampReader {
 
   void Read() {
     std::ifstream file(path_);
-    if (!file) Throw("cannot be read; check --image_timestamps_path");
+    if (!file) Throw("cannot be read; check image_timestamps_path");
     std::string line;
     for (int number = 1; std::getline(file, line); ++number) {
       const size_t begin = line.find_first_not_of(kBlanks);

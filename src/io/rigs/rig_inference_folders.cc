@@ -137,11 +137,11 @@ std::optional<Level> ChooseLevel(const RigInput& input,
   if (levels.size() == 1) return levels.front();
   const std::string& name = input.contents.images[images.front()].name;
   const Name& example = names[images.front()];
-  throw Error(input.Name() + ": image names do not tell whether '" +
+  throw Error(input.Name() + ": image names do not show whether '" +
               example.folders[levels[0].position] + "' or '" +
               example.folders[levels[1].position] + "' of '" + name +
-              "' is the camera of a rig; say so with --rig_name_rule or "
-              "--rig_config_path");
+              "' is the camera of a rig; set rig_name_rule or "
+              "rig_config_path");
 }
 
 }  // namespace
