@@ -399,6 +399,13 @@ TEST_F(MapperCommand, OutputPathsThatHoldOtherThingsAreRefused) {
   ExpectRefused(Map(), Out() + "/10/cameras.txt", FilesIn(dir_.path()));
 }
 
+TEST_F(MapperCommand, BlackPointsAreExplained) {
+  const CommandOutput output = Map();
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err,
+              AllOf(HasSubstr("points are black"), HasSubstr("--image_path")));
+}
+
 TEST_F(MapperCommand, MissingImagesAreAWarning) {
   fs::create_directory(Path("images"));
   const CommandOutput output = Map("--image_path " + Path("images"));

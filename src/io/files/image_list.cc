@@ -33,7 +33,7 @@ void KeepListedImages(const std::set<std::string>& names,
                       const std::string& list_path,
                       DatabaseContents* contents) {
   const std::string list = "'" + list_path + "' (image_list_path)";
-  if (names.empty()) throw Error(list + " names no image");
+  if (names.empty()) throw Error(list + " lists no image");
   EraseUnless(
       [&](const ImageRow& image) { return names.count(image.name) > 0; },
       &contents->images);
