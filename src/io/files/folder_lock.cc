@@ -12,8 +12,8 @@
 namespace mgsfm {
 namespace {
 
-// Whether the folder of that name still is the open one: between opening and
-// locking, its last owner may have removed it.
+// Returns whether the name still refers to the open folder. Its last owner may
+// have removed it between opening and locking.
 bool IsSameFolder(int fd, const std::filesystem::path& folder) {
   struct stat open_folder, named_folder;
   return fstat(fd, &open_folder) == 0 &&

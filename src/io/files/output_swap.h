@@ -20,8 +20,8 @@ namespace mgsfm {
 //
 // The journal is published, by a rename, when everything in work/new is on the
 // disk. From then on each step can be repeated and undone at any time, as the
-// state of a step follows from the entries that exist. Whoever finds a journal,
-// after a kill or a loss of power, finishes the swap (FinishPending).
+// state of a step follows from the entries that exist. A process that
+// finds a journal, after a kill or a loss of power, finishes the swap.
 struct SwapStep {
   enum class Kind {
     kAdd,      // work/new/name becomes base/name, where there is nothing
@@ -30,7 +30,7 @@ struct SwapStep {
   };
   Kind kind = Kind::kAdd;
   std::string name;
-  // Of the new entry: after an exchange, work/new/name is the old one.
+  // Inode of the new entry. After an exchange, work/new/name is the old one.
   uint64_t inode = 0;
 };
 
@@ -42,9 +42,9 @@ class OutputSwap {
   static std::filesystem::path NewDir(const std::filesystem::path& work);
   std::filesystem::path NewDir() const { return NewDir(work_); }
 
-  // To be called in the order in which the steps are to be done. Folders that
-  // are replaced or removed must be models: entries that are no files of a
-  // model (model_files.h) are moved back to where they were.
+  // Append a step; steps run in this order. Folders that are replaced or
+  // removed must be models: their entries that are not files of a model
+  // (model_files.h) are moved back to where they were.
   void Add(const std::string& name);
   void Replace(const std::string& name);
   void Remove(const std::string& name);
@@ -54,7 +54,7 @@ class OutputSwap {
   // stays, and the next run calls FinishPending.
   void Run();
 
-  // Whether `work` has a journal, so that it must not be removed.
+  // Returns whether `work` has a journal and must not be removed.
   static bool IsPending(const std::filesystem::path& work);
 
   // Finishes the steps of a journal or, if that fails, undoes them. Throws

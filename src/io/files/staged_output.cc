@@ -23,7 +23,7 @@ namespace fs = std::filesystem;
 
 constexpr size_t kSuffixLength = 6;
 
-// Temporary folders are called like this and a random suffix.
+// Names of temporary folders are this prefix and a random suffix.
 std::string StagingPrefix(const fs::path& target) {
   return "." + target.filename().string() + ".mgsfm-";
 }
@@ -162,7 +162,7 @@ bool StagedOutput::CanMove(const fs::path& folder) const {
 // swaps.
 void StagedOutput::RemoveStale(const fs::path& folder) const {
   std::vector<fs::path> found;
-  std::error_code error;  // a folder that cannot be read holds nothing of ours
+  std::error_code error;  // an unreadable folder has no temporary folders
   for (fs::directory_iterator it(folder, error), end; !error && it != end;
        it.increment(error)) {
     const std::string name = it->path().filename().string();
@@ -177,12 +177,12 @@ void StagedOutput::RemoveStale(const fs::path& folder) const {
       const FolderLock folder_lock(folder, FolderLock::Wait::kYes);
       OutputSwap::FinishPending(folder, staging, operations_);
     }
-    // Without locks, nothing tells whether its owner still writes into it.
+    // A file system without locks does not show whether the owner is alive.
     if (lock.state() != FolderLock::State::kHeld) continue;
     try {
       RemoveTree(staging, operations_);
     } catch (const std::exception&) {
-      // What is left has no meaning, and a later run tries again.
+      // The rest has no meaning, and a later run tries again.
     }
   }
 }
@@ -201,7 +201,7 @@ void StagedOutput::MakeStagingDir() {
       ThrowWriteError(target_);
     }
     lock_ = std::make_unique<FolderLock>(staging_);
-    // Until it is locked, another run may take it for a stale one.
+    // Another run may take the folder for a stale one until it is locked.
   } while (lock_ == nullptr || lock_->state() == FolderLock::State::kBusy);
   fs::create_directories(StagingDir(), error);
   if (error) {

@@ -49,8 +49,8 @@ class StagedOutput {
 
   std::filesystem::path StagingDir() const;
 
-  // To be called once. Throws Error if something fails; then the target is as
-  // it was.
+  // May be called once. Throws Error if a call fails, after restoring the
+  // target.
   void Commit();
 
  private:
@@ -77,7 +77,7 @@ class StagedOutput {
   std::vector<std::filesystem::path> new_parents_;
 };
 
-// Whether an output may replace or remove this file.
+// Returns whether an output may replace or remove this file.
 bool IsReplacedByOutput(const std::filesystem::path& target, OutputKind kind,
                         const std::filesystem::path& file);
 
