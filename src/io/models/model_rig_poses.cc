@@ -9,6 +9,8 @@
 namespace mgsfm {
 namespace {
 
+// A rigidly mounted camera rotates by noise only, far below this; cameras that
+// move independently of each other exceed it in most frames.
 constexpr double kMaxRigRotationDeg = 5.0;
 
 }  // namespace
@@ -79,8 +81,8 @@ void RigPoses::CheckMovesLikeRig(int sensor_idx,
   if (Median(angles_deg) < kMaxRigRotationDeg) return;
   ThrowModelError(
       folder_, "images of '" + scene_.sensors[sensor_idx].name +
-                   "' turn against those of the same frames, so the cameras "
-                   "are not rigidly mounted, or the frames are wrong; define "
+                   "' rotate relative to the other images of their frames, so "
+                   "the cameras are not rigid or the frames are wrong; define "
                    "the frames with rig_name_rule, or treat images as "
                    "single with rig_name_rule none");
 }
