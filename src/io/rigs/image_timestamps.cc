@@ -23,7 +23,7 @@ bool IsDigit(char c) {
   return std::isdigit(static_cast<unsigned char>(c)) != 0;
 }
 
-// Without leading zeros.
+// The digits at a position, without leading zeros.
 std::string NumberAt(const std::string& text, size_t* position) {
   const size_t begin = *position;
   while (*position < text.size() && IsDigit(text[*position])) ++*position;
