@@ -113,9 +113,10 @@ void PriorMaker::Check(const PosePriorRow& row, int image_idx) const {
   }
   if (IsGps(row) && (std::abs(row.position.x()) > 90.0 ||
                      std::abs(row.position.y()) > 360.0)) {
-    Throw("the position" + of_image +
-          " is no latitude and longitude in degrees; if it is Cartesian, its "
-          "coordinate system must say so");
+    Throw(
+        "the position" + of_image +
+        " is not a latitude and longitude in degrees; if it is Cartesian, set "
+        "its coordinate system");
   }
   if (!row.covariance || options_.overwrite_priors_covariance) return;
   const Eigen::LLT<Eigen::Matrix3d> llt(*row.covariance);
