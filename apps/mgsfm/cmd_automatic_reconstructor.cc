@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// How the images were taken, by COLMAP's name for it.
+// Kind of images, under COLMAP's names.
 enum class DataType { kVideo, kIndividual };
 
 }  // namespace

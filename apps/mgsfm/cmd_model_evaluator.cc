@@ -187,7 +187,7 @@ std::vector<SensorPoses> PairSensors(const NamedModel& model,
   return sensors;
 }
 
-// What Evaluate needs.
+// The input of Evaluate.
 struct Comparison {
   std::vector<ImagePoses> images;
   std::vector<SensorPoses> sensors;

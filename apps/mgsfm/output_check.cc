@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Whether an output at `target` would replace `file`.
+// Returns whether an output at `target` would replace `file`.
 using Replaces = bool (*)(const fs::path& target, const fs::path& file);
 
 bool IsSameFile(const fs::path& target, const fs::path& file) {
@@ -91,8 +91,8 @@ bool EndsWith(const std::string& text, const std::string& end) {
          text.compare(text.size() - end.size(), end.size(), end) == 0;
 }
 
-// Of a folder, the files of the model or the rig in it; images are never
-// replaced.
+// The files behind an input path. A folder stands for the files of the model in
+// it; outputs never replace images.
 std::vector<fs::path> FilesOf(const fs::path& path) {
   std::error_code ignored;
   if (!fs::is_directory(path, ignored)) return {path};
