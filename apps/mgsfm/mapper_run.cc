@@ -25,7 +25,7 @@ void CheckTimestamps(const MapperRun& run) {
       run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
     throw Error(
         "--SoftRig.method time_offset needs the times of images; "
-        "give --image_timestamps_path");
+        "set --image_timestamps_path");
   }
 }
 
@@ -37,23 +37,23 @@ void LogInput(const LoadedInput& input, const Context& context) {
                " pairs; rigs: " + input.rig_source);
 }
 
-// The images to take, empty for all.
+// The names of the images to use; empty: all.
 std::set<std::string> ListImages(const std::string& list_path,
                                  const std::optional<Model>& model) {
   if (list_path.empty()) return {};
   const std::vector<std::string> listed = ReadImageList(list_path);
   std::set<std::string> names(listed.begin(), listed.end());
   if (names.empty()) {
-    throw Error("'" + list_path + "' (--image_list_path) names no image");
+    throw Error("'" + list_path + "' (--image_list_path) lists no image");
   }
   if (!model) return names;
   for (const ModelImage& image : model->poses.images) names.insert(image.name);
   return names;
 }
 
-void Separate(LoadedScene* loaded) {
+void IgnoreRigs(LoadedScene* loaded) {
   loaded->scene = SeparateImages(std::move(loaded->scene));
-  loaded->rig_source = "left out, each image by itself";
+  loaded->rig_source = "ignored, each image is a rig of its own";
 }
 
 void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
@@ -69,8 +69,8 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
                std::to_string(model.reconstruction.points.size()) + " points");
 }
 
-// With the poses of images if these are not those of the rig; then all are
-// frames of their own, so that no table contradicts another.
+// A soft rig has one pose per image. Then each image is written as a frame of
+// its own, so that the tables agree.
 void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
                      const MapperModel& model, ModelFormat format,
                      const Context& context) {
@@ -107,7 +107,7 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
   }
 }
 
-// Of a model that was gone on from and stayed where it was.
+// A model that was extended without registration keeps its origin.
 void KeepGeoOrigin(const std::filesystem::path& input_path,
                    const MapperResult& result,
                    const std::filesystem::path& output_path) {
@@ -125,7 +125,7 @@ void KeepGeoOrigin(const std::filesystem::path& input_path,
 
 void CheckImagePath(const std::string& image_path) {
   if (!image_path.empty() && !std::filesystem::is_directory(image_path)) {
-    throw Error("--image_path '" + image_path + "' is no folder");
+    throw Error("--image_path '" + image_path + "' is not a folder");
   }
 }
 
@@ -137,9 +137,16 @@ void ColorModels(const Scene& scene, const std::string& image_path,
         ColorPoints(scene, image_path, context, &model.reconstruction);
     if (missing.empty()) continue;
     context.Warning(std::to_string(missing.size()) +
-                    " images could not be read for colours, the first is " +
+                    " images could not be read for colours; the first is " +
                     missing.front());
   }
+}
+
+void LogMissingColors(const std::string& image_path, const Context& context) {
+  if (!image_path.empty()) return;
+  context.Info(
+      "all points are black, as no image folder was given; pass --image_path "
+      "to colour them");
 }
 
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
@@ -152,7 +159,7 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     KeepListedImages(names, run.image_list_path, &contents);
   }
   LoadedScene loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.mapper.method == MapperMethod::kSingle) Separate(&loaded);
+  if (run.mapper.method == MapperMethod::kSingle) IgnoreRigs(&loaded);
   if (!run.image_timestamps_path.empty()) {
     ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
@@ -164,8 +171,8 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     };
     PlacedModel placed = place();
     if (use.holds_poses && !placed.is_rigid) {
-      context.Info("the images of the model are not rigid units");
-      Separate(&loaded);
+      context.Info("the images of the model do not move as rigid units");
+      IgnoreRigs(&loaded);
       placed = place();
     }
     input.mapper.existing_model = std::move(placed.reconstruction);
@@ -217,10 +224,11 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   if (result.models.empty()) {
     context.log(
         LogLevel::kError,
-        "nothing could be reconstructed; see " +
+        "no model could be reconstructed; see " +
             (std::filesystem::path(run.output_path) / "report.json").string());
     return kExitNotSolvable;
   }
+  LogMissingColors(run.image_path, context);
   return kExitSuccess;
 }
 

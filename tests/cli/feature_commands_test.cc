@@ -72,7 +72,7 @@ TEST_F(FeatureCommandsTest, ExtractAndConfigure) {
   EXPECT_THAT(extracted.err, HasSubstr("images/s"));
   const CommandOutput again = RunMgsfm(ExtractorLine(""));
   EXPECT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_THAT(again.err, HasSubstr("6 images had features before"));
+  EXPECT_THAT(again.err, HasSubstr("6 images already had features"));
   const CommandOutput configured =
       RunMgsfm("rig_configurator --database_path " + Database());
   EXPECT_EQ(configured.exit_code, 0) << configured.err;

@@ -212,7 +212,7 @@ TEST_F(MatcherCommands, AStoppedRunSaysThatItGoesOn) {
   const std::string database = Database("a.db");
   const CommandOutput output = Interrupt(database, SIGTERM);
   EXPECT_THAT(LastWord(output), AllOf(HasSubstr("stopped by signal 15"),
-                                      HasSubstr("the same command goes on")));
+                                      HasSubstr("run the same command again")));
   EXPECT_FALSE(Open(database).CountMatches().empty());
 }
 
