@@ -16,6 +16,7 @@ struct MapperCommandOptions {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   std::string image_timestamps_path;
+  BaselineOptions baseline;
   MapperOptions mapper;
 
   template <class Self, class Visitor>
@@ -40,6 +41,7 @@ struct MapperCommandOptions {
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
           "File with a line `image_name SECONDS` for each image: when it was "
           "taken, for --SoftRig.method time_offset.");
+    BaselineOptions::Describe(self.baseline, visit);
     MapperOptions::Describe(self.mapper, visit);
     visit.Group("Mapper", self.mapper.extension);
   }
@@ -51,7 +53,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.image_timestamps_path,
-       options.input_path, options.image_list_path},
+       options.input_path, options.image_list_path, options.baseline},
       context);
 }
 

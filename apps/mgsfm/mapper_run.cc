@@ -153,7 +153,7 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
   }
   MapperInput input;
   input.loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.mapper.method == MapperMethod::kSingle) Separate(&input.loaded);
+  if (run.baseline.method == MapperMethod::kSingle) Separate(&input.loaded);
   if (!run.image_timestamps_path.empty()) {
     ReadImageTimestamps(run.image_timestamps_path, &input.loaded.scene);
   }
@@ -174,7 +174,9 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
   CheckTimestamps(run);
-  ResolveMethod(run.mapper);  // before anything is read
+  // Contradictions are reported before anything is read.
+  MapperOptions resolved = run.mapper;
+  ResolveBaseline(run.baseline, &resolved);
   context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description;
@@ -195,9 +197,9 @@ int MapDatabase(const MapperRun& run, const Context& context) {
       ReadGravity(loaded.scene, run.database_path, run.priors);
   LogInput(loaded, context);
 
-  MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, run.mapper, context, priors,
-                gravity, input.start ? &input.start->reconstruction : nullptr);
+  MapperResult result = RunBaseline(
+      run.baseline, loaded.scene, loaded.view_graph, run.mapper, context,
+      priors, gravity, input.start ? &input.start->reconstruction : nullptr);
   context.Debug("writing started");
   const StageTimer writing;
   ColorModels(loaded.scene, run.image_path, context, &result);

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "baselines/mapper_baselines.h"
 #include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
@@ -27,6 +28,7 @@ struct MapperRun {
   std::string image_timestamps_path;  // may be empty
   std::string input_path = {};        // of a model to go on from; may be empty
   std::string image_list_path = {};   // of the images to take; empty: all
+  BaselineOptions baseline = {};      // by default the product
 };
 
 // A database as a run takes it, and the model that it starts from.

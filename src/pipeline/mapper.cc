@@ -10,10 +10,10 @@
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rejected_groups.h"
 #include "pipeline/known_rigs.h"
+#include "pipeline/mapper_recipe.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
 #include "pipeline/position_recipe.h"
-#include "pipeline/position_variants.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -86,7 +86,8 @@ void WarnOfRejectedGroups(const Scene& scene,
   }
 }
 
-MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
+MapperModel ReconstructPart(const PositionStep& estimate_positions,
+                            const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
                             const PositionPriors& priors,
@@ -102,7 +103,7 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
 
   PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
-        return EstimatePositionsByVariant(
+        return estimate_positions(
             {scene, bearings, view_graph, rotations, tracks.estimate},
             {options.translation_averaging, PairFilteringOptions()}, context);
       });
@@ -153,32 +154,9 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
   return unregistered;
 }
 
-// kAuto: what the stage does by itself.
-struct MethodDefaults {
-  RotationStrategy rotations;
-  TranslationSource input;
-  TranslationObjective objective;
-};
-
-MethodDefaults DefaultsOf(MapperMethod method) {
-  switch (method) {
-    case MapperMethod::kDmraMgp:
-    case MapperMethod::kSingle:
-      return {RotationStrategy::kDecoupled, TranslationSource::kTracks,
-              TranslationObjective::kBilinear};
-    case MapperMethod::kMma:
-      return {RotationStrategy::kJoint,
-              TranslationSource::kRelativeTranslations,
-              TranslationObjective::kDistance};
-    case MapperMethod::kMgsfm:
-      break;
-  }
-  return {RotationStrategy::kAuto, TranslationSource::kAuto,
-          TranslationObjective::kAuto};
-}
-
 // All after the focal lengths.
-MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
+MapperResult MapCalibrated(const PositionStep& estimate_positions,
+                           const Scene& scene, const ViewGraph& view_graph,
                            const MapperOptions& options, const Context& context,
                            const PositionPriors& priors,
                            const GravityPriors& gravity,
@@ -212,7 +190,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
     context.Info("part " + std::to_string(part) + ": " +
                  std::to_string(num_frames[part]) + " frames");
     MapperModel model =
-        ReconstructPart(scene, bearings, verified.estimate,
+        ReconstructPart(estimate_positions, scene, bearings, verified.estimate,
                         SelectPart(scene, verified.estimate, rotation.estimate,
                                    static_cast<int>(part)),
                         priors, gravity, options, context);
@@ -277,34 +255,24 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
 
 }  // namespace
 
-MapperOptions ResolveMethod(const MapperOptions& options) {
-  const MethodDefaults defaults = DefaultsOf(options.method);
-  MapperOptions resolved = options;
-  RotationStrategy& strategy = resolved.rotation_averaging.strategy;
-  TranslationAveragingOptions& translation = resolved.translation_averaging;
-  if (strategy == RotationStrategy::kAuto) strategy = defaults.rotations;
-  if (translation.input == TranslationSource::kAuto) {
-    translation.input = defaults.input;
-  }
-  if (translation.objective == TranslationObjective::kAuto) {
-    translation.objective = defaults.objective;
-  }
-  CheckTranslationOptions(translation);
-  return resolved;
-}
-
 MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
-                       const MapperOptions& given_options,
-                       const Context& context, const PositionPriors& priors,
+                       const MapperOptions& options, const Context& context,
+                       const PositionPriors& priors,
                        const GravityPriors& gravity,
                        const Reconstruction* start) {
-  const MapperOptions options = ResolveMethod(given_options);
-  if (options.method == MapperMethod::kSingle) {
-    MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
-  }
+  return RunMapperWith(EstimatePositions, scene, view_graph, options, context,
+                       priors, gravity, start);
+}
+
+MapperResult RunMapperWith(const PositionStep& estimate_positions,
+                           const Scene& scene, const ViewGraph& view_graph,
+                           const MapperOptions& options, const Context& context,
+                           const PositionPriors& priors,
+                           const GravityPriors& gravity,
+                           const Reconstruction* start) {
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, view_graph, options, context, priors, gravity,
-                         start);
+    return MapCalibrated(estimate_positions, scene, view_graph, options,
+                         context, priors, gravity, start);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
@@ -317,8 +285,9 @@ MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
       DropCalibratedGeometry(scene, focal_lengths, view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result = MapCalibrated(calibrated, uncalibrated, options,
-                                      context, priors, gravity, start);
+  MapperResult result =
+      MapCalibrated(estimate_positions, calibrated, uncalibrated, options,
+                    context, priors, gravity, start);
   for (MapperModel& model : result.models) {
     DoubtFocalLengths(focal_lengths.estimates, context, &model);
   }

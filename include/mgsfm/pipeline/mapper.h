@@ -3,8 +3,6 @@
 
 #include <optional>
 #include <string>
-#include <string_view>
-#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -39,26 +37,7 @@ namespace mgsfm {
 // Internal rotations are shared by all parts; every part that is connected and
 // has at least `min_num_frames` frames becomes a model with a world of its own.
 
-// Methods to compare, which differ in what they name and share the rest.
-enum class MapperMethod {
-  kMgsfm,    // decoupled rotations; hybrid, non_bilinear
-  kDmraMgp,  // decoupled rotations; tracks, bilinear: global positioning
-  kMma,      // joint rotations; relative_translations, distance
-  kSingle,   // every image a frame of its own, see SeparateImages(); then
-             // tracks, bilinear, as GLOMAP
-};
-
-template <>
-struct EnumTable<MapperMethod> {
-  static constexpr std::pair<std::string_view, MapperMethod> kNames[] = {
-      {"mgsfm", MapperMethod::kMgsfm},
-      {"dmra_mgp", MapperMethod::kDmraMgp},
-      {"mma", MapperMethod::kMma},
-      {"single", MapperMethod::kSingle}};
-};
-
 struct MapperOptions {
-  MapperMethod method = MapperMethod::kMgsfm;
   int min_num_frames = 3;
   bool compute_covariances = false;
 
@@ -74,11 +53,6 @@ struct MapperOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
-    visit("method", self.method, AnyValue(), "",
-          "mgsfm, or another to compare with: dmra_mgp (global positioning of "
-          "rigs), mma (joint rotations, distances), single (global "
-          "positioning of single images, without rigs). It says what options "
-          "that are auto mean; others are as given.");
     visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
           "Connected parts with fewer frames do not become models.");
     visit("compute_covariances", self.compute_covariances, AnyValue(), "",
@@ -129,11 +103,6 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
-// The options with RotationAveraging.strategy, TranslationAveraging.input and
-// .objective as the method says where they are auto. Throws Error if they
-// contradict each other.
-MapperOptions ResolveMethod(const MapperOptions& options);
-
 // With SoftRig.method time_offset, all images of the scene must
 // have times.
 //
@@ -145,8 +114,7 @@ MapperOptions ResolveMethod(const MapperOptions& options);
 // With `start`, a model of some of the frames in positions of the scene, goes
 // on from it as mgsfm/pipeline/extension.h says, and gives that one model.
 //
-// With the method kSingle all rigs of the scene must have one sensor. Throws
-// Error if given poses of sensors contradict the matches, see
+// Throws Error if given poses of sensors contradict the matches, see
 // src/pipeline/known_rigs.h. No model in the result means that the input held
 // no reconstructable scene; `unregistered_frames` then says why for each frame.
 [[nodiscard]] MapperResult RunMapper(const Scene& scene,

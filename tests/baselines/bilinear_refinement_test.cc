@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "translation/bilinear_refinement.h"
+#include "baselines/bilinear_refinement.h"
 
 #include <gtest/gtest.h>
 
