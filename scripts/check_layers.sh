@@ -28,6 +28,7 @@ extension: base math geometry scene io
 bundle: base math geometry least_squares scene
 soft_rig: base math geometry least_squares scene bundle
 pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation extension bundle soft_rig
+baselines: base math geometry least_squares scene pair_filtering rotation translation pipeline
 '
 
 # Only cpu_features.h asks, for MGSFM_PORTABLE: what runs, not what it does.

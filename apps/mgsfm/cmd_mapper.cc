@@ -16,6 +16,7 @@ struct MapperCommandOptions {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   std::string image_timestamps_path;
+  BaselineOptions baseline;
   MapperOptions mapper;
 
   template <class Self, class Visitor>
@@ -42,6 +43,7 @@ struct MapperCommandOptions {
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
           "File with a line `image_name SECONDS` for every image: its time of "
           "exposure. SoftRig.method time_offset needs it.");
+    BaselineOptions::Describe(self.baseline, visit);
     MapperOptions::Describe(self.mapper, visit);
     visit.Group("Mapper", self.mapper.extension);
   }
@@ -53,7 +55,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.image_timestamps_path,
-       options.input_path, options.image_list_path},
+       options.input_path, options.image_list_path, options.baseline},
       context);
 }
 

@@ -159,7 +159,7 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     KeepListedImages(names, run.image_list_path, &contents);
   }
   LoadedScene loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.mapper.method == MapperMethod::kSingle) IgnoreRigs(&loaded);
+  if (run.baseline.method == MapperMethod::kSingle) IgnoreRigs(&loaded);
   if (!run.image_timestamps_path.empty()) {
     ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
@@ -186,7 +186,9 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
 int MapDatabase(const MapperRun& run, const Context& context) {
   CheckImagePath(run.image_path);
   CheckTimestamps(run);
-  ResolveMethod(run.mapper);  // before anything is read
+  // Contradictions are reported before anything is read.
+  MapperOptions resolved = run.mapper;
+  ResolveBaseline(run.baseline, &resolved);
   context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description;
@@ -207,7 +209,8 @@ int MapDatabase(const MapperRun& run, const Context& context) {
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
 
-  MapperResult result = RunMapper(input.mapper, run.mapper, context);
+  MapperResult result =
+      RunBaseline(run.baseline, input.mapper, run.mapper, context);
   context.Debug("writing started");
   const StageTimer writing;
   ColorModels(scene, run.image_path, context, &result);

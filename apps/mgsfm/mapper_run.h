@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "baselines/mapper_baselines.h"
 #include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
@@ -27,6 +28,7 @@ struct MapperRun {
   std::string image_timestamps_path;  // may be empty
   std::string input_path = {};        // model to extend; may be empty
   std::string image_list_path = {};   // images to use; empty: all
+  BaselineOptions baseline = {};      // by default the mapper itself
 };
 
 // The input of the mapper, and the facts about it that the report states.

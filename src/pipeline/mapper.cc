@@ -10,10 +10,10 @@
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rejected_groups.h"
 #include "pipeline/known_rigs.h"
+#include "pipeline/mapper_recipe.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
 #include "pipeline/position_recipe.h"
-#include "pipeline/position_variants.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -86,7 +86,8 @@ void WarnOfRejectedGroups(const Scene& scene,
   }
 }
 
-MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
+MapperModel ReconstructPart(const PositionStep& estimate_positions,
+                            const Scene& scene, const Bearings& bearings,
                             const ViewGraph& view_graph,
                             const RotationEstimate& rotations,
                             const PositionPriors& priors,
@@ -102,7 +103,7 @@ MapperModel ReconstructPart(const Scene& scene, const Bearings& bearings,
 
   PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
-        return EstimatePositionsByVariant(
+        return estimate_positions(
             {scene, bearings, view_graph, rotations, tracks.estimate},
             {options.translation_averaging, PairFilteringOptions()}, context);
       });
@@ -153,33 +154,10 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
   return unregistered;
 }
 
-// kAuto: what the stage does by itself.
-struct MethodDefaults {
-  RotationStrategy rotations;
-  TranslationSource input;
-  TranslationObjective objective;
-};
-
-MethodDefaults DefaultsOf(MapperMethod method) {
-  switch (method) {
-    case MapperMethod::kDmraMgp:
-    case MapperMethod::kSingle:
-      return {RotationStrategy::kDecoupled, TranslationSource::kTracks,
-              TranslationObjective::kBilinear};
-    case MapperMethod::kMma:
-      return {RotationStrategy::kJoint,
-              TranslationSource::kRelativeTranslations,
-              TranslationObjective::kDistance};
-    case MapperMethod::kMgsfm:
-      break;
-  }
-  return {RotationStrategy::kAuto, TranslationSource::kAuto,
-          TranslationObjective::kAuto};
-}
-
 // The stages after the calibration of focal lengths, which replaces the cameras
 // of the scene and the geometry of the pairs of `input`.
-MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
+MapperResult MapCalibrated(const PositionStep& estimate_positions,
+                           const Scene& scene, const ViewGraph& view_graph,
                            const MapperInput& input,
                            const MapperOptions& options,
                            const Context& context) {
@@ -214,7 +192,7 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
     context.Info("part " + std::to_string(part) + ": " +
                  std::to_string(num_frames[part]) + " frames");
     MapperModel model = ReconstructPart(
-        scene, bearings, verified.estimate,
+        estimate_positions, scene, bearings, verified.estimate,
         SelectPart(scene, verified.estimate, rotation.estimate,
                    static_cast<int>(part)),
         input.position_priors, input.gravity_priors, options, context);
@@ -279,32 +257,19 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
 
 }  // namespace
 
-MapperOptions ResolveMethod(const MapperOptions& options) {
-  const MethodDefaults defaults = DefaultsOf(options.method);
-  MapperOptions resolved = options;
-  RotationStrategy& strategy = resolved.rotation_averaging.strategy;
-  TranslationAveragingOptions& translation = resolved.translation_averaging;
-  if (strategy == RotationStrategy::kAuto) strategy = defaults.rotations;
-  if (translation.input == TranslationSource::kAuto) {
-    translation.input = defaults.input;
-  }
-  if (translation.objective == TranslationObjective::kAuto) {
-    translation.objective = defaults.objective;
-  }
-  CheckTranslationOptions(translation);
-  return resolved;
+MapperResult RunMapper(const MapperInput& input, const MapperOptions& options,
+                       const Context& context) {
+  return RunMapperWith(EstimatePositions, input, options, context);
 }
 
-MapperResult RunMapper(const MapperInput& input,
-                       const MapperOptions& given_options,
-                       const Context& context) {
+MapperResult RunMapperWith(const PositionStep& estimate_positions,
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
   const Scene& scene = input.scene;
-  const MapperOptions options = ResolveMethod(given_options);
-  if (options.method == MapperMethod::kSingle) {
-    MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
-  }
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(scene, input.view_graph, input, options, context);
+    return MapCalibrated(estimate_positions, scene, input.view_graph, input,
+                         options, context);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
@@ -317,8 +282,8 @@ MapperResult RunMapper(const MapperInput& input,
       DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result =
-      MapCalibrated(calibrated, uncalibrated, input, options, context);
+  MapperResult result = MapCalibrated(estimate_positions, calibrated,
+                                      uncalibrated, input, options, context);
   for (MapperModel& model : result.models) {
     DoubtFocalLengths(focal_lengths.estimates, context, &model);
   }

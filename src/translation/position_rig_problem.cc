@@ -180,6 +180,5 @@ void PositionRigProblem<Observation>::WriteBack(
 }
 
 template class PositionRigProblem<RayObservation>;
-template class PositionRigProblem<ScaledRayObservation>;
 
 }  // namespace mgsfm

@@ -16,7 +16,7 @@ namespace mgsfm {
 // Positions as unknowns of a rig problem (least_squares/rig_problem.h) with
 // constant rotations. Frames, sensors and images of the problem are those of
 // the scene. Terms and points are added first, then the gauge is fixed.
-// For RayObservation and ScaledRayObservation.
+// Instantiated for RayObservation.
 template <class Observation>
 class PositionRigProblem {
  public:

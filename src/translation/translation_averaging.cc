@@ -9,17 +9,6 @@
 
 namespace mgsfm {
 
-void CheckTranslationOptions(const TranslationAveragingOptions& options) {
-  const bool is_relative =
-      options.input == TranslationSource::kRelativeTranslations ||
-      options.input == TranslationSource::kAuto;
-  if (options.objective == TranslationObjective::kDistance && !is_relative) {
-    throw Error(
-        "TranslationAveraging.objective 'distance' uses relative translations "
-        "only; omit TranslationAveraging.input, or choose another objective");
-  }
-}
-
 TranslationResult AverageTranslations(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const RotationEstimate& rotations, const ObservationGroups& tracks,
@@ -27,10 +16,6 @@ TranslationResult AverageTranslations(
   MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
   MGSFM_CHECK_EQ(bearings.images.size(), scene.images.size());
-  MGSFM_CHECK(options.input == TranslationSource::kAuto ||
-              options.input == TranslationSource::kHybrid);
-  MGSFM_CHECK(options.objective == TranslationObjective::kAuto ||
-              options.objective == TranslationObjective::kNonBilinear);
   const PositionProblem problem = MakePositionProblem(scene, rotations);
   const TrackRays rays =
       ComputeTrackRays(problem, bearings, tracks, context.num_threads);

@@ -3,8 +3,6 @@
 
 #include <optional>
 #include <string>
-#include <string_view>
-#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -41,26 +39,7 @@ namespace mgsfm {
 // at least `min_num_frames` frames becomes a model with a world frame of its
 // own.
 
-// Methods to compare, which differ in what they name and share the rest.
-enum class MapperMethod {
-  kMgsfm,    // decoupled rotations; hybrid, non_bilinear
-  kDmraMgp,  // decoupled rotations; tracks, bilinear: global positioning
-  kMma,      // joint rotations; relative_translations, distance
-  kSingle,   // every image a frame of its own, see SeparateImages(); then
-             // tracks, bilinear, as GLOMAP
-};
-
-template <>
-struct EnumTable<MapperMethod> {
-  static constexpr std::pair<std::string_view, MapperMethod> kNames[] = {
-      {"mgsfm", MapperMethod::kMgsfm},
-      {"dmra_mgp", MapperMethod::kDmraMgp},
-      {"mma", MapperMethod::kMma},
-      {"single", MapperMethod::kSingle}};
-};
-
 struct MapperOptions {
-  MapperMethod method = MapperMethod::kMgsfm;
   int min_num_frames = 3;
   bool compute_covariances = false;
 
@@ -76,11 +55,6 @@ struct MapperOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
-    visit("method", self.method, AnyValue(), "",
-          "mgsfm, or another to compare with: dmra_mgp (global positioning of "
-          "rigs), mma (joint rotations, distances), single (global "
-          "positioning of single images, without rigs). It says what options "
-          "that are auto mean; others are as given.");
     visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
           "Connected parts with fewer frames do not become models.");
     visit("compute_covariances", self.compute_covariances, AnyValue(), "",
@@ -131,11 +105,6 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
-// The options with RotationAveraging.strategy, TranslationAveraging.input and
-// .objective set according to the method where they are auto. Throws Error if
-// they contradict each other.
-MapperOptions ResolveMethod(const MapperOptions& options);
-
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
@@ -156,9 +125,9 @@ struct MapperInput {
 // models means that nothing could be reconstructed; `unregistered_frames` then
 // states the reason for each frame.
 //
-// SoftRig.method time_offset requires the timestamps of all images. The method
-// kSingle requires rigs of one sensor each. Throws Error if known poses of
-// sensors in their rig contradict the matches (src/pipeline/known_rigs.h).
+// SoftRig.method time_offset requires the timestamps of all images. Throws
+// Error if known poses of sensors in their rig contradict the matches
+// (src/pipeline/known_rigs.h).
 [[nodiscard]] MapperResult RunMapper(const MapperInput& input,
                                      const MapperOptions& options,
                                      const Context& context);

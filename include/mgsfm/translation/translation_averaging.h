@@ -2,8 +2,6 @@
 #pragma once
 
 #include <string>
-#include <string_view>
-#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -43,49 +41,7 @@ namespace mgsfm {
 // are quadratic in the pairs of an image, and the sparse factorisations of
 // stages 2 (3 unknowns per frame), 3 and 5.
 
-// Inputs and objectives of the paper's ablation. The product is `hybrid` with
-// `non_bilinear`.
-// - relative_translations: stages 1 to 3, then the tracks are triangulated.
-// - tracks: no pairs. Frames, points and free sensor translations start at
-//   random (random_start.h); stage 5 is solved once.
-// - bilinear: each residual v - C / |C| of stages 3 and 5 becomes v - d C with
-//   a scale d >= 0 as one more unknown (bilinear_refinement.h).
-// - distance: stages 1 and 2 alone, as in MMA.
-enum class TranslationSource {
-  kAuto,  // hybrid; of kDistance relative_translations
-  kRelativeTranslations,
-  kTracks,
-  kHybrid,
-};
-
-template <>
-struct EnumTable<TranslationSource> {
-  static constexpr std::pair<std::string_view, TranslationSource> kNames[] = {
-      {"auto", TranslationSource::kAuto},
-      {"relative_translations", TranslationSource::kRelativeTranslations},
-      {"tracks", TranslationSource::kTracks},
-      {"hybrid", TranslationSource::kHybrid}};
-};
-
-enum class TranslationObjective {
-  kAuto,  // non_bilinear
-  kDistance,
-  kBilinear,
-  kNonBilinear,
-};
-
-template <>
-struct EnumTable<TranslationObjective> {
-  static constexpr std::pair<std::string_view, TranslationObjective> kNames[] =
-      {{"auto", TranslationObjective::kAuto},
-       {"distance", TranslationObjective::kDistance},
-       {"bilinear", TranslationObjective::kBilinear},
-       {"non_bilinear", TranslationObjective::kNonBilinear}};
-};
-
 struct TranslationAveragingOptions {
-  TranslationSource input = TranslationSource::kAuto;
-  TranslationObjective objective = TranslationObjective::kAuto;
   SolverBackend backend = SolverBackend::kNative;
   double min_parallax_deg = 0.3;
   double max_angle_error_deg = 0.5;
@@ -94,15 +50,6 @@ struct TranslationAveragingOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
-    visit("input", self.input, AnyValue(), "",
-          "Measurements that positions are estimated from: relative "
-          "translations of pairs, tracks from a random start, or both "
-          "(hybrid). auto: as the method of the mapper, by default hybrid.");
-    visit("objective", self.objective, AnyValue(), "",
-          "Objective of the refinement: angles (non_bilinear), angles with one "
-          "scale per observation (bilinear), or none (distance, for "
-          "relative_translations). auto: as the method of the mapper, by "
-          "default non_bilinear.");
     visit("backend", self.backend, AnyValue(), "",
           "Solver of the refinements. ceres uses the same derivatives and "
           "serves as a reference.");
@@ -154,14 +101,11 @@ struct TranslationResult {
   TranslationSummary summary;
 };
 
-// Throws Error if options.input and options.objective contradict each other.
-void CheckTranslationOptions(const TranslationAveragingOptions& options);
-
 // Averages once and trusts all pairs with rotations.pair_is_inlier; the mapper
 // also filters pairs by their baselines (src/pipeline/position_recipe.h). All
 // frames with a rotation must be in one connected component. Frames that could
 // not be placed and points of `tracks` that could not be triangulated are
-// nullopt. options.input and options.objective must be those of the product.
+// nullopt.
 [[nodiscard]] TranslationResult AverageTranslations(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const RotationEstimate& rotations, const ObservationGroups& tracks,

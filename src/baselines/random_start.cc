@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "translation/random_start.h"
+#include "baselines/random_start.h"
 
 #include "mgsfm/base/random.h"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The inputs and objectives of the paper's ablation.
-#include "pipeline/position_variants.h"
+#include "baselines/position_baselines.h"
 
 #include <gtest/gtest.h>
 
@@ -24,34 +24,28 @@ SimulationOptions Drive(RigPreset rig) {
   return options;
 }
 
-TranslationAveragingOptions Options(TranslationSource input,
-                                    TranslationObjective objective) {
-  TranslationAveragingOptions options;
-  options.input = input;
-  options.objective = objective;
-  return options;
-}
-
 PositionResult Estimate(const TranslationInput& input,
-                        const TranslationAveragingOptions& options,
-                        int num_threads = 1) {
+                        const PositionBaselineOptions& baseline,
+                        int num_threads = 1,
+                        const PositionOptions& options = {}) {
   Context context;
   context.num_threads = num_threads;
-  return EstimatePositionsByVariant(
+  return EstimatePositionsByBaseline(
+      baseline,
       {input.simulation.scene, input.bearings, input.simulation.view_graph,
        input.rotations, input.tracks},
-      {options, PairFilteringOptions()}, context);
+      options, context);
 }
 
-class PositionVariantsTest
+class PositionBaselinesTest
     : public testing::TestWithParam<
           std::tuple<TranslationSource, TranslationObjective>> {};
 
-TEST_P(PositionVariantsTest, RecoversTheTruth) {
+TEST_P(PositionBaselinesTest, RecoversTheTruth) {
   const auto [source, objective] = GetParam();
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
     const TranslationInput input = MakeTranslationInput(Drive(rig));
-    const PositionResult result = Estimate(input, Options(source, objective));
+    const PositionResult result = Estimate(input, {source, objective});
     EXPECT_TRUE(result.summary.initialization.IsUsable());
     EXPECT_TRUE(result.summary.camera_refinement.IsUsable());
     EXPECT_TRUE(result.summary.joint_refinement.IsUsable());
@@ -62,7 +56,7 @@ TEST_P(PositionVariantsTest, RecoversTheTruth) {
 }
 
 INSTANTIATE_TEST_SUITE_P(
-    Ablation, PositionVariantsTest,
+    Ablation, PositionBaselinesTest,
     testing::Combine(testing::Values(TranslationSource::kRelativeTranslations,
                                      TranslationSource::kTracks,
                                      TranslationSource::kHybrid),
@@ -70,19 +64,17 @@ INSTANTIATE_TEST_SUITE_P(
                                      TranslationObjective::kNonBilinear)));
 
 INSTANTIATE_TEST_SUITE_P(
-    DistancesAlone, PositionVariantsTest,
+    DistancesAlone, PositionBaselinesTest,
     testing::Values(std::tuple(TranslationSource::kRelativeTranslations,
                                TranslationObjective::kDistance)));
 
-TEST(PositionVariantsTest, AutoIsHybridAndNonBilinear) {
+TEST(PositionBaselinesTest, AutoIsHybridAndNonBilinear) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(drive);
-  const PositionResult by_default =
-      Estimate(input, TranslationAveragingOptions());
+  const PositionResult by_default = Estimate(input, PositionBaselineOptions());
   const PositionResult named = Estimate(
-      input,
-      Options(TranslationSource::kHybrid, TranslationObjective::kNonBilinear));
+      input, {TranslationSource::kHybrid, TranslationObjective::kNonBilinear});
   EXPECT_EQ(by_default.estimate.frame_center_in_world,
             named.estimate.frame_center_in_world);
   const PositionResult recipe = EstimatePositions(
@@ -93,7 +85,7 @@ TEST(PositionVariantsTest, AutoIsHybridAndNonBilinear) {
             named.estimate.frame_center_in_world);
 }
 
-TEST(PositionVariantsTest, EachComboIsItsOwn) {
+TEST(PositionBaselinesTest, EachComboIsItsOwn) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(drive);
@@ -103,7 +95,7 @@ TEST(PositionVariantsTest, EachComboIsItsOwn) {
         TranslationSource::kHybrid}) {
     for (const auto objective : {TranslationObjective::kBilinear,
                                  TranslationObjective::kNonBilinear}) {
-      const auto result = Estimate(input, Options(source, objective));
+      const auto result = Estimate(input, {source, objective});
       EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 0.05);
       centers.push_back(*result.estimate.frame_center_in_world[5]);
     }
@@ -113,58 +105,56 @@ TEST(PositionVariantsTest, EachComboIsItsOwn) {
   }
 }
 
-TEST(PositionVariantsTest, ThreadsDoNotMatter) {
+TEST(PositionBaselinesTest, ThreadsDoNotMatter) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(drive);
   for (const auto source :
        {TranslationSource::kRelativeTranslations, TranslationSource::kTracks,
         TranslationSource::kHybrid}) {
-    const auto options = Options(source, TranslationObjective::kBilinear);
-    EXPECT_EQ(Estimate(input, options, 1).estimate.frame_center_in_world,
-              Estimate(input, options, 3).estimate.frame_center_in_world);
+    const PositionBaselineOptions baseline{source,
+                                           TranslationObjective::kBilinear};
+    EXPECT_EQ(Estimate(input, baseline, 1).estimate.frame_center_in_world,
+              Estimate(input, baseline, 3).estimate.frame_center_in_world);
   }
 }
 
-TEST(PositionVariantsTest, GivenExtrinsicsMakeTracksMetric) {
+TEST(PositionBaselinesTest, KnownExtrinsicsMakeTracksMetric) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.extrinsics_are_known = true;
   const TranslationInput input = MakeTranslationInput(drive);
   for (const auto objective :
        {TranslationObjective::kBilinear, TranslationObjective::kNonBilinear}) {
     const PositionResult result =
-        Estimate(input, Options(TranslationSource::kTracks, objective));
+        Estimate(input, {TranslationSource::kTracks, objective});
     EXPECT_TRUE(result.summary.is_metric);
     EXPECT_NEAR(MeasureCenters(input, result.estimate).scale, 1.0, 0.02);
   }
 }
 
-TEST(PositionVariantsTest, DistancesNeedRelativeTranslations) {
+TEST(PositionBaselinesTest, DistancesNeedRelativeTranslations) {
   for (const auto source :
        {TranslationSource::kTracks, TranslationSource::kHybrid}) {
-    EXPECT_THROW(CheckTranslationOptions(
-                     Options(source, TranslationObjective::kDistance)),
-                 Error);
+    EXPECT_THROW(
+        CheckPositionBaseline({source, TranslationObjective::kDistance}),
+        Error);
   }
-  EXPECT_NO_THROW(CheckTranslationOptions(
-      Options(TranslationSource::kAuto, TranslationObjective::kDistance)));
+  EXPECT_NO_THROW(CheckPositionBaseline(
+      {TranslationSource::kAuto, TranslationObjective::kDistance}));
 }
 
-// From a random start, where nothing is right at first.
-TEST(PositionVariantsTest, RandomStartsLeadToTheSamePlace) {
+// A random start has no information about positions.
+TEST(PositionBaselinesTest, RandomStartsLeadToTheSamePlace) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.num_frames = 10;
   drive.num_points_per_frame = 60;
   drive.max_num_features_per_image = 120;
   const TranslationInput input = MakeTranslationInput(drive);
-  TranslationAveragingOptions options =
-      Options(TranslationSource::kTracks, TranslationObjective::kBilinear);
-  for (const auto backend : {SolverBackend::kNative, SolverBackend::kCeres}) {
-    options.backend = backend;
-    EXPECT_LT(
-        MeasureCenters(input, Estimate(input, options).estimate).max_relative,
-        0.01);
-  }
+  const PositionBaselineOptions baseline{TranslationSource::kTracks,
+                                         TranslationObjective::kBilinear};
+  EXPECT_LT(
+      MeasureCenters(input, Estimate(input, baseline).estimate).max_relative,
+      0.01);
 }
 
 }  // namespace

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "pipeline/position_variants.h"
+#include "baselines/position_baselines.h"
 
 #include <algorithm>
 #include <utility>
 #include <vector>
 
+#include "baselines/bilinear_refinement.h"
+#include "baselines/random_start.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
+#include "mgsfm/base/error.h"
 #include "pair_filtering/frame_pair_index.h"
-#include "translation/bilinear_refinement.h"
-#include "translation/random_start.h"
 
 namespace mgsfm {
 namespace {
@@ -21,9 +22,8 @@ constexpr double kFunctionTolerance = 1e-5;
 // Rays that agree with positions by pairs alone.
 constexpr double kCoarseErrorRad = DegToRad(4.0);
 
-const PositionObjective& ObjectiveOf(
-    const TranslationAveragingOptions& options) {
-  return options.objective == TranslationObjective::kBilinear
+const PositionObjective& ObjectiveOf(const PositionBaselineOptions& baseline) {
+  return baseline.objective == TranslationObjective::kBilinear
              ? kBilinearObjective
              : kNonBilinearObjective;
 }
@@ -50,7 +50,8 @@ double FactorToUnitBaseline(const PositionInput& input,
 }
 
 // Global positioning: one joint refinement from a random start, without pairs.
-PositionResult PositionByTracks(const PositionInput& input,
+PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
+                                const PositionInput& input,
                                 const PositionOptions& options,
                                 const Context& context) {
   const PositionProblem problem =
@@ -75,14 +76,11 @@ PositionResult PositionByTracks(const PositionInput& input,
   TrackPoints points = start.points;
   PositionResult result;
   TranslationSummary& summary = result.summary;
-  summary.joint_refinement =
-      ObjectiveOf(options.averaging)
-          .refine_cameras_and_points(
-              refinement, rays,
-              SelectSupportedTracks(refinement, rays, points, input.scene,
-                                    &index, options.averaging,
-                                    context.num_threads),
-              refinement_options, context, &positions, &points);
+  summary.joint_refinement = ObjectiveOf(baseline).refine_cameras_and_points(
+      refinement, rays,
+      SelectSupportedTracks(refinement, rays, points, input.scene, &index,
+                            options.averaging, context.num_threads),
+      refinement_options, context, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
     positions = start.initial.positions;
     points = start.points;
@@ -106,11 +104,11 @@ PositionResult PositionByTracks(const PositionInput& input,
 
 // Pairs as in EstimatePositions(), with the objective of the options; tracks
 // only if the input is hybrid.
-PositionResult PositionByPairs(const PositionInput& input,
+PositionResult PositionByPairs(const PositionBaselineOptions& baseline,
+                               const PositionInput& input,
                                const PositionOptions& options,
                                const Context& context) {
-  const bool is_refined =
-      options.averaging.objective != TranslationObjective::kDistance;
+  const bool is_refined = baseline.objective != TranslationObjective::kDistance;
   const PositionMeasurements measured =
       MeasurePositions(input, options, context);
   InitializationOptions initialization;
@@ -124,7 +122,7 @@ PositionResult PositionByPairs(const PositionInput& input,
     RefinedPositions refined = RefineWithPairs(
         {measured.problem, measured.pairs.baselines, measured.pairs.scales,
          screened.initial, screened.pair_is_used},
-        options.averaging, context, ObjectiveOf(options.averaging));
+        options.averaging, context, ObjectiveOf(baseline));
     summary.camera_refinement = std::move(refined.solve);
     positions = std::move(refined.positions);
     pair_is_used = KeepConsistentPairs(input, measured, screened, positions,
@@ -137,12 +135,11 @@ PositionResult PositionByPairs(const PositionInput& input,
                                    pair_is_used};
   TrackPoints points;
   const bool is_hybrid =
-      is_refined &&
-      options.averaging.input != TranslationSource::kRelativeTranslations;
+      is_refined && baseline.input != TranslationSource::kRelativeTranslations;
   if (is_hybrid) {
     TrackRefinement refined = RefineWithTracks(
         refinement, positions, measured.rays, input.scene, &measured.index,
-        options.averaging, context, ObjectiveOf(options.averaging));
+        options.averaging, context, ObjectiveOf(baseline));
     summary.joint_refinement = std::move(refined.solve);
     summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
     positions = std::move(refined.positions);
@@ -160,13 +157,24 @@ PositionResult PositionByPairs(const PositionInput& input,
 
 }  // namespace
 
-PositionResult EstimatePositionsByVariant(const PositionInput& input,
-                                          const PositionOptions& options,
-                                          const Context& context) {
-  CheckTranslationOptions(options.averaging);
-  return options.averaging.input == TranslationSource::kTracks
-             ? PositionByTracks(input, options, context)
-             : PositionByPairs(input, options, context);
+void CheckPositionBaseline(const PositionBaselineOptions& options) {
+  const bool is_relative =
+      options.input == TranslationSource::kRelativeTranslations ||
+      options.input == TranslationSource::kAuto;
+  if (options.objective == TranslationObjective::kDistance && !is_relative) {
+    throw Error(
+        "TranslationAveraging.objective 'distance' uses relative translations "
+        "only; omit TranslationAveraging.input, or choose another objective");
+  }
+}
+
+PositionResult EstimatePositionsByBaseline(
+    const PositionBaselineOptions& baseline, const PositionInput& input,
+    const PositionOptions& options, const Context& context) {
+  CheckPositionBaseline(baseline);
+  return baseline.input == TranslationSource::kTracks
+             ? PositionByTracks(baseline, input, options, context)
+             : PositionByPairs(baseline, input, options, context);
 }
 
 }  // namespace mgsfm

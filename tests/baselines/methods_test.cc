@@ -4,6 +4,7 @@
 
 #include <tuple>
 
+#include "baselines/mapper_baselines.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
@@ -22,18 +23,18 @@ Simulation EasyDrive(RigPreset rig) {
   return Simulate(options);
 }
 
-Scene SceneFor(const Simulation& simulation, const MapperOptions& options) {
-  return options.method == MapperMethod::kSingle
-             ? SeparateImages(simulation.scene)
-             : simulation.scene;
+Scene SceneFor(const Simulation& simulation, MapperMethod method) {
+  return method == MapperMethod::kSingle ? SeparateImages(simulation.scene)
+                                         : simulation.scene;
 }
 
-MapperResult Map(const Simulation& simulation, const MapperOptions& options,
+MapperResult Map(const Simulation& simulation, MapperMethod method,
                  int num_threads = 2) {
   Context context;
   context.num_threads = num_threads;
-  return RunMapper({SceneFor(simulation, options), simulation.view_graph},
-                   options, context);
+  return RunBaseline({method, {}},
+                     {SceneFor(simulation, method), simulation.view_graph},
+                     MapperOptions(), context);
 }
 
 // The ground truth, with the indices of a scene with the same images.
@@ -53,11 +54,10 @@ class MethodsTest
     : public testing::TestWithParam<std::tuple<MapperMethod, RigPreset>> {};
 
 TEST_P(MethodsTest, RecoversAnEasyDrive) {
-  MapperOptions options;
-  options.method = std::get<0>(GetParam());
+  const MapperMethod method = std::get<0>(GetParam());
   const Simulation simulation = EasyDrive(std::get<1>(GetParam()));
-  const Scene scene = SceneFor(simulation, options);
-  const MapperResult result = Map(simulation, options);
+  const Scene scene = SceneFor(simulation, method);
+  const MapperResult result = Map(simulation, method);
   ASSERT_EQ(result.models.size(), 1u);
   const ModelDifference difference = CompareModels(
       scene, result.models[0].reconstruction, TruthOf(simulation, scene));
@@ -85,39 +85,37 @@ TEST(SeparateImagesTest, EveryImageIsAFrame) {
   }
 }
 
-TEST(ResolveMethodTest, MethodResolvesAuto) {
-  MapperOptions options;
+TEST(ResolveBaselineTest, MethodReplacesAuto) {
+  BaselineOptions options;
   options.method = MapperMethod::kMma;
-  const MapperOptions mma = ResolveMethod(options);
-  EXPECT_EQ(mma.rotation_averaging.strategy, RotationStrategy::kJoint);
-  EXPECT_EQ(mma.translation_averaging.input,
-            TranslationSource::kRelativeTranslations);
-  EXPECT_EQ(mma.translation_averaging.objective,
-            TranslationObjective::kDistance);
-  options.translation_averaging.objective = TranslationObjective::kBilinear;
-  EXPECT_EQ(ResolveMethod(options).translation_averaging.objective,
+  MapperOptions mapper;
+  const BaselineOptions mma = ResolveBaseline(options, &mapper);
+  EXPECT_EQ(mapper.rotation_averaging.strategy, RotationStrategy::kJoint);
+  EXPECT_EQ(mma.positions.input, TranslationSource::kRelativeTranslations);
+  EXPECT_EQ(mma.positions.objective, TranslationObjective::kDistance);
+  options.positions.objective = TranslationObjective::kBilinear;
+  EXPECT_EQ(ResolveBaseline(options, &mapper).positions.objective,
             TranslationObjective::kBilinear);
 }
 
-TEST(ResolveMethodTest, ContradictionsAreErrors) {
-  MapperOptions options;
+TEST(ResolveBaselineTest, ContradictionsAreErrors) {
+  MapperOptions mapper;
+  BaselineOptions options;
   options.method = MapperMethod::kMma;
-  options.translation_averaging.input = TranslationSource::kTracks;
-  EXPECT_THROW(ResolveMethod(options), Error);
-  options = MapperOptions();
+  options.positions.input = TranslationSource::kTracks;
+  EXPECT_THROW(ResolveBaseline(options, &mapper), Error);
+  options = BaselineOptions();
   options.method = MapperMethod::kDmraMgp;
-  options.translation_averaging.objective = TranslationObjective::kDistance;
-  EXPECT_THROW(ResolveMethod(options), Error);
+  options.positions.objective = TranslationObjective::kDistance;
+  EXPECT_THROW(ResolveBaseline(options, &mapper), Error);
 }
 
 TEST(MethodsTest, ThreadsDoNotMatter) {
   const Simulation simulation = EasyDrive(RigPreset::kStereo);
   for (const MapperMethod method :
        {MapperMethod::kDmraMgp, MapperMethod::kMma, MapperMethod::kSingle}) {
-    MapperOptions options;
-    options.method = method;
-    const MapperResult one = Map(simulation, options, 1);
-    const MapperResult three = Map(simulation, options, 3);
+    const MapperResult one = Map(simulation, method, 1);
+    const MapperResult three = Map(simulation, method, 3);
     ASSERT_EQ(one.models.size(), 1u);
     ASSERT_EQ(three.models.size(), 1u);
     const auto& a = one.models[0].reconstruction.rig_from_world;
