@@ -154,7 +154,7 @@ class ObservationCost : public ceres::CostFunction {
                       double** jacobians) const {
     constexpr int kDim = R::kDim;
     double Q[3 * kDim], turn[3 * kDim], J[3 * kDim];
-    TurnRows<kDim>(o.y, o.P, 3, Q);
+    RotationRows<kDim>(o.y, o.P, 3, Q);
     MultiplyRows<kDim>(Q, 3, pose.sensor_from_rig, 3, turn);
     MultiplyRows<kDim>(o.P, 3, pose.cam_from_world, 3, J);
     for (int k = 0; k < kDim; ++k) {
