@@ -22,8 +22,8 @@ constexpr int kMaxNumRotationTrials = 200;
 // Minimum ratio of rotation inliers to homography inliers of a PANORAMIC pair.
 // A rotation is a homography, so the ratio is 1 without parallax, up to noise.
 constexpr double kMinRotationRatio = 0.95;
-// Refinement of the pose on its inliers stops early: it decides which matches are
-// inliers, and the mapper refines the pose again.
+// Refinement of the pose on its inliers stops early: it decides which matches
+// are inliers, and the mapper refines the pose again.
 constexpr int kNumRefinementIterations = 10;
 constexpr double kRefinementCostTolerance = 1e-4;
 // Number of inliers on which a homography is estimated. The standard error of
