@@ -133,8 +133,8 @@ class BadImagesTest : public ExtractionTest {
 
   // The image is rejected with a warning that names it and the reason; the good
   // image is processed.
-  void ExpectRefused(const std::string& name, const std::string& why,
-                     const FeatureExtractionOptions& options = {}) {
+  void ExpectRejected(const std::string& name, const std::string& why,
+                      const FeatureExtractionOptions& options = {}) {
     const FeatureExtractionSummary summary = Extract(options);
     EXPECT_EQ(summary.num_rejected, 1u);
     EXPECT_EQ(warnings_.size(), 1u);
@@ -155,17 +155,17 @@ class BadImagesTest : public ExtractionTest {
 
 TEST_F(BadImagesTest, ZeroBytes) {
   WriteTextFile(ImagePath("bad.jpg"), "");
-  ExpectRefused("bad.jpg", "is empty");
+  ExpectRejected("bad.jpg", "is empty");
 }
 
 TEST_F(BadImagesTest, Text) {
   WriteTextFile(ImagePath("notes.txt"), "no image\n");
-  ExpectRefused("notes.txt", "is no image");
+  ExpectRejected("notes.txt", "not an image");
 }
 
 TEST_F(BadImagesTest, TextNamedAsImage) {
   WriteTextFile(ImagePath("bad.png"), std::string(5000, 'x'));
-  ExpectRefused("bad.png", "is no image");
+  ExpectRejected("bad.png", "not an image");
 }
 
 TEST_F(BadImagesTest, TruncatedJpeg) {
@@ -174,7 +174,7 @@ TEST_F(BadImagesTest, TruncatedJpeg) {
     Truncate("bad.jpg", part);
     std::filesystem::remove(DatabasePath());
     warnings_.clear();
-    ExpectRefused("bad.jpg", "is truncated");
+    ExpectRejected("bad.jpg", "is truncated");
   }
 }
 
@@ -184,13 +184,14 @@ TEST_F(BadImagesTest, TruncatedPng) {
     Truncate("bad.png", part);
     std::filesystem::remove(DatabasePath());
     warnings_.clear();
-    ExpectRefused("bad.png", "is truncated");
+    ExpectRejected("bad.png", "is truncated");
   }
 }
 
 TEST_F(BadImagesTest, SizeDiffersFromCamera) {
   WriteBlobs("later.png", 2, 121, 90);
-  ExpectRefused("later.png", "has 121 x 90 pixels, but its camera 120 x 90");
+  ExpectRejected("later.png",
+                 "has 121 x 90 pixels, but its camera has 120 x 90");
 }
 
 TEST_F(BadImagesTest, MaskOfDifferentSize) {
@@ -200,7 +201,7 @@ TEST_F(BadImagesTest, MaskOfDifferentSize) {
               cv::Mat(90, 100, CV_8U, cv::Scalar(255)));
   FeatureExtractionOptions options;
   options.reader.mask_path = (dir_.path() / "masks").string();
-  ExpectRefused("later.png", "100 x 90", options);
+  ExpectRejected("later.png", "100 x 90", options);
 }
 
 TEST_F(BadImagesTest, MaskIsNotAnImage) {
@@ -209,7 +210,7 @@ TEST_F(BadImagesTest, MaskIsNotAnImage) {
   WriteTextFile(dir_.path() / "masks/later.png.png", "no image");
   FeatureExtractionOptions options;
   options.reader.mask_path = (dir_.path() / "masks").string();
-  ExpectRefused("later.png", "has a mask", options);
+  ExpectRejected("later.png", "has a mask", options);
 }
 
 TEST_F(BadImagesTest, NoMaskAtAll) {

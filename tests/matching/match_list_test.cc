@@ -46,7 +46,7 @@ TEST(PairList, IsSortedAndWithoutRepetition) {
 
 TEST(PairList, ErrorsNameTheLine) {
   EXPECT_EQ(ErrorOf([] { Pairs("a/1.png a/2.png\na/1.png c/9.png\n"); }),
-            "pairs.txt, line 2: 'a/1.png c/9.png' is not a pair of images of "
+            "pairs.txt, line 2: 'a/1.png c/9.png' does not name two images of "
             "the database; names are relative to the image folder");
   EXPECT_NE(ErrorOf([] { Pairs("a/1.png"); }), "");
   EXPECT_NE(ErrorOf([] { Pairs("a/1.png a/1.png"); }), "");
@@ -83,8 +83,8 @@ TEST(MatchList, MatchesFollowTheOrderOfImages) {
 
 TEST(MatchList, ErrorsNameTheLine) {
   EXPECT_EQ(ErrorOf([] { Matches("a/1.png a/2.png\n0 1\n2 x\n"); }),
-            "matches.txt, line 3: '2 x' is not a match, two numbers of "
-            "keypoints");
+            "matches.txt, line 3: '2 x' is not a match, that is, two keypoint "
+            "indices");
   for (const char* match : {"1", "1 2 3", "-1 2", "1.5 2", "99999999999 1"}) {
     EXPECT_NE(ErrorOf([&] {
                 Matches(std::string("a/1.png a/2.png\n") + match + "\n");
