@@ -12,6 +12,7 @@
 #include "pipeline/known_rigs.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
+#include "pipeline/rotation_recipe.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -197,10 +198,10 @@ MapperResult MapCalibrated(const Scene& scene, const ViewGraph& view_graph,
     return result;
   }
 
-  RotationResult rotation =
+  EstimatedRotations rotation =
       Timed("rotation averaging", context, &result.times, [&] {
-        return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context, gravity);
+        return EstimateRotations(scene, verified.estimate, gravity,
+                                 options.rotation_averaging, {}, context);
       });
   result.rotation = std::move(rotation.summary);
 
