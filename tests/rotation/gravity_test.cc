@@ -89,7 +89,7 @@ TEST(GravityResidual, TurnsGravityToY) {
   EXPECT_NEAR(GravityResidual(upside_down, example.state).norm(), kPi, 1e-6);
 }
 
-// The gradient is exact: of |e|^2 / 2 by turns of the node it is e.
+// The gradient of |e|^2 / 2 by rotations of the node is exactly e.
 TEST(GravityResidual, GradientAgreesWithDifferences) {
   Example example = MakeExample(0.5);
   for (const GravityTerm& term : example.problem.gravity) {
@@ -108,7 +108,7 @@ TEST(GravityResidual, GradientAgreesWithDifferences) {
   }
 }
 
-// A step against dense least squares with the turn of the first node about
+// A step against dense least squares with the rotation of the first node about
 // gravity held.
 TEST(RotationEquations, StepWithGravityAgreesWithDenseLeastSquares) {
   const Example example = MakeExample(0.1);

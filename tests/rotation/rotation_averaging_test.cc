@@ -198,7 +198,7 @@ TEST(RotationAveraging, UnlinkedSensorOnAStraightPathIsNotObservable) {
   }
 }
 
-// A circle in the plane turns about one axis only.
+// A rig on a circle in a plane rotates about one axis only.
 TEST(RotationAveraging, UnlinkedSensorOnAPlanarLoopIsNotObservable) {
   SimulationOptions options = SmallSimulation();
   options.path = PathPreset::kLoop;
@@ -253,7 +253,7 @@ TEST(RotationAveraging, SensorsAreChainedThroughOthers) {
   options.rig = RigPreset::kCube6;
   Simulation simulation = Simulate(options);
   // Sensors 0, 1, 2 meet in the first frames, 2, 3, 4, 5 in the others, so that
-  // 3, 4 and 5 share no connected part with the reference.
+  // 3, 4 and 5 share no connected component with the reference.
   KeepPairs(&simulation, [](const Image& a, const Image& b) {
     const auto is_first = [](const Image& image) {
       return image.frame_idx < 12 && image.sensor_idx <= 2;

@@ -48,7 +48,7 @@ Example MakeRing(int num_nodes, double noise_rad, double outlier_ratio,
   return example;
 }
 
-// The largest error after aligning the worlds at each node in turn, at best.
+// The largest error after aligning the worlds at the node that suits best.
 double MaxErrorDeg(const RotationState& state, const RotationState& truth) {
   double best = 180.0;
   for (size_t ref = 0; ref < truth.nodes.size(); ++ref) {
