@@ -21,7 +21,7 @@ eval: base math geometry scene
 priors: base math geometry scene
 pair_filtering: base math geometry scene
 view_graph: base math geometry scene
-rotation: base math geometry scene priors pair_filtering
+rotation: base math geometry scene priors
 tracks: base math geometry scene pair_filtering
 translation: base math geometry least_squares scene pair_filtering
 extension: base math geometry scene io

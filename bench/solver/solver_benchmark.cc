@@ -21,6 +21,7 @@
 #include "mgsfm/base/stage_time.h"
 #include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
+#include "pipeline/rotation_recipe.h"
 #include "simulated_run.h"
 #include "solver/pass_cost.h"
 #include "solver/six_block_bundle.h"
@@ -73,8 +74,8 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
   const Bearings bearings = ComputeBearings(scene, context.num_threads);
   const ViewGraphResult view_graph = EstimateViewGraph(
       scene, bearings, input.view_graph, options.view_graph, context);
-  const RotationResult rotation = AverageRotations(
-      scene, view_graph.estimate, options.rotation_averaging, context);
+  const EstimatedRotations rotation = EstimateRotations(
+      scene, view_graph.estimate, {}, options.rotation_averaging, {}, context);
   const TrackResult tracks = EstablishTracks(scene, view_graph.estimate,
                                              rotation.estimate.pair_is_inlier,
                                              options.tracks, context);

@@ -16,8 +16,8 @@ namespace mgsfm {
 // road the right direction. Their length cannot be right: matches that they
 // share with correct pairs determine it.
 
-// What a pair measures of the baseline m = c_2 - c_1 between its cameras, in
-// the unit of length of the positions it is compared with.
+// The baseline m = c_2 - c_1 between the cameras of a pair as measured, in the
+// unit of length of the positions it is compared with.
 struct MeasuredBaseline {
   Eigen::Vector3d baseline_in_world = Eigen::Vector3d::Zero();
   double typical_depth = 0.0;  // median depth of the points of all pairs

@@ -12,12 +12,12 @@ namespace mgsfm {
 
 // Pairs whose relative rotation contradicts the rotations of the skeletal graph
 // alone by more than its drift explains. Duplicate structures are often only
-// some degrees off; many of them break the trajectory where few correct pairs
-// hold it.
+// some degrees off; many of them break the trajectory at places that few
+// correct pairs hold together.
 //
-// With d the angle between the relative rotation of a pair and that of the
+// Let d be the angle between the relative rotation of a pair and that of the
 // skeleton, sigma the robust standard deviation of all d per axis, and l the
-// number of edges between the two frames along the skeleton, a pair outside the
+// number of edges between the two frames along the skeleton. A pair outside the
 // skeleton is inconsistent if
 //
 //   d > max_rotation_error + min(rotation_drift_in_sigmas * sigma * sqrt(l),

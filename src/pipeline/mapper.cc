@@ -14,6 +14,7 @@
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
 #include "pipeline/position_recipe.h"
+#include "pipeline/rotation_recipe.h"
 #include "pipeline/timed.h"
 
 namespace mgsfm {
@@ -21,45 +22,46 @@ namespace {
 
 std::vector<int> CountFrames(const RotationEstimate& rotations) {
   std::vector<int> num_frames;
-  for (const std::optional<int>& part : rotations.component) {
-    if (!part) continue;
-    if (*part >= static_cast<int>(num_frames.size())) {
-      num_frames.resize(*part + 1, 0);
+  for (const std::optional<int>& component : rotations.component) {
+    if (!component) continue;
+    if (*component >= static_cast<int>(num_frames.size())) {
+      num_frames.resize(*component + 1, 0);
     }
-    ++num_frames[*part];
+    ++num_frames[*component];
   }
   return num_frames;
 }
 
-// The estimate with all that does not belong to one part left out.
-RotationEstimate SelectPart(const Scene& scene, const ViewGraph& view_graph,
-                            const RotationEstimate& all, int part) {
+// The estimate restricted to one connected component.
+RotationEstimate SelectComponent(const Scene& scene,
+                                 const ViewGraph& view_graph,
+                                 const RotationEstimate& all, int component) {
   RotationEstimate selected = all;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (all.component[i] == part) continue;
+    if (all.component[i] == component) continue;
     selected.rig_from_world[i].reset();
     selected.component[i].reset();
   }
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     const int frame_idx =
         scene.images[view_graph.pairs[i].image_idx1].frame_idx;
-    if (all.component[frame_idx] != part) selected.pair_is_inlier[i] = false;
+    if (all.component[frame_idx] != component)
+      selected.pair_is_inlier[i] = false;
   }
   return selected;
 }
 
-// Of the part, without the pairs that turned out to contradict the others, so
-// that neither wrong matches nor copies of a structure join what is not one.
+// The pairs whose matches make tracks: the inliers of the component without
+// those that contradict its positions, so that neither wrong matches nor
+// duplicate structures join different points.
 Mask UsedPairs(const RotationEstimate& rotations,
                const Mask& pair_is_inconsistent) {
   Mask pair_is_used = rotations.pair_is_inlier;
-  for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    if (pair_is_inconsistent[i]) pair_is_used[i] = false;
-  }
+  pair_is_used.Remove(pair_is_inconsistent);
   return pair_is_used;
 }
 
-// Pairs of the part that its rotations or positions contradict.
+// Groups of pairs that the rotations or positions of the component contradict.
 std::vector<RejectedGroup> FindRejectedGroups(
     const Scene& scene, const ViewGraph& view_graph,
     const RotationEstimate& rotations, const Mask& pair_is_inconsistent) {
@@ -79,21 +81,19 @@ std::vector<RejectedGroup> FindRejectedGroups(
 void WarnOfRejectedGroups(const Scene& scene,
                           const std::vector<RejectedGroup>& groups,
                           const Context& context) {
-  constexpr int kMinNumPairs = 5;  // fewer are just wrong
+  constexpr int kMinNumPairs = 5;  // smaller groups are isolated wrong pairs
   for (const RejectedGroup& group : groups) {
     if (group.num_pairs < kMinNumPairs) continue;
     context.Warning(DescribeRejectedGroup(scene, group));
   }
 }
 
-MapperModel ReconstructPart(const PositionStep& estimate_positions,
-                            const Scene& scene, const Bearings& bearings,
-                            const ViewGraph& view_graph,
-                            const RotationEstimate& rotations,
-                            const PositionPriors& priors,
-                            const GravityPriors& gravity,
-                            const MapperOptions& options,
-                            const Context& context) {
+MapperModel ReconstructComponent(
+    const PositionStep& estimate_positions, const Scene& scene,
+    const Bearings& bearings, const ViewGraph& view_graph,
+    const RotationEstimate& rotations, const PositionPriors& priors,
+    const GravityPriors& gravity, const MapperOptions& options,
+    const Context& context, PairVerdicts* verdicts) {
   MapperModel model;
   const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
     return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
@@ -105,9 +105,11 @@ MapperModel ReconstructPart(const PositionStep& estimate_positions,
       Timed("translation averaging", context, &model.times, [&] {
         return estimate_positions(
             {scene, bearings, view_graph, rotations, tracks.estimate},
-            {options.translation_averaging, PairFilteringOptions()}, context);
+            {options.translation_averaging, options.pair_filtering}, context);
       });
   model.translation = std::move(translation.summary);
+  Reject(translation.pair_is_inconsistent,
+         RejectionReason::kInconsistentBaseline, verdicts);
   model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,
                                              translation.pair_is_inconsistent);
   WarnOfRejectedGroups(scene, model.rejected_groups, context);
@@ -130,8 +132,8 @@ int NumRegisteredFrames(const Reconstruction& reconstruction) {
 
 std::vector<UnregisteredFrame> ExplainUnregistered(
     const Scene& scene, const RotationEstimate& rotations,
-    const std::vector<int>& num_frames_of_part, const MapperOptions& options,
-    const std::vector<MapperModel>& models) {
+    const std::vector<int>& num_frames_of_component,
+    const MapperOptions& options, const std::vector<MapperModel>& models) {
   std::vector<UnregisteredFrame> unregistered;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const bool is_registered =
@@ -142,9 +144,9 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
     std::string reason;
     if (!rotations.component[i]) {
       reason = "no image pair with consistent geometry links it to others";
-    } else if (num_frames_of_part[*rotations.component[i]] <
+    } else if (num_frames_of_component[*rotations.component[i]] <
                options.min_num_frames) {
-      reason = "its connected part has fewer than " +
+      reason = "its connected component has fewer than " +
                std::to_string(options.min_num_frames) + " frames";
     } else {
       reason = "too few points constrain its position";
@@ -178,30 +180,32 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     return result;
   }
 
-  RotationResult rotation =
+  EstimatedRotations rotation =
       Timed("rotation averaging", context, &result.times, [&] {
-        return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context,
-                                input.gravity_priors);
+        return EstimateRotations(scene, verified.estimate, input.gravity_priors,
+                                 options.rotation_averaging,
+                                 options.pair_filtering, context);
       });
   result.rotation = std::move(rotation.summary);
 
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
-  for (size_t part = 0; part < num_frames.size(); ++part) {
-    if (num_frames[part] < options.min_num_frames) continue;
-    context.Info("part " + std::to_string(part) + ": " +
-                 std::to_string(num_frames[part]) + " frames");
-    MapperModel model = ReconstructPart(
+  for (size_t component = 0; component < num_frames.size(); ++component) {
+    if (num_frames[component] < options.min_num_frames) continue;
+    context.Info("component " + std::to_string(component) + ": " +
+                 std::to_string(num_frames[component]) + " frames");
+    MapperModel model = ReconstructComponent(
         estimate_positions, scene, bearings, verified.estimate,
-        SelectPart(scene, verified.estimate, rotation.estimate,
-                   static_cast<int>(part)),
-        input.position_priors, input.gravity_priors, options, context);
-    model.num_frames_in_component = num_frames[part];
+        SelectComponent(scene, verified.estimate, rotation.estimate,
+                        static_cast<int>(component)),
+        input.position_priors, input.gravity_priors, options, context,
+        &rotation.verdicts);
+    model.num_frames_in_component = num_frames[component];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
       result.models.push_back(std::move(model));
     }
   }
+  result.rejected_pairs = CountRejections(rotation.verdicts);
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, options, result.models);
   return result;
@@ -236,8 +240,9 @@ void LogFocalLengths(const Scene& scene,
   }
 }
 
-// The noise of keypoints alone makes bundle adjustment too sure of what image
-// pairs, which tell how much they disagree, did not find.
+// Bundle adjustment derives uncertainties from the noise of keypoints alone and
+// is too confident. Image pairs also reveal how much they disagree, so a focal
+// length that they could not determine is not trusted.
 void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
                        const Context& context, MapperModel* model) {
   for (FocalLengthCheck& check : model->focal_lengths) {
@@ -249,7 +254,7 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
                                       estimate.sigma.value_or(0.0));
       if (!check.message.empty()) continue;
       check.message =
-          "a refined focal length is not to be trusted: " + estimate.message;
+          "a refined focal length is not reliable: " + estimate.message;
       context.Warning(check.message);
     }
   }

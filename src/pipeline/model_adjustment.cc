@@ -24,8 +24,8 @@ void LogPriors(const PositionPriorSummary& summary, const Context& context) {
                std::to_string(summary.rms.value_or(0.0)));
 }
 
-// Moves and bends the start of a model to measured positions; returns those
-// that bundle adjustment is to use.
+// Registers the initial model to the position priors and deforms it towards
+// them. Returns the priors that bundle adjustment uses.
 PositionPriors MoveToPriors(const AdjustmentInput& input,
                             const Context& context, Reconstruction* initial,
                             MapperModel* model) {
@@ -56,7 +56,7 @@ void JudgeFocalLengths(const AdjustmentInput& input,
   }
 }
 
-// To where the model is to be.
+// Moves the model to its final world frame.
 void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
                   const Context& context, MapperModel* model) {
   const bool is_registered =
@@ -72,12 +72,12 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
       options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);
   if (model->gravity) {
     context.Info("gravity: " + std::to_string(model->gravity->num_priors) +
-                 " given, " + std::to_string(model->gravity->outliers.size()) +
+                 " priors, " + std::to_string(model->gravity->outliers.size()) +
                  " outliers");
   }
 }
 
-// Gives images poses of their own.
+// Estimates individual poses of images.
 bool EstimateSoftRigOfImages(const AdjustmentInput& input,
                              const BundlePriors& used_priors,
                              const MapperOptions& options,
@@ -130,7 +130,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
     });
   }
   if (options.soft_rig.method != SoftRig::kNone) {
-    Timed("loose synchronization", context, &model->times, [&] {
+    Timed("soft rig", context, &model->times, [&] {
       return EstimateSoftRigOfImages(input, used_priors, options, context,
                                      model);
     });

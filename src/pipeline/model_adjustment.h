@@ -15,7 +15,7 @@
 
 namespace mgsfm {
 
-// What a first model is adjusted to.
+// The data that an initial model is adjusted to.
 struct AdjustmentInput {
   const Scene& scene;
   const ViewGraph& view_graph;
@@ -23,24 +23,25 @@ struct AdjustmentInput {
   const GravityPriors& gravity;
   Mask pair_is_used = {};  // those whose matches make tracks
   bool is_metric = false;  // the first model
-  // A model that was gone on from. The result is where it is, unless measured
-  // positions say otherwise; null: none.
+  // The existing model of an extension, or null. It determines the world frame
+  // of the result unless position priors do.
   const Reconstruction* start = nullptr;
   FixedPoses held = {};
 };
 
-// The way of every first model to the final one: moved and bent to measured
-// positions, bundle adjustment with tracks made anew, back to the start or
-// levelled by gravity, then what is to be known of it, and poses of single
-// images, as far as the options ask for them. Adds all that to `model`.
+// Turns an initial model into the final one: registration and deformation to
+// the position priors, bundle adjustment with re-established tracks, alignment
+// to the existing model or to gravity; then the checks of focal lengths, the
+// covariances and the soft rig that the options request. Adds all results to
+// `model`.
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);
 
-// old_from_new, which brings the images that both models have back to where
-// they were in the old one: the rotation is the mean of those of the images,
-// scale and translation fit the centres in the least squares sense. Scale is 1
-// if `is_metric` or all centres coincide.
+// old_from_new, aligned by the images of both models: the rotation is the mean
+// of their relative rotations, scale and translation minimise the squared
+// distances of their centres. The scale is 1 if `is_metric` or if all centres
+// coincide.
 Sim3 AlignToModel(const Scene& scene, const Reconstruction& old_model,
                   const Reconstruction& new_model, bool is_metric);
 

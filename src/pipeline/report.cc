@@ -137,6 +137,14 @@ Json ToJson(const RotationSummary& summary) {
             {"unsupported_bridges", summary.num_unsupported_bridges}}}};
 }
 
+Json ToJson(const std::vector<RejectionCount>& rejected_pairs) {
+  Json json = Json::object();
+  for (const RejectionCount& count : rejected_pairs) {
+    json[EnumName(count.reason)] = count.num_pairs;
+  }
+  return json;
+}
+
 Json ToJson(const TrackSummary& summary) {
   return {
       {"num_components", summary.num_components},
@@ -406,6 +414,7 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                  {"view_graph", ToJson(result.view_graph)}};
   if (run.input_path.empty()) {
     report["rotation_averaging"] = ToJson(result.rotation);
+    report["rejected_pairs"] = ToJson(result.rejected_pairs);
   }
   if (!result.focal_lengths.empty()) {
     report["focal_lengths"] = ToJson(scene, result.focal_lengths);

@@ -15,12 +15,15 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// Bound the quadratic cost of the medoid that starts the iteration: 2e5 angles.
 constexpr size_t kMaxNumCandidates = 100;
 constexpr size_t kMaxNumVoters = 2000;
+// Weiszfeld's algorithm converges linearly, slowly near a sample.
 constexpr int kMaxNumIterations = 500;
 constexpr double kStepTolerance = 1e-10;
-// Samples closer than this are at the same place as the estimate.
-constexpr double kSamePlace = 1e-11;
+// Samples closer to the estimate coincide with it. Below the step tolerance,
+// and above the rounding errors of a logarithm.
+constexpr double kCoincidence = 1e-11;
 
 size_t Stride(size_t size, size_t max_size) {
   return (size + max_size - 1) / max_size;
@@ -72,7 +75,7 @@ Vector3d WeiszfeldStep(const Quaterniond& rotation,
   for (size_t i = 0; i < samples.size(); ++i) {
     const Vector3d v = LogSO3(inverse * samples[i]);
     const double distance = v.norm();
-    if (distance <= kSamePlace) {
+    if (distance <= kCoincidence) {
       weight_here += weights[i];
       continue;
     }

@@ -19,19 +19,19 @@ struct GeodesicMedian {
 //   argmin_R  sum_i w_i d(R, R_i),   d the geodesic distance,
 //
 // by Weiszfeld's algorithm (Hartley, Aftab, Trumpf, CVPR 2011), with the step
-// of Vardi and Zhang (2000) where R meets samples: with v_i = Log(R^T R_i),
-// D = sum w_i / |v_i|, r = sum w_i v_i / |v_i| over the samples apart from R
-// and eta = sum w_i over those at R,
+// of Vardi and Zhang (2000) at samples: with v_i = Log(R^T R_i),
+// D = sum w_i / |v_i|, r = sum w_i v_i / |v_i| over the samples away from
+// R and eta = sum w_i over those at R,
 //
 //   R <- R Exp(max(0, 1 - eta / |r|) r / D).
 //
-// It starts at the sample with the smallest weighted sum of distances, each
-// truncated at `truncation_rad`, of up to 100 evenly spread samples: as long as
-// the outliers agree with each other less than the inliers do, it starts among
-// the latter. Stops when the step is at most 1e-10 rad (converged) or after 500
-// iterations. The cost in the summary is the objective. O(n) an iteration.
+// Starts at the one of up to 100 evenly spaced samples with the smallest
+// weighted sum of distances, each truncated at `truncation_rad`. This is an
+// inlier as long as the outliers agree with each other less than the inliers.
+// Stops when the step is at most 1e-10 rad (converged) or after 500 iterations.
+// The cost in the summary is the objective. Cost: O(n) for each iteration.
 //
-// Samples must not be empty, weights positive.
+// Samples must not be empty; weights must be positive.
 GeodesicMedian FindGeodesicMedian(
     const std::vector<Eigen::Quaterniond>& samples,
     const std::vector<double>& weights, double truncation_rad);

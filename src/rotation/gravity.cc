@@ -16,14 +16,19 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// The last scale of the loss keeps 99 % of the normal gravity priors:
+// exp(-3^2 / 2) = 1.1 % of 2-vectors are longer.
 constexpr double kScaleInSigmas = 3.0;
-// Residuals of a mere chain of edges are zero, whatever their errors.
+// The residuals of a chain are zero, whatever the errors of its edges. The
+// lower limit lets gravity act on a chain all the same.
 constexpr double kMinSigmaRatio = 0.1;
-constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
-constexpr double kSmallestWeight = 1e-6;
+// Median norm of standard normal 2-vectors: sqrt(2 ln 2).
+constexpr double kMedianOfNorms2 = 1.1774;
+// Keeps outliers from making the equations singular; too small to matter.
+constexpr double kMinWeight = 1e-6;
 
-double RobustSigma(double given, std::vector<double> angles) {
-  return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
+double RobustSigma(double prior_sigma, std::vector<double> angles) {
+  return std::max(prior_sigma, Median(std::move(angles)) / kMedianOfNorms2);
 }
 
 }  // namespace
@@ -56,30 +61,31 @@ const GravityValues& GravityWeighting::Next(
   for (const Vector3d& residual : values_.residuals) {
     values_.weights.push_back(
         variance_ratio_ *
-        std::max(kSmallestWeight, loss.Weight(residual.squaredNorm())));
+        std::max(kMinWeight, loss.Weight(residual.squaredNorm())));
   }
   return values_;
 }
 
-void LevelParts(const RotationProblem& problem, RotationState* state) {
-  const ConnectedComponents parts = FindParts(problem);
-  std::vector<std::vector<Vector3d>> directions(parts.num_components);
+void LevelComponents(const RotationProblem& problem, RotationState* state) {
+  const ConnectedComponents components = FindComponents(problem);
+  const std::vector<int>& component = components.component;
+  std::vector<std::vector<Vector3d>> directions(components.num_components);
   for (const GravityTerm& term : problem.gravity) {
-    directions[parts.component[term.node]].push_back(
+    directions[component[term.node]].push_back(
         (state->sensors[term.sensor] * state->nodes[term.node]).conjugate() *
         term.direction);
   }
-  std::vector<Quaterniond> old_from_new(parts.num_components,
+  std::vector<Quaterniond> old_from_new(components.num_components,
                                         Quaterniond::Identity());
-  for (int part = 0; part < parts.num_components; ++part) {
-    if (directions[part].empty()) continue;
-    old_from_new[part].setFromTwoVectors(Vector3d::UnitY(),
-                                         RobustMeanDirection(directions[part]));
+  for (int i = 0; i < components.num_components; ++i) {
+    if (directions[i].empty()) continue;
+    old_from_new[i].setFromTwoVectors(Vector3d::UnitY(),
+                                      RobustMeanDirection(directions[i]));
   }
   for (int node = 0; node < problem.num_nodes; ++node) {
     Quaterniond& G = state->nodes[node];
-    if (directions[parts.component[node]].empty()) continue;
-    G = (G * old_from_new[parts.component[node]]).normalized();
+    if (directions[component[node]].empty()) continue;
+    G = (G * old_from_new[component[node]]).normalized();
   }
 }
 

@@ -10,19 +10,20 @@
 
 namespace mgsfm {
 
-// Weights of the terms of gravity among edges, from step to step: with sigma_g
-// the given standard deviation, or median / 1.177 (of the length of a normal
-// 2-vector) if that is more, and sigma_e that of the edges, at least a tenth of
-// it, a term weighs (sigma_e / sigma_g)^2 rho'. rho: Geman-McClure; its
-// scale begins at 20 degrees, or 6 sigma_g, and falls by 0.7 in each step down
-// to 3 sigma_g. All is held once that is reached and edges have their final
-// scale.
+// Weights of gravity terms relative to edges. A term has the weight
+// (sigma_e / sigma_g)^2 rho'. sigma_g is the standard deviation of the priors
+// per axis: gravity_sigma_rad, or the robust one of the residuals if that is
+// larger. sigma_e is that of the edges, at least sigma_g / 10. rho is the loss
+// of Geman and McClure; its scale starts at 20 deg, or 6 sigma_g if that is
+// larger, and is multiplied by 0.7 in each step down to 3 sigma_g. Scale and
+// sigmas are final once that is reached and the scale of the edges is final.
 class GravityWeighting {
  public:
   explicit GravityWeighting(const RotationProblem& problem)
       : problem_(problem), is_final_(problem.gravity.empty()) {}
 
-  // For the next step, given the norms of the residuals of all edges, radians.
+  // Residuals and weights for the next step. `edge_norms`: the norms of the
+  // residuals of all edges, radians.
   const GravityValues& Next(const RotationState& state,
                             const std::vector<double>& edge_norms,
                             bool edges_are_final);
@@ -40,8 +41,8 @@ class GravityWeighting {
   GravityValues values_;
 };
 
-// Turns the world of each connected part with terms of gravity such that the
-// robust mean of these is y.
-void LevelParts(const RotationProblem& problem, RotationState* state);
+// Rotates the world of each connected component with gravity terms such that
+// the robust mean of their directions becomes y.
+void LevelComponents(const RotationProblem& problem, RotationState* state);
 
 }  // namespace mgsfm

@@ -19,6 +19,7 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// Annealing takes at most 14: log(5 deg / 0.05 deg) / log(1 / 0.7), rounded up.
 constexpr int kMaxNumIterations = 100;
 constexpr double kStepTolerance = 1e-9;
 

@@ -17,7 +17,7 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-// One column of three consecutive ones of `matrix`, for all its columns.
+// Stacks each three consecutive columns of `matrix` to one.
 Eigen::Map<const MatrixXd> Stacked(const MatrixXd& matrix) {
   return {matrix.data(), 3 * matrix.rows(), matrix.cols() / 3};
 }
@@ -26,27 +26,27 @@ Eigen::Map<const MatrixXd> Stacked(const MatrixXd& matrix) {
 
 RotationUnknowns NumberUnknowns(const RotationProblem& problem) {
   RotationUnknowns unknowns;
-  const ConnectedComponents parts = FindParts(problem);
-  Mask part_is_held(parts.num_components, false);
-  Mask part_has_gravity(parts.num_components, false);
+  const ConnectedComponents components = FindComponents(problem);
+  Mask is_fixed(components.num_components, false);  // gauge of the component
+  Mask has_gravity(components.num_components, false);
   for (const GravityTerm& term : problem.gravity) {
-    part_has_gravity[parts.component[term.node]] = 1;
+    has_gravity[components.component[term.node]] = true;
   }
-  unknowns.column_of_node.assign(problem.num_nodes, -1);
+  unknowns.column_of_node.resize(problem.num_nodes);
   for (int node = 0; node < problem.num_nodes; ++node) {
-    bool& is_held = part_is_held[parts.component[node]];
-    const bool has_gravity = part_has_gravity[parts.component[node]];
-    if (has_gravity && !is_held) {
+    const int component = components.component[node];
+    if (has_gravity[component] && !is_fixed[component]) {
       unknowns.levelled_columns.push_back(unknowns.num_node_columns);
     }
-    if (has_gravity || is_held) {
+    if (has_gravity[component] || is_fixed[component]) {
       unknowns.column_of_node[node] = unknowns.num_node_columns++;
     }
-    is_held = 1;
+    is_fixed[component] = true;
   }
-  for (const char is_free : problem.sensor_is_free) {
-    unknowns.column_of_sensor.push_back(is_free ? unknowns.num_sensor_columns++
-                                                : -1);
+  for (const bool is_free : problem.sensor_is_free) {
+    unknowns.column_of_sensor.emplace_back();
+    if (!is_free) continue;
+    unknowns.column_of_sensor.back() = unknowns.num_sensor_columns++;
   }
   return unknowns;
 }
@@ -63,16 +63,16 @@ double RotationStep::MaxNorm() const {
 void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
                RotationState* state) {
   for (size_t node = 0; node < state->nodes.size(); ++node) {
-    const int column = unknowns.column_of_node[node];
-    if (column < 0) continue;
+    const std::optional<int> column = unknowns.column_of_node[node];
+    if (!column) continue;
     Eigen::Quaterniond& G = state->nodes[node];
-    G = (G * ExpSO3(step.nodes.row(column))).normalized();
+    G = (G * ExpSO3(step.nodes.row(*column))).normalized();
   }
   for (size_t sensor = 0; sensor < state->sensors.size(); ++sensor) {
-    const int column = unknowns.column_of_sensor[sensor];
-    if (column < 0) continue;
+    const std::optional<int> column = unknowns.column_of_sensor[sensor];
+    if (!column) continue;
     Eigen::Quaterniond& S = state->sensors[sensor];
-    S = (S * ExpSO3(step.sensors.col(column))).normalized();
+    S = (S * ExpSO3(step.sensors.col(*column))).normalized();
   }
 }
 
@@ -97,10 +97,10 @@ void RotationEquations::BuildPattern() {
   std::vector<Eigen::Triplet<double>> triplets;
   for (int i = 0; i < size; ++i) triplets.emplace_back(i, i, 1.0);
   for (const RotationEdge& edge : problem_.edges) {
-    const int c1 = unknowns_.column_of_node[edge.node1];
-    const int c2 = unknowns_.column_of_node[edge.node2];
-    if (c1 >= 0 && c2 >= 0 && c1 != c2) {
-      triplets.emplace_back(std::max(c1, c2), std::min(c1, c2), 0.0);
+    const std::optional<int> c1 = unknowns_.column_of_node[edge.node1];
+    const std::optional<int> c2 = unknowns_.column_of_node[edge.node2];
+    if (c1 && c2 && *c1 != *c2) {
+      triplets.emplace_back(std::max(*c1, *c2), std::min(*c1, *c2), 0.0);
     }
   }
   laplacian_.resize(size, size);
@@ -112,13 +112,14 @@ void RotationEquations::BuildPattern() {
   entries_.resize(problem_.edges.size());
   for (size_t e = 0; e < entries_.size(); ++e) {
     const RotationEdge& edge = problem_.edges[e];
-    const int c1 = unknowns_.column_of_node[edge.node1];
-    const int c2 = unknowns_.column_of_node[edge.node2];
+    const std::optional<int> c1 = unknowns_.column_of_node[edge.node1];
+    const std::optional<int> c2 = unknowns_.column_of_node[edge.node2];
     if (edge.node1 == edge.node2) continue;
-    if (c1 >= 0) entries_[e].diagonal1 = FindEntry(c1, c1);
-    if (c2 >= 0) entries_[e].diagonal2 = FindEntry(c2, c2);
-    if (c1 >= 0 && c2 >= 0) {
-      entries_[e].off_diagonal = FindEntry(std::max(c1, c2), std::min(c1, c2));
+    if (c1) entries_[e].diagonal1 = FindEntry(*c1, *c1);
+    if (c2) entries_[e].diagonal2 = FindEntry(*c2, *c2);
+    if (c1 && c2) {
+      entries_[e].off_diagonal =
+          FindEntry(std::max(*c1, *c2), std::min(*c1, *c2));
     }
   }
 }
@@ -135,45 +136,46 @@ void RotationEquations::AddNodeEntries(size_t e, double weight,
   const RotationEdge& edge = problem_.edges[e];
   const EdgeEntries& entries = entries_[e];
   double* values = laplacian_.valuePtr();
-  if (entries.diagonal1 >= 0) {
-    values[entries.diagonal1] += weight;
-    node_gradient_.row(unknowns_.column_of_node[edge.node1]) -=
+  if (entries.diagonal1) {
+    values[*entries.diagonal1] += weight;
+    node_gradient_.row(*unknowns_.column_of_node[edge.node1]) -=
         weight * residual.transpose();
   }
-  if (entries.diagonal2 >= 0) {
-    values[entries.diagonal2] += weight;
-    node_gradient_.row(unknowns_.column_of_node[edge.node2]) +=
+  if (entries.diagonal2) {
+    values[*entries.diagonal2] += weight;
+    node_gradient_.row(*unknowns_.column_of_node[edge.node2]) +=
         weight * residual.transpose();
   }
-  if (entries.off_diagonal >= 0) values[entries.off_diagonal] -= weight;
+  if (entries.off_diagonal) values[*entries.off_diagonal] -= weight;
 }
 
 void RotationEquations::AddSensorEntries(const RotationEdge& edge,
                                          double weight,
                                          const Vector3d& residual,
                                          const RotationState& state) {
-  const int sensors[] = {unknowns_.column_of_sensor[edge.sensor1],
-                         unknowns_.column_of_sensor[edge.sensor2]};
-  const int nodes[] = {unknowns_.column_of_node[edge.node1],
-                       unknowns_.column_of_node[edge.node2]};
+  const std::optional<int> sensors[] = {
+      unknowns_.column_of_sensor[edge.sensor1],
+      unknowns_.column_of_sensor[edge.sensor2]};
+  const std::optional<int> nodes[] = {unknowns_.column_of_node[edge.node1],
+                                      unknowns_.column_of_node[edge.node2]};
   const Matrix3d coefficients[] = {
       state.nodes[edge.node1].conjugate().toRotationMatrix(),
       -state.nodes[edge.node2].conjugate().toRotationMatrix()};
   const double node_signs[] = {1.0, -1.0};
   for (int i = 0; i < 2; ++i) {
-    if (sensors[i] < 0) continue;
+    if (!sensors[i]) continue;
     const Matrix3d weighted = weight * coefficients[i];
-    sensor_gradient_.segment<3>(3 * sensors[i]) -=
+    sensor_gradient_.segment<3>(3 * *sensors[i]) -=
         weighted.transpose() * residual;
     for (int j = 0; j < 2; ++j) {
-      if (sensors[j] >= 0) {
-        sensor_block_.block<3, 3>(3 * sensors[i], 3 * sensors[j]) +=
+      if (sensors[j]) {
+        sensor_block_.block<3, 3>(3 * *sensors[i], 3 * *sensors[j]) +=
             weighted.transpose() * coefficients[j];
       }
-      if (nodes[j] < 0 || edge.node1 == edge.node2) continue;
+      if (!nodes[j] || edge.node1 == edge.node2) continue;
       for (int column = 0; column < 3; ++column) {
         for (int row = 0; row < 3; ++row) {
-          border_(nodes[j], 3 * (3 * sensors[i] + column) + row) +=
+          border_(*nodes[j], 3 * (3 * *sensors[i] + column) + row) +=
               node_signs[j] * weighted(row, column);
         }
       }
@@ -206,11 +208,11 @@ void RotationEquations::AddGravity(const GravityValues& gravity,
   levelled_laplacian_ = laplacian_;
   for (size_t i = 0; i < problem_.gravity.size(); ++i) {
     const GravityTerm& term = problem_.gravity[i];
-    const int column = unknowns_.column_of_node[term.node];
+    const int column = *unknowns_.column_of_node[term.node];
     const double weight = gravity.weights[i];
     levelled_laplacian_.valuePtr()[FindEntry(column, column)] += weight;
     node_gradient_.row(column) -= weight * gravity.residuals[i].transpose();
-    if (unknowns_.column_of_sensor[term.sensor] >= 0) {
+    if (unknowns_.column_of_sensor[term.sensor]) {
       AddGravityOfSensor(term, weight, gravity.residuals[i], state);
     }
   }
@@ -223,8 +225,8 @@ void RotationEquations::AddGravityOfSensor(const GravityTerm& term,
                                            double weight,
                                            const Vector3d& residual,
                                            const RotationState& state) {
-  const int node = unknowns_.column_of_node[term.node];
-  const int sensor = unknowns_.column_of_sensor[term.sensor];
+  const int node = *unknowns_.column_of_node[term.node];
+  const int sensor = *unknowns_.column_of_sensor[term.sensor];
   Matrix3d coefficients = state.nodes[term.node].conjugate().toRotationMatrix();
   coefficients.row(1).setZero();
   sensor_gradient_.segment<3>(3 * sensor) -=
@@ -239,11 +241,11 @@ void RotationEquations::AddGravityOfSensor(const GravityTerm& term,
   }
 }
 
-// Eliminates the nodes: step->nodes must be L^-1 times their gradient.
+// Eliminates the nodes; step->nodes must be L^-1 times their gradient.
 bool RotationEquations::SolveSensors(RotationStep* step) const {
   if (sensor_gradient_.size() == 0) return true;
-  // A sensor without any edge, or a direction that none of them sees, stays as
-  // it is.
+  // A sensor without edges, or an axis that no edge constrains, keeps its
+  // rotation. The ridge is negligible next to the noise of any real data.
   constexpr double kRelativeRidge = 1e-10;
   const double mean_diagonal = sensor_block_.diagonal().mean();
   MatrixXd schur = sensor_block_;
@@ -264,7 +266,7 @@ bool RotationEquations::SolveSensors(RotationStep* step) const {
   return true;
 }
 
-// L^-1 times the gradient and the border.
+// Computes L^-1 times the gradient and the border.
 bool RotationEquations::SolveNodes(RotationStep* step) {
   if (!solver_.Factorize(laplacian_)) return false;
   if (unknowns_.levelled_columns.empty()) {

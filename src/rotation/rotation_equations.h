@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <optional>
 #include <vector>
 
 #include "math/sparse_solver.h"
@@ -10,15 +11,15 @@
 
 namespace mgsfm {
 
-// Which unknown a node or sensor is; -1 where it is held. Of every connected
-// part the first node is held; if gravity is measured in the part only its turn
-// about gravity is.
+// Columns of the unknowns; nullopt for fixed nodes and sensors. The first node
+// of each connected component is fixed. In a component with gravity terms, only
+// its rotation about gravity is.
 struct RotationUnknowns {
-  std::vector<int> column_of_node;
+  std::vector<std::optional<int>> column_of_node;
   int num_node_columns = 0;
-  std::vector<int> column_of_sensor;
+  std::vector<std::optional<int>> column_of_sensor;
   int num_sensor_columns = 0;
-  std::vector<int> levelled_columns;  // of nodes that are held about gravity
+  std::vector<int> levelled_columns;  // nodes that are fixed about gravity
 };
 
 RotationUnknowns NumberUnknowns(const RotationProblem& problem);
@@ -33,7 +34,7 @@ struct RotationStep {
 void ApplyStep(const RotationUnknowns& unknowns, const RotationStep& step,
                RotationState* state);
 
-// What terms of gravity say at a state, and how much that counts.
+// Residuals and weights of the gravity terms at a state.
 struct GravityValues {
   std::vector<Eigen::Vector3d> residuals;
   std::vector<double> weights;
@@ -44,15 +45,16 @@ struct GravityValues {
 //   sum_e w_e |e + (d_1 + G_1^T c_1) - (d_2 + G_2^T c_2)|^2
 //   + sum_g w_g |e_g + P (d + G^T c)|^2,        P = diag(1, 0, 1).
 //
-// The normal matrix is [L (x) I_3, B; B^T, D]: L the Laplacian of the graph of
-// nodes without the held ones, B and D a dense border of 3 columns for each
+// The normal matrix is [L (x) I_3, B; B^T, D]: L is the Laplacian of the graph
+// of nodes without the fixed ones, B and D a dense border of 3 columns for each
 // unknown sensor. L is analysed once and factorised in every step; the border
 // is eliminated by its Schur complement D - B^T (L^-1 (x) I_3) B.
 //
-// Gravity adds its weights to the diagonal of L, but not of the coordinate y:
-// there are two matrices then, and two factors. To that of y one is added for
-// the node that is held about gravity. As steps of edges do not change if all
-// nodes of a part turn alike, this holds it exactly, whatever is added.
+// Gravity terms add their weights to the diagonal of L for the coordinates x
+// and z, but not for y, so there are two matrices and two factors. The matrix
+// for y gets an additional 1 for the node that is fixed about gravity. This
+// fixes it exactly, whatever the value, because edges do not change if all
+// nodes of a component rotate alike.
 class RotationEquations {
  public:
   explicit RotationEquations(const RotationProblem& problem,
@@ -67,11 +69,11 @@ class RotationEquations {
                            const GravityValues& gravity = {});
 
  private:
-  // Positions of an edge's entries in the values of the Laplacian; -1: none.
+  // Positions of an edge's entries in the values of the Laplacian, if any.
   struct EdgeEntries {
-    int diagonal1 = -1;
-    int diagonal2 = -1;
-    int off_diagonal = -1;
+    std::optional<int> diagonal1;
+    std::optional<int> diagonal2;
+    std::optional<int> off_diagonal;
   };
 
   void BuildPattern();
@@ -95,13 +97,14 @@ class RotationEquations {
   std::vector<EdgeEntries> entries_;
   Eigen::SparseMatrix<double> laplacian_;  // lower triangle
   SparseCholesky solver_;
-  // The same for x and z, if gravity is measured.
+  // The same for x and z, if there are gravity terms.
   Eigen::SparseMatrix<double> levelled_laplacian_;
   SparseCholesky levelled_solver_;
   Eigen::MatrixXd node_gradient_;    // node columns x 3
   Eigen::VectorXd sensor_gradient_;  // 3 sensor columns
-  // Column 3 q + a holds rows a of all nodes of border column q, so that three
-  // columns in a row are one column of B with its rows ordered by coordinate.
+  // Column 3 q + a contains the rows of coordinate a of all nodes of border
+  // column q. Three consecutive columns are one column of B with its rows
+  // ordered by coordinate.
   Eigen::MatrixXd border_;         // node columns x 9 sensor columns
   Eigen::MatrixXd solved_border_;  // (L^-1 (x) I_3) B, likewise
   Eigen::MatrixXd sensor_block_;   // D

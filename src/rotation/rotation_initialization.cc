@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Quaterniond;
 
-// What one edge says of the nodes low < high.
+// The relative rotation of the nodes low < high by one edge.
 struct NodeRotation {
   int low;
   int high;
@@ -25,7 +25,7 @@ struct NodeRotation {
   std::pair<int, int> Nodes() const { return {low, high}; }
 };
 
-// Sorted by nodes; of one pair of nodes in the order of the edges.
+// Sorted by nodes; edges between the same nodes keep their order.
 std::vector<NodeRotation> CollectNodeRotations(const RotationProblem& problem,
                                                const RotationState& state) {
   std::vector<NodeRotation> rotations;
@@ -88,15 +88,15 @@ std::vector<NodeRotation> MergeParallel(
 
 void InitializeNodes(const RotationProblem& problem, double max_error_rad,
                      const NodeStart& start, RotationState* state) {
-  // More than any number of matches.
-  constexpr double kSupportOfKnown = 1e12;
+  // Exceeds any number of matches.
+  constexpr double kSupportOfStart = 1e12;
   std::vector<NodeRotation> merged =
       MergeParallel(CollectNodeRotations(problem, *state), max_error_rad);
   for (NodeRotation& r : merged) {
     if (!start.Knows(r.low, r.high)) continue;
     r.high_from_low =
         *start.rotations[r.high] * start.rotations[r.low]->conjugate();
-    r.support += kSupportOfKnown;
+    r.support += kSupportOfStart;
   }
   std::vector<GraphEdge> edges;
   edges.reserve(merged.size());

@@ -48,7 +48,7 @@ std::vector<double> Norms(const std::vector<Vector3d>& residuals) {
   return norms;
 }
 
-ConnectedComponents FindParts(const RotationProblem& problem) {
+ConnectedComponents FindComponents(const RotationProblem& problem) {
   std::vector<GraphEdge> edges;
   edges.reserve(problem.edges.size());
   for (const RotationEdge& edge : problem.edges) {

@@ -11,9 +11,8 @@
 namespace mgsfm {
 
 // The averaging problem without ids, frames or images: nodes with rotations G_n
-// and sensors with rotations S_k, of which some are unknown. Frames with
-// internal rotations are one instance; images alone, all of one sensor with
-// S = I, are another.
+// and sensors with rotations S_k, some of them unknown. Frames of rigs are one
+// instance. Single images, all by one sensor with S = I, are another.
 
 // A measured rotation R of camera 2 (sensor2 at node2) from camera 1.
 struct RotationEdge {
@@ -22,12 +21,12 @@ struct RotationEdge {
   int sensor1 = 0;
   int sensor2 = 0;
   Eigen::Quaterniond cam2_from_cam1;
-  double weight = 1.0;   // in the sum of losses
+  double weight = 1.0;   // in the objective
   double support = 1.0;  // number of matches, for the spanning forest
 };
 
-// The direction of gravity, a unit vector in the camera of `sensor` at `node`.
-// That of the world is y.
+// A gravity prior: the direction of gravity, a unit vector in the camera of
+// `sensor` at `node`. Gravity in the world is +y.
 struct GravityTerm {
   int node = 0;
   int sensor = 0;
@@ -47,36 +46,37 @@ struct RotationState {
   std::vector<Eigen::Quaterniond> sensors;  // S
 };
 
-// e = Log(R_2^T R R_1) with R_i = S_i G_i, in the frame of the world.
+// e = Log(R_2^T R R_1) with R_i = S_i G_i, in the world frame, radians.
 //
-// Derivatives: for G <- G Exp(d), R_i moves to R_i Exp(d); for S <- S Exp(c) it
-// moves to S Exp(c) G = R_i Exp(G^T c). With a_i = d_i + G_i^T c_i then
+// Derivatives: G <- G Exp(d) moves R_i to R_i Exp(d); S <- S Exp(c) moves it to
+// S Exp(c) G = R_i Exp(G^T c). With a_i = d_i + G_i^T c_i then
 //
 //   e(a) = Log(Exp(-a_2) Exp(e) Exp(a_1)) = e + Jr^-1(e) a_1 - Jl^-1(e) a_2,
 //
 // Jr and Jl the right and left Jacobians of SO(3), Jl(e) = Jr(-e). The solvers
-// take both for the identity: the gradient of |e|^2 is exact all the same, as
+// replace both by the identity. The gradient of |e|^2 is still exact, because
 // Jr^-T(e) e = Jl^-T(e) e = e, so the minimum is that of the exact problem, and
-// the node block of the normal equations is a graph Laplacian of scalars.
+// the node block of the normal equations is a scalar graph Laplacian.
 Eigen::Vector3d RotationResidual(const RotationEdge& edge,
                                  const RotationState& state);
 
-// The shortest turn e of the world that takes v = (S G)^-1 u, where gravity is
-// by a term with direction u, to y: e = angle (v x y) / |v x y|.
+// The shortest rotation e of the world that takes the gravity v = (S G)^-1 u of
+// a prior u to y: e = angle (v x y) / |v x y|, radians.
 //
-// With R = S G moved to R Exp(a), a as above, v becomes Exp(-a) v, and to first
-// order e becomes e + P a, P = diag(1, 0, 1): turns about gravity do not change
-// it. The gradient of |e|^2 / 2 by a is exact, e itself.
+// If R = S G moves to R Exp(a), a as above, v becomes Exp(-a) v, and to first
+// order e becomes e + P a with P = diag(1, 0, 1): rotations about gravity do
+// not change it. The gradient of |e|^2 / 2 by a is exactly e.
 Eigen::Vector3d GravityResidual(const GravityTerm& term,
                                 const RotationState& state);
 
+// Residuals of all edges; in parallel.
 void ComputeResiduals(const RotationProblem& problem,
                       const RotationState& state, int num_threads,
                       std::vector<Eigen::Vector3d>* residuals);
 
 std::vector<double> Norms(const std::vector<Eigen::Vector3d>& residuals);
 
-// Connected parts of the nodes.
-ConnectedComponents FindParts(const RotationProblem& problem);
+// Connected components of the nodes.
+ConnectedComponents FindComponents(const RotationProblem& problem);
 
 }  // namespace mgsfm

@@ -4,6 +4,7 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <sstream>
 
 #include "geometry/so3.h"
@@ -20,16 +21,22 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-constexpr double kSmallestScaleRad = DegToRad(0.05);
+// At the last scale of the loss, six sigmas, an error of one sigma keeps 95 %
+// of its weight: 1 / (1 + 1 / 36)^2. The lower limit keeps the scale of exact
+// data away from zero.
+constexpr double kMinScaleRad = DegToRad(0.05);
 constexpr double kScaleInSigmas = 6.0;
+// L1 averaging is only a start: it may stop far above step_tolerance_deg.
 constexpr double kL1StepToleranceRad = DegToRad(0.05);
-// Keeps the equations regular where all edges of a node are outliers.
-constexpr double kSmallestWeight = 1e-10;
+constexpr int kMaxNumAdmmIterations = 300;
+constexpr double kAdmmTolerance = 1e-3;
+// Keeps the equations regular if all edges of a node are outliers.
+constexpr double kMinWeight = 1e-10;
 
-// d_2 - d_1 for the edges between different nodes.
+// The matrix of d_2 - d_1 for the edges between different nodes.
 struct Differences {
   Eigen::SparseMatrix<double> matrix;
-  std::vector<size_t> edges;
+  std::vector<size_t> edges;  // per row
 };
 
 Differences BuildDifferences(const RotationProblem& problem,
@@ -40,10 +47,10 @@ Differences BuildDifferences(const RotationProblem& problem,
     const RotationEdge& edge = problem.edges[e];
     if (edge.node1 == edge.node2) continue;
     const int row = static_cast<int>(differences.edges.size());
-    const int c1 = unknowns.column_of_node[edge.node1];
-    const int c2 = unknowns.column_of_node[edge.node2];
-    if (c1 >= 0) triplets.emplace_back(row, c1, -1.0);
-    if (c2 >= 0) triplets.emplace_back(row, c2, 1.0);
+    const std::optional<int> c1 = unknowns.column_of_node[edge.node1];
+    const std::optional<int> c2 = unknowns.column_of_node[edge.node2];
+    if (c1) triplets.emplace_back(row, *c1, -1.0);
+    if (c2) triplets.emplace_back(row, *c2, 1.0);
     differences.edges.push_back(e);
   }
   differences.matrix.resize(static_cast<Eigen::Index>(differences.edges.size()),
@@ -70,7 +77,7 @@ double RobustCost(const RotationProblem& problem,
   return sum;
 }
 
-// One linearised L1 problem after the other, warm started.
+// Solves one linearised L1 problem after the other with one factorisation.
 class L1Steps {
  public:
   L1Steps(const RotationProblem& problem, const RotationUnknowns& unknowns,
@@ -83,8 +90,8 @@ class L1Steps {
                     const Context& context, RotationStep* step) {
     AdmmOptions options;
     options.context = context;
-    options.max_num_iterations = 300;
-    options.relative_tolerance = 1e-3;
+    options.max_num_iterations = kMaxNumAdmmIterations;
+    options.relative_tolerance = kAdmmTolerance;
     for (size_t row = 0; row < edges_.size(); ++row) {
       b_.row(static_cast<Eigen::Index>(row)) = residuals[edges_[row]];
     }
@@ -126,7 +133,7 @@ double RootMeanSquare(const MatrixXd& step) {
 RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
   if (!is_final_) {
     const double sigma = norms.empty() ? 0.0 : RobustSigmaOfNorms3(norms);
-    const double target = std::max(kSmallestScaleRad, kScaleInSigmas * sigma);
+    const double target = std::max(kMinScaleRad, kScaleInSigmas * sigma);
     scale_rad_ = scale_.Next(target);
     is_final_ = scale_.IsAtTarget();
   }
@@ -192,7 +199,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
         gravity.Next(*state, norms, schedule.IsFinal());
     for (size_t e = 0; e < norms.size(); ++e) {
       weights[e] = problem.edges[e].weight *
-                   std::max(kSmallestWeight, loss.Weight(norms[e] * norms[e]));
+                   std::max(kMinWeight, loss.Weight(norms[e] * norms[e]));
     }
     if (!equations.Solve(weights, residuals, *state, &step, level)) {
       summary.termination = Termination::kFailure;

@@ -2,8 +2,10 @@
 #include "rotation/sensor_rotations.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdio>
 #include <map>
+#include <string>
 #include <utility>
 
 #include "geometry/so3.h"
@@ -16,11 +18,15 @@ namespace {
 
 using Eigen::Quaterniond;
 
-// Turns beyond this are left out of hand-eye calibration: their logarithms are
-// too close to the jump at 180 deg.
-constexpr double kMaxTurnRad = DegToRad(150.0);
-// Of longer sequences so many frames are taken, evenly spread.
+// Larger rotations are excluded from hand-eye calibration: near 180 deg a small
+// error flips the sign of their logarithm.
+constexpr double kMaxMotionRad = DegToRad(150.0);
+// Evenly spaced frames are taken from longer sequences. Bounds the quadratic
+// number of motions: 64 frames have 2016.
 constexpr size_t kMaxNumHandEyeFrames = 64;
+// Largest standard deviation of a hand-eye calibration, as a share of
+// max_error_deg: pairs of the sensor then stay well within max_error_deg.
+constexpr double kMaxUncertaintyShare = 0.2;
 
 std::string Format(const char* format, double a, double b) {
   char text[200];
@@ -28,8 +34,8 @@ std::string Format(const char* format, double a, double b) {
   return text;
 }
 
-// A frame in which the sensor in question and the rig have a rotation each, in
-// two parts.
+// Rotations of a sensor and of its rig in one frame, each in the world of its
+// component.
 struct HandEyeFrame {
   Quaterniond sensor_from_world1;
   Quaterniond rig_from_world2;
@@ -52,198 +58,174 @@ void AddMotions(const std::vector<HandEyeFrame>& frames,
                                      frames[i].sensor_from_world1.conjugate()),
                               LogSO3(frames[j].rig_from_world2 *
                                      frames[i].rig_from_world2.conjugate())};
-      if (motion.alpha.norm() <= kMaxTurnRad &&
-          motion.beta.norm() <= kMaxTurnRad) {
+      if (motion.alpha.norm() <= kMaxMotionRad &&
+          motion.beta.norm() <= kMaxMotionRad) {
         motions->push_back(motion);
       }
     }
   }
 }
 
-class InternalRotationEstimator {
- public:
-  InternalRotationEstimator(const Scene& scene, const ImageRotations& images,
-                            const RotationAveragingOptions& options)
-      : scene_(scene),
-        images_(images),
-        options_(options),
-        rank_(scene.sensors.size(), -1),
-        samples_disagree_(scene.sensors.size(), 0) {}
-
-  SensorRotations Run() {
-    SetKnownSensors();
-    while (DetermineBySamples() || DetermineByHandEye()) {
-    }
-    return std::move(result_);
-  }
-
- private:
-  struct Samples {
-    std::vector<Quaterniond> rotations;
-    std::vector<double> weights;
-  };
-
-  struct Motions {
-    std::vector<MotionPair> pairs;
-    int num_frames = 0;
-  };
-
-  bool IsDetermined(int sensor_idx) const { return rank_[sensor_idx] >= 0; }
-  void SetKnownSensors();
-  void SetDetermined(int sensor_idx, const Quaterniond& sensor_from_rig);
-  bool DetermineBySamples();
-  bool DetermineByHandEye();
-  Samples CollectSamples(int sensor_idx) const;
-  bool TakeMedian(int sensor_idx, const Samples& samples);
-  Motions CollectMotions(int sensor_idx) const;
-  bool TakeHandEye(int sensor_idx);
-  int FindDeterminedImage(const Frame& frame, std::optional<int> part) const;
-  int ImageOf(const Frame& frame, int sensor_idx) const;
-
-  const Scene& scene_;
-  const ImageRotations& images_;
-  const RotationAveragingOptions& options_;
-  // Per sensor: the how manieth to be determined it was; -1: it is not.
-  std::vector<int> rank_;
-  int num_determined_ = 0;
-  Mask samples_disagree_;
-  SensorRotations result_;
+struct Samples {
+  std::vector<Quaterniond> rotations;
+  std::vector<double> weights;
 };
 
-void InternalRotationEstimator::SetDetermined(
-    int sensor_idx, const Quaterniond& sensor_from_rig) {
-  rank_[sensor_idx] = num_determined_++;
-  result_.sensor_from_rig[sensor_idx] = sensor_from_rig;
-  result_.summaries[sensor_idx].is_observable = true;
-}
+struct Motions {
+  std::vector<MotionPair> pairs;
+  int num_frames = 0;
+};
+
+// Sensors determined so far.
+struct DeterminedSensors {
+  SensorRotations result;
+  // Per sensor: its position in the order in which sensors were determined.
+  std::vector<std::optional<int>> rank;
+  int num_determined = 0;
+  Mask samples_disagree;  // per sensor: its median was refused
+
+  void SetDetermined(int sensor_idx, const Quaterniond& sensor_from_rig) {
+    rank[sensor_idx] = num_determined++;
+    result.sensor_from_rig[sensor_idx] = sensor_from_rig;
+    result.summaries[sensor_idx].is_observable = true;
+  }
+};
 
 // Reference sensors come first, so that samples prefer them.
-void InternalRotationEstimator::SetKnownSensors() {
-  const int num_sensors = static_cast<int>(scene_.sensors.size());
-  result_.sensor_from_rig.resize(num_sensors);
-  result_.summaries.resize(num_sensors);
+DeterminedSensors StartWithKnownSensors(const Scene& scene) {
+  const size_t num_sensors = scene.sensors.size();
+  DeterminedSensors sensors;
+  sensors.result.sensor_from_rig.resize(num_sensors);
+  sensors.result.summaries.resize(num_sensors);
+  sensors.rank.resize(num_sensors);
+  sensors.samples_disagree.resize(num_sensors);
   for (const bool is_reference : {true, false}) {
-    for (int k = 0; k < num_sensors; ++k) {
-      const auto& sensor_from_rig = scene_.sensors[k].sensor_from_rig;
-      if (!sensor_from_rig || scene_.IsReference(k) != is_reference) continue;
-      SetDetermined(k, ToUnitQuaternion(sensor_from_rig->rotation));
-      result_.summaries[k].message =
-          is_reference ? "reference sensor" : "known beforehand";
+    for (size_t k = 0; k < num_sensors; ++k) {
+      const int sensor_idx = static_cast<int>(k);
+      const auto& sensor_from_rig = scene.sensors[k].sensor_from_rig;
+      if (!sensor_from_rig || scene.IsReference(sensor_idx) != is_reference) {
+        continue;
+      }
+      sensors.SetDetermined(sensor_idx,
+                            ToUnitQuaternion(sensor_from_rig->rotation));
+      sensors.result.summaries[k].message =
+          is_reference ? "reference sensor" : "known";
     }
   }
+  return sensors;
 }
 
-// The image of a sensor with a rotation, or -1.
-int InternalRotationEstimator::ImageOf(const Frame& frame,
-                                       int sensor_idx) const {
+// The image by a sensor, if it has a rotation.
+std::optional<int> FindImage(const Scene& scene, const ImageRotations& images,
+                             const Frame& frame, int sensor_idx) {
   for (const int image_idx : frame.image_idxs) {
-    if (scene_.images[image_idx].sensor_idx == sensor_idx &&
-        images_.cam_from_world[image_idx]) {
+    if (scene.images[image_idx].sensor_idx == sensor_idx &&
+        images.cam_from_world[image_idx]) {
       return image_idx;
     }
   }
-  return -1;
+  return std::nullopt;
 }
 
-// Of the frame's images with rotation (in the part, if one is given) that of
-// the sensor that was determined first, or -1.
-int InternalRotationEstimator::FindDeterminedImage(
-    const Frame& frame, std::optional<int> part) const {
-  int best = -1;
+// The image with a rotation by the sensor that was determined first; only in
+// `component` if there is one.
+std::optional<int> FindDeterminedImage(const Scene& scene,
+                                       const ImageRotations& images,
+                                       const DeterminedSensors& sensors,
+                                       const Frame& frame,
+                                       std::optional<int> component) {
+  std::optional<int> best;
+  const auto rank = [&](int image_idx) {
+    return sensors.rank[scene.images[image_idx].sensor_idx];
+  };
   for (const int image_idx : frame.image_idxs) {
-    const int rank = rank_[scene_.images[image_idx].sensor_idx];
-    if (rank < 0 || !images_.cam_from_world[image_idx]) continue;
-    if (part && images_.component[image_idx] != *part) continue;
-    if (best < 0 || rank < rank_[scene_.images[best].sensor_idx]) {
-      best = image_idx;
-    }
+    if (!rank(image_idx) || !images.cam_from_world[image_idx]) continue;
+    if (component && images.component[image_idx] != *component) continue;
+    if (!best || *rank(image_idx) < *rank(*best)) best = image_idx;
   }
   return best;
 }
 
-InternalRotationEstimator::Samples InternalRotationEstimator::CollectSamples(
-    int sensor_idx) const {
+Samples CollectSamples(const Scene& scene, const ImageRotations& images,
+                       const DeterminedSensors& sensors, int sensor_idx) {
   Samples samples;
-  for (const Frame& frame : scene_.frames) {
-    if (frame.rig_idx != scene_.sensors[sensor_idx].rig_idx) continue;
-    const int k = ImageOf(frame, sensor_idx);
-    if (k < 0) continue;
-    const int a = FindDeterminedImage(frame, images_.component[k]);
-    if (a < 0) continue;
+  for (const Frame& frame : scene.frames) {
+    if (frame.rig_idx != scene.sensors[sensor_idx].rig_idx) continue;
+    const std::optional<int> k = FindImage(scene, images, frame, sensor_idx);
+    if (!k) continue;
+    const std::optional<int> a = FindDeterminedImage(
+        scene, images, sensors, frame, images.component[*k]);
+    if (!a) continue;
     samples.rotations.push_back(
-        *images_.cam_from_world[k] * images_.cam_from_world[a]->conjugate() *
-        *result_.sensor_from_rig[scene_.images[a].sensor_idx]);
+        *images.cam_from_world[*k] * images.cam_from_world[*a]->conjugate() *
+        *sensors.result.sensor_from_rig[scene.images[*a].sensor_idx]);
     samples.weights.push_back(
-        std::max(1.0, std::min(images_.support[k], images_.support[a])));
+        std::max(1.0, std::min(images.support[*k], images.support[*a])));
   }
   return samples;
 }
 
-bool InternalRotationEstimator::DetermineBySamples() {
-  while (true) {
-    int best = -1;
-    Samples best_samples;
-    for (size_t k = 0; k < scene_.sensors.size(); ++k) {
-      const int sensor_idx = static_cast<int>(k);
-      if (IsDetermined(sensor_idx) || samples_disagree_[k]) continue;
-      Samples samples = CollectSamples(sensor_idx);
-      if (samples.rotations.size() > best_samples.rotations.size()) {
-        best = sensor_idx;
-        best_samples = std::move(samples);
-      }
-    }
-    if (best < 0) return false;
-    if (TakeMedian(best, best_samples)) return true;
-    samples_disagree_[best] = 1;
-  }
-}
-
-bool InternalRotationEstimator::TakeMedian(int sensor_idx,
-                                           const Samples& samples) {
+bool AcceptMedian(int sensor_idx, const Samples& samples, double max_error_deg,
+                  DeterminedSensors* sensors) {
   const GeodesicMedian median = FindGeodesicMedian(
-      samples.rotations, samples.weights, DegToRad(options_.max_error_deg));
-  SensorRotationSummary& summary = result_.summaries[sensor_idx];
+      samples.rotations, samples.weights, DegToRad(max_error_deg));
+  SensorRotationSummary& summary = sensors->result.summaries[sensor_idx];
   const double deviation_deg = RadToDeg(median.median_deviation_rad);
   summary.num_samples = static_cast<int>(samples.rotations.size());
   summary.median_deviation_deg = deviation_deg;
-  if (!median.summary.IsUsable() || deviation_deg > options_.max_error_deg) {
+  if (!median.summary.IsUsable() || deviation_deg > max_error_deg) {
     summary.message =
         Format("samples disagree: %.3g deg median deviation in %.0f frames",
                deviation_deg, summary.num_samples);
     return false;
   }
-  SetDetermined(sensor_idx, median.rotation);
+  sensors->SetDetermined(sensor_idx, median.rotation);
   summary.message = Format("median of %.0f frames, %.3g deg median deviation",
                            summary.num_samples, deviation_deg);
   return true;
 }
 
-bool InternalRotationEstimator::DetermineByHandEye() {
-  for (size_t k = 0; k < scene_.sensors.size(); ++k) {
-    const int sensor_idx = static_cast<int>(k);
-    if (!IsDetermined(sensor_idx) && TakeHandEye(sensor_idx)) return true;
+// Determines the sensor with most samples among those whose samples agree.
+// False if there is none.
+bool DetermineBySamples(const Scene& scene, const ImageRotations& images,
+                        double max_error_deg, DeterminedSensors* sensors) {
+  while (true) {
+    std::optional<int> best;
+    Samples best_samples;
+    for (size_t k = 0; k < scene.sensors.size(); ++k) {
+      if (sensors->rank[k] || sensors->samples_disagree[k]) continue;
+      const int sensor_idx = static_cast<int>(k);
+      Samples samples = CollectSamples(scene, images, *sensors, sensor_idx);
+      if (samples.rotations.size() > best_samples.rotations.size()) {
+        best = sensor_idx;
+        best_samples = std::move(samples);
+      }
+    }
+    if (!best) return false;
+    if (AcceptMedian(*best, best_samples, max_error_deg, sensors)) return true;
+    sensors->samples_disagree[*best] = true;
   }
-  return false;
 }
 
-// The motions of all pairs of frames that have the sensor in one part and the
-// rest of the rig in one part; and the number of these frames.
-InternalRotationEstimator::Motions InternalRotationEstimator::CollectMotions(
-    int sensor_idx) const {
-  std::map<std::pair<int, int>, std::vector<HandEyeFrame>> frames_of_parts;
-  for (const Frame& frame : scene_.frames) {
-    if (frame.rig_idx != scene_.sensors[sensor_idx].rig_idx) continue;
-    const int k = ImageOf(frame, sensor_idx);
-    const int a = FindDeterminedImage(frame, std::nullopt);
-    if (k < 0 || a < 0) continue;
+// The motions of all pairs of frames that have the sensor in one component and
+// the rest of the rig in one component; and the number of these frames.
+Motions CollectMotions(const Scene& scene, const ImageRotations& images,
+                       const DeterminedSensors& sensors, int sensor_idx) {
+  std::map<std::pair<int, int>, std::vector<HandEyeFrame>> frames_of_components;
+  for (const Frame& frame : scene.frames) {
+    if (frame.rig_idx != scene.sensors[sensor_idx].rig_idx) continue;
+    const std::optional<int> k = FindImage(scene, images, frame, sensor_idx);
+    const std::optional<int> a =
+        FindDeterminedImage(scene, images, sensors, frame, std::nullopt);
+    if (!k || !a) continue;
     const Quaterniond& S_a =
-        *result_.sensor_from_rig[scene_.images[a].sensor_idx];
-    frames_of_parts[{images_.component[k], images_.component[a]}].push_back(
-        {*images_.cam_from_world[k],
-         S_a.conjugate() * *images_.cam_from_world[a]});
+        *sensors.result.sensor_from_rig[scene.images[*a].sensor_idx];
+    frames_of_components[{images.component[*k], images.component[*a]}]
+        .push_back({*images.cam_from_world[*k],
+                    S_a.conjugate() * *images.cam_from_world[*a]});
   }
   Motions motions;
-  for (const auto& [parts, frames] : frames_of_parts) {
+  for (const auto& [components, frames] : frames_of_components) {
     if (frames.size() < 2) continue;
     motions.num_frames += static_cast<int>(frames.size());
     AddMotions(Thin(frames), &motions.pairs);
@@ -251,29 +233,32 @@ InternalRotationEstimator::Motions InternalRotationEstimator::CollectMotions(
   return motions;
 }
 
-bool InternalRotationEstimator::TakeHandEye(int sensor_idx) {
-  SensorRotationSummary& summary = result_.summaries[sensor_idx];
+bool AcceptHandEye(int sensor_idx, const Motions& motions,
+                   const RotationAveragingOptions& options,
+                   DeterminedSensors* sensors) {
+  SensorRotationSummary& summary = sensors->result.summaries[sensor_idx];
   const std::string prefix =
-      samples_disagree_[sensor_idx] ? summary.message + "; " : "";
-  const Motions motions = CollectMotions(sensor_idx);
+      sensors->samples_disagree[sensor_idx] ? summary.message + "; " : "";
   if (motions.pairs.empty()) {
     summary.message = prefix +
-                      "not observable: no frame has this sensor and another "
-                      "one of its rig with rotations";
+                      "not observable: no frame has rotations both of this "
+                      "sensor and of another one of its rig";
     return false;
   }
   const HandEyeResult hand_eye =
       CalibrateHandEye(motions.pairs, motions.num_frames);
   const double second_axis_deg = RadToDeg(hand_eye.second_axis_rms_rad);
   const double error_deg = RadToDeg(hand_eye.median_error_rad);
-  if (second_axis_deg < options_.min_hand_eye_rotation_deg ||
-      error_deg > options_.max_error_deg ||
-      RadToDeg(hand_eye.uncertainty_rad) > 0.2 * options_.max_error_deg) {
+  if (second_axis_deg < options.min_hand_eye_rotation_deg ||
+      error_deg > options.max_error_deg ||
+      RadToDeg(hand_eye.uncertainty_rad) >
+          kMaxUncertaintyShare * options.max_error_deg) {
     summary.message =
         prefix +
         Format(
-            "not observable: no pairs connect it with the other sensors, and "
-            "it turned only %.3g deg about a second axis (errors %.3g deg)",
+            "not observable: no pairs connect it with the other sensors, "
+            "and the rig rotated only %.3g deg about a second axis "
+            "(median error %.3g deg)",
             second_axis_deg, error_deg);
     return false;
   }
@@ -281,11 +266,26 @@ bool InternalRotationEstimator::TakeHandEye(int sensor_idx) {
   summary.median_deviation_deg = error_deg;
   summary.message =
       prefix + Format(
-                   "hand-eye calibration with turns of %.3g deg about a "
+                   "hand-eye calibration with rotations of %.3g deg about a "
                    "second axis, %.3g deg median error",
                    second_axis_deg, error_deg);
-  SetDetermined(sensor_idx, hand_eye.a_from_b);
+  sensors->SetDetermined(sensor_idx, hand_eye.a_from_b);
   return true;
+}
+
+bool DetermineByHandEye(const Scene& scene, const ImageRotations& images,
+                        const RotationAveragingOptions& options,
+                        DeterminedSensors* sensors) {
+  for (size_t k = 0; k < scene.sensors.size(); ++k) {
+    if (sensors->rank[k]) continue;
+    const int sensor_idx = static_cast<int>(k);
+    if (AcceptHandEye(sensor_idx,
+                      CollectMotions(scene, images, *sensors, sensor_idx),
+                      options, sensors)) {
+      return true;
+    }
+  }
+  return false;
 }
 
 }  // namespace
@@ -293,7 +293,11 @@ bool InternalRotationEstimator::TakeHandEye(int sensor_idx) {
 SensorRotations EstimateSensorRotations(
     const Scene& scene, const ImageRotations& images,
     const RotationAveragingOptions& options) {
-  return InternalRotationEstimator(scene, images, options).Run();
+  DeterminedSensors sensors = StartWithKnownSensors(scene);
+  while (DetermineBySamples(scene, images, options.max_error_deg, &sensors) ||
+         DetermineByHandEye(scene, images, options, &sensors)) {
+  }
+  return std::move(sensors.result);
 }
 
 }  // namespace mgsfm

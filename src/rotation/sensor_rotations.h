@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// Rotations of single images, without regard to rigs. Each connected part has
-// its own world.
+// Rotations of single images without regard to rigs. Each connected component
+// has its own world.
 struct ImageRotations {
   std::vector<std::optional<Eigen::Quaterniond>> cam_from_world;  // per image
   std::vector<int> component;                                     // per image
@@ -23,19 +23,21 @@ struct SensorRotations {
   std::vector<SensorRotationSummary> summaries;
 };
 
-// The internal rotations S_k (step 2 of rotation_averaging.h).
+// The sensor_from_rig rotations S_k (step 2 of rotation_averaging.h).
 //
-// A sensor is determined once S_k is known. While there is one with frames in
-// which it has an image in the same part as that of a determined sensor a, the
-// one with most such frames is next: S_k is the geodesic L1 median over these
-// frames of R_k R_a^T S_a, a the first of the frame's sensors to have been
-// determined, weighted with the smaller support of the two images. It is
-// refused if more than half of the samples are max_error_deg away.
+// A sensor is determined once S_k is known. Each frame in which an image by an
+// undetermined sensor k and one by a determined sensor a are in the same
+// component gives a sample R_k R_a^T S_a; a is the sensor of the frame that was
+// determined first. The sensor with most samples is next: S_k is their geodesic
+// L1 median, each weighted with the smaller support of its two images. The
+// result is refused if the median deviation of the samples exceeds
+// max_error_deg.
 //
-// Where there is none, hand-eye calibration is tried with all pairs of frames
-// in which sensor k is in one part and determined sensors are in one other. It
-// is refused if the second axis, the error or the uncertainty is beyond the
-// limits (min_hand_eye_rotation_deg; max_error_deg; a fifth of that).
+// If no sensor has samples, hand-eye calibration is tried with all pairs of
+// frames in which sensor k is in one component and determined sensors are in
+// another. The result is refused if the rotations about the second axis are
+// below min_hand_eye_rotation_deg, the median error exceeds max_error_deg, or
+// the uncertainty exceeds a fifth of that.
 SensorRotations EstimateSensorRotations(
     const Scene& scene, const ImageRotations& images,
     const RotationAveragingOptions& options);

@@ -89,7 +89,7 @@ TEST(GravityResidual, TurnsGravityToY) {
   EXPECT_NEAR(GravityResidual(upside_down, example.state).norm(), kPi, 1e-6);
 }
 
-// The gradient is exact: of |e|^2 / 2 by turns of the node it is e.
+// The gradient of |e|^2 / 2 by rotations of the node is exactly e.
 TEST(GravityResidual, GradientAgreesWithDifferences) {
   Example example = MakeExample(0.5);
   for (const GravityTerm& term : example.problem.gravity) {
@@ -108,7 +108,7 @@ TEST(GravityResidual, GradientAgreesWithDifferences) {
   }
 }
 
-// A step against dense least squares with the turn of the first node about
+// A step against dense least squares with the rotation of the first node about
 // gravity held.
 TEST(RotationEquations, StepWithGravityAgreesWithDenseLeastSquares) {
   const Example example = MakeExample(0.1);
@@ -161,7 +161,7 @@ TEST(RotationEquations, StepWithGravityAgreesWithDenseLeastSquares) {
   EXPECT_LT((step.sensors.col(0) - expected.tail<3>()).norm(), 1e-8);
 }
 
-// Few and noisy pairs: a chain that drifts.
+// Few, noisy pairs: a chain that drifts.
 Simulation WeakDrive(RigPreset rig) {
   SimulationOptions options;
   options.rig = rig;
@@ -174,8 +174,8 @@ Simulation WeakDrive(RigPreset rig) {
   return Simulate(options);
 }
 
-// The largest error of roll and pitch: of the direction of gravity in frames,
-// in a world that is turned to suit the first frame, or as it is.
+// The largest error of roll and pitch: that of the direction of gravity in
+// frames, in the world as it is (is_level) or aligned with the first frame.
 double MaxTiltDeg(const Simulation& simulation,
                   const RotationEstimate& estimate, bool is_level) {
   double most = 0.0;
@@ -191,13 +191,19 @@ double MaxTiltDeg(const Simulation& simulation,
   return most;
 }
 
+RotationResult Average(const Simulation& simulation,
+                       const GravityPriors& gravity) {
+  return AverageRotations(simulation.scene, simulation.view_graph,
+                          Mask(simulation.view_graph.pairs.size(), true),
+                          nullptr, {}, {}, gravity);
+}
+
 TEST(Gravity, KeepsAWeakChainLevel) {
   for (const RigPreset rig : {RigPreset::kMono, RigPreset::kStereo}) {
     const Simulation simulation = WeakDrive(rig);
     const GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.1}, 0);
     const auto average = [&](const GravityPriors& used) {
-      return AverageRotations(simulation.scene, simulation.view_graph, {}, {},
-                              used);
+      return Average(simulation, used);
     };
     const RotationResult without = average({});
     const RotationResult with = average(gravity);
@@ -216,10 +222,7 @@ TEST(Gravity, KeepsAWeakChainLevel) {
 TEST(Gravity, OutliersAreFound) {
   const Simulation simulation = WeakDrive(RigPreset::kStereo);
   const GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.1}, 0);
-  const GravitySummary summary =
-      *AverageRotations(simulation.scene, simulation.view_graph, {}, {},
-                        gravity)
-           .summary.gravity;
+  const GravitySummary summary = *Average(simulation, gravity).summary.gravity;
   Mask is_listed(gravity.images.size(), false);
   for (const auto& outlier : summary.outliers) {
     is_listed[outlier.image_idx] = true;
@@ -240,7 +243,8 @@ TEST(Gravity, OutliersAreFound) {
   EXPECT_GE(num_wrong, 8);
 }
 
-// Of one camera that is not the reference, whose pose is not known.
+// Gravity measured by a camera that is not the reference and whose pose in the
+// rig is unknown.
 TEST(Gravity, OfAnyCameraHelps) {
   const Simulation simulation = WeakDrive(RigPreset::kStereo);
   GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.0}, 0);
@@ -253,8 +257,7 @@ TEST(Gravity, OfAnyCameraHelps) {
           simulation.cam_from_world[image_idx].rotation * Vector3d::UnitY();
     }
   }
-  const RotationResult result = AverageRotations(
-      simulation.scene, simulation.view_graph, {}, {}, gravity);
+  const RotationResult result = Average(simulation, gravity);
   EXPECT_LT(MaxTiltDeg(simulation, result.estimate, true), 1.5);
 }
 

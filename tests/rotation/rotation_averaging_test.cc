@@ -10,8 +10,11 @@
 #include <numeric>
 
 #include "geometry/so3.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "rotation/rotation_test_utils.h"
 
 namespace mgsfm {
 namespace {
@@ -20,75 +23,17 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using testing::HasSubstr;
 
+Mask All(const ViewGraph& view_graph) {
+  return Mask(view_graph.pairs.size(), true);
+}
+
 RotationResult Average(const Scene& scene, const ViewGraph& view_graph) {
-  return AverageRotations(scene, view_graph, RotationAveragingOptions(),
-                          Context());
+  return AverageRotations(scene, view_graph, All(view_graph), nullptr,
+                          RotationAveragingOptions(), Context());
 }
 
 RotationResult Average(const Simulation& simulation) {
   return Average(simulation.scene, simulation.view_graph);
-}
-
-SimulationOptions SmallSimulation() {
-  SimulationOptions options;
-  options.num_frames = 24;
-  options.num_points_per_frame = 100;
-  options.max_num_features_per_image = 150;
-  return options;
-}
-
-// The largest error of the internal rotations that were estimated.
-double MaxSensorErrorDeg(const Simulation& simulation,
-                         const RotationEstimate& estimate) {
-  double max = 0.0;
-  for (size_t k = 0; k < estimate.sensor_from_rig.size(); ++k) {
-    if (!estimate.sensor_from_rig[k]) continue;
-    max = std::max(
-        max,
-        AngleBetween(*estimate.sensor_from_rig[k],
-                     simulation.ground_truth.sensor_from_rig[k]->rotation));
-  }
-  return RadToDeg(max);
-}
-
-// The largest error of the frames of one part after moving its world by one
-// rotation, the one that suits best of those that one frame asks for.
-double MaxFrameErrorDeg(const Simulation& simulation,
-                        const RotationEstimate& estimate, int component = 0) {
-  std::vector<Quaterniond> truth, estimated;
-  for (size_t f = 0; f < estimate.rig_from_world.size(); ++f) {
-    if (estimate.component[f] != component) continue;
-    truth.push_back(simulation.ground_truth.rig_from_world[f]->rotation);
-    estimated.push_back(*estimate.rig_from_world[f]);
-  }
-  double best = std::numeric_limits<double>::infinity();
-  for (size_t ref = 0; ref < truth.size(); ++ref) {
-    const Quaterniond world = truth[ref].conjugate() * estimated[ref];
-    double max = 0.0;
-    for (size_t i = 0; i < truth.size(); ++i) {
-      max = std::max(max, AngleBetween(estimated[i], truth[i] * world));
-    }
-    best = std::min(best, RadToDeg(max));
-  }
-  return best;
-}
-
-int NumFramesWithRotation(const RotationEstimate& estimate) {
-  return static_cast<int>(std::count_if(
-      estimate.rig_from_world.begin(), estimate.rig_from_world.end(),
-      [](const auto& rotation) { return rotation.has_value(); }));
-}
-
-template <class Predicate>
-void KeepPairs(Simulation* simulation, const Predicate& keep) {
-  auto& pairs = simulation->view_graph.pairs;
-  pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
-                             [&](const ImagePair& pair) {
-                               const auto& images = simulation->scene.images;
-                               return !keep(images[pair.image_idx1],
-                                            images[pair.image_idx2]);
-                             }),
-              pairs.end());
 }
 
 class PresetTest
@@ -154,7 +99,7 @@ TEST(RotationAveraging, WrongPairsAreFound) {
     EXPECT_EQ(NumFramesWithRotation(result.estimate), options.num_frames);
     EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
     EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 0.5);
-    // Of the wrong pairs, a turn of less than max_error_deg is rare.
+    // Few wrong pairs are off by less than max_error_deg.
     const double dropped =
         static_cast<double>(result.summary.num_pairs_dropped) /
         static_cast<double>(simulation.view_graph.pairs.size());
@@ -178,89 +123,6 @@ TEST(RotationAveraging, StrongWrongPairsAreFound) {
   const RotationResult result = Average(simulation);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
   EXPECT_LT(MaxSensorErrorDeg(simulation, result.estimate), 0.5);
-}
-
-// Where few pairs hold the road together, more pairs of a copy would turn it.
-TEST(RotationAveraging, CopiesSomeDegreesOffDoNotTearTheRoad) {
-  constexpr int kNumFrames = 60, kCut = 30;
-  SimulationOptions options = SmallSimulation();
-  options.rig = RigPreset::kMono;
-  options.num_frames = kNumFrames;
-  options.relative_rotation_noise_deg = 0.1;
-  Simulation simulation = Simulate(options);
-  const auto& truth = simulation.ground_truth.rig_from_world;
-  auto& pairs = simulation.view_graph.pairs;
-  KeepPairs(&simulation, [](const Image& image1, const Image& image2) {
-    const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
-    return high - low <= (low < kCut && high >= kCut ? 2 : 4);
-  });
-  for (ImagePair& pair : pairs) {
-    const int gap =
-        std::abs(simulation.scene.images[pair.image_idx1].frame_idx -
-                 simulation.scene.images[pair.image_idx2].frame_idx);
-    pair.matches.resize(120 / gap);
-  }
-  const Quaterniond turn = ExpSO3({0.0, DegToRad(8.0), 0.0});
-  for (int i = 10; i < 16; ++i) {
-    for (int k = i + 34; k <= i + 36; ++k) {
-      ImagePair copy = pairs.front();
-      copy.image_idx1 = simulation.scene.frames[i].image_idxs.front();
-      copy.image_idx2 = simulation.scene.frames[k].image_idxs.front();
-      copy.relative_pose->cam2_from_cam1 =
-          turn * truth[k]->rotation * truth[i]->rotation.conjugate();
-      copy.matches.resize(50);
-      pairs.push_back(copy);
-    }
-  }
-  const RotationResult result = Average(simulation);
-  EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
-  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
-}
-
-// Where images are missing, a frame may have more matches with an unrelated
-// place than with its neighbours, and few pairs hold the road together.
-TEST(RotationAveraging, LoneWrongPairsDoNotTearAThinRoad) {
-  for (const uint64_t seed : {1, 2, 3, 4, 5, 6, 7, 8, 9, 10}) {
-    SimulationOptions options = StreetSimulation(RigPreset::kKitti360);
-    options.num_frames = 30;
-    options.relative_rotation_noise_deg = 0.1;
-    options.missing_image_ratio = 0.6;
-    options.isolated_wrong_pair_ratio = 0.1;
-    options.random_seed = seed;
-    const Simulation simulation = Simulate(options);
-    const RotationResult result = Average(simulation);
-    EXPECT_EQ(result.summary.num_components, 1);
-    EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0) << seed;
-  }
-}
-
-// One pair says so, and one says otherwise.
-TEST(RotationAveraging, PartsThatOnlyContradictionsJoinStayApart) {
-  constexpr int kNumFrames = 24, kCut = 12;
-  SimulationOptions options = SmallSimulation();
-  options.rig = RigPreset::kMono;
-  options.num_frames = kNumFrames;
-  Simulation simulation = Simulate(options);
-  KeepPairs(&simulation, [](const Image& image1, const Image& image2) {
-    const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
-    return (low < kCut) == (high < kCut) || high - low == 1;
-  });
-  EXPECT_EQ(Average(simulation).summary.num_components, 1);
-  auto& pairs = simulation.view_graph.pairs;
-  ImagePair wrong = pairs.front();
-  wrong.image_idx1 = 3;
-  wrong.image_idx2 = 20;
-  wrong.relative_pose->cam2_from_cam1 = ExpSO3({0.0, DegToRad(-40.0), 0.0});
-  for (uint32_t k = 0; k < wrong.matches.size(); ++k) {
-    wrong.matches[k] = {1000 + k, 1000 + k};  // keypoints without other matches
-  }
-  pairs.push_back(wrong);
-  const RotationResult result = Average(simulation);
-  EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
-  EXPECT_EQ(result.summary.num_components, 2);
-  EXPECT_EQ(result.summary.num_unsupported_bridges, 1);
-  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 0), 1e-6);
-  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate, 1), 1e-6);
 }
 
 // A sensor that never overlaps with the others in a frame, but sees what they
@@ -317,9 +179,9 @@ TEST(RotationAveraging, UnlinkedSensorOnAStraightPathIsNotObservable) {
   context.log = [&](LogLevel level, const std::string& message) {
     if (level == LogLevel::kWarning) warnings.push_back(message);
   };
-  const RotationResult result =
-      AverageRotations(simulation.scene, simulation.view_graph,
-                       RotationAveragingOptions(), context);
+  const RotationResult result = AverageRotations(
+      simulation.scene, simulation.view_graph, All(simulation.view_graph),
+      nullptr, RotationAveragingOptions(), context);
   EXPECT_FALSE(result.estimate.sensor_from_rig[1].has_value());
   EXPECT_FALSE(result.summary.sensors[1].is_observable);
   EXPECT_THAT(result.summary.sensors[1].message, HasSubstr("not observable"));
@@ -336,7 +198,7 @@ TEST(RotationAveraging, UnlinkedSensorOnAStraightPathIsNotObservable) {
   }
 }
 
-// A circle in the plane turns about one axis only.
+// A rig on a circle in a plane rotates about one axis only.
 TEST(RotationAveraging, UnlinkedSensorOnAPlanarLoopIsNotObservable) {
   SimulationOptions options = SmallSimulation();
   options.path = PathPreset::kLoop;
@@ -345,12 +207,13 @@ TEST(RotationAveraging, UnlinkedSensorOnAPlanarLoopIsNotObservable) {
   EXPECT_FALSE(result.estimate.sensor_from_rig[1].has_value());
 }
 
-TEST(RotationAveraging, TwoPartsShareInternalRotations) {
+TEST(RotationAveraging, ComponentsShareSensorRotations) {
   SimulationOptions options = SmallSimulation();
   options.rig = RigPreset::kCube6;
   options.num_frames = 30;
   Simulation simulation = Simulate(options);
-  // Frames 0 to 11 and 12 to 29; no pair inside a frame in the first part.
+  // Frames 0 to 11 and 12 to 29; no pair within a frame in the first
+  // component.
   KeepPairs(&simulation, [](const Image& a, const Image& b) {
     const bool is_first = a.frame_idx < 12;
     return is_first == (b.frame_idx < 12) &&
@@ -390,7 +253,7 @@ TEST(RotationAveraging, SensorsAreChainedThroughOthers) {
   options.rig = RigPreset::kCube6;
   Simulation simulation = Simulate(options);
   // Sensors 0, 1, 2 meet in the first frames, 2, 3, 4, 5 in the others, so that
-  // 3, 4 and 5 share no connected part with the reference.
+  // 3, 4 and 5 share no connected component with the reference.
   KeepPairs(&simulation, [](const Image& a, const Image& b) {
     const auto is_first = [](const Image& image) {
       return image.frame_idx < 12 && image.sensor_idx <= 2;
@@ -408,7 +271,7 @@ TEST(RotationAveraging, SensorsAreChainedThroughOthers) {
   }
 }
 
-TEST(RotationAveraging, KnownInternalRotationsStay) {
+TEST(RotationAveraging, KnownSensorRotationsStay) {
   SimulationOptions options = SmallSimulation();
   options.relative_rotation_noise_deg = 1.0;
   options.extrinsics_are_known = true;
@@ -553,17 +416,62 @@ TEST(RotationAveraging, IsRepeatable) {
   }
 }
 
-TEST(RotationAveraging, EmptyInputs) {
-  const RotationResult nothing = Average(Scene(), ViewGraph());
-  EXPECT_TRUE(nothing.estimate.rig_from_world.empty());
+// Without relative poses there is nothing to average; a sensor is not to blame.
+TEST(RotationAveraging, ViewGraphsWithoutRelativePosesAreRejected) {
   Simulation simulation = Simulate(SmallSimulation());
+  const auto expect_error = [&](const Mask& pair_is_used, const char* count) {
+    try {
+      const RotationResult result = AverageRotations(
+          simulation.scene, simulation.view_graph, pair_is_used, nullptr,
+          RotationAveragingOptions(), Context());
+      ADD_FAILURE() << "no error";
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(),
+                  testing::AllOf(HasSubstr("relative pose"), HasSubstr(count),
+                                 HasSubstr("EstimateViewGraph")));
+    }
+  };
+  const size_t num_pairs = simulation.view_graph.pairs.size();
+  expect_error(Mask(num_pairs, false), "none of the 0 ");
+  for (ImagePair& pair : simulation.view_graph.pairs) {
+    pair.relative_pose.reset();
+  }
+  expect_error(Mask(num_pairs, true), std::to_string(num_pairs).c_str());
   simulation.view_graph.pairs.clear();
-  const RotationResult result = Average(simulation);
-  EXPECT_EQ(NumFramesWithRotation(result.estimate), 0);
-  EXPECT_EQ(result.summary.num_components, 0);
-  EXPECT_TRUE(result.estimate.sensor_from_rig[0].has_value());
-  EXPECT_FALSE(result.estimate.sensor_from_rig[1].has_value());
-  EXPECT_FALSE(result.summary.median_error_deg.has_value());
+  expect_error({}, "none of the 0 ");
+}
+
+// Averaging with a start stays at the start where pairs permit it, and pairs
+// that are not used do not matter.
+TEST(RotationAveraging, UsesItsPairsAndItsStart) {
+  SimulationOptions options = SmallSimulation();
+  options.relative_rotation_noise_deg = 0.2;
+  options.wrong_pair_ratio = 0.3;
+  const Simulation simulation = Simulate(options);
+  Mask is_right(simulation.view_graph.pairs.size());
+  for (size_t i = 0; i < is_right.size(); ++i) {
+    const ImagePair& pair = simulation.view_graph.pairs[i];
+    const Quaterniond truth =
+        simulation.cam_from_world[pair.image_idx2].rotation *
+        simulation.cam_from_world[pair.image_idx1].rotation.conjugate();
+    is_right[i] =
+        AngleBetween(pair.relative_pose->cam2_from_cam1, truth) < DegToRad(2.0);
+  }
+  const auto average = [&](const Mask& pair_is_used,
+                           const RotationEstimate* start) {
+    return AverageRotations(simulation.scene, simulation.view_graph,
+                            pair_is_used, start, RotationAveragingOptions(),
+                            Context());
+  };
+  const RotationResult right = average(is_right, nullptr);
+  for (size_t i = 0; i < is_right.size(); ++i) {
+    EXPECT_LE(right.estimate.pair_is_inlier[i], is_right[i]);
+  }
+  const RotationResult all =
+      average(All(simulation.view_graph), &right.estimate);
+  EXPECT_THAT(all.summary.images.message, testing::Not(HasSubstr("L1 step")));
+  EXPECT_LT(MaxFrameErrorDeg(simulation, right.estimate), 0.5);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, all.estimate), 0.5);
 }
 
 }  // namespace

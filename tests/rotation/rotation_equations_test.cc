@@ -176,13 +176,14 @@ TEST(RotationEquations, StepAgreesWithDenseLeastSquares) {
     const RotationEdge& edge = problem.edges[e];
     weights.push_back(random.Uniform(0.1, 2.0));
     residuals.push_back(RotationResidual(edge, example.state));
-    const auto add = [&](int column, const Matrix3d& block) {
-      if (column < 0) return;
-      J.block<3, 3>(3 * e, 3 * column) += std::sqrt(weights[e]) * block;
+    const auto add = [&](std::optional<int> column, const Matrix3d& block) {
+      if (!column) return;
+      J.block<3, 3>(3 * e, 3 * *column) += std::sqrt(weights[e]) * block;
     };
     const auto sensor_column = [&](int sensor) {
-      const int column = unknowns.column_of_sensor[sensor];
-      return column < 0 ? -1 : 8 + column;
+      std::optional<int> column = unknowns.column_of_sensor[sensor];
+      if (column) *column += 8;
+      return column;
     };
     const Matrix3d G1 = example.state.nodes[edge.node1].toRotationMatrix();
     const Matrix3d G2 = example.state.nodes[edge.node2].toRotationMatrix();
@@ -233,7 +234,9 @@ TEST(RotationEquations, OneNodeOfEachPartIsHeld) {
   problem.edges.push_back(edge);
   const RotationUnknowns unknowns = NumberUnknowns(problem);
   EXPECT_EQ(unknowns.num_node_columns, 2);
-  EXPECT_EQ(unknowns.column_of_node, (std::vector<int>{-1, -1, -1, 0, 1}));
+  EXPECT_EQ(unknowns.column_of_node,
+            (std::vector<std::optional<int>>{std::nullopt, std::nullopt,
+                                             std::nullopt, 0, 1}));
 }
 
 }  // namespace

@@ -48,7 +48,7 @@ Example MakeRing(int num_nodes, double noise_rad, double outlier_ratio,
   return example;
 }
 
-// The largest error after aligning the worlds at each node in turn, at best.
+// The largest error after aligning the worlds at the node that suits best.
 double MaxErrorDeg(const RotationState& state, const RotationState& truth) {
   double best = 180.0;
   for (size_t ref = 0; ref < truth.nodes.size(); ++ref) {
@@ -93,15 +93,15 @@ TEST(InitializeNodes, ParallelEdgesOutvoteAStrongWrongOne) {
 TEST(InitializeNodes, WhatIsKnownGoesBeforeEdges) {
   Random random(3);
   const Example example = MakeRing(12, 0.0, 0.0, 0.0, &random);
-  // Two parts, each in a world of its own; one node is not known.
+  // Two components, each in its own world; one node is unknown.
   NodeStart start;
   for (int i = 0; i < 12; ++i) {
     const Quaterniond world = ExpSO3({0.1 * (i / 6), 0.2, 0.3});
     start.rotations.emplace_back(example.truth.nodes[i] * world);
-    start.parts.emplace_back(i / 6);
+    start.components.emplace_back(i / 6);
   }
   start.rotations[3].reset();
-  start.parts[3].reset();
+  start.components[3].reset();
   RotationProblem wrong = example.problem;
   for (RotationEdge& edge : wrong.edges) {
     if (start.Knows(edge.node1, edge.node2)) {

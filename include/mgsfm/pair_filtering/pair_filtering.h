@@ -151,7 +151,8 @@ enum class RejectionReason {
   kRotationBeyondDriftBound,  // rule 3
   kInconsistentRotation,      // contradicts the estimated rotations
   kUnsupportedBridge,         // rule 4
-  kFrameWithoutRotation,      // no other pair connects its frame
+  kFrameWithoutRotation,      // no accepted pair connects one of its frames
+  kDifferentComponents,       // its frames are in different components
   kNoBaseline,                // no translation explains its matches
   kInconsistentBaseline,      // rule 5
 };
@@ -166,6 +167,7 @@ struct EnumTable<RejectionReason> {
       {"inconsistent_rotation", RejectionReason::kInconsistentRotation},
       {"unsupported_bridge", RejectionReason::kUnsupportedBridge},
       {"frame_without_rotation", RejectionReason::kFrameWithoutRotation},
+      {"different_components", RejectionReason::kDifferentComponents},
       {"no_baseline", RejectionReason::kNoBaseline},
       {"inconsistent_baseline", RejectionReason::kInconsistentBaseline}};
 };

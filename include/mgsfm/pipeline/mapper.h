@@ -45,6 +45,7 @@ struct MapperOptions {
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
+  PairFilteringOptions pair_filtering;
   RotationAveragingOptions rotation_averaging;
   TrackOptions tracks;
   MatchSelectionOptions match_selection;
@@ -62,6 +63,7 @@ struct MapperOptions {
           "are; to covariances.csv beside each model.");
     visit.Group("FocalLengths", self.focal_lengths);
     visit.Group("ViewGraph", self.view_graph);
+    visit.Group("PairFiltering", self.pair_filtering);
     visit.Group("RotationAveraging", self.rotation_averaging);
     visit.Group("Tracks", self.tracks);
     visit.Group("MatchSelection", self.match_selection);
@@ -82,10 +84,11 @@ struct MapperModel {
   std::vector<FocalLengthCheck> focal_lengths;          // of those refined
   std::optional<CovarianceResult> covariances;          // if asked for
   std::optional<ExtensionSummary> extension;            // if it had a start
-  // If asked for; then `reconstruction` has the mean rig, and points that fit
-  // these poses of images. Covariances are those before.
+  // Set if the options request it. `reconstruction` then has the mean rig and
+  // points that fit the individual poses of images; covariances are those
+  // before that estimation.
   std::optional<SoftRigImages> soft_rig_images;
-  // Pairs of this part that rotations or positions contradict.
+  // Groups of pairs that contradict the rotations or positions.
   std::vector<RejectedGroup> rejected_groups;
   std::vector<StageTime> times;  // in the order in which stages ran
 };
@@ -98,9 +101,12 @@ struct UnregisteredFrame {
 struct MapperResult {
   std::vector<MapperModel> models;  // by descending number of frames
   std::vector<UnregisteredFrame> unregistered_frames;  // in no model
-  // Of cameras without prior focal length.
+  // One per camera without a prior focal length.
   std::vector<FocalLengthEstimate> focal_lengths;
   ViewGraphSummary view_graph;
+  // Pairs of the view graph that were rejected, by reason. Empty for an
+  // extended model.
+  std::vector<RejectionCount> rejected_pairs;
   RotationSummary rotation;
   std::vector<StageTime> times;
 };

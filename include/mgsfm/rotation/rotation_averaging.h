@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/priors/prior_summaries.h"
@@ -20,51 +21,53 @@ namespace mgsfm {
 
 // Decoupled multi-camera rotation averaging (MGSfM, ICCV 2025, section 3.3).
 //
-// Measured is the relative rotation R_ij (j from i) of image pairs. With S_k
-// the internal rotation of sensor k (sensor_from_rig) and G_f the rotation of
-// frame f (rig_from_world), an image has R_i = S_k G_f, and the model is
+// Measurements: relative rotations R_ij (j from i) of image pairs.
+// Unknowns: the rotation G_f of each frame f (rig_from_world) and the rotation
+// S_k of each sensor k in its rig (sensor_from_rig) that is not known. With
+// image i by sensor k in frame f and j by sensor l in frame g, the model is
 //
-//   R_ij = S_l G_g G_f^T S_k^T,     i by sensor k in frame f, j by l in g.
+//   R_i = S_k G_f,   R_ij = R_j R_i^T = S_l G_g G_f^T S_k^T.
 //
-// Minimised is  sum_ij w_ij rho(|e_ij|^2) / 2,  e_ij = Log(R_j^T R_ij R_i),
-// over all G_f and all S_k that are not known beforehand, in five steps:
+// Objective: sum_ij w_ij rho(|e_ij|^2) / 2 with e_ij = Log(R_j^T R_ij R_i) and
+// w_ij = sqrt(min(n, inlier_cap) / inlier_cap) for n matches. rho is the loss
+// of Geman and McClure; its scale is annealed from 5 deg to six robust standard
+// deviations of e (rotation_solver.h). Method:
 //
-// 1. All images alone: R_i from pairs (spanning forest, L1, re-weighted least
-//    squares).
+// 1. Rotations of single images without regard to rigs: spanning forest, L1
+//    averaging, iteratively re-weighted least squares (IRLS).
 // 2. S_k as the geodesic L1 median over frames of R_j R_i^T S_i, along a
-//    spanning tree over sensors rooted at the known ones; sensors in no common
-//    frame of one connected part by hand-eye calibration (A S_k = S_k B from
-//    relative rotations A of its own part and B of the rig). A sensor whose
-//    images turned about less than two axes is not observable that way; it is
-//    reported and keeps nullopt, and so do no images depend on it.
-// 3. All frames with S_k held fixed, by the method of step 1.
-// 4. All G_f and S_k together (exact coefficients).
-// 5. Pairs with |e_ij| > max_error_deg are dropped, connectivity is checked
-//    anew, step 4 is repeated on the pairs kept, and all pairs are judged
-//    again. Of these, pairs of two frames that alone join two parts are left
-//    out where others contradict them and no third image confirms them
-//    (rotation/unsupported_bridges.h): the parts stay apart, with a warning.
+//    spanning tree of sensors rooted at the known ones. Sensors that share no
+//    frame of a connected component with others: hand-eye calibration, A S_k =
+//    S_k B, from relative rotations A of the sensor and B of the rig. It fails
+//    for a sensor that rotated about less than two axes. Such a sensor is
+//    reported, its rotation stays nullopt, and no frame depends on its images.
+// 3. Rotations of frames with S_k fixed, by the method of step 1.
+// 4. All G_f and S_k jointly, by IRLS.
+// 5. Pairs with |e_ij| > max_error_deg are removed, step 4 is repeated, and all
+//    pairs are judged again. Frames are numbered by connected component.
 //
-// Weights: w_ij = sqrt(min(n, inlier_cap) / inlier_cap) with n matches.
-// rho: Geman-McClure, its scale lowered from 5 deg to six robust standard
-// deviations of e. Gauge: one rotation of the world for each connected part,
-// held by its first frame; S of reference and known sensors is held.
-// Stopping rules of all re-weighted loops: max_i |step_i| <= step_tolerance_deg
-// at the final scale (converged), or max_num_iterations.
-// Cost: a sparse Cholesky factorisation of a frames x frames matrix in each
+// Gauge: one rotation of the world for each connected component, fixed by its
+// first frame. S_k of reference sensors and known sensors is fixed.
+// Stopping criteria of IRLS: max_i |step_i| <= step_tolerance_deg at the final
+// scale, or max_num_iterations.
+// Cost: one sparse Cholesky factorisation of a frames x frames matrix in each
 // iteration, with 3 + 9 K right-hand sides for K unknown sensors.
 //
-// With the direction of gravity measured in images, u in the camera, step 4
-// also minimises sum_g w_g rho_g(angle((S_k G_f)^T u, y)^2) / 2, after every
-// part was levelled as a whole: worlds have gravity along +y, and do not tilt,
-// how long ever the chain of frames is. w_g is the ratio of the variances of e
-// and of gravity; rho_g: Geman-McClure. What is off in the end by more than
-// four standard deviations is listed as an outlier.
+// Gravity priors u (unit vectors in the camera) add the terms
+// sum_g w_g rho_g(angle((S_k G_f)^T u, y)^2) / 2 to step 4, after each
+// component was levelled as a whole. The world then has gravity along +y, and
+// its tilt does not grow with the length of the trajectory. w_g is the ratio of
+// the variances of e and of the priors; rho_g is the loss of Geman and McClure.
+// Priors with errors of more than four standard deviations are reported.
 //
-// That is the strategy `decoupled`. `joint` (as MMA has it) does without images
-// alone: S_k starts at the median of the relative rotations measured inside
-// frames, or at the identity where the sensors share no view; the frames
-// start by a spanning forest; and step 4 does the rest.
+// The strategy `joint` replaces steps 1 to 3, as MMA does: S_k starts at the
+// median of the relative rotations measured within frames, or at the identity
+// if the sensor overlaps with no other; the frames start from a spanning
+// forest.
+//
+// Robust averaging resists wrong pairs that disagree with each other. Duplicate
+// structures agree; src/pipeline/rotation_recipe.h combines averaging with the
+// filters of mgsfm/pair_filtering/pair_filtering.h against them.
 enum class RotationStrategy {
   kAuto,  // decoupled
   kDecoupled,
@@ -92,51 +95,52 @@ struct RotationAveragingOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("strategy", self.strategy, AnyValue(), "",
-          "Internal rotations first and then frames (decoupled), or all at "
-          "once (joint); auto: as the method of the mapper says, else "
-          "decoupled.");
+          "Estimate sensor_from_rig rotations first and frames next "
+          "(decoupled), or all jointly (joint); auto: as the method of the "
+          "mapper requires, else decoupled.");
     visit("max_error_deg", self.max_error_deg, Between(0.0, 180.0), "deg",
-          "Pairs whose relative rotation differs more are dropped.");
+          "Pairs whose relative rotation deviates more from the estimate are "
+          "rejected.");
     visit("inlier_cap", self.inlier_cap, AtLeast(1), "matches",
-          "Matches beyond so many do not raise the weight of a pair.");
+          "Matches beyond this count do not increase the weight of a pair.");
     visit("max_num_l1_iterations", self.max_num_l1_iterations, AtLeast(0),
-          "iterations", "Most linearisations of the L1 step.");
+          "iterations", "Maximum number of linearisations of L1 averaging.");
     visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
-          "iterations", "Most iterations of re-weighted least squares.");
+          "iterations",
+          "Maximum number of iterations of re-weighted least squares.");
     visit("step_tolerance_deg", self.step_tolerance_deg, GreaterThan(0.0),
-          "deg", "Iterations end when no rotation changes by more.");
+          "deg",
+          "Iterations stop when no rotation changes by more than this angle.");
     visit("min_hand_eye_rotation_deg", self.min_hand_eye_rotation_deg,
           Between(0.0, 90.0), "deg",
-          "Turns about a second axis (root mean square) below which a sensor "
-          "that shares no view with the others counts as unobservable.");
+          "A sensor without overlap is unobservable if its rotations about a "
+          "second axis have a smaller root mean square.");
     visit("gravity_sigma_deg", self.gravity_sigma_deg, GreaterThan(0.0), "deg",
-          "Standard deviation of measured directions of gravity; if they are "
-          "worse, that is noticed.");
+          "Standard deviation of gravity priors; larger errors are detected "
+          "and raise it.");
   }
 };
 
-// What is known of the internal rotation of one sensor.
+// The sensor_from_rig rotation of one sensor.
 struct SensorRotationSummary {
-  int num_samples = 0;                         // frames that gave one
+  int num_samples = 0;                         // frames that contributed
   std::optional<double> median_deviation_deg;  // of the samples
   bool is_observable = false;
-  std::string message;  // how it was found, or why it was not, in words
+  std::string message;  // how it was estimated, or why it was not
 };
 
 struct RotationSummary {
   std::vector<SensorRotationSummary> sensors;  // per sensor
-  SolveSummary images;                         // single-image averaging
-  SolveSummary frames;                         // rigid-unit averaging
-  SolveSummary joint;                          // joint refinement, the last
-  int num_pairs_without_rotation = 0;          // no relative pose: never used
-  int num_pairs_unobservable = 0;  // of sensors without internal rotation
-  int num_pairs_dropped = 0;       // of all others: not consistent
-  // Of these: would alone join two parts, but see
-  // rotation/unsupported_bridges.h.
-  int num_unsupported_bridges = 0;
-  int num_components = 0;                  // connected parts of the result
-  std::optional<double> median_error_deg;  // of the pairs kept
-  std::optional<GravitySummary> gravity;   // if it was measured
+  SolveSummary images;                         // step 1
+  SolveSummary frames;                         // step 3
+  SolveSummary joint;                          // step 4, last run
+  int num_pairs_without_rotation = 0;          // no relative pose
+  int num_pairs_unobservable = 0;   // unknown sensor_from_rig rotation
+  int num_pairs_dropped = 0;        // all other pairs that are not inliers
+  int num_unsupported_bridges = 0;  // those dropped as unsupported bridges
+  int num_components = 0;           // connected components of frames
+  std::optional<double> median_error_deg;  // of the pairs kept by step 5
+  std::optional<GravitySummary> gravity;   // if there are priors
 };
 
 struct RotationResult {
@@ -144,9 +148,12 @@ struct RotationResult {
   RotationSummary summary;
 };
 
+// Averages the relative rotations of the pairs in `pair_is_used`, once. With
+// `start` (null: none), frames that it contains start there, and L1 averaging
+// is skipped. Throws Error if no used pair has a relative pose.
 [[nodiscard]] RotationResult AverageRotations(
-    const Scene& scene, const ViewGraph& view_graph,
-    const RotationAveragingOptions& options, const Context& context,
-    const GravityPriors& gravity = {});
+    const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
+    const RotationEstimate* start, const RotationAveragingOptions& options,
+    const Context& context, const GravityPriors& gravity = {});
 
 }  // namespace mgsfm

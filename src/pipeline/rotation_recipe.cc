@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/rotation_recipe.h"
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/rotation_consistency.h"
+#include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/unsupported_bridges.h"
+#include "rotation/rotation_components.h"
+
+namespace mgsfm {
+namespace {
+
+Mask Not(Mask mask) {
+  for (size_t i = 0; i < mask.size(); ++i) mask[i] = !mask[i];
+  return mask;
+}
+
+Mask PairsWithRelativePose(const ViewGraph& view_graph) {
+  Mask has_relative_pose(view_graph.pairs.size());
+  for (size_t i = 0; i < has_relative_pose.size(); ++i) {
+    has_relative_pose[i] = view_graph.pairs[i].relative_pose.has_value();
+  }
+  return has_relative_pose;
+}
+
+RotationResult NothingToAverage(const Scene& scene, const ViewGraph& view_graph,
+                                const Context& context) {
+  context.Warning("None of the " + std::to_string(view_graph.pairs.size()) +
+                  " image pairs has a relative pose: there are no rotations to "
+                  "average.");
+  RotationResult result;
+  RotationEstimate& estimate = result.estimate;
+  estimate.rig_from_world.resize(scene.frames.size());
+  estimate.component.resize(scene.frames.size());
+  estimate.pair_is_inlier.resize(view_graph.pairs.size());
+  for (const Sensor& sensor : scene.sensors) {
+    estimate.sensor_from_rig.emplace_back();
+    result.summary.sensors.emplace_back();
+    SensorRotationSummary& summary = result.summary.sensors.back();
+    summary.is_observable = sensor.sensor_from_rig.has_value();
+    summary.message =
+        summary.is_observable ? "known" : "no image pair has a relative pose";
+    if (!sensor.sensor_from_rig) continue;
+    estimate.sensor_from_rig.back() =
+        ToUnitQuaternion(sensor.sensor_from_rig->rotation);
+  }
+  result.summary.num_pairs_without_rotation =
+      static_cast<int>(view_graph.pairs.size());
+  return result;
+}
+
+// Rotations by the pairs of a skeletal graph alone. They are only a start, so
+// their warnings and progress would mislead.
+RotationEstimate AverageSkeleton(const Scene& scene,
+                                 const ViewGraph& view_graph,
+                                 const Mask& is_in_skeleton,
+                                 const RotationAveragingOptions& options,
+                                 const Context& context) {
+  Context quiet = context;
+  quiet.log = nullptr;
+  quiet.progress = nullptr;
+  return AverageRotations(scene, view_graph, is_in_skeleton, nullptr, options,
+                          quiet)
+      .estimate;
+}
+
+void WarnOfBridges(const Scene& scene, const ViewGraph& view_graph,
+                   const Mask& is_bridge, const Context& context) {
+  for (size_t i = 0; i < is_bridge.size(); ++i) {
+    if (!is_bridge[i]) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    context.Warning("The pair of images '" +
+                    scene.images[pair.image_idx1].name + "' and '" +
+                    scene.images[pair.image_idx2].name +
+                    "' is rejected: it alone would connect two components of "
+                    "frames, no third image supports its matches, and other "
+                    "pairs contradict it. The components stay apart.");
+  }
+}
+
+Mask PairsWithUnknownSensor(const Scene& scene, const ViewGraph& view_graph,
+                            const RotationEstimate& estimate) {
+  const auto is_unknown = [&](int image_idx) {
+    return !estimate.sensor_from_rig[scene.images[image_idx].sensor_idx];
+  };
+  Mask has_unknown(view_graph.pairs.size());
+  for (size_t i = 0; i < has_unknown.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    has_unknown[i] = is_unknown(pair.image_idx1) || is_unknown(pair.image_idx2);
+  }
+  return has_unknown;
+}
+
+// The reasons of pairs that no filter rejected but the estimate does not keep.
+void RejectByEstimate(const FramePairIndex& index,
+                      const RotationEstimate& estimate,
+                      PairVerdicts* verdicts) {
+  for (size_t i = 0; i < verdicts->size(); ++i) {
+    if ((*verdicts)[i] || estimate.pair_is_inlier[i]) continue;
+    const auto& component1 = estimate.component[index.Of(i).frame_idx1];
+    const auto& component2 = estimate.component[index.Of(i).frame_idx2];
+    (*verdicts)[i] =
+        !component1 || !component2   ? RejectionReason::kFrameWithoutRotation
+        : *component1 != *component2 ? RejectionReason::kDifferentComponents
+                                     : RejectionReason::kInconsistentRotation;
+  }
+}
+
+// The start of averaging, and the pairs that it rejects.
+struct SkeletonResult {
+  std::optional<RotationEstimate> start;
+  Mask is_beyond_drift_bound;
+};
+
+SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
+                                const ViewGraph& view_graph,
+                                const Mask& is_used,
+                                const RotationAveragingOptions& options,
+                                const PairFilteringOptions& filtering,
+                                const Context& context) {
+  SkeletonResult result{std::nullopt, Mask(is_used.size(), false)};
+  if (!filtering.use_skeletal_graph) return result;
+  const Mask is_in_skeleton = SelectSkeletalGraph(
+      index, view_graph, is_used, filtering, context.num_threads);
+  result.start =
+      AverageSkeleton(scene, view_graph, is_in_skeleton, options, context);
+  if (filtering.use_rotation_consistency) {
+    result.is_beyond_drift_bound =
+        FindInconsistentRotations(scene, index, view_graph, is_used,
+                                  is_in_skeleton, *result.start, filtering);
+  }
+  return result;
+}
+
+Mask FindBridges(const Scene& scene, const FramePairIndex& index,
+                 const ViewGraph& view_graph, const Mask& pair_is_inlier,
+                 const PairFilteringOptions& filtering,
+                 const Context& context) {
+  if (!filtering.use_unsupported_bridges) {
+    return Mask(pair_is_inlier.size(), false);
+  }
+  Mask is_bridge = FindUnsupportedBridges(index, view_graph, pair_is_inlier,
+                                          filtering, context.num_threads);
+  WarnOfBridges(scene, view_graph, is_bridge, context);
+  return is_bridge;
+}
+
+}  // namespace
+
+EstimatedRotations EstimateRotations(const Scene& scene,
+                                     const ViewGraph& view_graph,
+                                     const GravityPriors& gravity,
+                                     const RotationAveragingOptions& options,
+                                     const PairFilteringOptions& filtering,
+                                     const Context& context) {
+  EstimatedRotations result;
+  result.verdicts.resize(view_graph.pairs.size());
+  Mask is_used = PairsWithRelativePose(view_graph);
+  Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
+  RotationResult averaged;
+  if (!is_used.Any()) {
+    averaged = NothingToAverage(scene, view_graph, context);
+    result.estimate = std::move(averaged.estimate);
+    result.summary = std::move(averaged.summary);
+    return result;
+  }
+  const FramePairIndex index(scene, view_graph);
+  const SkeletonResult skeleton = FilterBySkeleton(
+      scene, index, view_graph, is_used, options, filtering, context);
+  is_used.Remove(skeleton.is_beyond_drift_bound);
+  averaged = AverageRotations(scene, view_graph, is_used,
+                              skeleton.start ? &*skeleton.start : nullptr,
+                              options, context, gravity);
+  Mask is_kept = averaged.estimate.pair_is_inlier;
+  const Mask is_bridge =
+      FindBridges(scene, index, view_graph, is_kept, filtering, context);
+  is_kept.Remove(is_bridge);
+  result.estimate =
+      RestrictToPairs(scene, view_graph, is_kept, std::move(averaged.estimate));
+  result.summary = std::move(averaged.summary);
+  SummarizeEstimate(scene, view_graph, result.estimate, gravity, options,
+                    &result.summary);
+  result.summary.num_unsupported_bridges = static_cast<int>(is_bridge.Count());
+
+  Reject(PairsWithUnknownSensor(scene, view_graph, result.estimate),
+         RejectionReason::kUnknownSensorRotation, &result.verdicts);
+  Reject(skeleton.is_beyond_drift_bound,
+         RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
+  Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
+  RejectByEstimate(index, result.estimate, &result.verdicts);
+  return result;
+}
+
+}  // namespace mgsfm

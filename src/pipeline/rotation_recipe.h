@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/rotation/rotation_averaging.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/gravity_priors.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+struct EstimatedRotations {
+  RotationEstimate estimate;
+  RotationSummary summary;
+  PairVerdicts verdicts;  // per pair; nullopt for the inliers of the estimate
+};
+
+// Rotations that resist duplicate structures: rotation averaging
+// (mgsfm/rotation/rotation_averaging.h) and the rules of
+// mgsfm/pair_filtering/pair_filtering.h on rotations, in this order:
+//
+//   skeletal graph -> average its pairs -> reject pairs beyond its drift bound
+//   -> average the others, from the rotations of the skeletal graph
+//   -> reject unsupported bridges -> number components.
+//
+// Gravity priors take part in the second averaging only. Without any relative
+// pose the estimate contains nothing but known sensors, and a warning says so.
+[[nodiscard]] EstimatedRotations EstimateRotations(
+    const Scene& scene, const ViewGraph& view_graph,
+    const GravityPriors& gravity, const RotationAveragingOptions& options,
+    const PairFilteringOptions& filtering, const Context& context);
+
+}  // namespace mgsfm
