@@ -12,19 +12,13 @@
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
-namespace {
 
-// Keypoints are not located better; without noise sigma tells nothing.
-constexpr double kMinLossScalePx = 0.05;
-
-}  // namespace
-
-bool SolveOnce(const Scene& scene, const PositionPriors& priors,
-               const FixedPoses& held, const BundleAdjustmentOptions& options,
+bool SolveOnce(const Scene& scene, const BundlePriors& priors,
+               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result) {
   BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors, held);
+      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
@@ -70,7 +64,7 @@ double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
       options.loss_scale_px,
-      std::max(kMinLossScalePx, options.loss_sigma_factor * sigma_px));
+      std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
 }
 
 void FinishSummary(const Scene& scene, const Reconstruction& initial,
@@ -101,11 +95,11 @@ void FinishSummary(const Scene& scene, const Reconstruction& initial,
 
 BundleResult AdjustBundle(const Scene& scene, const Reconstruction& initial,
                           const BundleAdjustmentOptions& options,
-                          const Context& context, const PositionPriors& priors,
-                          const FixedPoses& held) {
+                          const Context& context, const BundlePriors& priors,
+                          const FixedPoses& fixed) {
   BundleResult result;
   result.estimate = initial;
-  SolveOnce(scene, priors, held, options, RefinedParts::kAll,
+  SolveOnce(scene, priors, fixed, options, RefinedParts::kAll,
             options.function_tolerance, context, &result);
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial, options, &result);

@@ -5,7 +5,7 @@
 
 namespace mgsfm {
 
-// Bundle adjustment without scene: keypoints, and no terms but priors.
+// The rig problem of bundle adjustment: keypoints and priors, no other terms.
 using BundleProblem = RigProblem<PixelObservation>;
 using BundleState = RigState;
 

@@ -13,11 +13,10 @@
 namespace mgsfm {
 namespace {
 
+// Beyond this, the linearisation of a rotation is meaningless.
 constexpr double kMaxSigmaRad = DegToRad(10.0);
-// As in adjustments of keypoints without noise.
-constexpr double kMinSigmaPx = 0.05;
 
-// In units of the noise of observations, as these are.
+// Expresses priors in units of the noise of observations.
 void WeighPriors(double sigma_px, BundleProblem* problem) {
   for (RigProblemBase::ParameterPrior& prior : problem->priors) {
     prior.sigma /= sigma_px;
@@ -32,18 +31,17 @@ void WeighPriors(double sigma_px, BundleProblem* problem) {
   problem->position_loss.scale *= sigma_px;
 }
 
-// The problem of a model, in units of the noise of its observations.
+// The problem of a model in units of the noise of its observations.
 BuiltProblem BuildWeighted(const Scene& scene,
                            const Reconstruction& reconstruction,
                            const BundleAdjustmentOptions& options,
-                           double sigma_px, const PositionPriors& priors) {
+                           double sigma_px, const BundlePriors& priors) {
   BundleAdjustmentOptions weighted = options;
   weighted.loss_scale_px =
       std::min(options.loss_scale_px, options.loss_sigma_factor * sigma_px);
-  PositionPriors positions = priors;
-  positions.gravity.reset();
-  BuiltProblem built = BuildProblem(scene, reconstruction, weighted,
-                                    RefinedParts::kAll, positions);
+  BuiltProblem built =
+      BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll,
+                   BundlePriors{priors.positions, std::nullopt});
   WeighPriors(sigma_px, &built.problem);
   return built;
 }
@@ -95,10 +93,10 @@ CovarianceResult ComputeCovariances(const Scene& scene,
                                     const Reconstruction& reconstruction,
                                     const BundleAdjustmentOptions& options,
                                     const Context& context,
-                                    const PositionPriors& priors) {
+                                    const BundlePriors& priors) {
   CovarianceResult result;
   result.sigma_px = NoiseSigmaPx(scene, reconstruction, context.num_threads);
-  const double sigma_px = std::max(result.sigma_px, kMinSigmaPx);
+  const double sigma_px = std::max(result.sigma_px, kMinKeypointSigmaPx);
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   DescribeGauge(built, &result);
@@ -124,9 +122,10 @@ CovarianceResult ComputeCovariances(const Scene& scene,
 std::optional<std::vector<std::vector<double>>> ComputeIntrinsicSigmas(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors) {
-  const double sigma_px = std::max(
-      kMinSigmaPx, NoiseSigmaPx(scene, reconstruction, context.num_threads));
+    const BundlePriors& priors) {
+  const double sigma_px =
+      std::max(kMinKeypointSigmaPx,
+               NoiseSigmaPx(scene, reconstruction, context.num_threads));
   const BuiltProblem built =
       BuildWeighted(scene, reconstruction, options, sigma_px, priors);
   const auto variances =

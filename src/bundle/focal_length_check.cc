@@ -14,6 +14,7 @@
 namespace mgsfm {
 namespace {
 
+// A larger factor means that the initial value or the estimate is wrong.
 constexpr double kMaxChange = 2.0;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
@@ -26,8 +27,8 @@ std::string Number(double value) {
   return text;
 }
 
-// The largest turn of any frame against the first.
-double LargestTurnDeg(const Reconstruction& model) {
+// The largest rotation of a frame relative to the first.
+double LargestRotationDeg(const Reconstruction& model) {
   const std::optional<Rigid3>* first = nullptr;
   double largest = 0.0;
   for (const auto& pose : model.rig_from_world) {
@@ -49,40 +50,41 @@ Mask FindSeenCameras(const Scene& scene, const Reconstruction& model) {
   return is_seen;
 }
 
-// What is not plausible of the parameters themselves; "" if all is.
-std::string DescribeImplausible(const Camera& given, const Camera& camera,
+// Why the parameters are implausible; empty if they are not.
+std::string DescribeImplausible(const Camera& initial, const Camera& camera,
                                 const BundleAdjustmentOptions& options) {
   const CameraModelInfo& info = InfoOf(camera);
   const double side = std::max(camera.width_px, camera.height_px);
   for (const int i : info.focal_length_idxs) {
     const double ratio = camera.params[i] / side;
-    const double change = camera.params[i] / given.params[i];
+    const double change = camera.params[i] / initial.params[i];
     if (!(ratio >= options.min_focal_length_ratio &&
           ratio <= options.max_focal_length_ratio)) {
       return "it is " + Number(ratio) +
-             " of the larger side of the image, which no lens is";
+             " times the larger image side, which is implausible";
     }
     if (!(change <= kMaxChange && change >= 1.0 / kMaxChange)) {
       return "it changed by a factor of " + Number(change);
     }
   }
   for (const int i : info.extra_params_idxs) {
-    if (camera.params[i] != given.params[i] &&
+    if (camera.params[i] != initial.params[i] &&
         !(std::abs(camera.params[i]) <= options.max_extra_param)) {
       return "its distortion parameter " + Number(camera.params[i]) +
-             " is beyond what lenses have";
+             " is implausible";
     }
   }
   return "";
 }
 
-std::string DescribeUncertain(double sigma, double turn_deg,
+std::string DescribeUncertain(double sigma, double rotation_deg,
                               const BundleAdjustmentOptions& options) {
   if (!(sigma > options.max_focal_length_sigma)) return "";
   return "its relative standard deviation is " + Number(sigma) +
          ", more than " + Number(options.max_focal_length_sigma) +
-         ": the motion, with turns of at most " + Number(turn_deg) +
-         " deg, does not tell it; give it (with a prior), or images that turn";
+         ": the motion, with rotations of at most " + Number(rotation_deg) +
+         " deg, does not determine it; provide a prior focal length, or images "
+         "with more rotation";
 }
 
 }  // namespace
@@ -90,7 +92,7 @@ std::string DescribeUncertain(double sigma, double turn_deg,
 std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors) {
+    const BundlePriors& priors) {
   const Mask is_seen = FindSeenCameras(scene, model);
   std::vector<FocalLengthCheck> checks;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
@@ -105,11 +107,11 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
   if (checks.empty()) return checks;
   const auto sigmas =
       ComputeIntrinsicSigmas(scene, model, options, context, priors);
-  const double turn_deg = LargestTurnDeg(model);
+  const double rotation_deg = LargestRotationDeg(model);
   for (FocalLengthCheck& check : checks) {
-    const Camera& given = scene.cameras[check.camera_idx];
+    const Camera& initial = scene.cameras[check.camera_idx];
     const Camera& camera = model.cameras[check.camera_idx];
-    std::string problem = DescribeImplausible(given, camera, options);
+    std::string problem = DescribeImplausible(initial, camera, options);
     if (sigmas && !(*sigmas)[check.camera_idx].empty()) {
       double sigma = 0.0;
       for (const int i : InfoOf(camera).focal_length_idxs) {
@@ -118,14 +120,14 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
       }
       check.relative_sigma = sigma;
       if (problem.empty()) {
-        problem = DescribeUncertain(sigma, turn_deg, options);
+        problem = DescribeUncertain(sigma, rotation_deg, options);
       }
     } else if (problem.empty()) {
       problem = "its standard deviation cannot be computed";
     }
     if (problem.empty()) continue;
     check.message = "focal length of camera " +
-                    std::to_string(given.id.value()) + ", refined from " +
+                    std::to_string(initial.id.value()) + ", refined from " +
                     Number(check.prior_px) + " to " +
                     Number(check.estimated_px) + " px: " + problem;
   }

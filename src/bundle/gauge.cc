@@ -19,19 +19,19 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
   return counts;
 }
 
-// Whether some frame has images of two sensors that are held, or by their
-// priors, at different places in the rig.
+// Whether a frame has images of two sensors that are fixed, or have priors, at
+// different centres.
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
   Mask has_prior(problem.sensor_masks.size(), false);
   for (const SensorPrior& prior : problem.sensor_priors) {
     has_prior[prior.sensor] = true;
   }
-  std::vector<std::optional<Eigen::Vector3d>> held(state.frames.size());
+  std::vector<std::optional<Eigen::Vector3d>> fixed_center(state.frames.size());
   for (const BundleProblem::Image& image : problem.images) {
     const PoseMask& mask = problem.sensor_masks[image.sensor];
     if (!mask.tail<3>().isZero(0.0) && !has_prior[image.sensor]) continue;
     const Eigen::Vector3d center = state.sensors[image.sensor].Center();
-    std::optional<Eigen::Vector3d>& other = held[image.frame];
+    std::optional<Eigen::Vector3d>& other = fixed_center[image.frame];
     if (!other) {
       other = center;
     } else if (*other != center) {
@@ -47,9 +47,9 @@ int LargestCoordinate(const Eigen::Vector3d& v) {
   return axis;
 }
 
-// A frame at a typical, not the largest, distance from `origin`: few frames
-// that are wrongly placed far away do not matter.
-int TypicalFrame(const BundleState& state, const Eigen::Vector3d& origin) {
+// A frame at the 75 % quantile of the distances from `origin`: far, but robust
+// to frames that are wrongly placed far away.
+int DistantFrame(const BundleState& state, const Eigen::Vector3d& origin) {
   std::vector<std::pair<double, int>> distances;
   for (size_t i = 0; i < state.frames.size(); ++i) {
     distances.emplace_back((state.frames[i].center - origin).norm(),
@@ -60,30 +60,32 @@ int TypicalFrame(const BundleState& state, const Eigen::Vector3d& origin) {
   return nth->second;
 }
 
-void HoldScale(const BundleState& state, int fixed_frame,
-               BundleProblem* problem) {
+// Fixes the largest coordinate that is proportional to scale.
+void FixScale(const BundleState& state, int fixed_frame,
+              BundleProblem* problem) {
   const Eigen::Vector3d& origin = state.frames[fixed_frame].center;
-  const int frame = TypicalFrame(state, origin);
+  const int frame = DistantFrame(state, origin);
   const Eigen::Vector3d to_frame = state.frames[frame].center - origin;
-  double* held = nullptr;
+  double* fixed = nullptr;
   double largest = 0.0;
   const auto consider = [&](const Eigen::Vector3d& v, PoseMask* mask) {
     const int axis = LargestCoordinate(v);
     if (std::abs(v[axis]) <= largest || (*mask)[3 + axis] == 0.0) return;
     largest = std::abs(v[axis]);
-    held = &(*mask)[3 + axis];
+    fixed = &(*mask)[3 + axis];
   };
   consider(to_frame, &problem->frame_masks[frame]);
   for (size_t i = 0; i < state.sensors.size(); ++i) {
     consider(state.sensors[i].translation, &problem->sensor_masks[i]);
   }
-  if (held != nullptr) *held = 0.0;
+  if (fixed != nullptr) *fixed = 0.0;
 }
 
-// With gravity only the turn about it is to be held, which is no coordinate of
-// a frame: the heading of the frame is a measurement instead, so weak that its
-// tilt does not matter.
-void HoldHeading(const BundleState& state, int frame, BundleProblem* problem) {
+// Gravity terms leave only the rotation about gravity free, which is not a
+// coordinate of a frame. A weak measurement of the heading fixes it instead:
+// its influence on the tilt is negligible.
+void FixHeading(const BundleState& state, int frame, BundleProblem* problem) {
+  // 11 degrees: weak against the gravity terms.
   constexpr double kSigmaRad = 0.2;
   const GravityPrior& level = problem->gravity_priors.front();
   for (size_t i = 0; i < problem->images.size(); ++i) {
@@ -101,8 +103,9 @@ void HoldHeading(const BundleState& state, int frame, BundleProblem* problem) {
   }
 }
 
-// nullopt if there is none.
-std::optional<int> HoldFrame(const BundleState& state, BundleProblem* problem) {
+// Fixes the frame with the most observations and returns it; nullopt if there
+// are no frames.
+std::optional<int> FixFrame(const BundleState& state, BundleProblem* problem) {
   const std::vector<int> counts = CountFrameObservations(*problem);
   if (counts.empty()) return std::nullopt;
   const int fixed_frame = static_cast<int>(
@@ -111,7 +114,7 @@ std::optional<int> HoldFrame(const BundleState& state, BundleProblem* problem) {
       problem->frame_masks[fixed_frame].head<3>().isZero(0.0)) {
     problem->frame_masks[fixed_frame].setZero();
   } else {
-    HoldHeading(state, fixed_frame, problem);
+    FixHeading(state, fixed_frame, problem);
   }
   return fixed_frame;
 }
@@ -119,15 +122,15 @@ std::optional<int> HoldFrame(const BundleState& state, BundleProblem* problem) {
 }  // namespace
 
 void FixGauge(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> fixed_frame = HoldFrame(state, problem);
+  const std::optional<int> fixed_frame = FixFrame(state, problem);
   if (fixed_frame && !ScaleIsObservable(state, *problem)) {
-    HoldScale(state, *fixed_frame, problem);
+    FixScale(state, *fixed_frame, problem);
   }
 }
 
 void FixGaugeAndScale(const BundleState& state, BundleProblem* problem) {
-  const std::optional<int> fixed_frame = HoldFrame(state, problem);
-  if (fixed_frame) HoldScale(state, *fixed_frame, problem);
+  const std::optional<int> fixed_frame = FixFrame(state, problem);
+  if (fixed_frame) FixScale(state, *fixed_frame, problem);
 }
 
 }  // namespace mgsfm

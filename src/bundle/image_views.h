@@ -11,23 +11,23 @@
 
 namespace mgsfm {
 
-// An image as it sees points of the world. Valid as long as the reconstruction
-// that it was made from.
+// Projects points of the world into an image. References the reconstruction it
+// was made from.
 struct ImageView {
   bool is_registered = false;
   Eigen::Matrix3d cam_from_world = Eigen::Matrix3d::Identity();
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   CameraModelId model = CameraModelId::kPinhole;
-  const double* params = nullptr;
+  const double* params = nullptr;  // set if the image is registered
 
-  // nullopt where the camera cannot see the point.
+  // nullopt if the camera cannot see the point.
   std::optional<Eigen::Vector2d> Project(
       const Eigen::Vector3d& point,
       Eigen::Matrix<double, 2, 3>* jacobian_point = nullptr) const {
     return ProjectToPixel(model, params, cam_from_world * (point - center),
                           jacobian_point);
   }
-  // Distance in pixels, infinite where the camera cannot see the point.
+  // Distance in pixels; infinite if the camera cannot see the point.
   double ReprojectionError(const Eigen::Vector3d& point,
                            const Eigen::Vector2d& pixel) const;
 };

@@ -34,7 +34,7 @@ std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
   return centers;
 }
 
-// Where the errors of each point begin in ReprojectionErrors(), and the end.
+// Offsets of the errors of each point in ReprojectionErrors(), with the end.
 std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
                                        const Reconstruction& reconstruction) {
   std::vector<size_t> begin = {0};
@@ -95,7 +95,7 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
     }
   }
   errors.resize(num_kept);
-  // The median of the length of a standard normal 2-vector is sqrt(2 ln 2).
+  // The median norm of a standard normal 2-vector is sqrt(2 ln 2).
   return errors.empty()
              ? 0.0
              : Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));

@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 
+#include "bundle/dense_numbering.h"
 #include "bundle/image_views.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
@@ -11,110 +12,55 @@
 namespace mgsfm {
 namespace {
 
-// Standard deviations from which on gravity counts less.
+// Scale of the Cauchy loss of gravity terms in standard deviations: the 98 %
+// quantile of the norm of a standard normal 2-vector.
 constexpr double kGravityLossScale = 2.8;
 
 bool Refines(RefineMode mode, bool is_known) {
   return mode == RefineMode::kYes || (mode == RefineMode::kAuto && !is_known);
 }
 
-double LargestGivenTranslation(const Scene& scene, int rig_idx) {
+double LargestPriorTranslation(const Scene& scene, int rig_idx) {
   double largest = 0.0;
   for (const int sensor_idx : scene.rigs[rig_idx].sensor_idxs) {
-    const auto& given = scene.sensors[sensor_idx].sensor_from_rig;
-    if (given) largest = std::max(largest, given->translation.norm());
+    const auto& prior = scene.sensors[sensor_idx].sensor_from_rig;
+    if (prior) largest = std::max(largest, prior->translation.norm());
   }
   return largest;
 }
 
-// Positions that are used, by position in the scene, and their numbers.
-class Numbering {
- public:
-  explicit Numbering(size_t size) : number_(size, -1) {}
-
-  int Number(int idx, std::vector<int>* idxs) {
-    if (number_[idx] < 0) {
-      number_[idx] = static_cast<int>(idxs->size());
-      idxs->push_back(idx);
-    }
-    return number_[idx];
-  }
-
- private:
-  std::vector<int> number_;
+struct ProblemInput {
+  const Scene& scene;
+  const Reconstruction& reconstruction;
+  const BundleAdjustmentOptions& options;
+  const RefinedParts parts;
+  const BundlePriors& priors;
+  const FixedPoses& fixed;
 };
 
-class ProblemBuilder {
- public:
-  ProblemBuilder(const Scene& scene, const Reconstruction& reconstruction,
-                 const BundleAdjustmentOptions& options, RefinedParts parts,
-                 const PositionPriors& priors, const FixedPoses& held)
-      : scene_(scene),
-        reconstruction_(reconstruction),
-        options_(options),
-        parts_(parts),
-        priors_(priors),
-        held_(held) {}
+bool IsSet(const Mask& mask, int idx) { return !mask.empty() && mask[idx]; }
 
-  BuiltProblem Build() {
-    built_.problem.points_are_free = options_.refine_points;
-    built_.problem.loss = {RobustLossType::kHuber, options_.loss_scale_px};
-    AddPoints();
-    for (const int frame_idx : built_.frame_idxs) AddFrame(frame_idx);
-    for (const int sensor_idx : built_.sensor_idxs) AddSensor(sensor_idx);
-    for (const int camera_idx : built_.camera_idxs) AddCamera(camera_idx);
-    AddPositionPriors();
-    AddGravityPriors();
-    if (options_.refine_rig_from_world && options_.refine_points &&
-        built_.problem.position_priors.empty() && !HoldsAFrame()) {
-      FixGauge(built_.state, &built_.problem);
-    }
-    return std::move(built_);
-  }
+PoseMask MakePoseMask(bool is_refined, RefinedParts parts) {
+  PoseMask mask = PoseMask::Zero();
+  if (!is_refined) return mask;
+  mask.tail<3>().setOnes();
+  if (parts == RefinedParts::kAll) mask.head<3>().setOnes();
+  return mask;
+}
 
- private:
-  void AddPoints();
-  void AddFrame(int frame_idx);
-  void AddSensor(int sensor_idx);
-  void AddCamera(int camera_idx);
-  void AddPositionPriors();
-  void AddGravityPriors();
-  std::vector<int> FreeParams(const Camera& camera) const;
-
-  static bool IsSet(const Mask& flags, int idx) {
-    return !flags.empty() && flags[idx];
-  }
-  bool HoldsAFrame() const {
-    return std::any_of(
-        built_.frame_idxs.begin(), built_.frame_idxs.end(),
-        [this](int frame_idx) { return IsSet(held_.frames, frame_idx); });
-  }
-  PoseMask Mask(bool is_refined) const {
-    PoseMask mask = PoseMask::Zero();
-    if (!is_refined) return mask;
-    mask.tail<3>().setOnes();
-    if (parts_ == RefinedParts::kAll) mask.head<3>().setOnes();
-    return mask;
-  }
-
-  const Scene& scene_;
-  const Reconstruction& reconstruction_;
-  const BundleAdjustmentOptions& options_;
-  const RefinedParts parts_;
-  const PositionPriors& priors_;
-  const FixedPoses& held_;
-  BuiltProblem built_;
-  std::vector<int> image_idxs_;  // of the images of the problem
-};
-
-void ProblemBuilder::AddPoints() {
-  const std::vector<ImageView> views = MakeImageViews(scene_, reconstruction_);
-  BundleProblem& problem = built_.problem;
-  Numbering frames(scene_.frames.size()), sensors(scene_.sensors.size());
-  Numbering cameras(scene_.cameras.size()), images(scene_.images.size());
+// Adds all points with at least two visible observations. Returns the indices
+// in the scene of the images of the problem.
+std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
+  const Scene& scene = input.scene;
+  const std::vector<ImageView> views =
+      MakeImageViews(scene, input.reconstruction);
+  BundleProblem& problem = built->problem;
+  DenseNumbering frames(scene.frames.size()), sensors(scene.sensors.size());
+  DenseNumbering cameras(scene.cameras.size()), images(scene.images.size());
+  std::vector<int> image_idxs;
   std::vector<const Observation*> visible;
-  for (size_t i = 0; i < reconstruction_.points.size(); ++i) {
-    const Point3D& point = reconstruction_.points[i];
+  for (size_t i = 0; i < input.reconstruction.points.size(); ++i) {
+    const Point3D& point = input.reconstruction.points[i];
     visible.clear();
     for (const Observation& o : point.track) {
       const ImageView& view = views[o.image_idx];
@@ -122,110 +68,120 @@ void ProblemBuilder::AddPoints() {
       if (view.Project(point.point_in_world)) {
         visible.push_back(&o);
       } else {
-        ++built_.num_invisible_observations;
+        ++built->num_invisible_observations;
       }
     }
     if (visible.size() < 2) continue;
     for (const Observation* o : visible) {
-      const Image& image = scene_.images[o->image_idx];
-      const int number = images.Number(o->image_idx, &image_idxs_);
+      const Image& image = scene.images[o->image_idx];
+      const int number = images.NumberOf(o->image_idx, &image_idxs);
       if (number == static_cast<int>(problem.images.size())) {
         problem.images.push_back(
-            {frames.Number(image.frame_idx, &built_.frame_idxs),
-             sensors.Number(image.sensor_idx, &built_.sensor_idxs),
-             cameras.Number(image.camera_idx, &built_.camera_idxs)});
+            {frames.NumberOf(image.frame_idx, &built->frame_idxs),
+             sensors.NumberOf(image.sensor_idx, &built->sensor_idxs),
+             cameras.NumberOf(image.camera_idx, &built->camera_idxs)});
       }
       problem.observations.push_back(
           {number, image.keypoints_px[o->keypoint_idx].cast<double>()});
     }
     problem.point_begin.push_back(problem.observations.size());
-    built_.state.points.push_back(point.point_in_world);
-    built_.point_idxs.push_back(static_cast<int>(i));
+    built->state.points.push_back(point.point_in_world);
+    built->point_idxs.push_back(static_cast<int>(i));
   }
+  return image_idxs;
 }
 
-void ProblemBuilder::AddPositionPriors() {
-  if (priors_.IsEmpty()) return;
-  BundleProblem& problem = built_.problem;
-  problem.position_loss = {RobustLossType::kCauchy,
-                           options_.prior_position_loss_scale};
-  for (size_t i = 0; i < image_idxs_.size(); ++i) {
-    const auto& prior = priors_.images[image_idxs_[i]];
-    if (!prior) continue;
-    problem.position_priors.push_back(
-        {static_cast<int>(i), prior->position,
-         prior->covariance.llt().matrixL().solve(Eigen::Matrix3d::Identity())});
-  }
+void AddFrame(const ProblemInput& input, int frame_idx, BuiltProblem* built) {
+  const Rigid3& pose = *input.reconstruction.rig_from_world[frame_idx];
+  built->state.frames.push_back({pose.rotation, pose.Center()});
+  const bool is_refined = input.options.refine_rig_from_world &&
+                          !IsSet(input.fixed.frames, frame_idx);
+  built->problem.frame_masks.push_back(MakePoseMask(is_refined, input.parts));
 }
 
-void ProblemBuilder::AddGravityPriors() {
-  if (!priors_.gravity) return;
-  const MeasuredGravity& gravity = *priors_.gravity;
-  BundleProblem& problem = built_.problem;
-  problem.gravity_loss = {RobustLossType::kCauchy, kGravityLossScale};
-  for (size_t i = 0; i < image_idxs_.size(); ++i) {
-    const auto& direction = gravity.images[image_idxs_[i]];
-    if (!direction) continue;
-    problem.gravity_priors.push_back(
-        {static_cast<int>(i), *direction, gravity.down, gravity.sigma_rad});
-  }
-}
-
-void ProblemBuilder::AddFrame(int frame_idx) {
-  const Rigid3& pose = *reconstruction_.rig_from_world[frame_idx];
-  built_.state.frames.push_back({pose.rotation, pose.Center()});
-  built_.problem.frame_masks.push_back(
-      Mask(options_.refine_rig_from_world && !IsSet(held_.frames, frame_idx)));
-}
-
-void ProblemBuilder::AddSensor(int sensor_idx) {
-  built_.state.sensors.push_back(*reconstruction_.sensor_from_rig[sensor_idx]);
-  const bool is_held = IsSet(held_.sensors, sensor_idx);
+void AddSensor(const ProblemInput& input, int sensor_idx, BuiltProblem* built) {
+  built->state.sensors.push_back(
+      *input.reconstruction.sensor_from_rig[sensor_idx]);
   RefinedSensor refined =
-      is_held ? RefinedSensor() : RefineSensor(scene_, sensor_idx, options_);
-  BundleProblem& problem = built_.problem;
-  problem.sensor_masks.emplace_back(refined.mask.cwiseProduct(Mask(true)));
+      IsSet(input.fixed.sensors, sensor_idx)
+          ? RefinedSensor()
+          : RefineSensor(input.scene, sensor_idx, input.options);
+  BundleProblem& problem = built->problem;
+  problem.sensor_masks.emplace_back(
+      refined.mask.cwiseProduct(MakePoseMask(true, input.parts)));
   if (!refined.prior) return;
   refined.prior->sensor = static_cast<int>(problem.sensor_masks.size()) - 1;
   problem.sensor_priors.push_back(*refined.prior);
 }
 
-void ProblemBuilder::AddCamera(int camera_idx) {
-  const Camera& camera = reconstruction_.cameras[camera_idx];
-  const Camera& given = scene_.cameras[camera_idx];
-  CameraParams params{};
-  std::copy(camera.params.begin(), camera.params.end(), params.begin());
-  const int number = static_cast<int>(built_.problem.cameras.size());
-  built_.state.cameras.push_back(params);
-  built_.problem.cameras.push_back({camera.model, FreeParams(given)});
-  const double relative_sigma = given.has_prior_focal_length
-                                    ? options_.focal_length_prior_sigma
-                                    : options_.focal_length_start_sigma;
-  const CameraModelInfo& info =
-      *FindCameraModel(static_cast<int32_t>(camera.model));
-  const std::vector<int>& free = built_.problem.cameras.back().free_params;
-  for (const int param : info.focal_length_idxs) {
-    if (!std::binary_search(free.begin(), free.end(), param)) continue;
-    const double value = given.params[param];
-    built_.problem.priors.push_back(
-        {number, param, value, relative_sigma * value});
-  }
-}
-
-std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
+std::vector<int> FreeParams(const Camera& camera,
+                            const BundleAdjustmentOptions& options,
+                            RefinedParts parts) {
   std::vector<int> free;
-  if (parts_ != RefinedParts::kAll) return free;
+  if (parts != RefinedParts::kAll) return free;
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const auto add = [&free](bool is_refined, const std::vector<int>& params) {
     if (is_refined) free.insert(free.end(), params.begin(), params.end());
   };
-  const bool is_known = camera.has_prior_focal_length;
-  add(RefinesFocalLength(camera, options_), info.focal_length_idxs);
-  add(options_.refine_principal_point, info.principal_point_idxs);
-  add(Refines(options_.refine_extra_params, is_known), info.extra_params_idxs);
+  add(RefinesFocalLength(camera, options), info.focal_length_idxs);
+  add(options.refine_principal_point, info.principal_point_idxs);
+  add(Refines(options.refine_extra_params, camera.has_prior_focal_length),
+      info.extra_params_idxs);
   std::sort(free.begin(), free.end());
   return free;
+}
+
+void AddCamera(const ProblemInput& input, int camera_idx, BuiltProblem* built) {
+  const Camera& camera = input.reconstruction.cameras[camera_idx];
+  const Camera& prior = input.scene.cameras[camera_idx];
+  CameraParams params{};
+  std::copy(camera.params.begin(), camera.params.end(), params.begin());
+  const int number = static_cast<int>(built->problem.cameras.size());
+  built->state.cameras.push_back(params);
+  built->problem.cameras.push_back(
+      {camera.model, FreeParams(prior, input.options, input.parts)});
+  const double relative_sigma = prior.has_prior_focal_length
+                                    ? input.options.focal_length_prior_sigma
+                                    : input.options.focal_length_start_sigma;
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(camera.model));
+  const std::vector<int>& free = built->problem.cameras.back().free_params;
+  for (const int param : info.focal_length_idxs) {
+    if (!std::binary_search(free.begin(), free.end(), param)) continue;
+    const double value = prior.params[param];
+    built->problem.priors.push_back(
+        {number, param, value, relative_sigma * value});
+  }
+}
+
+void AddPositionPriors(const ProblemInput& input,
+                       const std::vector<int>& image_idxs,
+                       BundleProblem* problem) {
+  const PositionPriors& priors = input.priors.positions;
+  if (priors.IsEmpty()) return;
+  problem->position_loss = {RobustLossType::kCauchy,
+                            input.options.prior_position_loss_scale};
+  for (size_t i = 0; i < image_idxs.size(); ++i) {
+    const auto& prior = priors.images[image_idxs[i]];
+    if (!prior) continue;
+    problem->position_priors.push_back(
+        {static_cast<int>(i), prior->position,
+         prior->covariance.llt().matrixL().solve(Eigen::Matrix3d::Identity())});
+  }
+}
+
+void AddGravityPriors(const GravityTerms& gravity,
+                      const std::vector<int>& image_idxs,
+                      BundleProblem* problem) {
+  problem->gravity_loss = {RobustLossType::kCauchy, kGravityLossScale};
+  for (size_t i = 0; i < image_idxs.size(); ++i) {
+    const auto& direction = gravity.priors.images[image_idxs[i]];
+    if (!direction) continue;
+    problem->gravity_priors.push_back({static_cast<int>(i), *direction,
+                                       gravity.down_in_world,
+                                       gravity.sigma_rad});
+  }
 }
 
 }  // namespace
@@ -233,10 +189,34 @@ std::vector<int> ProblemBuilder::FreeParams(const Camera& camera) const {
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const PositionPriors& priors,
-                          const FixedPoses& held) {
-  return ProblemBuilder(scene, reconstruction, options, parts, priors, held)
-      .Build();
+                          RefinedParts parts, const BundlePriors& priors,
+                          const FixedPoses& fixed) {
+  const ProblemInput input{scene, reconstruction, options,
+                           parts, priors,         fixed};
+  BuiltProblem built;
+  BundleProblem& problem = built.problem;
+  problem.points_are_free = options.refine_points;
+  problem.loss = {RobustLossType::kHuber, options.loss_scale_px};
+  const std::vector<int> image_idxs = AddPoints(input, &built);
+  for (const int frame_idx : built.frame_idxs) {
+    AddFrame(input, frame_idx, &built);
+  }
+  for (const int sensor_idx : built.sensor_idxs) {
+    AddSensor(input, sensor_idx, &built);
+  }
+  for (const int camera_idx : built.camera_idxs) {
+    AddCamera(input, camera_idx, &built);
+  }
+  AddPositionPriors(input, image_idxs, &problem);
+  if (priors.gravity) AddGravityPriors(*priors.gravity, image_idxs, &problem);
+  const bool some_frame_is_fixed = std::any_of(
+      built.frame_idxs.begin(), built.frame_idxs.end(),
+      [&](int frame_idx) { return IsSet(fixed.frames, frame_idx); });
+  if (options.refine_rig_from_world && options.refine_points &&
+      problem.position_priors.empty() && !some_frame_is_fixed) {
+    FixGauge(built.state, &problem);
+  }
+  return built;
 }
 
 RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
@@ -250,8 +230,8 @@ RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
   }
   refined.mask.setOnes();
   if (!sensor.sensor_from_rig) return refined;
-  const double length = LargestGivenTranslation(scene, sensor.rig_idx);
-  // Without a length, all given cameras share one centre.
+  const double length = LargestPriorTranslation(scene, sensor.rig_idx);
+  // All prior sensors share one centre; keep it, since it gives no length.
   if (length == 0.0) refined.mask.tail<3>().setZero();
   refined.prior = SensorPrior{
       sensor_idx, *sensor.sensor_from_rig,

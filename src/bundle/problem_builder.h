@@ -11,12 +11,13 @@
 
 namespace mgsfm {
 
-// The bundle problem of a reconstruction, and the way back.
+// The bundle adjustment problem of a reconstruction, with the indices that its
+// solution is written back to.
 struct BuiltProblem {
   BundleProblem problem;
   BundleState state;
-  // Positions in the scene, or in Reconstruction::points, of what is in the
-  // problem: only what has observations in it.
+  // Indices in the scene, or in Reconstruction::points, of the elements of the
+  // problem. Elements without observations are not in the problem.
   std::vector<int> frame_idxs;
   std::vector<int> sensor_idxs;
   std::vector<int> camera_idxs;
@@ -26,17 +27,17 @@ struct BuiltProblem {
 
 enum class RefinedParts {
   kAll,
-  kTranslations,  // rotations and intrinsics are held
+  kTranslations,  // rotations and intrinsics are constant
 };
 
 BuiltProblem BuildProblem(const Scene& scene,
                           const Reconstruction& reconstruction,
                           const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const PositionPriors& priors = {},
-                          const FixedPoses& held = {});
+                          RefinedParts parts, const BundlePriors& priors = {},
+                          const FixedPoses& fixed = {});
 
-// Which coordinates of the pose of a sensor are refined, and the prior on it,
-// if it was given; in this, `sensor` is its position in the scene.
+// The refined coordinates of sensor_from_rig, and its prior if there is one.
+// SensorPrior::sensor is the index in the scene.
 struct RefinedSensor {
   PoseMask mask = PoseMask::Zero();
   std::optional<SensorPrior> prior;
@@ -49,14 +50,14 @@ RefinedSensor RefineSensor(const Scene& scene, int sensor_idx,
 bool RefinesFocalLength(const Camera& camera,
                         const BundleAdjustmentOptions& options);
 
-// Writes what the problem did not hold back to the reconstruction that it was
-// built from.
+// Writes free parameters back to the reconstruction that the problem was built
+// from.
 void WriteBack(const BuiltProblem& built, Reconstruction* reconstruction);
 
-// Holds what the residuals do not determine; see bundle_adjustment.h.
+// Fixes the gauge as described in bundle_adjustment.h.
 void FixGauge(const BundleState& state, BundleProblem* problem);
 
-// The same, and scale even if residuals determine it.
+// The same, but also fixes the scale if the residuals determine it.
 void FixGaugeAndScale(const BundleState& state, BundleProblem* problem);
 
 }  // namespace mgsfm

@@ -12,157 +12,147 @@
 namespace mgsfm {
 namespace {
 
-class ReconstructionRefiner {
- public:
-  ReconstructionRefiner(const Scene& scene, const CandidateSource& candidates,
-                        const Reconstruction& initial,
-                        const BundleAdjustmentOptions& options,
-                        const Context& context, const PositionPriors& priors,
-                        const FixedPoses& held)
-      : scene_(scene),
-        candidates_(candidates),
-        initial_(initial),
-        options_(options),
-        context_(context),
-        priors_(priors),
-        held_(held) {
-    result_.estimate = initial;
-  }
+// All solves but the last prepare a triangulation, which needs less accuracy.
+constexpr double kRoughToleranceFactor = 100.0;
+// The bound of gross outliers in multiples of max_max_error_px. Initial poses
+// can be inaccurate, so their noise can raise it further.
+constexpr double kGrossErrorFactor = 4.0;
 
-  BundleResult Run() {
-    const bool is_usable = Refine();
-    if (is_usable) {
-      FilterAtLast();
-      DropFramesWithoutObservations();
-    }
-    ComputePointErrors(scene_, context_.num_threads, &result_.estimate);
-    FinishSummary(scene_, initial_, options_, &result_);
-    return std::move(result_);
-  }
-
- private:
-  bool Refine() {
-    FilterGrossErrors();
-    // All solves but the last prepare a triangulation, which needs less.
-    const double rough =
-        std::min(1.0, kRoughToleranceFactor * options_.function_tolerance);
-    if (!Solve(RefinedParts::kTranslations, rough)) return false;
-    for (int round = 0; round < options_.num_rounds; ++round) {
-      if (!Solve(RefinedParts::kAll, rough)) return false;
-      TriangulateAnew(options_.num_rounds - 1 - round);
-    }
-    return Solve(RefinedParts::kAll, options_.function_tolerance);
-  }
-
-  static constexpr double kRoughToleranceFactor = 100.0;
-
-  bool Solve(RefinedParts parts, double function_tolerance);
-  void FilterGrossErrors();
-  void TriangulateAnew(int num_rounds_left);
-  void FilterAtLast();
-  void DropFramesWithoutObservations();
-  BundleRound StartRound(int num_rounds_left) const;
-  void FinishRound(BundleRound round);
-  PointFilterOptions FilterOf(const BundleRound& round) const {
-    return MakeFilterOptions(scene_, result_.estimate, options_,
-                             round.max_error_px, context_);
-  }
-
-  const Scene& scene_;
-  const CandidateSource& candidates_;
-  const Reconstruction& initial_;
-  const BundleAdjustmentOptions& options_;
-  const Context& context_;
-  const PositionPriors& priors_;
-  const FixedPoses& held_;
-  BundleResult result_;
+struct RefinementInput {
+  const Scene& scene;
+  const CandidateSource& candidates;
+  const Reconstruction& initial;
+  const BundleAdjustmentOptions& options;
+  const Context& context;
+  const BundlePriors& priors;
+  const FixedPoses& fixed;
 };
 
-bool ReconstructionRefiner::Solve(RefinedParts parts,
-                                  double function_tolerance) {
-  context_.ReportProgress("bundle adjustment", result_.summary.solves.size(),
-                          static_cast<size_t>(options_.num_rounds) + 2);
-  BundleAdjustmentOptions options = options_;
-  if (!result_.summary.rounds.empty()) {
+bool Solve(const RefinementInput& input, RefinedParts parts,
+           double function_tolerance, BundleResult* result) {
+  BundleSummary& summary = result->summary;
+  input.context.ReportProgress(
+      "bundle adjustment", summary.solves.size(),
+      static_cast<size_t>(input.options.num_rounds) + 2);
+  BundleAdjustmentOptions options = input.options;
+  if (!summary.rounds.empty()) {
     options.loss_scale_px =
-        LossScalePx(options_, result_.summary.rounds.back().sigma_px);
+        LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
-  const bool is_usable = SolveOnce(scene_, priors_, held_, options, parts,
-                                   function_tolerance, context_, &result_);
-  const SolveSummary& summary = result_.summary.solves.back();
+  const bool is_usable =
+      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
+                function_tolerance, input.context, result);
+  const SolveSummary& solve = summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),
                 "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                result_.summary.solves.size(), summary.num_iterations,
-                summary.initial_cost, summary.final_cost,
-                std::string(TerminationName(summary.termination)).c_str());
-  context_.Debug(line);
+                summary.solves.size(), solve.num_iterations, solve.initial_cost,
+                solve.final_cost,
+                std::string(TerminationName(solve.termination)).c_str());
+  input.context.Debug(line);
   return is_usable;
 }
 
-void ReconstructionRefiner::FilterGrossErrors() {
-  BundleRound round = StartRound(options_.num_rounds);
-  // Poses may be rough yet: no upper bound.
-  round.max_error_px = std::max(4.0 * options_.max_max_error_px,
-                                options_.error_sigma_factor * round.sigma_px);
-  PointFilterOptions filter;
-  filter.max_error_px = round.max_error_px;
-  FilterPoints(scene_, filter, context_.num_threads, &result_.estimate);
-  FinishRound(round);
-}
-
-BundleRound ReconstructionRefiner::StartRound(int num_rounds_left) const {
+BundleRound StartRound(const RefinementInput& input,
+                       const Reconstruction& estimate, int num_rounds_left) {
   BundleRound round;
-  round.num_points_before = result_.estimate.points.size();
-  round.num_observations_before = NumObservations(result_.estimate);
-  round.sigma_px = NoiseSigmaPx(scene_, result_.estimate, context_.num_threads);
-  round.max_error_px = MaxErrorPx(options_, round.sigma_px, num_rounds_left);
+  round.num_points_before = estimate.points.size();
+  round.num_observations_before = NumObservations(estimate);
+  round.sigma_px =
+      NoiseSigmaPx(input.scene, estimate, input.context.num_threads);
+  round.max_error_px =
+      MaxErrorPx(input.options, round.sigma_px, num_rounds_left);
   return round;
 }
 
-void ReconstructionRefiner::FinishRound(BundleRound round) {
-  round.num_points_after = result_.estimate.points.size();
-  round.num_observations_after = NumObservations(result_.estimate);
+void FinishRound(BundleRound round, const Context& context,
+                 BundleResult* result) {
+  round.num_points_after = result->estimate.points.size();
+  round.num_observations_after = NumObservations(result->estimate);
   char line[160];
   std::snprintf(line, sizeof(line),
                 "points %zu to %zu, observations %zu to %zu, up to %.2f px",
                 round.num_points_before, round.num_points_after,
                 round.num_observations_before, round.num_observations_after,
                 round.max_error_px);
-  context_.Debug(line);
-  result_.summary.rounds.push_back(round);
+  context.Debug(line);
+  result->summary.rounds.push_back(round);
 }
 
-void ReconstructionRefiner::TriangulateAnew(int num_rounds_left) {
-  context_.CheckInterrupted();
-  const BundleRound round = StartRound(num_rounds_left);
-  Retriangulate(scene_, candidates_(result_.estimate, round.max_error_px),
-                FilterOf(round), context_.num_threads, &result_.estimate);
-  FinishRound(round);
+PointFilterOptions FilterOf(const RefinementInput& input,
+                            const BundleRound& round,
+                            const Reconstruction& estimate) {
+  return MakeFilterOptions(input.scene, estimate, input.options,
+                           round.max_error_px, input.context);
 }
 
-void ReconstructionRefiner::FilterAtLast() {
-  const BundleRound round = StartRound(0);
-  FilterPoints(scene_, FilterOf(round), context_.num_threads,
-               &result_.estimate);
-  FinishRound(round);
+void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
+  BundleRound round =
+      StartRound(input, result->estimate, input.options.num_rounds);
+  round.max_error_px =
+      std::max(kGrossErrorFactor * input.options.max_max_error_px,
+               input.options.error_sigma_factor * round.sigma_px);
+  PointFilterOptions filter;
+  filter.max_error_px = round.max_error_px;
+  FilterPoints(input.scene, filter, input.context.num_threads,
+               &result->estimate);
+  FinishRound(round, input.context, result);
 }
 
-void ReconstructionRefiner::DropFramesWithoutObservations() {
-  if (!options_.refine_rig_from_world) return;
-  Mask is_seen(scene_.frames.size(), false);
-  for (const Point3D& point : result_.estimate.points) {
+void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
+                         BundleResult* result) {
+  input.context.CheckInterrupted();
+  const BundleRound round =
+      StartRound(input, result->estimate, num_rounds_left);
+  Retriangulate(input.scene,
+                input.candidates(result->estimate, round.max_error_px),
+                FilterOf(input, round, result->estimate),
+                input.context.num_threads, &result->estimate);
+  FinishRound(round, input.context, result);
+}
+
+void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
+  const BundleRound round = StartRound(input, result->estimate, 0);
+  FilterPoints(input.scene, FilterOf(input, round, result->estimate),
+               input.context.num_threads, &result->estimate);
+  FinishRound(round, input.context, result);
+}
+
+void DropFramesWithoutObservations(const RefinementInput& input,
+                                   BundleResult* result) {
+  if (!input.options.refine_rig_from_world) return;
+  const Mask& is_fixed = input.fixed.frames;
+  Reconstruction& estimate = result->estimate;
+  Mask is_observed(input.scene.frames.size(), false);
+  for (const Point3D& point : estimate.points) {
     for (const Observation& o : point.track) {
-      is_seen[scene_.images[o.image_idx].frame_idx] = true;
+      is_observed[input.scene.images[o.image_idx].frame_idx] = true;
     }
   }
-  for (size_t i = 0; i < is_seen.size(); ++i) {
-    if (is_seen[i] || !result_.estimate.rig_from_world[i]) continue;
-    if (!held_.frames.empty() && held_.frames[i]) continue;
-    result_.estimate.rig_from_world[i].reset();
-    result_.summary.dropped_frames.push_back(
+  for (size_t i = 0; i < is_observed.size(); ++i) {
+    if (is_observed[i] || !estimate.rig_from_world[i]) continue;
+    if (!is_fixed.empty() && is_fixed[i]) continue;
+    estimate.rig_from_world[i].reset();
+    result->summary.dropped_frames.push_back(
         {static_cast<int>(i), "no point agrees with its images"});
   }
+}
+
+// Solves and triangulates in turn. Returns false if a solve fails.
+bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
+  const BundleAdjustmentOptions& options = input.options;
+  const double rough_tolerance =
+      std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
+  if (!Solve(input, RefinedParts::kTranslations, rough_tolerance, result)) {
+    return false;
+  }
+  for (int round = 0; round < options.num_rounds; ++round) {
+    if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) {
+      return false;
+    }
+    RetriangulatePoints(input, options.num_rounds - 1 - round, result);
+  }
+  return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
 }
 
 }  // namespace
@@ -172,11 +162,20 @@ BundleResult RefineReconstruction(const Scene& scene,
                                   const Reconstruction& initial,
                                   const BundleAdjustmentOptions& options,
                                   const Context& context,
-                                  const PositionPriors& priors,
-                                  const FixedPoses& held) {
-  return ReconstructionRefiner(scene, candidates, initial, options, context,
-                               priors, held)
-      .Run();
+                                  const BundlePriors& priors,
+                                  const FixedPoses& fixed) {
+  const RefinementInput input{scene,   candidates, initial, options,
+                              context, priors,     fixed};
+  BundleResult result;
+  result.estimate = initial;
+  RemoveGrossErrors(input, &result);
+  if (SolveAndTriangulate(input, &result)) {
+    FilterFinalPoints(input, &result);
+    DropFramesWithoutObservations(input, &result);
+  }
+  ComputePointErrors(scene, context.num_threads, &result.estimate);
+  FinishSummary(scene, initial, options, &result);
+  return result;
 }
 
 Reconstruction TriangulateCandidates(const Scene& scene,

@@ -16,17 +16,18 @@
 namespace mgsfm {
 namespace {
 
-// A keypoint of the group that belongs to no accepted point yet.
+// A keypoint of a group that does not belong to an accepted point yet.
 struct Candidate {
   Observation observation;
   const ImageView* view = nullptr;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
 };
+using Candidates = std::vector<Candidate>;  // sorted by observation
 
 // A point and the candidates that agree with it.
 struct Hypothesis {
   Eigen::Vector3d point = Eigen::Vector3d::Zero();
-  std::vector<int> inliers;  // ascending, no two of one image
+  std::vector<int> inliers;  // ascending, at most one per image
   double squared_error = 0.0;
 
   bool IsBetterThan(const Hypothesis& other) const {
@@ -36,93 +37,42 @@ struct Hypothesis {
   }
 };
 
-class GroupTriangulator {
- public:
-  GroupTriangulator(const Scene& scene, const std::vector<ImageView>& views,
-                    const PointFilterOptions& options)
-      : scene_(scene), views_(views), options_(options) {}
-
-  std::vector<Point3D> Run(const Observation* begin, const Observation* end,
-                           std::vector<Eigen::Vector3d> old_points) {
-    old_points_ = std::move(old_points);
-    CollectCandidates(begin, end);
-    min_num_inliers_ = std::max(
-        {2, options_.min_num_observations,
-         static_cast<int>(std::ceil(options_.min_group_share * NumImages()))});
-    std::vector<Point3D> points;
-    while (candidates_.size() >= 2) {
-      const Hypothesis best = FindBest();
-      if (!IsAcceptable(best)) break;
-      points.push_back(TakeOut(best));
-    }
-    return points;
-  }
-
- private:
-  void CollectCandidates(const Observation* begin, const Observation* end);
-  Hypothesis FindBest();
-  Hypothesis Agree(const Eigen::Vector3d& point) const;
-  Hypothesis Polish(Hypothesis hypothesis) const;
-  std::optional<Eigen::Vector3d> Triangulate() const;
-  bool IsAcceptable(const Hypothesis& hypothesis) const;
-  Point3D TakeOut(const Hypothesis& hypothesis);
-  int NumImages() const;
-
-  const Scene& scene_;
-  const std::vector<ImageView>& views_;
-  const PointFilterOptions& options_;
-  std::vector<Candidate> candidates_;  // sorted by observation
-  std::vector<Eigen::Vector3d> old_points_;
-  int min_num_inliers_ = 2;  // of a point of this group
-};
-
-void GroupTriangulator::CollectCandidates(const Observation* begin,
-                                          const Observation* end) {
-  candidates_.clear();
+Candidates CollectCandidates(const Scene& scene,
+                             const std::vector<ImageView>& views,
+                             const Observation* begin, const Observation* end) {
+  Candidates candidates;
   for (const Observation* o = begin; o != end; ++o) {
-    const ImageView& view = views_[o->image_idx];
+    const ImageView& view = views[o->image_idx];
     if (!view.is_registered) continue;
-    candidates_.push_back({*o, &view,
-                           scene_.images[o->image_idx]
-                               .keypoints_px[o->keypoint_idx]
-                               .cast<double>()});
+    candidates.push_back({*o, &view,
+                          scene.images[o->image_idx]
+                              .keypoints_px[o->keypoint_idx]
+                              .cast<double>()});
   }
+  return candidates;
 }
 
-int GroupTriangulator::NumImages() const {
+int NumImages(const Candidates& candidates) {
   int num_images = 0;
-  for (size_t i = 0; i < candidates_.size(); ++i) {
-    num_images += i == 0 || candidates_[i].view != candidates_[i - 1].view;
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    num_images += i == 0 || candidates[i].view != candidates[i - 1].view;
   }
   return num_images;
 }
 
-Hypothesis GroupTriangulator::FindBest() {
-  Hypothesis best;
-  for (const Eigen::Vector3d& point : old_points_) {
-    Hypothesis hypothesis = Polish(Agree(point));
-    if (hypothesis.IsBetterThan(best)) best = std::move(hypothesis);
-  }
-  if (static_cast<int>(best.inliers.size()) == NumImages()) return best;
-  if (const auto point = Triangulate()) {
-    Hypothesis hypothesis = Polish(Agree(*point));
-    if (hypothesis.IsBetterThan(best)) best = std::move(hypothesis);
-  }
-  return best;
-}
-
-Hypothesis GroupTriangulator::Agree(const Eigen::Vector3d& point) const {
+Hypothesis FindInliers(const Candidates& candidates, double max_error_px,
+                       const Eigen::Vector3d& point) {
   Hypothesis hypothesis;
   hypothesis.point = point;
   double last_error = 0.0;
-  for (size_t i = 0; i < candidates_.size(); ++i) {
-    const Candidate& candidate = candidates_[i];
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    const Candidate& candidate = candidates[i];
     const double error =
         candidate.view->ReprojectionError(point, candidate.pixel);
-    if (!(error <= options_.max_error_px)) continue;
+    if (!(error <= max_error_px)) continue;
     const bool is_same_image =
         !hypothesis.inliers.empty() &&
-        candidates_[hypothesis.inliers.back()].view == candidate.view;
+        candidates[hypothesis.inliers.back()].view == candidate.view;
     if (is_same_image) {
       if (error >= last_error) continue;
       hypothesis.squared_error -= last_error * last_error;
@@ -135,51 +85,61 @@ Hypothesis GroupTriangulator::Agree(const Eigen::Vector3d& point) const {
   return hypothesis;
 }
 
-// Gauss-Newton steps on the squared reprojection errors of the inliers, as
-// long as they make the hypothesis better.
-Hypothesis GroupTriangulator::Polish(Hypothesis hypothesis) const {
+// The Gauss-Newton step of the point for the reprojection errors of its
+// inliers; nullopt if it is not defined.
+std::optional<Eigen::Vector3d> GaussNewtonStep(const Candidates& candidates,
+                                               const Hypothesis& hypothesis) {
+  Eigen::Matrix3d lhs = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d rhs = Eigen::Vector3d::Zero();
+  for (const int i : hypothesis.inliers) {
+    const Candidate& candidate = candidates[i];
+    Eigen::Matrix<double, 2, 3> by_camera;
+    const Eigen::Vector2d residual =
+        *candidate.view->Project(hypothesis.point, &by_camera) -
+        candidate.pixel;
+    const Eigen::Matrix<double, 2, 3> jacobian =
+        by_camera * candidate.view->cam_from_world;
+    lhs += jacobian.transpose() * jacobian;
+    rhs -= jacobian.transpose() * residual;
+  }
+  const Eigen::LDLT<Eigen::Matrix3d> ldlt(lhs);
+  const Eigen::Vector3d step = ldlt.solve(rhs);
+  if (ldlt.info() != Eigen::Success || !step.allFinite()) return std::nullopt;
+  return step;
+}
+
+// Takes Gauss-Newton steps as long as they improve the hypothesis.
+Hypothesis RefineHypothesis(const Candidates& candidates, double max_error_px,
+                            Hypothesis hypothesis) {
   constexpr int kMaxNumSteps = 3;
-  for (int step = 0; step < kMaxNumSteps; ++step) {
+  for (int i = 0; i < kMaxNumSteps; ++i) {
     if (hypothesis.inliers.size() < 2) break;
-    Eigen::Matrix3d lhs = Eigen::Matrix3d::Zero();
-    Eigen::Vector3d rhs = Eigen::Vector3d::Zero();
-    for (const int i : hypothesis.inliers) {
-      const Candidate& candidate = candidates_[i];
-      Eigen::Matrix<double, 2, 3> by_camera;
-      const Eigen::Vector2d residual =
-          *candidate.view->Project(hypothesis.point, &by_camera) -
-          candidate.pixel;
-      const Eigen::Matrix<double, 2, 3> jacobian =
-          by_camera * candidate.view->cam_from_world;
-      lhs += jacobian.transpose() * jacobian;
-      rhs -= jacobian.transpose() * residual;
-    }
-    const Eigen::LDLT<Eigen::Matrix3d> ldlt(lhs);
-    const Eigen::Vector3d change = ldlt.solve(rhs);
-    if (ldlt.info() != Eigen::Success || !change.allFinite()) break;
-    Hypothesis next = Agree(hypothesis.point + change);
+    const auto step = GaussNewtonStep(candidates, hypothesis);
+    if (!step) break;
+    Hypothesis next =
+        FindInliers(candidates, max_error_px, hypothesis.point + *step);
     if (!next.IsBetterThan(hypothesis)) break;
-    const bool is_settled =
+    const bool has_converged =
         next.inliers == hypothesis.inliers &&
         next.squared_error > 0.99 * hypothesis.squared_error;
     hypothesis = std::move(next);
-    if (is_settled) break;
+    if (has_converged) break;
   }
   return hypothesis;
 }
 
-std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
+std::optional<Eigen::Vector3d> TriangulateAll(const Candidates& candidates,
+                                              double max_error_px) {
   std::vector<Eigen::Vector3d> centers, rays;
   double max_error_rad = 0.0;
-  for (const Candidate& candidate : candidates_) {
+  for (const Candidate& candidate : candidates) {
     const ImageView& view = *candidate.view;
     const auto ray = RayFromPixel(view.model, view.params, candidate.pixel);
     if (!ray) continue;
     centers.push_back(view.center);
     rays.emplace_back(view.cam_from_world.transpose() * *ray);
-    max_error_rad =
-        std::max(max_error_rad, options_.max_error_px /
-                                    PixelsPerRadian(view.model, view.params));
+    max_error_rad = std::max(
+        max_error_rad, max_error_px / PixelsPerRadian(view.model, view.params));
   }
   RobustTriangulationOptions robust;
   robust.max_error_rad = max_error_rad;
@@ -188,35 +148,77 @@ std::optional<Eigen::Vector3d> GroupTriangulator::Triangulate() const {
   return result->point;
 }
 
-bool GroupTriangulator::IsAcceptable(const Hypothesis& hypothesis) const {
-  const int num_inliers = static_cast<int>(hypothesis.inliers.size());
-  if (num_inliers < min_num_inliers_) return false;
-  std::vector<Eigen::Vector3d> centers;
-  for (const int i : hypothesis.inliers) {
-    centers.push_back(candidates_[i].view->center);
+Hypothesis FindBestHypothesis(const Candidates& candidates, double max_error_px,
+                              const std::vector<Eigen::Vector3d>& old_points) {
+  Hypothesis best;
+  const auto consider = [&](const Eigen::Vector3d& point) {
+    Hypothesis hypothesis = RefineHypothesis(
+        candidates, max_error_px, FindInliers(candidates, max_error_px, point));
+    if (hypothesis.IsBetterThan(best)) best = std::move(hypothesis);
+  };
+  for (const Eigen::Vector3d& point : old_points) consider(point);
+  if (static_cast<int>(best.inliers.size()) == NumImages(candidates)) {
+    return best;
   }
-  return IsWellPlaced(centers, hypothesis.point, options_);
+  if (const auto point = TriangulateAll(candidates, max_error_px)) {
+    consider(*point);
+  }
+  return best;
 }
 
-Point3D GroupTriangulator::TakeOut(const Hypothesis& hypothesis) {
+bool IsAcceptable(const Candidates& candidates, const Hypothesis& hypothesis,
+                  int min_num_inliers, const PointFilterOptions& options) {
+  if (static_cast<int>(hypothesis.inliers.size()) < min_num_inliers) {
+    return false;
+  }
+  std::vector<Eigen::Vector3d> centers;
+  for (const int i : hypothesis.inliers) {
+    centers.push_back(candidates[i].view->center);
+  }
+  return IsWellPlaced(centers, hypothesis.point, options);
+}
+
+// Moves the inliers from the candidates to a new point.
+Point3D MakePoint(const Hypothesis& hypothesis, Candidates* candidates) {
   Point3D point;
   point.point_in_world = hypothesis.point;
   size_t next = 0;
   size_t num_left = 0;
-  for (size_t i = 0; i < candidates_.size(); ++i) {
+  for (size_t i = 0; i < candidates->size(); ++i) {
     if (next < hypothesis.inliers.size() &&
         hypothesis.inliers[next] == static_cast<int>(i)) {
-      point.track.push_back(candidates_[i].observation);
+      point.track.push_back((*candidates)[i].observation);
       ++next;
     } else {
-      candidates_[num_left++] = candidates_[i];
+      (*candidates)[num_left++] = (*candidates)[i];
     }
   }
-  candidates_.resize(num_left);
+  candidates->resize(num_left);
   return point;
 }
 
-// Per observation of an image's keypoints: the group that holds it, or -1.
+std::vector<Point3D> TriangulateGroup(
+    Candidates candidates, const std::vector<Eigen::Vector3d>& old_points,
+    const PointFilterOptions& options) {
+  const int min_num_inliers =
+      std::max({2, options.min_num_observations,
+                static_cast<int>(std::ceil(options.min_group_share *
+                                           NumImages(candidates)))});
+  std::vector<Point3D> points;
+  while (candidates.size() >= 2) {
+    const Hypothesis best =
+        FindBestHypothesis(candidates, options.max_error_px, old_points);
+    if (!IsAcceptable(candidates, best, min_num_inliers, options)) break;
+    points.push_back(MakePoint(best, &candidates));
+  }
+  return points;
+}
+
+// Marks keypoints and points without a group. A dense int, because there is one
+// per keypoint, and GroupByKey() ignores negative keys.
+constexpr int kNoGroup = -1;
+
+// The group of each keypoint.
 class GroupLookup {
  public:
   GroupLookup(const Scene& scene, const ObservationGroups& groups) {
@@ -224,7 +226,7 @@ class GroupLookup {
     for (const Image& image : scene.images) {
       begin_.push_back(begin_.back() + image.keypoints_px.size());
     }
-    group_.assign(begin_.back(), -1);
+    group_.assign(begin_.back(), kNoGroup);
     for (size_t g = 0; g < groups.size(); ++g) {
       for (const Observation* o = groups.begin(g); o != groups.end(g); ++o) {
         group_[begin_[o->image_idx] + o->keypoint_idx] = static_cast<int>(g);
@@ -232,13 +234,13 @@ class GroupLookup {
     }
   }
 
-  // The group of the first observation that is in one; -1: none is.
+  // The group of the first observation that is in a group, or kNoGroup.
   int FindAny(const Point3D& point) const {
     for (const Observation& o : point.track) {
       const int group = group_[begin_[o.image_idx] + o.keypoint_idx];
-      if (group >= 0) return group;
+      if (group != kNoGroup) return group;
     }
-    return -1;
+    return kNoGroup;
   }
 
  private:
@@ -271,14 +273,15 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
       old_points.push_back(
           reconstruction->points[points_of_group.items[k]].point_in_world);
     }
-    points[g] = GroupTriangulator(scene, views, options)
-                    .Run(groups.begin(g), groups.end(g), std::move(old_points));
+    points[g] = TriangulateGroup(
+        CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
+        old_points, options);
   });
 
   std::vector<Point3D>& result = reconstruction->points;
   size_t num_kept = 0;
   for (size_t i = 0; i < result.size(); ++i) {
-    if (group_of_point[i] < 0) std::swap(result[num_kept++], result[i]);
+    if (group_of_point[i] == kNoGroup) std::swap(result[num_kept++], result[i]);
   }
   result.resize(num_kept);
   FilterPoints(scene, options, num_threads, reconstruction);

@@ -8,20 +8,22 @@
 
 namespace mgsfm {
 
-// Replaces the points by what the present poses make of the groups of
-// `groups`. A group may hold keypoints of several points in space: as long
-// as there is a point with enough observations in agreement, it is taken, with
-// at most one observation of an image (the best), and the search goes on in
-// the remaining ones. Candidates are the points that the group had before and
-// robust triangulations of what remains; the one with the most observations
-// within max_error_px wins, of those the one with the smaller squared error.
-// This completes, merges, splits, re-triangulates and filters points at once.
-// Accepted points satisfy all of `options`.
+// Triangulates the points again from groups of keypoints, with the present
+// poses. A group can contain keypoints of several points. Repeatedly, the best
+// hypothesis becomes a point with at most one observation per image (the one
+// with the smallest error), and the search continues in the remaining
+// keypoints.
 //
-// Points without any observation in a group are kept and only filtered, so that
-// no keypoint is in two points.
-// Groups are treated independently and in parallel; the new points are in
-// their order. Poses and intrinsics do not change.
+// Hypotheses are the previous points of the group and robust triangulations of
+// the remaining keypoints. The best one has the most observations within
+// max_error_px; ties are broken by the sum of squared errors. This completes,
+// merges, splits, re-triangulates and filters points at once. All accepted
+// points satisfy `options`.
+//
+// Points without an observation in a group are kept and filtered, so no
+// keypoint belongs to two points. Groups are processed independently and in
+// parallel; the new points are in their order. Poses and intrinsics do not
+// change.
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
                    const PointFilterOptions& options, int num_threads,
                    Reconstruction* reconstruction);

@@ -9,31 +9,30 @@
 
 namespace mgsfm {
 
-// Steps that AdjustBundle and RefineReconstruction share.
+// Steps shared by AdjustBundle, RefineReconstruction and EstimateSoftRig.
 
-// Builds the problem of the estimate, solves it and appends to the summary. The
-// estimate is left as it was if false is returned.
-bool SolveOnce(const Scene& scene, const PositionPriors& priors,
-               const FixedPoses& held, const BundleAdjustmentOptions& options,
+// Solves the problem of the estimate and appends to the summary. Returns false,
+// and does not change the estimate, if the solve fails.
+bool SolveOnce(const Scene& scene, const BundlePriors& priors,
+               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result);
 
-// What points and observations are to satisfy whose errors may be that large.
+// The filter of the options for this bound on reprojection errors.
 PointFilterOptions MakeFilterOptions(const Scene& scene,
                                      const Reconstruction& estimate,
                                      const BundleAdjustmentOptions& options,
                                      double max_error_px,
                                      const Context& context);
 
-// The largest error of an observation that is no outlier, so many rounds before
-// the last one.
+// The bound on reprojection errors of inliers; it doubles for each round left.
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left);
 
-// The threshold of the loss for keypoints of the given noise.
+// The scale of the Huber loss for this noise of keypoints.
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
 
-// Lists what the points of the estimate hardly constrain.
+// Lists weak frames and sensors without observations.
 void FinishSummary(const Scene& scene, const Reconstruction& initial,
                    const BundleAdjustmentOptions& options,
                    BundleResult* result);

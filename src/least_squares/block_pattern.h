@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// Two blocks as one number, sorted by column first.
+// A pair of blocks as one number that sorts by column, then by row.
 using BlockPairKey = uint64_t;
 
 inline BlockPairKey MakeBlockPairKey(int column, int row) {
@@ -19,14 +19,14 @@ inline int RowOf(BlockPairKey key) {
   return static_cast<int>(key & 0xffffffffu);
 }
 
-// Where the blocks of a symmetric block-sparse matrix are in the values of a
-// compressed sparse matrix of its lower triangle. The blocks on the diagonal
-// are stored as a whole.
+// The places of the blocks of a symmetric block-sparse matrix in the values of
+// a compressed sparse matrix of its lower triangle. Diagonal blocks are stored
+// completely.
 class BlockPattern {
  public:
   BlockPattern() = default;
-  // `pairs` are the blocks that are not zero, (column, row) with row >= column,
-  // sorted, with all of the diagonal.
+  // `pairs` are the nonzero blocks (column, row) with row >= column, sorted and
+  // including the diagonal.
   BlockPattern(const std::vector<int>& sizes,
                const std::vector<BlockPairKey>& pairs);
 
@@ -39,7 +39,7 @@ class BlockPattern {
   // The block must be in the pattern.
   Place Find(int column, int row) const;
 
-  // A matrix of zeros.
+  // A matrix with this pattern and zero values.
   Eigen::SparseMatrix<double> MakeMatrix() const;
 
   int num_rows() const { return first_.empty() ? 0 : first_.back(); }
@@ -47,7 +47,7 @@ class BlockPattern {
  private:
   size_t Search(int column, int row) const;
 
-  std::vector<int> first_;            // of each block, and the end
+  std::vector<int> first_;            // first row of each block, and the end
   std::vector<size_t> column_begin_;  // in row_block_
   std::vector<int> row_block_;
   std::vector<int> row_offset_;  // below the first row of the column

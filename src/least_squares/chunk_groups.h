@@ -7,20 +7,22 @@
 
 namespace mgsfm {
 
-// Calls function(blocks) for all blocks, by positions in the chunk, that meet
-// in a part of a point, in an image if points are held, or in a term; the two
-// images of a term that is cut are apart. `blocks` is a std::vector<int>
-// without repetition. Linear in the observations and terms of the chunk.
+// Calls function(blocks) for each group of blocks that residuals of a chunk
+// connect: those of a part of a point, of an image if points are constant, or
+// of a term; the two images of a cut term are separate groups. `blocks` is a
+// std::vector<int> of positions in the chunk, without duplicates. Linear in the
+// observations and terms of the chunk.
 template <class Function>
 void ForEachGroup(const RigStructure& structure, const ChunkRanges& chunk,
                   bool points_are_free, const Function& function) {
+  constexpr int kNoGroup = -1;
   const RigStructure& s = structure;
-  std::vector<int> met, last_group(chunk.blocks.size(), -1);
+  std::vector<int> met, last_group(chunk.blocks.size(), kNoGroup);
   int group = 0;
   const auto add_image = [&](int position) {
     const ChunkImage& image = s.chunk_images[chunk.images.begin + position];
     for (const int block : {image.frame, image.sensor, image.camera}) {
-      if (block < 0 || last_group[block] == group) continue;
+      if (block == kNoBlock || last_group[block] == group) continue;
       last_group[block] = group;
       met.push_back(block);
     }

@@ -14,22 +14,21 @@
 #include "least_squares/rig_structure.h"
 #include "least_squares/scale_elimination.h"
 
-// The inner loops over the observations of points. Everything here is inlined
-// into the passes of chunk_passes.h, which are compiled for several
-// processors; so it is plain arrays. R is a kind of residual, N the size of the
-// blocks of poses: 6, or 3 where no rotation is free.
-// docs/math/least_squares.md has the formulas.
+// The inner loops over the observations of points, on plain arrays. They are
+// inlined into the passes of chunk_passes.h, which are compiled for several
+// instruction sets. R is a residual type, N the size of pose blocks: 6, or 3 if
+// no rotation is free. docs/maths/least_squares.md has the formulas.
 namespace mgsfm {
 
-// What passes read. Points are in the order of the structure.
+// The input of passes. Points are in the order of the structure.
 template <class R>
 struct PassInput {
   const RigProblemBase& problem;
   const RigStructure& structure;
-  const std::vector<double>& measured;  // R::kDim for each observation
+  const std::vector<double>& measured;  // R::kDim per observation
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
-  const std::vector<double>& scales;  // of observations, if they have any
+  const std::vector<double>& scales;  // of observations, if any
   double lambda;
   bool is_far_off;
 };
@@ -51,17 +50,17 @@ MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PassInput<R>& in,
                                          const PointHessian& hessian,
                                          double* D) {
   const double* v = hessian.values;
-  const bool is_spread = R::kHasScale && in.is_far_off;
-  const double spread = 0.5 * (v[0] + v[2] + v[5]);
-  D[0] = ClampDiagonal(is_spread ? spread : v[0]);
-  D[1] = ClampDiagonal(is_spread ? spread : v[2]);
-  D[2] = ClampDiagonal(is_spread ? spread : v[5]);
+  const bool uses_trace = R::kHasScale && in.is_far_off;
+  const double half_trace = 0.5 * (v[0] + v[2] + v[5]);
+  D[0] = ClampDiagonal(uses_trace ? half_trace : v[0]);
+  D[1] = ClampDiagonal(uses_trace ? half_trace : v[2]);
+  D[2] = ClampDiagonal(uses_trace ? half_trace : v[5]);
 }
 
 template <class R>
 MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
                                             const PointHessian& hessian) {
-  // What rounding may leave of a pivot.
+  // Smaller pivots are rounding errors.
   constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
   double D[3];
@@ -107,7 +106,7 @@ MGSFM_ALWAYS_INLINE void TransformPoint(const ImagePose& pose, const double* p,
   }
 }
 
-// An observation, all times the root of its weight.
+// An observation; all values are scaled by the square root of its weight.
 template <int kDim>
 struct ObservationTerms {
   double y[3];
@@ -116,14 +115,14 @@ struct ObservationTerms {
   double K[kDim * kMaxNumCameraParams];  // by free parameters
 };
 
-// The scale of an observation; of no use to those without.
+// The scale of an observation; 1 if it has none.
 template <class R>
 MGSFM_ALWAYS_INLINE double ScaleOf(const std::vector<double>& scales,
                                    size_t observation) {
   return R::kHasScale ? scales[observation] : 1.0;
 }
 
-// False where the residual is not defined.
+// False if the residual is undefined.
 template <class R>
 MGSFM_ALWAYS_INLINE bool LinearizeObservation(
     const RobustLoss& loss, const ImagePose& pose, const double* point,
@@ -158,7 +157,7 @@ EliminateScaleOf(const PassInput<R>& in, const ImagePose& pose, double scale,
                         o->residual);
 }
 
-// The three columns of what couples a block to the current point.
+// The coupling of a block to the current point: three columns.
 MGSFM_ALWAYS_INLINE double* CouplingOf(int block, size_t point,
                                        ChunkWorkspace* w) {
   double* coupling = w->couplings.data() + kCouplingSize * block;
@@ -170,11 +169,11 @@ MGSFM_ALWAYS_INLINE double* CouplingOf(int block, size_t point,
   return coupling;
 }
 
-// Rows y x a_i: derivatives by a turn of what has derivatives a_i by y. Rows of
-// the result are `stride` apart.
+// Rows y x a_i: derivatives with respect to a rotation of a function whose
+// derivatives with respect to y are a_i. Rows of the result have this stride.
 template <int kDim>
-MGSFM_ALWAYS_INLINE void TurnRows(const double* y, const double* a, int stride,
-                                  double* q) {
+MGSFM_ALWAYS_INLINE void RotationRows(const double* y, const double* a,
+                                      int stride, double* q) {
   for (int i = 0; i < kDim; ++i) {
     const double* r = a + 3 * i;
     q[stride * i] = y[1] * r[2] - y[2] * r[1];
@@ -183,7 +182,7 @@ MGSFM_ALWAYS_INLINE void TurnRows(const double* y, const double* a, int stride,
   }
 }
 
-// result = a m: kDim rows of 3, m 3 x 3. Rows are `stride` apart.
+// result = a m with kDim rows of 3 and a 3 x 3 matrix m. Rows have this stride.
 template <int kDim>
 MGSFM_ALWAYS_INLINE void MultiplyRows(const double* a, int a_stride,
                                       const double* m, int stride,
@@ -210,7 +209,7 @@ MGSFM_ALWAYS_INLINE void AddCoupling(const double* rows, const double* J,
   }
 }
 
-// The same for any size; `stride` apart are the rows.
+// The same for any size.
 template <int kDim>
 MGSFM_ALWAYS_INLINE void AddCoupling(const double* rows, int size,
                                      const double* J, double* coupling) {
@@ -245,7 +244,7 @@ MGSFM_ALWAYS_INLINE void AddSquare(const double* rows, const double* r,
   }
 }
 
-// The same for N rows of an image and those of its parameters behind.
+// The same for the N columns of an image followed by those of its parameters.
 template <int kDim, int N>
 MGSFM_ALWAYS_INLINE void AddSquareWithParams(const double* rows,
                                              const double* K, int num_free,
@@ -267,11 +266,11 @@ MGSFM_ALWAYS_INLINE void AddSquareWithParams(const double* rows,
   }
 }
 
-// Derivatives of a residual; rows of N for blocks of poses.
+// Derivatives of a residual: N columns for pose blocks.
 template <int kDim, int N>
 struct ObservationRows {
   double point[3 * kDim];
-  double image[N * kDim];  // by turn (if N is 6) and shift of the image
+  double image[N * kDim];  // with respect to rotation (if N is 6) and shift
   double frame[N * kDim];
 };
 
@@ -287,13 +286,13 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose,
     }
   }
   if (N == 6) {
-    TurnRows<kDim>(o.y, o.P, N, rows->image);
+    RotationRows<kDim>(o.y, o.P, N, rows->image);
     MultiplyRows<kDim>(rows->image, N, pose.sensor_from_rig, N, rows->frame);
   }
 }
 
-// Of observation k of a point, its scale eliminated. False where the residual
-// is not defined.
+// The rows of observation k of a point after elimination of its scale. False if
+// the residual is undefined.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
                                        const ImagePose& pose, size_t point,
@@ -311,7 +310,7 @@ MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
   return true;
 }
 
-// Adds what couples the blocks of an image to a point, or a part of one.
+// Adds the couplings of the blocks of an image to a point or a part of one.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
                                       const ChunkImage& image, size_t point,
@@ -319,15 +318,15 @@ MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
                                       const ObservationRows<R::kDim, N>& rows,
                                       ChunkWorkspace* w) {
   constexpr int kDim = R::kDim;
-  if (image.frame >= 0) {
+  if (image.frame != kNoBlock) {
     AddCoupling<kDim, N>(rows.frame, rows.point,
                          CouplingOf(image.frame, point, w));
   }
-  if (image.sensor >= 0) {
+  if (image.sensor != kNoBlock) {
     AddCoupling<kDim, N>(rows.image, rows.point,
                          CouplingOf(image.sensor, point, w));
   }
-  if (image.camera >= 0) {
+  if (image.camera != kNoBlock) {
     AddCoupling<kDim>(o.K, R::kHasCamera ? pose.num_free_params : 0, rows.point,
                       CouplingOf(image.camera, point, w));
   }
@@ -363,9 +362,9 @@ MGSFM_ALWAYS_INLINE void AddSquareOfPoint(const double* J, double* v) {
   }
 }
 
-// Adds the observations of a point to its images and to its own equations;
-// leaves its couplings in the workspace. `kept`, if not null, gets y, P, K of
-// each observation, `kept_size` values.
+// Adds the observations of a point to its images and its own equations, and
+// leaves its couplings in the workspace. If not null, `kept` receives y, P, K
+// of each observation (kept_size values).
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
                                         const ChunkRanges& chunk, size_t point,
@@ -481,11 +480,11 @@ MGSFM_ALWAYS_INLINE void SubtractProducts(ChunkWorkspace* w) {
     const int rows = w->block_size[row];
     const double* a = w->couplings.data() + kCouplingSize * row;
     const int* pair_begin = w->pair_begin.data() + row * w->num_blocks;
-    Lanes<N> lanes[3];  // of use if rows is N
+    Lanes<N> lanes[3];  // used if rows == N
     for (int k = 0; k < 3; ++k) lanes[k].Load(a + N * k);
     for (size_t k = 0; k <= i; ++k) {
       const int column = met[k];
-      if (pair_begin[column] < 0) continue;
+      if (pair_begin[column] == kNoPair) continue;
       const int columns = w->block_size[column];
       const double* b = w->couplings.data() + kCouplingSize * column;
       double* pair = w->pair_values.data() + pair_begin[column];
@@ -498,9 +497,9 @@ MGSFM_ALWAYS_INLINE void SubtractProducts(ChunkWorkspace* w) {
   }
 }
 
-// Subtracts from the local system what the point takes with it: with U = W L^-T
-// of each block, U U^T from the matrix, and adds U L^-1 g to the right side.
-// That of the matrix is left to its parts if the point is cut.
+// Eliminates a point from the local system: with U = W L^-T of each block,
+// subtracts U U^T from the matrix and adds U L^-1 g to the right-hand side. For
+// cut points, EliminatePart() updates the matrix.
 template <int N>
 MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
                                         bool is_cut, ChunkWorkspace* w) {
@@ -532,8 +531,8 @@ MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
   if (!is_cut) SubtractProducts<N>(w);
 }
 
-// Subtracts from the local matrix what observations [begin, end) of a point
-// take with it as a point of their own.
+// Eliminates the observations [begin, end) of a point from the local matrix as
+// if they were a point of their own.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
                                        const ChunkRanges& chunk, size_t point,
@@ -542,7 +541,7 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
   constexpr double kNoGradient[3] = {0.0, 0.0, 0.0};
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
-  // Unlike the number of any point.
+  // Differs from the index of every point.
   const size_t part = s.point_order.size() + begin;
   PointHessian V;
   ObservationTerms<R::kDim> o;

@@ -9,23 +9,23 @@
 #include "base/cpu_features.h"
 #include "least_squares/chunk_kernels.h"
 
-// Passes over the points of a chunk, compiled for any x86-64 and for those with
-// AVX2 and FMA, which is chosen when the program runs.
+// Passes over the points of a chunk. Each is compiled for generic x86-64 and
+// for AVX2 with FMA; the choice is made at run time.
 
 namespace mgsfm {
 
-// Linearises at a state, eliminates the points, and leaves in the workspace
-// what the chunk adds to the reduced system, but for its images.
+// The output of a linearisation besides the workspace, which receives the local
+// system of the chunk after elimination of its points (images still separate).
 template <class R>
 struct LinearizeOutput {
   std::vector<PointHessian>& hessians;
   std::vector<Eigen::Vector3d>& gradients;
-  // y, P and K of all observations, for MultiplyChunk; may be empty.
+  // y, P and K of all observations for MultiplyChunk; empty if direct.
   std::vector<double>& kept;
   size_t kept_size = 0;
 };
 
-// Past the part of a point that begins at an observation.
+// The end of the part of a point that begins at an observation.
 inline size_t EndOfPart(const RigStructure& s, size_t begin, size_t end) {
   if (s.observation_starts_part.empty()) return end;
   size_t k = begin + 1;
@@ -76,23 +76,23 @@ MGSFM_TARGET_AVX2 bool LinearizeChunkAvx2(const PassInput<R>& in,
   return LinearizeChunkBody<R, N>(in, chunk, out, w);
 }
 
-// A step of all unknowns but the points, per image.
+// A step of all unknowns except points, per image.
 struct ImageSteps {
   std::vector<ImageTwist> twists;
-  // Changes of the parameters that are free, by camera.
+  // Changes of the free parameters, per camera.
   std::vector<std::array<double, kMaxNumCameraParams>> params;
 };
 
-// How x moves in the camera: turn x y + shift.
+// The motion of x in the camera frame: rotation x y + shift.
 MGSFM_ALWAYS_INLINE void ApplyTwist(const double* y, const ImageTwist& twist,
                                     double* dx) {
-  const double* w = twist.turn;
+  const double* w = twist.rotation;
   dx[0] = w[1] * y[2] - w[2] * y[1] + twist.shift[0];
   dx[1] = w[2] * y[0] - w[0] * y[2] + twist.shift[1];
   dx[2] = w[0] * y[1] - w[1] * y[0] + twist.shift[2];
 }
 
-// u (kDim) = [turn, shift, free parameters] step.
+// u (kDim) = [rotation, shift, free parameters] step.
 template <int kDim>
 MGSFM_ALWAYS_INLINE void ApplyStep(const double* y, const double* P,
                                    const double* K, int num_free,
@@ -120,7 +120,7 @@ MGSFM_ALWAYS_INLINE void AddToPoint(const ImagePose& pose, const double* P,
   }
 }
 
-// The cost of the observations of a point; infinite if one is not defined.
+// The cost of the observations of a point; infinite if one is undefined.
 template <class R>
 MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
                                        const RigStructure& s,
@@ -201,13 +201,14 @@ MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
   return squared_distance;
 }
 
-// A step longer than this share of a point's distance is not to be trusted.
+// The linear model of a point is unreliable for steps beyond this fraction of
+// its distance: reprojection errors are inversely proportional to depth.
 constexpr double kLongStep = 0.1;
 constexpr int kMaxNumPointHalvings = 6;
 
-// Moves a point to old_point + fraction d, where the fraction is the first of
-// 1, 1/2, 1/4, ... that has a finite cost of at most `bound`, or 0. Returns the
-// cost there.
+// Moves a point to old_point + fraction * d with the first fraction of 1, 1/2,
+// ..., 1/64 whose cost is finite and at most `bound`, otherwise 0. Returns the
+// new cost.
 template <class Cost>
 MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
                                      double bound, const Cost& cost_at,
@@ -222,7 +223,7 @@ MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
   return cost_at(point);
 }
 
-// Moves the scales of a point's observations, given its step d.
+// Moves the scales of the observations of a point with step d.
 template <class R>
 MGSFM_ALWAYS_INLINE void MoveScalesOfPoint(const PassInput<R>& in,
                                            const StepInput<R>& step,
@@ -248,7 +249,7 @@ MGSFM_ALWAYS_INLINE void MoveScalesOfPoint(const PassInput<R>& in,
   }
 }
 
-// Moves points and scales, given the step of everything else, and evaluates the
+// Moves points and scales for the step of all other unknowns, and evaluates the
 // cost.
 template <class R>
 MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
@@ -303,9 +304,9 @@ MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
   return StepChunkBody(in, step, chunk, new_points);
 }
 
-// Leaves in the workspace, per image, the products of its columns with
-// (I - J (V + lambda D)^-1 J^T) times the images' changes: the product of the
-// reduced matrix, without its damping, with a vector.
+// Multiplies the reduced matrix, without its damping, with a vector. Per image,
+// the workspace receives the products of its columns with
+// (I - J (V + lambda D)^-1 J^T) times the change of the image.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
                                            const LinearizeOutput<R>& linear,
@@ -339,7 +340,7 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
         if (w->image_num_columns[i] == 0) continue;
         double J[3 * kDim], Q[3 * kDim];
         MultiplyRows<kDim>(P, 3, pose.cam_from_world, 3, J);
-        if (N == 6) TurnRows<kDim>(y, P, 3, Q);
+        if (N == 6) RotationRows<kDim>(y, P, 3, Q);
         double* sums = w->image_gradients.data() + kMaxNumImageColumns * i;
         for (int d = 0; d < kDim; ++d) {
           const double rest = u[d] - J[3 * d] * a[0] - J[3 * d + 1] * a[1] -

@@ -11,8 +11,8 @@ using Eigen::MatrixXd;
 using ImageMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0,
                                   kMaxNumImageColumns, kMaxNumImageColumns>;
 
-// d(turn, shift) / d(frame): the frame turns the image by S w and shifts it by
-// -S R d. Held coordinates have zero columns.
+// d(rotation, shift) / d(frame): the frame rotates the image by S w and shifts
+// it by -S R d. Constant coordinates have zero columns.
 template <int N>
 Eigen::Matrix<double, N, N> FrameColumns(const ImagePose& pose,
                                          const PoseMask& mask) {
@@ -26,7 +26,7 @@ Eigen::Matrix<double, N, N> FrameColumns(const ImagePose& pose,
   return columns * mask.template tail<N>().asDiagonal();
 }
 
-// What the blocks of an image have in common with its columns.
+// Maps the columns of an image to those of its blocks.
 template <int N>
 class ImageBlocks {
  public:
@@ -34,39 +34,39 @@ class ImageBlocks {
               const ImagePose& pose)
       : image_(image) {
     const RigProblemBase::Image& of_problem = problem.images[image.image];
-    if (image.frame >= 0) {
+    if (image.frame != kNoBlock) {
       frame_ = FrameColumns<N>(pose, problem.frame_masks[of_problem.frame]);
     }
-    if (image.sensor >= 0) {
+    if (image.sensor != kNoBlock) {
       sensor_ = problem.sensor_masks[of_problem.sensor].template tail<N>();
     }
   }
 
-  // Adds the products of the columns, size x size.
+  // Adds the products of the columns (size x size) to the local matrix.
   void AddMatrix(const double* values, int size, ChunkWorkspace* w) const {
     const Eigen::Map<const MatrixXd> all(values, size, size);
     const Eigen::Matrix<double, N, N> pose = all.template topLeftCorner<N, N>();
     const int k = size - N;
-    if (image_.frame >= 0) {
+    if (image_.frame != kNoBlock) {
       const Eigen::Matrix<double, N, N> of_frame = pose * frame_;
       Add(image_.frame, image_.frame, frame_.transpose() * of_frame, w);
-      if (image_.sensor >= 0) {
+      if (image_.sensor != kNoBlock) {
         Add(image_.sensor, image_.frame, sensor_.asDiagonal() * of_frame, w);
       }
-      if (image_.camera >= 0) {
+      if (image_.camera != kNoBlock) {
         Add(image_.camera, image_.frame,
             ImageMatrix(all.bottomLeftCorner(k, N) * frame_), w);
       }
     }
-    if (image_.sensor >= 0) {
+    if (image_.sensor != kNoBlock) {
       Add(image_.sensor, image_.sensor,
           sensor_.asDiagonal() * pose * sensor_.asDiagonal(), w);
-      if (image_.camera >= 0) {
+      if (image_.camera != kNoBlock) {
         Add(image_.camera, image_.sensor,
             ImageMatrix(all.bottomLeftCorner(k, N) * sensor_.asDiagonal()), w);
       }
     }
-    if (image_.camera >= 0) {
+    if (image_.camera != kNoBlock) {
       Add(image_.camera, image_.camera, all.bottomRightCorner(k, k), w);
     }
   }
@@ -75,22 +75,22 @@ class ImageBlocks {
                  double* sums) const {
     const Eigen::Map<const Eigen::VectorXd> all(values, size);
     const Eigen::Matrix<double, N, 1> pose = all.template head<N>();
-    if (image_.frame >= 0) {
+    if (image_.frame != kNoBlock) {
       Eigen::Map<Eigen::Matrix<double, N, 1>>(
           sums + w.block_first[image_.frame]) += frame_.transpose() * pose;
     }
-    if (image_.sensor >= 0) {
+    if (image_.sensor != kNoBlock) {
       Eigen::Map<Eigen::Matrix<double, N, 1>>(
           sums + w.block_first[image_.sensor]) += sensor_.cwiseProduct(pose);
     }
-    if (image_.camera >= 0) {
+    if (image_.camera != kNoBlock) {
       Eigen::VectorXd::Map(sums + w.block_first[image_.camera], size - N) +=
           all.tail(size - N);
     }
   }
 
  private:
-  // A block of J^T W J, whose rows and columns are those of two blocks.
+  // Adds to the block (row, column) of J^T W J.
   template <class Matrix>
   void Add(int row, int column, const Matrix& values, ChunkWorkspace* w) const {
     if (row == column) {
@@ -191,12 +191,12 @@ void ChunkWorkspace::StartVectors(const RigProblemBase& problem,
   }
   for (size_t i = 0; i < chunk.images.size(); ++i) {
     const ChunkImage& image = s.chunk_images[chunk.images.begin + i];
-    const bool is_free =
-        image.frame >= 0 || image.sensor >= 0 || image.camera >= 0;
+    const bool is_free = image.frame != kNoBlock || image.sensor != kNoBlock ||
+                         image.camera != kNoBlock;
     image_num_columns[i] =
         is_free ? s.pose_size + poses[image.image].num_free_params : 0;
     for (const int block : {image.frame, image.sensor}) {
-      if (block < 0 || !block_is_masked[block]) continue;
+      if (block == kNoBlock || !block_is_masked[block]) continue;
       PoseMask::Map(&block_mask[6 * block]) = MaskOf(problem, image, block);
     }
   }
@@ -208,7 +208,7 @@ void ChunkWorkspace::Start(const RigProblemBase& problem, const RigStructure& s,
                            const ChunkRanges& chunk,
                            const std::vector<ImagePose>& poses) {
   StartVectors(problem, s, chunk, poses);
-  std::fill_n(pair_begin.begin(), num_blocks * num_blocks, -1);
+  std::fill_n(pair_begin.begin(), num_blocks * num_blocks, kNoPair);
   int num_values = 0;
   for (size_t k = chunk.pairs.begin; k < chunk.pairs.end; ++k) {
     const ChunkPair& pair = s.chunk_pairs[k];
@@ -272,15 +272,15 @@ void OrderedChunks::PutBack(ChunkWorkspace* workspace) {
 
 void OrderedChunks::WaitForTurn(size_t chunk, size_t section) {
   std::unique_lock<std::mutex> lock(mutex_);
-  turn_changed_.wait(lock, [&] { return turns_[section] == chunk; });
+  next_chunk_changed_.wait(lock, [&] { return next_chunk_[section] == chunk; });
 }
 
 void OrderedChunks::FinishTurn(size_t section) {
   {
     const std::lock_guard<std::mutex> lock(mutex_);
-    ++turns_[section];
+    ++next_chunk_[section];
   }
-  turn_changed_.notify_all();
+  next_chunk_changed_.notify_all();
 }
 
 }  // namespace mgsfm

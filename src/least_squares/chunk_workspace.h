@@ -14,21 +14,24 @@
 
 namespace mgsfm {
 
-// The most that a block couples to a point: kMaxNumCameraParams x 3.
+// The largest coupling of a block to a point: kMaxNumCameraParams x 3.
 constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 
-// The local system of one chunk at a time, with the arrays its points need.
-// Blocks are those of the chunk; symmetric matrices are stored as a whole,
-// column by column.
+// Marks pairs of blocks that are not in the pattern; a dense int for the
+// kernels.
+constexpr int kNoPair = -1;
+
+// The local system of one chunk, with temporaries for its points. Blocks are
+// those of the chunk. Symmetric matrices are stored completely, column-major.
 struct ChunkWorkspace {
   explicit ChunkWorkspace(const RigStructure& structure);
 
-  // Takes the blocks and images of a chunk, with zeros for vectors; what
-  // products with a vector need.
+  // Sets the blocks and images of a chunk and clears vectors. Sufficient for
+  // products with a vector.
   void StartVectors(const RigProblemBase& problem,
                     const RigStructure& structure, const ChunkRanges& chunk,
                     const std::vector<ImagePose>& poses);
-  // The pairs as well, with zeros for all sums.
+  // The same, and sets the pairs and clears all sums.
   void Start(const RigProblemBase& problem, const RigStructure& structure,
              const ChunkRanges& chunk, const std::vector<ImagePose>& poses);
 
@@ -36,62 +39,61 @@ struct ChunkWorkspace {
     return pair_values.data() + pair_begin[row * num_blocks + column];
   }
   bool HasPair(int row, int column) const {
-    return pair_begin[row * num_blocks + column] >= 0;
+    return pair_begin[row * num_blocks + column] != kNoPair;
   }
 
   size_t num_blocks = 0;
   std::vector<int> block_size;
   std::vector<int> block_first;
   Mask block_is_masked;
-  std::vector<double> block_mask;  // 6 for each block, if it is masked
-  std::vector<int> pair_begin;     // row major; -1: not kept
+  std::vector<double> block_mask;  // 6 per masked block
+  std::vector<int> pair_begin;     // row-major, or kNoPair
   std::vector<double> pair_values;
   std::vector<double> gradient;    // J^T W r
-  std::vector<double> correction;  // what points add to minus the gradient
+  std::vector<double> correction;  // W^T V^-1 g_p
   std::vector<double> diagonal;    // of J^T W J
   std::vector<double> product;     // of the matrix with a vector
 
-  // Per image: products of its columns [turn, shift, free parameters], and
-  // with the residuals. Images with nothing free have no columns.
+  // Per image: products of its columns [rotation, shift, free parameters] with
+  // each other and with the residuals. Constant images have no columns.
   std::vector<int> image_num_columns;
   std::vector<size_t> image_hessian_begin;
   std::vector<double> image_hessians;
   std::vector<double> image_gradients;
 
-  // Of one point: the blocks it meets, and what couples it to each; three
-  // columns, one after the other.
+  // The blocks of the current point, and its coupling W^T to each of them
+  // (three columns).
   std::vector<int> met;
   size_t num_met = 0;
-  std::vector<size_t> last_point;  // that met the block
-  std::vector<double> couplings;   // kCouplingSize for each block
+  std::vector<size_t> last_point;  // the last point of each block
+  std::vector<double> couplings;   // kCouplingSize per block
 };
 
 constexpr int kMaxNumImageColumns = 6 + kMaxNumCameraParams;
 
-// Adds the products of images to the local system: to that of sensors and
-// cameras directly, to that of frames by how these move the images.
+// Adds the products of images to the local system. Columns of frames follow
+// from those of images by the adjoint of sensor_from_rig.
 void AddImagesToSystem(const RigProblemBase& problem,
                        const RigStructure& structure, const ChunkRanges& chunk,
                        const std::vector<ImagePose>& poses,
                        ChunkWorkspace* workspace);
 
-// Adds sums over images alone, products of columns with a vector, to
-// workspace->product.
+// Adds the vectors of images to workspace->product.
 void AddImageVectors(const RigProblemBase& problem,
                      const RigStructure& structure, const ChunkRanges& chunk,
                      const std::vector<ImagePose>& poses,
                      ChunkWorkspace* workspace);
 
-// Workspaces of threads, and gates that let the chunks through in order. Chunks
-// must be handed out in ascending order.
+// Processes chunks in parallel and merges them in order, so that sums do not
+// depend on the number of threads. Keeps one workspace per thread.
 class OrderedChunks {
  public:
   OrderedChunks(const RigStructure& structure, int num_threads);
 
-  // Calls compute(chunk, workspace) for all chunks in parallel, and
-  // merge(chunk, section, workspace) for the sections of what they are merged
-  // to: in each section for one chunk after the other, while other threads are
-  // in other sections. compute must not throw.
+  // Calls compute(chunk, workspace) for all chunks in parallel, then
+  // merge(chunk, section, workspace) for each section of the destination.
+  // Within a section, chunks are merged in ascending order; different sections
+  // are merged concurrently. compute must not throw.
   template <class Compute, class Merge>
   void Run(size_t num_sections, const Compute& compute, const Merge& merge);
 
@@ -106,14 +108,14 @@ class OrderedChunks {
   std::vector<ChunkWorkspace> workspaces_;
   std::vector<ChunkWorkspace*> free_;
   std::mutex mutex_;
-  std::condition_variable turn_changed_;
-  std::vector<size_t> turns_;  // the next chunk, per section
+  std::condition_variable next_chunk_changed_;
+  std::vector<size_t> next_chunk_;  // per section
 };
 
 template <class Compute, class Merge>
 void OrderedChunks::Run(size_t num_sections, const Compute& compute,
                         const Merge& merge) {
-  turns_.assign(num_sections, 0);
+  next_chunk_.assign(num_sections, 0);
   ParallelFor(
       num_chunks_, num_threads_,
       [&](size_t chunk) {

@@ -6,11 +6,11 @@
 
 namespace mgsfm {
 
-// Solves A x = b for a symmetric positive definite A, from zero:
-// multiply(x, &y) sets y = A x, precondition(r, &z) sets z = M^-1 r. Ends when
-// sqrt(r^T M^-1 r) is at most `tolerance` of what it was, or after
-// max_num_iterations. Returns whether the result is finite; `residual` gets
-// b - A x. (Hestenes and Stiefel 1952)
+// Preconditioned conjugate gradients (Hestenes and Stiefel 1952): solves A x =
+// b for a symmetric positive definite A, starting at zero. multiply(x, &y) sets
+// y = A x, precondition(r, &z) sets z = M^-1 r. Stops when sqrt(r^T M^-1 r) has
+// fallen by the factor `tolerance`, or after max_num_iterations. Returns
+// whether the result is finite, and b - A x in `residual`.
 template <class Multiply, class Precondition>
 bool SolveByConjugateGradient(const Eigen::VectorXd& b, double tolerance,
                               int max_num_iterations, const Multiply& multiply,

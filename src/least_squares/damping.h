@@ -5,6 +5,7 @@
 
 namespace mgsfm {
 
+// Bounds of the damping diagonal D, as in Ceres.
 constexpr double kMinDamping = 1e-6;
 constexpr double kMaxDamping = 1e32;
 
@@ -13,13 +14,13 @@ MGSFM_ALWAYS_INLINE double ClampDiagonal(double value) {
                              : (value > kMaxDamping ? kMaxDamping : value);
 }
 
-// Sums over the unknowns of a chunk that were eliminated: points and scales.
+// Sums over the eliminated unknowns of a chunk: points and scales.
 struct StepSums {
-  double cost = 0.0;              // of the new state
-  double decrease = 0.0;          // lambda d^T D d - g^T d
-  double lost = 0.0;              // what bounds take away of that
-  double squared_step = 0.0;      // of the unknowns
-  double squared_position = 0.0;  // of them, before
+  double cost = 0.0;      // at the new state
+  double decrease = 0.0;  // lambda d^T D d - g^T d
+  double lost = 0.0;      // reduction of that by bounds
+  double squared_step = 0.0;
+  double squared_position = 0.0;  // before the step
 };
 
 }  // namespace mgsfm

@@ -47,10 +47,11 @@ ImageTwist ComputeImageTwist(const ImagePose& pose, const PoseVector& frame,
                              const PoseVector& sensor) {
   using Vector = Eigen::Map<Eigen::Vector3d>;
   ImageTwist twist;
-  Vector turn(twist.turn), shift(twist.shift);
-  turn = sensor.head<3>();
+  Vector rotation(twist.rotation), shift(twist.shift);
+  rotation = sensor.head<3>();
   if (!frame.head<3>().isZero(0.0)) {
-    turn.noalias() += RowMajor3d::Map(pose.sensor_from_rig) * frame.head<3>();
+    rotation.noalias() +=
+        RowMajor3d::Map(pose.sensor_from_rig) * frame.head<3>();
   }
   shift = sensor.tail<3>();
   shift.noalias() -= RowMajor3d::Map(pose.cam_from_world) * frame.tail<3>();

@@ -5,7 +5,7 @@
 
 namespace mgsfm {
 
-// N numbers side by side. In registers, where the compiler is told to.
+// A vector of N doubles. Uses vector registers explicitly where possible.
 template <int N>
 struct Lanes {
   double values[N];
@@ -27,7 +27,7 @@ struct Lanes {
 #if defined(__GNUC__)
 template <>
 struct Lanes<6> {
-  // Of doubles anywhere in memory; `using` does not take such attributes.
+  // For unaligned memory; `using` does not accept these attributes.
   // NOLINTBEGIN(modernize-use-using)
   typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
   typedef double Two __attribute__((vector_size(16), aligned(8), may_alias));

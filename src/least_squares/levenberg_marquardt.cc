@@ -7,21 +7,26 @@
 namespace mgsfm {
 namespace {
 
+// Smallest ratio of actual to predicted decrease of an accepted step; as in
+// Ceres.
 constexpr double kMinRatio = 1e-3;
+// Relative rounding error of a cost, some tens of machine precisions.
 constexpr double kRoundOff = 1e-14;
-constexpr double kFirstLambda = 1e-4;
+// The initial value of Ceres.
+constexpr double kInitialLambda = 1e-4;
 constexpr double kMinLambda = 1e-16;
 constexpr double kMaxLambda = 1e16;
-// Of lambda, after a step as good as predicted; from one such step to the next
-// it is applied once more.
+// Factor of lambda after a step as good as predicted (Nielsen), and of this
+// factor from one such step to the next.
 constexpr double kShrinkage = 1.0 / 3.0;
-// A step far from a solution is shortened to between these shares of its length
-// until it gains this share of what that length promises, or so many times.
+// Backtracking, with bounds of the factor and the sufficient decrease of
+// Armijo.
 constexpr double kMinShortening = 0.1;
 constexpr double kMaxShortening = 0.6;
 constexpr double kMinGain = 1e-4;
 constexpr int kMaxNumShortenings = 6;
-// Of what is promised; the slope at the start is one to two times that.
+// Initial slope of the cost along a step in predicted decreases. It is 1 for
+// strong and 2 for weak damping.
 constexpr double kSlope = 1.5;
 
 class LevenbergMarquardt {
@@ -43,7 +48,7 @@ class LevenbergMarquardt {
       } else if (!problem_.Solve()) {
         Reject();
       } else {
-        Judge(FindStep());
+        AcceptOrReject(FindStep());
       }
     }
     summary_.final_cost = cost_;
@@ -55,37 +60,38 @@ class LevenbergMarquardt {
     cost_ = problem_.Cost();
     summary_.initial_cost = cost_;
     summary_.termination = Termination::kMaxIterations;
-    summary_.message = "Reached the largest number of iterations.";
+    summary_.message = "Reached the maximum number of iterations.";
     if (!std::isfinite(cost_)) {
-      Finish(Termination::kFailure, "The start has no finite cost.");
+      Finish(Termination::kFailure, "The initial cost is not finite.");
     } else if (cost_ == 0.0) {
-      Finish(Termination::kConverged, "The start is optimal.");
+      Finish(Termination::kConverged, "The initial cost is zero.");
     }
   }
 
-  // Backtracks along the step (Armijo) if the start is far off.
+  // Backtracks along the step if the initial state is far from a solution.
   TrialStep FindStep() {
     TrialStep step = problem_.TryStep(1.0);
     if (!options_.starts_far_off) return step;
-    const double whole_norm = step.step_norm;
+    const double full_norm = step.step_norm;
     double length = 1.0;
     for (int i = 0; i < kMaxNumShortenings; ++i) {
-      const double promise = length * step.predicted_decrease;
-      const double rise = step.new_cost - cost_;
-      if (rise <= -kMinGain * promise) break;
-      // The lowest point of the parabola through both costs.
-      const double lowest = 0.5 * kSlope * promise / (rise + kSlope * promise);
-      length *= std::isfinite(rise)
-                    ? std::clamp(lowest, kMinShortening, kMaxShortening)
+      const double predicted = length * step.predicted_decrease;
+      const double increase = step.new_cost - cost_;
+      if (increase <= -kMinGain * predicted) break;
+      // The minimum of the parabola through both costs.
+      const double minimum =
+          0.5 * kSlope * predicted / (increase + kSlope * predicted);
+      length *= std::isfinite(increase)
+                    ? std::clamp(minimum, kMinShortening, kMaxShortening)
                     : kMinShortening;
       step = problem_.TryStep(length);
     }
-    // That a step was shortened much is no sign of convergence.
-    step.step_norm = whole_norm;
+    // A short step after backtracking is no sign of convergence.
+    step.step_norm = full_norm;
     return step;
   }
 
-  void Judge(const TrialStep& step) {
+  void AcceptOrReject(const TrialStep& step) {
     const double decrease = cost_ - step.new_cost;
     const double tolerance = options_.parameter_tolerance;
     if (step.step_norm <= tolerance * (step.state_norm + tolerance)) {
@@ -94,7 +100,7 @@ class LevenbergMarquardt {
                decrease > 0.0) {
       Accept(step.new_cost, decrease / step.predicted_decrease);
     } else if (step.predicted_decrease <= kRoundOff * cost_) {
-      Finish(Termination::kConverged, "No step lowers the cost.");
+      Finish(Termination::kConverged, "No step decreases the cost.");
     } else {
       Reject();
     }
@@ -107,13 +113,14 @@ class LevenbergMarquardt {
     cost_ = new_cost;
     Shrink(1.0 - std::pow(2.0 * ratio - 1.0, 3));
     if (is_converged || cost_ == 0.0) {
-      Finish(Termination::kConverged, "The cost hardly changes.");
+      Finish(Termination::kConverged,
+             "The relative change of the cost is small.");
     }
   }
 
-  // The bends of a long drive have curvatures far below those of its joints:
-  // they move only once lambda is as small, which shrinking by the same factor
-  // each time takes more steps for the longer the drive is.
+  // The low-frequency deformations of a long drive have tiny curvatures. They
+  // converge only when lambda is as small, which takes many steps if lambda
+  // shrinks by a constant factor.
   void Shrink(double factor) {
     if (factor < kShrinkage) {
       lambda_ *= lambda_shrinkage_;
@@ -131,7 +138,7 @@ class LevenbergMarquardt {
     lambda_growth_ *= 2.0;
     lambda_shrinkage_ = kShrinkage;
     if (lambda_ > kMaxLambda) {
-      Finish(Termination::kFailure, "No damping gives a step.");
+      Finish(Termination::kFailure, "The damping exceeds its maximum.");
     }
   }
 
@@ -146,7 +153,7 @@ class LevenbergMarquardt {
   const Context& context_;
   DampedProblem& problem_;
   double cost_ = 0.0;
-  double lambda_ = kFirstLambda;
+  double lambda_ = kInitialLambda;
   double lambda_growth_ = 2.0;
   double lambda_shrinkage_ = kShrinkage;
   bool is_done_ = false;

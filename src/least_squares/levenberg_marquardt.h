@@ -7,32 +7,32 @@
 
 namespace mgsfm {
 
-// A trial step from the present state.
+// The result of a trial step from the current state.
 struct TrialStep {
   double new_cost = 0.0;
-  // Of the cost, by the linear model, for the whole step.
+  // Decrease of the cost by the linear model, for the full step.
   double predicted_decrease = 0.0;
   double step_norm = 0.0;
   double state_norm = 0.0;
 };
 
-// What the trust-region loop knows of a problem: a state, and steps from it.
+// The problem as the trust-region loop sees it: a state and steps from it.
 class DampedProblem {
  public:
   virtual ~DampedProblem() = default;
-  // Infinite or not a number if the state is not in the domain.
+  // Not finite if the state is outside of the domain.
   virtual double Cost() = 0;
-  // Forms the equations of a step, damped by lambda. False if a derivative is
+  // Forms the normal equations with damping lambda. False if a derivative is
   // not finite.
   virtual bool Linearize(double lambda) = 0;
   // False if the equations are not positive definite to working precision.
   virtual bool Solve() = 0;
-  // Goes a part of the step, length <= 1.
+  // Evaluates the state after `length` <= 1 of the step.
   virtual TrialStep TryStep(double length) = 0;
   virtual void AcceptStep() = 0;
 };
 
-// The one trust-region loop; rules in mgsfm/least_squares/rig_solver.h.
+// The trust-region loop of all rig problems; see rig_solver.h for its rules.
 SolveSummary MinimizeByLevenbergMarquardt(const RigSolverOptions& options,
                                           int max_num_iterations,
                                           const Context& context,

@@ -2,6 +2,7 @@
 #include "least_squares/linear_terms.h"
 
 #include <algorithm>
+#include <optional>
 
 namespace mgsfm {
 namespace {
@@ -23,9 +24,9 @@ double ResidualOf(const RigProblemBase::ParameterPrior& prior,
   return (state.cameras[prior.camera][prior.param] - prior.value) / prior.sigma;
 }
 
-// The derivative of a term by one of its parts.
+// The derivative of a term with respect to one of its parts.
 struct PartColumns {
-  int block = -1;
+  int block = kNoBlock;
   int first = 0;  // unknown of its first coordinate
   Vector3d values = Vector3d::Zero();
 };
@@ -37,20 +38,21 @@ PartColumns ColumnsOf(const RigProblemBase& problem, const RigStructure& s,
       part.is_frame ? problem.frame_masks : problem.sensor_masks;
   PartColumns columns;
   columns.block = blocks[part.idx];
-  if (columns.block < 0) return columns;
+  if (columns.block == kNoBlock) return columns;
   columns.first = s.block_first[columns.block] + s.pose_size - 3;
   columns.values =
       term.weight * part.coefficients.cwiseProduct(masks[part.idx].tail<3>());
   return columns;
 }
 
-// The unknown of a prior; -1 if there is none.
-int UnknownOf(const RigProblemBase& problem, const RigStructure& s,
-              const RigProblemBase::ParameterPrior& prior) {
+// The unknown of a prior; nullopt if the parameter is constant.
+std::optional<int> UnknownOf(const RigProblemBase& problem,
+                             const RigStructure& s,
+                             const RigProblemBase::ParameterPrior& prior) {
   const int block = s.camera_block[prior.camera];
   const std::vector<int>& params = problem.cameras[prior.camera].free_params;
   const auto it = std::find(params.begin(), params.end(), prior.param);
-  if (block < 0 || it == params.end()) return -1;
+  if (block == kNoBlock || it == params.end()) return std::nullopt;
   return s.block_first[block] + static_cast<int>(it - params.begin());
 }
 
@@ -92,18 +94,19 @@ void AddLinearTerms(const RigProblemBase& problem, const RigStructure& s,
     const double r = ResidualOf(term, state);
     for (const LinearTerm::Part& part : term.parts) {
       const PartColumns a = ColumnsOf(problem, s, term, part);
-      if (a.block < 0) continue;
+      if (a.block == kNoBlock) continue;
       gradient->segment<3>(a.first) += r * a.values;
       diagonal->segment<3>(a.first) += a.values.cwiseAbs2();
       for (const LinearTerm::Part& other : term.parts) {
         const PartColumns b = ColumnsOf(problem, s, term, other);
-        if (b.block >= 0) AddProduct(s, a, b, matrix);
+        if (b.block != kNoBlock) AddProduct(s, a, b, matrix);
       }
     }
   }
   for (const RigProblemBase::ParameterPrior& prior : problem.priors) {
-    const int i = UnknownOf(problem, s, prior);
-    if (i < 0) continue;
+    const std::optional<int> unknown = UnknownOf(problem, s, prior);
+    if (!unknown) continue;
+    const int i = *unknown;
     const double weight = 1.0 / (prior.sigma * prior.sigma);
     (*gradient)[i] += ResidualOf(prior, state) / prior.sigma;
     (*diagonal)[i] += weight;
@@ -117,16 +120,16 @@ void MultiplyLinearTerms(const RigProblemBase& problem, const RigStructure& s,
     double sum = 0.0;
     for (const LinearTerm::Part& part : term.parts) {
       const PartColumns a = ColumnsOf(problem, s, term, part);
-      if (a.block >= 0) sum += a.values.dot(x.segment<3>(a.first));
+      if (a.block != kNoBlock) sum += a.values.dot(x.segment<3>(a.first));
     }
     for (const LinearTerm::Part& part : term.parts) {
       const PartColumns a = ColumnsOf(problem, s, term, part);
-      if (a.block >= 0) y->segment<3>(a.first) += sum * a.values;
+      if (a.block != kNoBlock) y->segment<3>(a.first) += sum * a.values;
     }
   }
   for (const RigProblemBase::ParameterPrior& prior : problem.priors) {
-    const int i = UnknownOf(problem, s, prior);
-    if (i >= 0) (*y)[i] += x[i] / (prior.sigma * prior.sigma);
+    const std::optional<int> i = UnknownOf(problem, s, prior);
+    if (i) (*y)[*i] += x[*i] / (prior.sigma * prior.sigma);
   }
 }
 

@@ -9,11 +9,12 @@
 
 namespace mgsfm {
 
-// The linear terms and the priors of a problem: few, without loss.
+// Linear terms and parameter priors of a problem. They have no loss.
 
 double CostOfLinearTerms(const RigProblemBase& problem, const RigState& state);
 
-// Adds J^T r, the diagonal of J^T J, and J^T J as far as the pattern has it.
+// Adds J^T r, the diagonal of J^T J, and the blocks of J^T J that are in the
+// pattern.
 void AddLinearTerms(const RigProblemBase& problem,
                     const RigStructure& structure, const RigState& state,
                     Eigen::VectorXd* gradient, Eigen::VectorXd* diagonal,

@@ -21,7 +21,7 @@ PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
   WeighPairs(inseparable);
 }
 
-// How many groups two blocks share; of blocks that are not border.
+// The number of groups that two blocks share. Ignores border blocks.
 std::vector<WeightedPair> PointCutter::WeightsOfChunk(
     const ChunkRanges& chunk) const {
   const size_t num_blocks = chunk.blocks.size();
@@ -48,7 +48,7 @@ std::vector<WeightedPair> PointCutter::WeightsOfChunk(
   return weights;
 }
 
-// Of all chunks, each pair once.
+// Sums the weights over all chunks.
 void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
   std::vector<std::vector<WeightedPair>> of_chunks(s_.chunks.size());
   ParallelFor(
@@ -94,8 +94,8 @@ void PointCutter::Cut(int num_kept) {
   ParallelFor(s_.chunks.size(), num_threads_, cut_chunk, 1);
 }
 
-// Puts each observation into the first part all of whose blocks are strong
-// pairs with its own.
+// Adds each observation to the first part whose blocks are all strong pairs
+// with its own.
 void PointCutter::CutPoint(const StrongPairs& strong_pairs,
                            const ChunkRanges& chunk, size_t begin, size_t end) {
   struct Part {
@@ -108,7 +108,7 @@ void PointCutter::CutPoint(const StrongPairs& strong_pairs,
         s_.chunk_images[chunk.images.begin + s_.observation_image[k]];
     std::vector<int> blocks;
     for (const int position : {image.frame, image.sensor, image.camera}) {
-      if (position < 0) continue;
+      if (position == kNoBlock) continue;
       const int block = s_.chunk_blocks[chunk.blocks.begin + position];
       if (!block_is_border_[block]) blocks.push_back(block);
     }
@@ -143,7 +143,7 @@ bool PointCutter::IsCut(const StrongPairs& strong_pairs,
       s_.chunk_images[chunk.images.begin + s_.term_images[term][1]];
   for (const int a : {image1.frame, image1.sensor}) {
     for (const int b : {image2.frame, image2.sensor}) {
-      if (a < 0 || b < 0) continue;
+      if (a == kNoBlock || b == kNoBlock) continue;
       if (!IsStrong(strong_pairs, blocks[a], blocks[b])) return true;
     }
   }

@@ -10,23 +10,23 @@
 
 namespace mgsfm {
 
-// Cuts points into parts that only images see which share most points, so that
-// the reduced matrix of the parts has few blocks and is cheap to factorise: the
-// preconditioner of docs/math/least_squares.md, "Direct or iterative". Terms of
-// two images are cut likewise. Border blocks are in all parts.
+// Cuts points into parts, each observed only by images that share many points.
+// The reduced matrix of the parts has few blocks and is cheap to factorise; it
+// is the preconditioner of the iterative solver (docs/maths/least_squares.md).
+// Terms of two images are cut likewise. Border blocks are in all parts.
 class PointCutter {
  public:
-  // Counts the points and terms that two blocks share, before any cut.
-  // `structure` must outlive the cutter and has chunks. `inseparable` are pairs
-  // that no cut may part, sorted, each once. Linear in the observations and in
+  // Counts the points and terms that two blocks share. `structure` must have
+  // chunks without cuts, and outlive the cutter. `inseparable` are pairs that
+  // no cut may separate, sorted and unique. Linear in the observations and in
   // the pairs of blocks of chunks.
   PointCutter(bool points_are_free, const Mask& block_is_border,
               const std::vector<BlockPairKey>& inseparable, int num_threads,
               RigStructure* structure);
 
-  // All blocks of a part are strong pairs, those of `num_kept` neighbours of
-  // either (strong_pairs.h). Sets observation_starts_part and term_is_cut, and
-  // sorts the observations of points by part.
+  // Cuts such that all blocks of a part are strong pairs of `num_kept`
+  // neighbours (strong_pairs.h). Sets observation_starts_part and term_is_cut,
+  // and sorts the observations of points by part.
   void Cut(int num_kept);
 
  private:

@@ -9,24 +9,26 @@
 namespace mgsfm {
 namespace {
 
+// Relative to the diagonal: far below any observable curvature.
 constexpr double kDamping = 1e-12;
+// Poses per solve; bounds the memory of the right-hand sides.
 constexpr size_t kBlocksPerSolve = 16;
 
-// A pose with unknowns.
+// A pose with free coordinates.
 struct FreePose {
   int block = 0;
   const PoseMask* mask = nullptr;
   std::optional<PoseMatrix>* covariance = nullptr;
 };
 
-// Held poses get a covariance of zero.
+// Lists free poses. Constant poses get a zero covariance.
 void ListPoses(const std::vector<int>& blocks,
                const std::vector<PoseMask>& masks,
                std::vector<std::optional<PoseMatrix>>* covariances,
                std::vector<FreePose>* poses) {
   covariances->resize(blocks.size());
   for (size_t i = 0; i < blocks.size(); ++i) {
-    if (blocks[i] >= 0) {
+    if (blocks[i] != kNoBlock) {
       poses->push_back({blocks[i], &masks[i], &(*covariances)[i]});
     } else if (masks[i].isZero(0.0)) {
       (*covariances)[i] = PoseMatrix::Zero();
@@ -34,7 +36,7 @@ void ListPoses(const std::vector<int>& blocks,
   }
 }
 
-// For the poses begin to end - 1.
+// Solves for the poses [begin, end).
 void SolveForPoses(const RigEquationsBase& equations,
                    const std::vector<FreePose>& poses, size_t begin,
                    size_t end) {
@@ -89,22 +91,23 @@ Eigen::MatrixXd CovarianceOfGroup(const RigEquationsBase& equations,
   const Eigen::Index size = s.pose_size;
   const auto count = static_cast<Eigen::Index>(sensors.size());
   Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(s.num_unknowns, count * size);
-  const auto first_of = [&](Eigen::Index k) {
+  const auto first_of = [&](Eigen::Index k) -> std::optional<Eigen::Index> {
     const int block = s.sensor_block[sensors[k]];
-    return block < 0 ? Eigen::Index{-1} : Eigen::Index{s.block_first[block]};
+    if (block == kNoBlock) return std::nullopt;
+    return Eigen::Index{s.block_first[block]};
   };
   for (Eigen::Index k = 0; k < count; ++k) {
-    if (first_of(k) < 0) continue;
-    columns.block(first_of(k), k * size, size, size).setIdentity();
+    const auto first = first_of(k);
+    if (first) columns.block(*first, k * size, size, size).setIdentity();
   }
   equations.SolveColumns(columns, &columns);
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6 * count, 6 * count);
   for (Eigen::Index a = 0; a < count; ++a) {
     for (Eigen::Index b = 0; b < count; ++b) {
-      if (first_of(a) < 0 || first_of(b) < 0) continue;
+      if (!first_of(a) || !first_of(b)) continue;
       PoseMatrix block = PoseMatrix::Zero();
       block.bottomRightCorner(size, size) =
-          columns.block(first_of(a), b * size, size, size);
+          columns.block(*first_of(a), b * size, size, size);
       covariance.block<6, 6>(6 * a, 6 * b) = masks[sensors[a]].asDiagonal() *
                                              block *
                                              masks[sensors[b]].asDiagonal();
@@ -132,7 +135,7 @@ std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
   return covariances;
 }
 
-// Diagonal elements of the inverse, for `count` unknowns from `first` on.
+// Diagonal elements of the inverse for the unknowns [first, first + count).
 std::vector<double> SolveForVariances(const RigEquationsBase& equations,
                                       int first, int count) {
   Eigen::MatrixXd columns =
@@ -157,7 +160,7 @@ std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
   }
   for (size_t i = 0; i < problem.cameras.size(); ++i) {
     const int block = s.camera_block[i];
-    if (block < 0) continue;
+    if (block == kNoBlock) continue;
     variances[i] = SolveForVariances(
         equations, s.block_first[block],
         static_cast<int>(problem.cameras[i].free_params.size()));

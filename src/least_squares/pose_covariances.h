@@ -11,28 +11,27 @@
 
 namespace mgsfm {
 
-// Covariances of changes of poses (rig_problem.h), for residuals of variance
-// one; zero for held coordinates. nullopt: the problem has no residual of it.
+// Covariances of pose changes (rig_problem.h) for residuals of unit variance.
+// Zero for constant coordinates, nullopt for poses without residuals.
 struct PoseCovariances {
   std::vector<std::optional<PoseMatrix>> frames;
   std::vector<std::optional<PoseMatrix>> sensors;
 };
 
-// The diagonal blocks of (J^T W J)^-1 at a state that minimises the cost, with
-// points and parameters marginalised: blocks of the inverse of the reduced
-// matrix, whose factor is solved for their columns. The problem must fix the
-// gauge. The diagonal is raised by 1e-12 of itself, so that directions that no
-// residual sees have huge variances instead of none. nullopt if a derivative is
-// not finite or the factorisation fails all the same.
-// Cost: one factorisation, and six solves for each pose.
+// The diagonal blocks of (J^T W J)^-1 at a minimum, with points and intrinsics
+// marginalised: blocks of the inverse of the reduced matrix. The problem must
+// fix the gauge. The diagonal is increased by a factor of 1 + 1e-12, so
+// directions without residuals get huge variances. nullopt if a derivative is
+// not finite or the factorisation fails. Cost: one factorisation, and six
+// triangular solves per pose.
 template <class Observation>
 [[nodiscard]] std::optional<PoseCovariances> ComputePoseCovariances(
     const RigProblem<Observation>& problem, const RigState& state,
     const Context& context);
 
-// The same for groups of sensors, with the covariances between the sensors of a
-// group: square matrices of 6 times its size. Zero for sensors without
-// residuals, too.
+// The same for groups of sensors, including the covariances between the sensors
+// of a group: 6 rows and columns per sensor, zero for sensors without
+// residuals.
 template <class Observation>
 [[nodiscard]] std::optional<std::vector<Eigen::MatrixXd>>
 ComputeSensorCovariances(const RigProblem<Observation>& problem,
@@ -40,8 +39,9 @@ ComputeSensorCovariances(const RigProblem<Observation>& problem,
                          const std::vector<std::vector<int>>& groups,
                          const Context& context);
 
-// Variances of the free parameters of each camera alone, likewise; empty for
-// cameras without. Cost: one factorisation, and a solve for each.
+// Variances of the free parameters of each camera; empty for cameras without
+// free parameters. Cost: one factorisation, and one triangular solve per
+// parameter.
 template <class Observation>
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeParameterVariances(const RigProblem<Observation>& problem,

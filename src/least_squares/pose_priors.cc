@@ -12,12 +12,12 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 
-// A prior as the equations see it: its weight rho', and columns of its blocks,
-// with zeros for held coordinates; block -1: held as a whole.
+// A prior in the equations: its weight rho' and the columns of its blocks, with
+// zeros for constant coordinates.
 struct WeightedPrior {
   double weight = 1.0;
   Eigen::Matrix<double, 6, 1> value;
-  std::array<int, 2> blocks = {-1, -1};
+  std::array<int, 2> blocks = {kNoBlock, kNoBlock};
   std::array<Matrix6d, 2> columns;
 };
 
@@ -42,7 +42,7 @@ WeightedPrior WeighImagePrior(const RigProblemBase& problem,
   return weighted;
 }
 
-// Calls function(WeightedPrior) for each.
+// Calls function(WeightedPrior) for each prior.
 template <class Function>
 void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
                  const RigState& state, const Function& function) {
@@ -71,7 +71,7 @@ void VisitPriors(const RigProblemBase& problem, const RigStructure& s,
   }
 }
 
-// The columns that the unknowns of a block stand for.
+// The columns of the unknowns of a block.
 auto UsedColumns(const RigStructure& s, const WeightedPrior& prior, int part) {
   return prior.columns[part].rightCols(s.pose_size);
 }
@@ -123,7 +123,7 @@ PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
   PosePriorResidual r;
   r.size = 3;
   r.value.head<3>() = (in_camera - prior.direction) / prior.sigma_rad;
-  // Exp(w) R turns R down by w x R down; likewise S.
+  // Exp(w) R changes R down by w x R down; likewise S.
   r.by_frame.topLeftCorner<3, 3>() = -S * CrossMatrix(in_rig) / prior.sigma_rad;
   r.by_sensor.topLeftCorner<3, 3>() = -CrossMatrix(in_camera) / prior.sigma_rad;
   return r;
@@ -131,17 +131,17 @@ PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
 
 PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
                                       const Rigid3& sensor_from_rig) {
-  const Vector3d turn = LogSO3(sensor_from_rig.rotation *
-                               prior.sensor_from_rig.rotation.inverse());
+  const Vector3d rotation = LogSO3(sensor_from_rig.rotation *
+                                   prior.sensor_from_rig.rotation.inverse());
   PosePriorResidual r;
   r.size = 6;
-  r.value.head<3>() = turn / prior.sigma_rad;
+  r.value.head<3>() = rotation / prior.sigma_rad;
   r.value.tail<3>() =
       (sensor_from_rig.translation - prior.sensor_from_rig.translation) /
       prior.sigma_length;
-  // Exp(w) stands on the left: the left Jacobian is the right one at -turn.
+  // Exp(w) is on the left: the left Jacobian is the right one at -rotation.
   r.by_sensor.topLeftCorner<3, 3>() =
-      InverseRightJacobianSO3(-turn) / prior.sigma_rad;
+      InverseRightJacobianSO3(-rotation) / prior.sigma_rad;
   r.by_sensor.bottomRightCorner<3, 3>() =
       Matrix3d::Identity() / prior.sigma_length;
   return r;
@@ -174,7 +174,7 @@ void AddPosePriors(const RigProblemBase& problem, const RigStructure& s,
                    Eigen::SparseMatrix<double>* matrix) {
   VisitPriors(problem, s, state, [&](const WeightedPrior& prior) {
     for (int a = 0; a < 2; ++a) {
-      if (prior.blocks[a] < 0) continue;
+      if (prior.blocks[a] == kNoBlock) continue;
       const int first = s.block_first[prior.blocks[a]];
       const auto columns = UsedColumns(s, prior, a);
       gradient->segment(first, s.pose_size) +=
@@ -182,7 +182,7 @@ void AddPosePriors(const RigProblemBase& problem, const RigStructure& s,
       diagonal->segment(first, s.pose_size) +=
           prior.weight * columns.colwise().squaredNorm().transpose();
       for (int b = 0; b < 2; ++b) {
-        if (prior.blocks[b] >= 0) AddProduct(s, prior, a, b, matrix);
+        if (prior.blocks[b] != kNoBlock) AddProduct(s, prior, a, b, matrix);
       }
     }
   });
@@ -194,12 +194,12 @@ void MultiplyPosePriors(const RigProblemBase& problem, const RigStructure& s,
   VisitPriors(problem, s, state, [&](const WeightedPrior& prior) {
     Eigen::Matrix<double, 6, 1> sum = Eigen::Matrix<double, 6, 1>::Zero();
     for (int a = 0; a < 2; ++a) {
-      if (prior.blocks[a] < 0) continue;
+      if (prior.blocks[a] == kNoBlock) continue;
       sum += UsedColumns(s, prior, a) *
              x.segment(s.block_first[prior.blocks[a]], s.pose_size);
     }
     for (int a = 0; a < 2; ++a) {
-      if (prior.blocks[a] < 0) continue;
+      if (prior.blocks[a] == kNoBlock) continue;
       y->segment(s.block_first[prior.blocks[a]], s.pose_size) +=
           prior.weight * (UsedColumns(s, prior, a).transpose() * sum);
     }

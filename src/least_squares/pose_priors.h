@@ -9,8 +9,8 @@
 
 namespace mgsfm {
 
-// The residual of a prior and its derivatives by changes of the frame and of
-// the sensor that it is about; only the first `size` rows are used.
+// The residual of a prior and its derivatives with respect to its frame and
+// sensor. Only the first `size` rows are used.
 struct PosePriorResidual {
   int size = 0;
   Eigen::Matrix<double, 6, 1> value = Eigen::Matrix<double, 6, 1>::Zero();
@@ -27,13 +27,13 @@ PosePriorResidual EvaluateGravityPrior(const GravityPrior& prior,
 PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
                                       const Rigid3& sensor_from_rig);
 
-// All priors on positions of images, gravity in them, and poses of sensors:
-// few, at most one of a kind for each image and sensor.
+// The functions below cover all position, gravity and sensor priors of a
+// problem.
 
 double CostOfPosePriors(const RigProblemBase& problem, const RigState& state);
 
-// Adds J^T W r, the diagonal of J^T W J, and J^T W J as far as the pattern has
-// it.
+// Adds J^T W r, the diagonal of J^T W J, and the blocks of J^T W J that are in
+// the pattern.
 void AddPosePriors(const RigProblemBase& problem, const RigStructure& structure,
                    const RigState& state, Eigen::VectorXd* gradient,
                    Eigen::VectorXd* diagonal,

@@ -11,18 +11,18 @@
 
 namespace mgsfm {
 
-// The kinds of residuals r of a point at x in the camera of an image, some with
-// a scale d. A kind is a struct with
-//   Observation  what is in the problem
-//   kDim         size of the residual
-//   kHasCamera   whether there are parameters
-//   kHasScale    whether there is a scale; kDim is 3 then
-//   Measured()   kDim values that Evaluate and Linearize need
-//   Evaluate()   r; false where it is not defined. Those without a scale leave
-//                it unread
-//   Linearize()  also P = dr/dx, kDim x 3, and K = dr/d(free parameters),
-//                both row-major; K only if there are any
-//   ByScale()    dr/dd, given P, if there is a scale
+// The residuals r of a point x in the camera frame, some with a scale d. Each
+// is a struct with
+//   Observation  the type in the problem
+//   kDim         the dimension of r
+//   kHasCamera   whether r depends on camera parameters
+//   kHasScale    whether r has a scale; kDim is 3 then
+//   Measured()   the kDim measured values
+//   Evaluate()   computes r; false if it is undefined. Ignores the scale if
+//                there is none
+//   Linearize()  computes r, P = dr/dx (kDim x 3) and, if there are free
+//                parameters, K = dr/d(parameters); row-major
+//   ByScale()    computes dr/dd from P, if there is a scale
 struct PixelResidual {
   using Observation = PixelObservation;
   static constexpr int kDim = 2;
@@ -119,14 +119,14 @@ struct ScaledRayResidual {
     return Evaluate(pose, x, measured, scale, r);
   }
 
-  // P is weighted, and so is this.
+  // The result has the weight of P.
   static MGSFM_ALWAYS_INLINE void ByScale(const double* x, const double* P,
                                           double scale, double* by_scale) {
     for (int i = 0; i < 3; ++i) by_scale[i] = P[0] / scale * x[i];
   }
 };
 
-// rho'(s); without its cost for the usual losses.
+// rho'(s), without evaluating rho for common losses.
 MGSFM_ALWAYS_INLINE double LossWeight(const RobustLoss& loss, double s) {
   switch (loss.type) {
     case RobustLossType::kTrivial:

@@ -25,22 +25,21 @@ namespace mgsfm {
 //
 // with residuals weighted by rho' (iteratively re-weighted least squares), D
 // the diagonal of the undamped matrix within [1e-6, 1e32], and V block-diagonal
-// over the points. Scales, if there are any, are eliminated from each residual
-// before (scale_elimination.h); (1) is what is left, D its diagonal.
-// Elimination takes the direction of depth from it; far from a solution depths
-// must stay damped, so that D of each position or point is half of its trace
-// then, about what it was before. Points are eliminated first:
+// over the points. Points are eliminated first:
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
-// A point with a long step (chunk_passes.h) goes a part of it, if the whole
-// raises its cost, so that one of them does not take damping for all.
+// Scales, if any, are eliminated from each residual before
+// (scale_elimination.h), and D is the diagonal of the remaining matrix. The
+// elimination removes the curvature in depth. Far from a solution depths must
+// stay damped, so D of each position or point is half of its trace then.
 //
-// One pass over the observations linearises and eliminates, another steps and
-// evaluates the new cost; derivatives are computed in both, as that is faster
-// than to keep them, and W is never stored. The reduced matrix is factorised;
-// if that is too expensive, it is only multiplied with vectors, and the matrix
-// of cut points is factorised to precondition (docs/math/least_squares.md).
+// One pass over the observations linearises and eliminates. A second one steps
+// (with shortened steps of single points, see rig_solver.h) and evaluates the
+// new cost. Both compute the derivatives, which is faster than storing them; W
+// is never stored. The reduced matrix is factorised. If that is too expensive,
+// the matrix is applied without being formed, and that of cut points is the
+// preconditioner (docs/maths/least_squares.md).
 class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
@@ -48,7 +47,7 @@ class RigEquationsBase : public DampedProblem {
                    ReducedSolver solver, bool is_far_off,
                    const Context& context);
 
-  // Takes a copy of a state as the present one, and gives it back.
+  // Sets and copies the current state.
   void SetState(const RigState& state);
   void GetState(RigState* state) const;
 
@@ -58,7 +57,7 @@ class RigEquationsBase : public DampedProblem {
   TrialStep TryStep(double length) override;
   void AcceptStep() override;
 
-  // Factorises the matrix of Linearize() alone, and solves with it.
+  // Factorises the matrix of Linearize(), and solves with it.
   bool Factorize() { return solver_.Factorize(matrix_); }
   void SolveColumns(const Eigen::MatrixXd& B, Eigen::MatrixXd* X) const {
     solver_.Solve(B, *X);
@@ -66,14 +65,14 @@ class RigEquationsBase : public DampedProblem {
 
   const RigStructure& structure() const { return structure_; }
   const Eigen::VectorXd& step() const { return step_; }
-  // Changes of frame, sensor or camera block that the last step asks for.
+  // The change of a pose block by the last step.
   PoseVector PoseStep(int block) const;
-  // Points of the present state and after TryStep(), in the structure's order.
+  // Points of the current state and after TryStep(), in the structure's order.
   const std::vector<Eigen::Vector3d>& points() const { return points_; }
   const std::vector<Eigen::Vector3d>& trial_points() const {
     return trial_points_;
   }
-  // Those of observations after TryStep(), likewise, and those of terms.
+  // Scales of observations (in the same order) and terms after TryStep().
   const std::vector<double>& trial_scales() const { return trial_scales_; }
   const std::vector<double>& trial_term_scales() const {
     return trial_term_scales_;
@@ -95,7 +94,7 @@ class RigEquationsBase : public DampedProblem {
   double lambda_ = 0.0;
   double step_length_ = 1.0;  // of the trial step
   std::vector<Eigen::Vector3d> points_, trial_points_;
-  // Of observations, in the structure's order; empty if they have none.
+  // Scales of observations in the structure's order; empty if there are none.
   std::vector<double> scales_, trial_scales_;
   std::vector<ImagePose> poses_, trial_poses_;
   std::vector<PointHessian> point_hessians_;      // V without damping
@@ -133,12 +132,12 @@ class RigEquationsBase : public DampedProblem {
   SparseCholesky solver_;
   Eigen::VectorXd gradient_;    // g_z
   Eigen::VectorXd correction_;  // W^T V^-1 g_p
-  Eigen::VectorXd diagonal_;    // D_z unbounded, 0 for held coordinates
+  Eigen::VectorXd diagonal_;    // D_z without bounds, 0 if constant
   Eigen::VectorXd rhs_, step_;
-  Eigen::VectorXd residual_;  // of the reduced equations, if iterative
+  Eigen::VectorXd residual_;  // of the reduced system, if iterative
 };
 
-// For one kind of residual; see residuals.h.
+// The equations for one type of residual; see residuals.h.
 template <class R>
 class RigEquations : public RigEquationsBase {
  public:

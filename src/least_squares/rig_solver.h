@@ -10,60 +10,73 @@
 
 namespace mgsfm {
 
-// How the native solver solves for what is left when points are eliminated.
+// The solver of the reduced system (after elimination of the points).
 enum class ReducedSolver {
-  kAuto,       // kDirect unless the factor would be too large or too slow
+  kAuto,       // kDirect unless its factor is too large or too slow
   kDirect,     // sparse Cholesky factorisation
-  kIterative,  // conjugate gradient; factorises a preconditioner alone
+  kIterative,  // preconditioned conjugate gradients
 };
 
-// Levenberg-Marquardt with points eliminated; docs/math/least_squares.md. With
-// the damping lambda, which follows the ratio of actual to predicted decrease
-// (Nielsen 1999, "Damping parameter in Marquardt's method", but falls ever
-// faster as long as steps are as good as predicted, unless the start is far
-// off), a step solves
-// (J^T W J + lambda D) d = -J^T W r, D the diagonal of J^T W J and W = rho'
-// (iteratively re-weighted least squares). Ends as kConverged when
-//   |cost - new cost| <= function_tolerance cost                     or
+// Levenberg-Marquardt with Schur complement; docs/maths/least_squares.md.
+//
+// Step. (J^T W J + lambda D) d = -J^T W r with W = rho' (iteratively
+// re-weighted least squares) and D the diagonal of J^T W J within [1e-6, 1e32].
+//
+// Damping. Let gamma be the ratio of actual to predicted decrease. A step is
+// accepted if gamma > 1e-3. Then lambda is multiplied by 1 - (2 gamma - 1)^3
+// but at least by mu, with mu = 1/3. Otherwise lambda is multiplied by 2, 4, 8,
+// ... (Nielsen 1999, "Damping parameter in Marquardt's method"). Unlike there,
+// mu is 1/3, 1/9, 1/27, ... for consecutive steps that are as good as
+// predicted: the low-frequency deformations of long drives need a small lambda.
+//
+// Long steps of points. A point whose step exceeds a tenth of its distance from
+// the closest camera takes the first of 1, 1/2, ..., 1/64 of its step that does
+// not increase its own cost, or none. Other points do so only if an observation
+// is invisible after the step. Single points therefore do not block the others.
+// Every observation must be visible at the start.
+//
+// Stopping criteria. kConverged if
 //   |step| <= parameter_tolerance (|state| + parameter_tolerance)    or
-//   no step lowers the cost any more, as far as the arithmetic can tell.
+//   an accepted step has cost - new cost <= function_tolerance cost  or
+//   a step is rejected although it predicts a decrease of at most 1e-14 cost,
+//   which is below rounding errors.
+// kFailure if the initial cost or a derivative is not finite, or lambda exceeds
+// 1e16.
 //
-// Every observation must be visible at the start. A point whose step would
-// make one of its observations invisible moves by half of it, a quarter, or
-// not at all; so that single points do not hold up all the others.
-//
-// Results are the same to the last bit for every number of threads.
-// Cost of an iteration: linear in the observations; for each point the square
-// of the number of frames that see it; and the factorisation, or some tens of
-// passes over the observations. Memory: about 100 bytes an observation, or 200
-// if iterative, plus the factor.
+// Results are the same to the last bit for every number of threads. Cost of an
+// iteration: linear in the observations, for each point quadratic in the number
+// of frames that observe it, and the factorisation, or some tens of passes over
+// the observations. Memory: about 100 bytes per observation, 200 if iterative,
+// plus the factor.
 struct RigSolverOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
-  // Far from any solution, hardly damped steps keep folds that damped ones
-  // would have undone: lambda falls by thirds only, and with scales, depths are
-  // damped as if scales were not eliminated. Steps that do not gain enough are
-  // shortened before they are refused, and scales at their bound are not held,
-  // so that they may leave it.
+  // For initial states far from any solution, such as random positions. Weakly
+  // damped steps then create folds that do not resolve. Differences:
+  // - mu stays 1/3, and steps of single points are not shortened.
+  // - With scales, the depth of points is damped as before their elimination.
+  // - Scales at their bound are not fixed, so that they can leave it.
+  // - A step with too little gain is shortened (backtracking) before it is
+  //   rejected.
   bool starts_far_off = false;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
 
-// The cost of rig_problem.h; infinite if an observation is not visible.
+// The cost of rig_problem.h; infinite if an observation is invisible.
 template <class Observation>
 double RigCost(const RigProblem<Observation>& problem, const RigState& state,
                int num_threads);
 
-// Solves a problem as often as needed. What depends on its structure alone is
-// made once; between solves the values of loss, baselines, linear terms and
-// priors may change. On kFailure the state is as it was. Checks for an
-// interruption once an iteration.
+// Solves a problem repeatedly. Its structure is analysed once; between solves,
+// the values of the loss, baselines, linear terms and priors may change. On
+// kFailure, the state does not change. Checks for interruption in each
+// iteration.
 template <class Observation>
 class RigSolver {
  public:
-  // The problem must outlive this.
+  // The problem must outlive the solver.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();

@@ -14,31 +14,35 @@
 
 namespace mgsfm {
 
-// Work on a rig problem is split into chunks: some thousand observations of
-// points that lie close together, or baseline terms. What a chunk adds to the
-// reduced system concerns few blocks of unknowns and is summed up in a small
-// local system first, which is then added to the common one. Chunks depend on
-// the problem alone, so no result depends on the number of threads.
+// The structure of the reduced system of a rig problem, and its partition into
+// chunks: some thousand observations of nearby points, or baseline terms. A
+// chunk affects few blocks of unknowns. Its contribution is accumulated in a
+// small local system, which is then added to the common one. Chunks depend on
+// the problem alone, so results do not depend on the number of threads.
 
-// A run of positions in an array.
+// Marks constant or unused elements in arrays of block indices. These are dense
+// ints because the kernels read them per observation.
+constexpr int kNoBlock = -1;
+
+// A range of positions in an array.
 struct IndexRange {
   size_t begin = 0;
   size_t end = 0;
   size_t size() const { return end - begin; }
 };
 
-// An image in a chunk, with its blocks of unknowns as positions in
-// ChunkRanges::blocks; -1: held.
+// An image in a chunk. Its blocks are positions in ChunkRanges::blocks, or
+// kNoBlock.
 struct ChunkImage {
   int image = 0;  // of the problem
-  int frame = -1;
-  int sensor = -1;
-  int camera = -1;
+  int frame = kNoBlock;
+  int sensor = kNoBlock;
+  int camera = kNoBlock;
 };
 
-// Two blocks of a chunk that meet in the reduced matrix, row not before column
-// in the order of elimination, and where in its values: column k of the pair
-// starts at position + k stride.
+// A nonzero block of the reduced matrix: two blocks of unknowns of a chunk, row
+// not before column in the elimination order. Column k of the block starts at
+// position + k * stride in the values of the matrix.
 struct ChunkPair {
   int row = 0;
   int column = 0;
@@ -51,46 +55,46 @@ struct ChunkRanges {
   IndexRange observations;  // in RigStructure::observation_image
   IndexRange terms;         // in RigStructure::term_order
   IndexRange images;        // in RigStructure::chunk_images
-  IndexRange blocks;        // in RigStructure::chunk_blocks, as eliminated
-  IndexRange pairs;         // in RigStructure::chunk_pairs
+  IndexRange blocks;  // in RigStructure::chunk_blocks, in elimination order
+  IndexRange pairs;   // in RigStructure::chunk_pairs
 };
 
-// Which unknowns meet where: made once for all iterations. Linear in the
-// observations and in the number of pairs of blocks that points connect.
+// Computed once for all iterations. Linear in the observations and in the
+// number of pairs of blocks that points connect.
 struct RigStructure {
-  // `image_of_observation` is that of the problem's observations; it becomes
-  // observation_image.
+  // `image_of_observation` lists the images of the problem's observations.
   RigStructure(const RigProblemBase& problem,
                const std::vector<int>& image_of_observation,
                ReducedSolver solver, int num_threads);
 
-  // Coordinates of a pose in its block: 6, or 3 if no rotation is free.
+  // Coordinates of a pose block: 6, or 3 if no rotation is free.
   int pose_size = 3;
-  // Blocks, -1 where there are no unknowns or no residuals; frames first.
+  // Block indices, frames first; kNoBlock without unknowns or residuals.
   std::vector<int> frame_block;
   std::vector<int> sensor_block;
   std::vector<int> camera_block;
   std::vector<int> block_size;
-  std::vector<int> block_rank;   // in the order of elimination
+  std::vector<int> block_rank;   // in the elimination order
   std::vector<int> block_first;  // position in the vector of unknowns
   int num_unknowns = 0;
-  // Per block of a pose: its mask is not all ones.
+  // Whether some coordinates of a pose block are constant.
   Mask block_is_masked;
 
-  // The reduced matrix; if the solution is iterative, that of the problem whose
-  // points are cut into parts and which lacks some of the terms.
+  // The pattern of the reduced matrix. If the solver is iterative: of the
+  // preconditioner, whose points are cut into parts and which lacks some terms.
   bool is_iterative = false;
   BlockPattern pattern;
 
-  // Points, with the observations of each by part, then by frame.
+  // Points in chunk order. The observations of a point are sorted by part, then
+  // by frame.
   std::vector<int> point_order;
   std::vector<size_t> point_begin;          // in the new order
   std::vector<uint32_t> observation_order;  // may be cleared after use
   std::vector<int> observation_image;       // in the images of the chunk
-  // Of each observation: whether it begins a part of its point, the first left
-  // out. Empty if no point is cut.
+  // Per observation: whether it begins a part of its point other than the
+  // first. Empty if no point is cut.
   Mask observation_starts_part;
-  // Of each term: whether its images are apart. Empty if no point is cut.
+  // Per term: whether its images are separated. Empty if no point is cut.
   Mask term_is_cut;
   std::vector<int> term_order;
   std::vector<std::array<int, 2>> term_images;  // in the images of the chunk
@@ -99,7 +103,7 @@ struct RigStructure {
   std::vector<ChunkImage> chunk_images;
   std::vector<int> chunk_blocks;
   std::vector<ChunkPair> chunk_pairs;
-  // The largest of any chunk.
+  // Maxima over all chunks.
   size_t max_num_images = 0;
   size_t max_num_blocks = 0;
   size_t max_num_unknowns = 0;

@@ -8,21 +8,21 @@
 
 namespace mgsfm {
 
-// How much ties two blocks together, as the number of points they share.
+// A pair of blocks, weighted by the number of points that they share.
 struct WeightedPair {
   BlockPairKey pair = 0;
   int weight = 0;
 };
 
-// Of a pair that has to stay.
+// The weight of pairs that are always kept.
 constexpr int kInfiniteWeight = std::numeric_limits<int>::max();
 
-// The strongest pairs of a graph of blocks: of each block, those with the
-// `num_kept` neighbours of the largest weights, the closest numbers first where
-// weights are equal; and all of infinite weight. O(n log n) in the pairs.
+// The strongest edges of a graph of blocks: for each block, those to the
+// `num_kept` neighbours with the largest weights, and all of infinite weight.
+// Ties prefer neighbours with a close index. O(n log n) in the pairs.
 class StrongPairs {
  public:
-  // `pairs` are sorted, each once, without those of a block with itself.
+  // `pairs` are sorted and unique, without diagonal pairs.
   StrongPairs(const std::vector<WeightedPair>& pairs, int num_blocks,
               int num_kept);
 
@@ -30,7 +30,7 @@ class StrongPairs {
   bool Contains(int a, int b) const;
 
  private:
-  std::vector<std::vector<int>> neighbours_;  // of each block, ascending
+  std::vector<std::vector<int>> neighbours_;  // per block, ascending
 };
 
 }  // namespace mgsfm

@@ -45,7 +45,7 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
 }
 
 void JudgeFocalLengths(const AdjustmentInput& input,
-                       const PositionPriors& used_priors,
+                       const BundlePriors& used_priors,
                        const MapperOptions& options, const Context& context,
                        MapperModel* model) {
   model->focal_lengths =
@@ -79,7 +79,7 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
 
 // Gives images poses of their own.
 bool EstimateSoftRigOfImages(const AdjustmentInput& input,
-                             const PositionPriors& used_priors,
+                             const BundlePriors& used_priors,
                              const MapperOptions& options,
                              const Context& context, MapperModel* model) {
   const Scene separate = SeparateImages(input.scene);
@@ -96,13 +96,16 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model) {
   const Scene& scene = input.scene;
-  PositionPriors used_priors;
+  BundlePriors used_priors;
   if (!input.positions.IsEmpty()) {
-    used_priors = MoveToPriors(input, context, &initial, model);
+    used_priors.positions = MoveToPriors(input, context, &initial, model);
   }
-  used_priors.gravity =
-      MakeGravityTerms(scene, input.gravity,
-                       options.rotation_averaging.gravity_sigma_deg, initial);
+  if (const auto gravity = EstimateGravity(
+          scene, input.gravity, options.rotation_averaging.gravity_sigma_deg,
+          initial)) {
+    used_priors.gravity =
+        GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
+  }
   BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
     return RefineReconstruction(
         scene,
@@ -113,8 +116,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   model->bundle = std::move(bundle.summary);
   model->reconstruction = std::move(bundle.estimate);
   if (model->position_priors) {
-    JudgePriors(scene, input.positions, used_priors, model->reconstruction,
-                &*model->position_priors);
+    EvaluatePositions(scene, input.positions, used_priors.positions,
+                      model->reconstruction, &*model->position_priors);
     LogPriors(*model->position_priors, context);
   }
   JudgeFocalLengths(input, used_priors, options, context, model);

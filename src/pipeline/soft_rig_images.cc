@@ -39,8 +39,8 @@ void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
 bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
                             const CandidateSource& candidates,
                             const MapperOptions& options,
-                            const PositionPriors& priors,
-                            const Context& context, MapperModel* model) {
+                            const BundlePriors& priors, const Context& context,
+                            MapperModel* model) {
   SoftRigResult result = EstimateSoftRig(
       scene, separate, candidates, model->reconstruction, options.soft_rig,
       options.bundle_adjustment, context, priors);

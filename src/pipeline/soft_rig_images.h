@@ -3,8 +3,8 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -14,7 +14,7 @@ namespace mgsfm {
 bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
                             const CandidateSource& candidates,
                             const MapperOptions& options,
-                            const PositionPriors& priors,
-                            const Context& context, MapperModel* model);
+                            const BundlePriors& priors, const Context& context,
+                            MapperModel* model);
 
 }  // namespace mgsfm

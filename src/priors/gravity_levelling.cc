@@ -15,17 +15,19 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
+// The median norm of standard normal 2-vectors, sqrt(2 ln 2).
+constexpr double kMedianOfNorms2 = 1.1774;
+// Normal errors of a direction exceed 4 sigma with probability exp(-8) = 3e-4.
 constexpr double kOutlierInSigmas = 4.0;
 
-double RobustSigma(double given, std::vector<double> angles) {
-  return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
+double RobustSigma(double assumed, std::vector<double> angles) {
+  return std::max(assumed, Median(std::move(angles)) / kMedianOfNorms2);
 }
 
-// How far gravity is from `down` in a world.
-GravitySummary Judge(const Scene& scene, const GravityPriors& gravity,
-                     const Vector3d& down, double sigma_deg,
-                     const Reconstruction& model) {
+// The errors of measured gravity if `down` is its direction in the world.
+GravitySummary EvaluateInWorld(const Scene& scene, const GravityPriors& gravity,
+                               const Vector3d& down, double sigma_deg,
+                               const Reconstruction& model) {
   const auto world_from_level =
       Quaterniond::FromTwoVectors(Vector3d::UnitY(), down);
   std::vector<std::optional<Quaterniond>> cam_from_level(scene.images.size());
@@ -33,7 +35,7 @@ GravitySummary Judge(const Scene& scene, const GravityPriors& gravity,
     const auto pose = model.CamFromWorld(scene, static_cast<int>(i));
     if (pose) cam_from_level[i] = pose->rotation * world_from_level;
   }
-  return JudgeGravity(gravity, cam_from_level, sigma_deg);
+  return EvaluateGravity(gravity, cam_from_level, sigma_deg);
 }
 
 }  // namespace
@@ -51,26 +53,26 @@ std::optional<Vector3d> GravityInWorld(const Scene& scene,
   return RobustMeanDirection(directions);
 }
 
-std::optional<MeasuredGravity> MakeGravityTerms(const Scene& scene,
-                                                const GravityPriors& gravity,
-                                                double sigma_deg,
-                                                const Reconstruction& model) {
+std::optional<GravityEstimate> EstimateGravity(const Scene& scene,
+                                               const GravityPriors& gravity,
+                                               double sigma_deg,
+                                               const Reconstruction& model) {
   const std::optional<Vector3d> down = GravityInWorld(scene, gravity, model);
   if (!down) return std::nullopt;
-  const GravitySummary summary = Judge(scene, gravity, *down, sigma_deg, model);
-  return MeasuredGravity{gravity.images, *down, DegToRad(summary.sigma_deg)};
+  const GravitySummary summary =
+      EvaluateInWorld(scene, gravity, *down, sigma_deg, model);
+  return GravityEstimate{*down, DegToRad(summary.sigma_deg)};
 }
 
 std::optional<GravitySummary> LevelModel(const Scene& scene,
                                          const GravityPriors& gravity,
-                                         bool is_in_given_world,
-                                         double sigma_deg,
+                                         bool world_is_fixed, double sigma_deg,
                                          Reconstruction* model) {
   const std::optional<Vector3d> down = GravityInWorld(scene, gravity, *model);
   if (!down) return std::nullopt;
   const GravitySummary summary =
-      Judge(scene, gravity, *down, sigma_deg, *model);
-  if (!is_in_given_world) {
+      EvaluateInWorld(scene, gravity, *down, sigma_deg, *model);
+  if (!world_is_fixed) {
     const auto level_from_world =
         Quaterniond::FromTwoVectors(*down, Vector3d::UnitY());
     TransformWorld({1.0, level_from_world, Vector3d::Zero()}, model);
@@ -78,7 +80,7 @@ std::optional<GravitySummary> LevelModel(const Scene& scene,
   return summary;
 }
 
-GravitySummary JudgeGravity(
+GravitySummary EvaluateGravity(
     const GravityPriors& gravity,
     const std::vector<std::optional<Quaterniond>>& cam_from_world,
     double sigma_deg) {

@@ -9,35 +9,37 @@
 #include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
-// The direction of gravity in the world of a model: the robust mean of those
-// measured in its images. nullopt if there are none.
+// The direction of gravity in the world of a model: the robust mean of the
+// directions measured in its images. nullopt if there are none.
 std::optional<Eigen::Vector3d> GravityInWorld(const Scene& scene,
                                               const GravityPriors& gravity,
                                               const Reconstruction& model);
 
-// What bundle adjustment is to use of it: with the standard deviation of the
-// options, or what the model tells if that is more. nullopt if there is none.
-std::optional<MeasuredGravity> MakeGravityTerms(const Scene& scene,
-                                                const GravityPriors& gravity,
-                                                double sigma_deg,
-                                                const Reconstruction& model);
+// GravityInWorld with the standard deviation of the measurements: sigma_deg, or
+// the robust estimate from the model if that is larger.
+struct GravityEstimate {
+  Eigen::Vector3d down_in_world = Eigen::Vector3d::UnitY();
+  double sigma_rad = 1.0;
+};
+std::optional<GravityEstimate> EstimateGravity(const Scene& scene,
+                                               const GravityPriors& gravity,
+                                               double sigma_deg,
+                                               const Reconstruction& model);
 
-// Turns a model that is not in the world of measured positions such that
-// gravity is along +y, and says how well the measurements agree with it.
+// Rotates a model such that gravity is along +y, unless its world is fixed, and
+// summarises the agreement of the measurements. nullopt if there are none.
 std::optional<GravitySummary> LevelModel(const Scene& scene,
                                          const GravityPriors& gravity,
-                                         bool is_in_given_world,
-                                         double sigma_deg,
+                                         bool world_is_fixed, double sigma_deg,
                                          Reconstruction* model);
 
-// How far measured gravity is from the +y of the world that given rotations of
-// images have; those without one are left out.
-[[nodiscard]] GravitySummary JudgeGravity(
+// The angles between measured gravity and +y of the world of these rotations.
+// Images without a rotation are ignored.
+[[nodiscard]] GravitySummary EvaluateGravity(
     const GravityPriors& gravity,
     const std::vector<std::optional<Eigen::Quaterniond>>& cam_from_world,
     double sigma_deg);

@@ -14,37 +14,43 @@
 
 namespace mgsfm {
 
-// Bends a model that was moved into the world of measured positions as a whole,
-// so that it follows them where it drifted: what one similarity leaves would be
-// too far for bundle adjustment, whose loss takes it for outliers.
+// Pose-graph deformation of a model to measured positions. One similarity
+// (position_registration.h) cannot undo drift, and bundle adjustment would
+// treat the remaining distances as outliers.
 //
-// Each frame f carries its surroundings along, x -> c'_f + e^s_f Q_f (x - c_f).
-// With D = c_g - c_f between the centres of two frames that images pairs link,
+// Unknowns. Each frame f has a centre c'_f, a rotation Q_f and a scale e^s_f,
+// and moves its surroundings by x -> c'_f + e^s_f Q_f (x - c_f).
+//
+// Objective, with D = c_g - c_f between the centres of two frames that an image
+// pair connects, and the position g_i with covariance C_i of image i, whose
+// deformed centre is c'_i:
 //
 //   min  sum_fg [ |c'_g - c'_f - (e^s_f Q_f + e^s_g Q_g) D / 2|^2 / |D|^2
 //                 + |Log(Q_f^T Q_g)|^2 + (s_g - s_f)^2 ] / sigma^2
 //      + sum_i rho((c'_i - g_i)^T C_i^-1 (c'_i - g_i))
 //
-// over c', Q and s, with the position g_i of image i and its covariance C_i.
-// Lengths |D| below a tenth of their median count as that. s = 0 if the model
-// is metric, or a rig has cameras at different places, as then scale does not
-// drift. rho: Cauchy of scale max(2.8, 2 medians) of the distances in standard
-// deviations, anew in each step: one that forgets what is far would take a
-// stretch that drifted for outliers. The rest of the gauge needs nothing: the
-// positions tell it, or a damping of 1e-9 does.
+// - |D| is at least a tenth of the median.
+// - s = 0 if the model is metric or a rig has cameras at different centres,
+//   because then scale does not drift.
+// - rho is Cauchy with scale max(2.8, 2 medians) of the distances in standard
+//   deviations, updated in each step. A fixed scale would treat a stretch that
+//   drifted as outliers.
+// - sigma, the drift of an edge in radians, goes through 0.01, 0.04, 0.16 and
+//   0.64 degrees, so the result is as stiff as the positions allow.
 //
-// A model of which three quarters of the positions are at most three standard
-// deviations off stays as it is, to the bit. Else sigma is 0.01, 0.04, 0.16,
-// 0.64 degrees (and as much of a length), until that is so and the last did not
-// bring more positions within max(4, 3 medians): as stiff as they allow. Per
-// sigma at most 8 Gauss-Newton steps, ending when none moves a frame by more
-// than 1e-3 standard deviations. Cost of a step: one sparse Cholesky
-// factorisation of 7 unknowns a frame.
+// Gauge: the positions determine it, otherwise a damping of 1e-9.
 //
-// Points are moved by the mean of the frames that see them.
+// Stopping criteria. A model stays unchanged, to the bit, if the 75 % quantile
+// of the distances is at most 3 standard deviations. Otherwise sigma grows
+// until that holds and the last increase has not brought more positions within
+// max(4, 3 medians). At most 8 Gauss-Newton steps per sigma; they end when no
+// frame moves by more than 1e-3 standard deviations.
 //
-// What is within max(4, 3 medians) in the end joins `used`. nullopt: nothing
-// changed, as nothing had to, or as the result was no better.
+// Cost of a step: one sparse Cholesky factorisation of 7 unknowns per frame.
+//
+// Points move by the mean over the frames that observe them. The positions that
+// are within max(4, 3 medians) in the end are added to `used`. Returns nullopt,
+// and changes nothing, if no deformation is needed or none improves the model.
 std::optional<ModelDeformation> DeformToPriors(
     const Scene& scene, const ViewGraph& view_graph, const Mask& pair_is_used,
     const PositionPriors& priors, bool is_metric, const Context& context,

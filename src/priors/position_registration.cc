@@ -20,15 +20,24 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// With 50 % outliers (the limit of least medians), 500 samples of three contain
+// 62 without outliers on average: enough for one with little noise, too.
 constexpr int kNumTrials = 500;
 constexpr int kNumRefits = 10;
 constexpr int kNumAlternations = 10;
-constexpr double kMinBound = 4.0;      // standard deviations
-constexpr double kMedianFactor = 3.0;  // of the bound
-constexpr double kMinExtent = 3.0;     // standard deviations
-constexpr double kUprightRad = DegToRad(10.0);
-constexpr double kGravityRad = DegToRad(1.0);
-constexpr double kMaxTurnRad = DegToRad(5.0);
+// Distance of outliers in standard deviations. Normal noise in three dimensions
+// exceeds 4 with probability 1.1e-3.
+constexpr double kOutlierInSigmas = 4.0;
+// The same in medians of all distances; normal noise has a median of 1.54.
+constexpr double kOutlierInMedians = 3.0;
+// Smallest extent of the positions, in standard deviations.
+constexpr double kMinExtent = 3.0;
+// Standard deviation of the upward direction: cameras held roughly upright, and
+// measured gravity.
+constexpr double kUprightSigmaRad = DegToRad(10.0);
+constexpr double kGravitySigmaRad = DegToRad(1.0);
+// A rotation about the path with a larger standard deviation is reported.
+constexpr double kMaxRotationSigmaRad = DegToRad(5.0);
 
 struct Sample {
   int image_idx = 0;
@@ -37,123 +46,85 @@ struct Sample {
   double sigma = 1.0;
 };
 
-class PositionFitter {
- public:
-  PositionFitter(std::vector<Sample> samples, bool fits_scale,
-                 const Matrix3d& upright)
-      : samples_(std::move(samples)),
-        fits_scale_(fits_scale),
-        upright_(upright) {}
-
-  Sim3 FitRobustly(uint64_t random_seed) {
-    Sim3 best;
-    double least = std::numeric_limits<double>::infinity();
-    Random random(random_seed);
-    const auto size = static_cast<uint32_t>(samples_.size());
-    for (int trial = 0; trial < kNumTrials; ++trial) {
-      Mask is_used(samples_.size(), false);
-      for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
-      const Sim3 fit = Fit(is_used);
-      const double median = Median(Residuals(fit));
-      if (median >= least) continue;
-      least = median;
-      best = fit;
-    }
-    is_inlier_ = InliersOf(best);
-    for (int i = 0; i < kNumRefits; ++i) {
-      best = Fit(is_inlier_);
-      Mask inliers = InliersOf(best);
-      if (inliers == is_inlier_) break;
-      is_inlier_ = std::move(inliers);
-    }
-    return best;
-  }
-
-  const std::vector<Sample>& samples() const { return samples_; }
-  const Mask& is_inlier() const { return is_inlier_; }
-
-  // Of the turn about the path, by positions alone.
-  double TurnSigma(const Sim3& fit) const {
-    Vector3d mean = Vector3d::Zero();
-    double weight = 0.0;
-    for (size_t i = 0; i < samples_.size(); ++i) {
-      if (!is_inlier_[i]) continue;
-      const double w = Weight(samples_[i]);
-      mean += w * samples_[i].center;
-      weight += w;
-    }
-    mean /= weight;
-    Matrix3d scatter = Matrix3d::Zero();
-    for (size_t i = 0; i < samples_.size(); ++i) {
-      if (!is_inlier_[i]) continue;
-      const Vector3d c = fit.scale * (samples_[i].center - mean);
-      scatter += Weight(samples_[i]) * c * c.transpose();
-    }
-    const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(scatter,
-                                                        Eigen::EigenvaluesOnly);
-    return 1.0 / std::sqrt(std::max(eigen.eigenvalues()[1], 1e-12));
-  }
-
- private:
-  static double Weight(const Sample& sample) {
-    return 1.0 / (sample.sigma * sample.sigma);
-  }
-
-  Sim3 Fit(const Mask& is_used) const;
-  std::vector<double> Residuals(const Sim3& fit) const {
-    std::vector<double> residuals;
-    residuals.reserve(samples_.size());
-    for (const Sample& sample : samples_) {
-      residuals.push_back((fit * sample.center - sample.position).norm() /
-                          sample.sigma);
-    }
-    return residuals;
-  }
-  Mask InliersOf(const Sim3& fit) const {
-    const std::vector<double> residuals = Residuals(fit);
-    const double bound = OutlierBound(Median(residuals));
-    Mask is_inlier;
-    is_inlier.reserve(residuals.size());
-    for (const double r : residuals) is_inlier.push_back(r <= bound);
-    return is_inlier;
-  }
-
-  const std::vector<Sample> samples_;
-  const bool fits_scale_;
-  const Matrix3d upright_;  // z d^T / sigma_up^2
-  Mask is_inlier_;
+// The similarity fit to samples: min sum w |s R c + t - g|^2 - 2 tr(upright
+// R^T) up to constants.
+struct FitProblem {
+  std::vector<Sample> samples;
+  bool fits_scale = true;
+  Matrix3d upright;  // z d^T / sigma_up^2
 };
 
-// Alternates between rotation and scale.
-Sim3 PositionFitter::Fit(const Mask& is_used) const {
-  Vector3d mean = Vector3d::Zero(), measured_mean = Vector3d::Zero();
+struct RobustFit {
+  Sim3 world_from_model;
+  Mask is_inlier;  // per sample
+};
+
+double WeightOf(const Sample& sample) {
+  return 1.0 / (sample.sigma * sample.sigma);
+}
+
+std::vector<double> ResidualsOf(const FitProblem& problem, const Sim3& fit) {
+  std::vector<double> residuals;
+  residuals.reserve(problem.samples.size());
+  for (const Sample& sample : problem.samples) {
+    residuals.push_back((fit * sample.center - sample.position).norm() /
+                        sample.sigma);
+  }
+  return residuals;
+}
+
+Mask InliersOf(const FitProblem& problem, const Sim3& fit) {
+  const std::vector<double> residuals = ResidualsOf(problem, fit);
+  const double bound = OutlierBound(Median(residuals));
+  Mask is_inlier;
+  is_inlier.reserve(residuals.size());
+  for (const double r : residuals) is_inlier.push_back(r <= bound);
+  return is_inlier;
+}
+
+// Weighted means and second moments of centres and positions.
+struct Moments {
+  Vector3d mean = Vector3d::Zero();
+  Vector3d measured_mean = Vector3d::Zero();
+  Matrix3d cross = Matrix3d::Zero();
+  double variance = 0.0;
+  double measured_variance = 0.0;
+};
+
+Moments MomentsOf(const std::vector<Sample>& samples, const Mask& is_used) {
+  Moments m;
   double weight = 0.0;
-  for (size_t i = 0; i < samples_.size(); ++i) {
+  for (size_t i = 0; i < samples.size(); ++i) {
     if (!is_used[i]) continue;
-    const double w = Weight(samples_[i]);
-    mean += w * samples_[i].center;
-    measured_mean += w * samples_[i].position;
+    const double w = WeightOf(samples[i]);
+    m.mean += w * samples[i].center;
+    m.measured_mean += w * samples[i].position;
     weight += w;
   }
-  mean /= weight;
-  measured_mean /= weight;
-  Matrix3d cross = Matrix3d::Zero();
-  double variance = 0.0, measured_variance = 0.0;
-  for (size_t i = 0; i < samples_.size(); ++i) {
+  m.mean /= weight;
+  m.measured_mean /= weight;
+  for (size_t i = 0; i < samples.size(); ++i) {
     if (!is_used[i]) continue;
-    const double w = Weight(samples_[i]);
-    const Vector3d c = samples_[i].center - mean;
-    const Vector3d g = samples_[i].position - measured_mean;
-    cross += w * g * c.transpose();
-    variance += w * c.squaredNorm();
-    measured_variance += w * g.squaredNorm();
+    const double w = WeightOf(samples[i]);
+    const Vector3d c = samples[i].center - m.mean;
+    const Vector3d g = samples[i].position - m.measured_mean;
+    m.cross += w * g * c.transpose();
+    m.variance += w * c.squaredNorm();
+    m.measured_variance += w * g.squaredNorm();
   }
-  const bool fits_scale = fits_scale_ && variance > 0.0;
+  return m;
+}
+
+// Alternates between rotation (Kabsch) and scale, because the upright term
+// makes the two depend on each other.
+Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
+  const Moments m = MomentsOf(problem.samples, is_used);
+  const bool fits_scale = problem.fits_scale && m.variance > 0.0;
   Sim3 fit;
-  if (fits_scale) fit.scale = std::sqrt(measured_variance / variance);
+  if (fits_scale) fit.scale = std::sqrt(m.measured_variance / m.variance);
   for (int i = 0; i < kNumAlternations; ++i) {
     const Eigen::JacobiSVD<Matrix3d> svd(
-        fit.scale * cross + upright_,
+        fit.scale * m.cross + problem.upright,
         Eigen::ComputeFullU | Eigen::ComputeFullV);
     Matrix3d flip = Matrix3d::Identity();
     flip(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant();
@@ -161,14 +132,61 @@ Sim3 PositionFitter::Fit(const Mask& is_used) const {
         Matrix3d(svd.matrixU() * flip * svd.matrixV().transpose()));
     if (!fits_scale) break;
     const double scale =
-        (fit.rotation.toRotationMatrix().transpose() * cross).trace() /
-        variance;
-    // Positions that contradict each other may want a mirrored model.
+        (fit.rotation.toRotationMatrix().transpose() * m.cross).trace() /
+        m.variance;
+    // Contradictory positions can ask for a reflection.
     if (!(scale > 0.0)) break;
     fit.scale = scale;
   }
-  fit.translation = measured_mean - fit.scale * (fit.rotation * mean);
+  fit.translation = m.measured_mean - fit.scale * (fit.rotation * m.mean);
   return fit;
+}
+
+// Least median of residuals over samples of three, then refits to inliers.
+RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
+  Sim3 best;
+  double least = std::numeric_limits<double>::infinity();
+  Random random(random_seed);
+  const auto size = static_cast<uint32_t>(problem.samples.size());
+  for (int trial = 0; trial < kNumTrials; ++trial) {
+    Mask is_used(problem.samples.size(), false);
+    for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
+    const Sim3 fit = FitSimilarity(problem, is_used);
+    const double median = Median(ResidualsOf(problem, fit));
+    if (median >= least) continue;
+    least = median;
+    best = fit;
+  }
+  RobustFit result{best, InliersOf(problem, best)};
+  for (int i = 0; i < kNumRefits; ++i) {
+    result.world_from_model = FitSimilarity(problem, result.is_inlier);
+    Mask inliers = InliersOf(problem, result.world_from_model);
+    if (inliers == result.is_inlier) break;
+    result.is_inlier = std::move(inliers);
+  }
+  return result;
+}
+
+// Standard deviation of the rotation about the path from positions alone.
+double RotationSigma(const std::vector<Sample>& samples, const RobustFit& fit) {
+  Vector3d mean = Vector3d::Zero();
+  double weight = 0.0;
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!fit.is_inlier[i]) continue;
+    const double w = WeightOf(samples[i]);
+    mean += w * samples[i].center;
+    weight += w;
+  }
+  mean /= weight;
+  Matrix3d scatter = Matrix3d::Zero();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!fit.is_inlier[i]) continue;
+    const Vector3d c = fit.world_from_model.scale * (samples[i].center - mean);
+    scatter += WeightOf(samples[i]) * c * c.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> eigen(scatter,
+                                                      Eigen::EigenvaluesOnly);
+  return 1.0 / std::sqrt(std::max(eigen.eigenvalues()[1], 1e-12));
 }
 
 std::vector<Sample> CollectSamples(const Scene& scene,
@@ -185,8 +203,7 @@ std::vector<Sample> CollectSamples(const Scene& scene,
   return samples;
 }
 
-// Root mean square distance from the median position, in standard deviations;
-// gross outliers count little, as the median of the distances is taken.
+// Median distance from the median position, in standard deviations.
 double RelativeExtent(const std::vector<Sample>& samples) {
   Vector3d median;
   for (int axis = 0; axis < 3; ++axis) {
@@ -201,13 +218,13 @@ double RelativeExtent(const std::vector<Sample>& samples) {
   return Median(std::move(distances));
 }
 
-// z d^T / sigma_up^2, or zero if nothing tells what is up.
+// z d^T / sigma_up^2, or zero if the upward direction is unknown.
 Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
                      const std::optional<Vector3d>& measured_up) {
   if (!is_on_earth) return Matrix3d::Zero();
   if (measured_up) {
     return Vector3d::UnitZ() * measured_up->transpose() /
-           (kGravityRad * kGravityRad);
+           (kGravitySigmaRad * kGravitySigmaRad);
   }
   Vector3d up = Vector3d::Zero();
   for (const auto& pose : reconstruction.rig_from_world) {
@@ -215,24 +232,25 @@ Matrix3d UprightTerm(const Reconstruction& reconstruction, bool is_on_earth,
   }
   if (!(up.norm() > 0.0)) return Matrix3d::Zero();
   return Vector3d::UnitZ() * up.normalized().transpose() /
-         (kUprightRad * kUprightRad);
+         (kUprightSigmaRad * kUprightSigmaRad);
 }
 
-// What is said of a turn that positions on a line do not tell.
-const char* DescribeTurn(bool is_on_earth, bool has_gravity) {
+// A message for the rotation about a line of positions.
+const char* DescribeRotation(bool is_on_earth, bool has_gravity) {
   if (!is_on_earth) {
-    return "The positions are on a line; the turn about it is arbitrary.";
+    return "The positions are collinear; the rotation about their line is "
+           "arbitrary.";
   }
-  return has_gravity ? "The positions are on a line; the turn about it is that "
-                       "of measured gravity."
-                     : "The positions are on a line; the turn about it is that "
-                       "of cameras that are upright on the average.";
+  return has_gravity ? "The positions are collinear; measured gravity "
+                       "determines the rotation about their line."
+                     : "The positions are collinear; the rotation about their "
+                       "line assumes that cameras are upright on average.";
 }
 
 }  // namespace
 
 double OutlierBound(double median_distance) {
-  return std::max(kMinBound, kMedianFactor * median_distance);
+  return std::max(kOutlierInSigmas, kOutlierInMedians * median_distance);
 }
 
 PositionRegistration RegisterToPriors(const Scene& scene,
@@ -246,38 +264,38 @@ PositionRegistration RegisterToPriors(const Scene& scene,
   summary.num_priors = static_cast<int>(samples.size());
   if (samples.size() < 3) {
     summary.message =
-        "Fewer than three registered images have positions, so the model keeps "
-        "a world of its own.";
+        "Fewer than three registered images have positions; the model is not "
+        "registered to them.";
     return result;
   }
   if (RelativeExtent(samples) < kMinExtent) {
     summary.message =
-        "The positions differ by no more than their error, so the model keeps "
-        "a world of its own.";
+        "The extent of the positions is within their errors; the model is not "
+        "registered to them.";
     return result;
   }
   const bool is_on_earth = priors.origin_wgs84.has_value();
-  PositionFitter fitter(std::move(samples), !is_metric,
-                        UprightTerm(*reconstruction, is_on_earth, up));
-  const Sim3 fit = fitter.FitRobustly(random_seed);
-  TransformWorld(fit, reconstruction);
+  const FitProblem problem{std::move(samples), !is_metric,
+                           UprightTerm(*reconstruction, is_on_earth, up)};
+  const RobustFit fit = FitRobustly(problem, random_seed);
+  TransformWorld(fit.world_from_model, reconstruction);
   summary.is_registered = true;
-  if (fitter.TurnSigma(fit) > kMaxTurnRad) {
-    summary.message = DescribeTurn(is_on_earth, up.has_value());
+  if (RotationSigma(problem.samples, fit) > kMaxRotationSigmaRad) {
+    summary.message = DescribeRotation(is_on_earth, up.has_value());
   }
   result.used.images.resize(scene.images.size());
-  for (size_t i = 0; i < fitter.samples().size(); ++i) {
-    const int image_idx = fitter.samples()[i].image_idx;
-    if (!fitter.is_inlier()[i]) continue;
+  for (size_t i = 0; i < problem.samples.size(); ++i) {
+    const int image_idx = problem.samples[i].image_idx;
+    if (!fit.is_inlier[i]) continue;
     result.used.images[image_idx] = priors.images[image_idx];
   }
   return result;
 }
 
-void JudgePriors(const Scene& scene, const PositionPriors& priors,
-                 const PositionPriors& used,
-                 const Reconstruction& reconstruction,
-                 PositionPriorSummary* summary) {
+void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
+                       const PositionPriors& used,
+                       const Reconstruction& reconstruction,
+                       PositionPriorSummary* summary) {
   if (!summary->is_registered) return;
   double squared_sum = 0.0;
   for (size_t i = 0; i < scene.images.size(); ++i) {
@@ -288,7 +306,7 @@ void JudgePriors(const Scene& scene, const PositionPriors& priors,
     const Vector3d error = pose->Center() - prior.position;
     const double distance =
         std::sqrt(error.dot(prior.covariance.llt().solve(error)));
-    if (distance > kMinBound || !used.images[i]) {
+    if (distance > kOutlierInSigmas || !used.images[i]) {
       summary->outliers.push_back({image_idx, error.norm()});
     } else {
       ++summary->num_used;

@@ -12,28 +12,29 @@
 
 namespace mgsfm {
 
-// Moves a model into the world of measured positions by the similarity that
-// fits them, and chooses those that bundle adjustment is to use:
+// Registers a model to measured positions by a similarity, and selects the
+// positions that bundle adjustment uses.
 //
 //   min sum_i |s R c_i + t - g_i|^2 / sigma_i^2 + |R d - z|^2 / sigma_up^2
 //
-// over images with a centre c_i in the model and a position g_i, sigma_i^2 a
-// third of the trace of its covariance; s is 1 if the model is metric already.
-// The last term only has a say where positions are on a line: z is up, d is the
-// upward direction by measured gravity, sigma_up 1 degree; without gravity the
-// mean upward axis of the reference cameras, sigma_up 10 degrees. Without an
-// origin on the earth it is left out, and such a turn is arbitrary.
+// over images with a centre c_i in the model and a position g_i. sigma_i^2 is a
+// third of the trace of its covariance. s is 1 if the model is metric.
 //
-// The start is the best of 500 fits to three images by the median of
-// |residual| / sigma. Then fits to all images within max(4, 3 medians) follow,
-// until these do not change or ten times; those beyond are outliers, which are
-// not used. O(images) each.
+// The last term matters only if the positions are collinear. z is up. d is the
+// upward direction of measured gravity (sigma_up 1 degree), or the mean upward
+// axis of the reference cameras (sigma_up 10 degrees). The term applies only if
+// the world has an origin on the earth; otherwise the rotation is arbitrary.
 //
-// The model stays as it is, and message says why, if fewer than three images
-// have positions or these differ by no more than three times their error.
+// Method: least median of |residual| / sigma over 500 fits to three images.
+// Then fits to all images within max(4, 3 medians), at most 10 or until this
+// set does not change. The others are outliers. O(images) per fit.
+//
+// The model stays unchanged, and the message says why, if fewer than three
+// images have positions or if the extent of the positions is less than 3
+// standard deviations.
 struct PositionRegistration {
   PositionPriorSummary summary;
-  PositionPriors used;  // empty if the model stays
+  PositionPriors used;  // empty if the model is unchanged
 };
 PositionRegistration RegisterToPriors(const Scene& scene,
                                       const PositionPriors& priors,
@@ -41,14 +42,15 @@ PositionRegistration RegisterToPriors(const Scene& scene,
                                       bool is_metric, uint64_t random_seed,
                                       Reconstruction* reconstruction);
 
-// Positions that are more standard deviations off are outliers, given the
-// median of all.
+// The distance in standard deviations beyond which positions are outliers, from
+// the median of all distances.
 double OutlierBound(double median_distance);
 
-// Adds how far the final model is from the positions, and which it contradicts.
-void JudgePriors(const Scene& scene, const PositionPriors& priors,
-                 const PositionPriors& used,
-                 const Reconstruction& reconstruction,
-                 PositionPriorSummary* summary);
+// Adds the distances of the final model from the positions, and the outliers,
+// to the summary.
+void EvaluatePositions(const Scene& scene, const PositionPriors& priors,
+                       const PositionPriors& used,
+                       const Reconstruction& reconstruction,
+                       PositionPriorSummary* summary);
 
 }  // namespace mgsfm

@@ -319,7 +319,7 @@ void RotationAverager::SummarizeGravity() {
         result_.estimate.CamFromWorld(scene_, static_cast<int>(i)));
   }
   result_.summary.gravity =
-      JudgeGravity(gravity_, cam_from_world, options_.gravity_sigma_deg);
+      EvaluateGravity(gravity_, cam_from_world, options_.gravity_sigma_deg);
 }
 
 // Step 4. After a failure the state is what it was.

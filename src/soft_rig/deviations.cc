@@ -8,13 +8,16 @@
 namespace mgsfm {
 namespace {
 
+// The relative standard error of a sigma from 3n samples is 1 / sqrt(6n): 13 %
+// for 10 images.
 constexpr int kMinNumImages = 10;
+// Per step: a factor of 5 in sigma, which keeps the quadratic model valid.
 constexpr double kMaxVarianceFactor = 25.0;
-// Of the diagonal, where nothing determines a coordinate.
+// Relative; regularises coordinates that no measurement determines.
 constexpr double kDamping = 1e-9;
 
-// Sums over the images of a sensor or rig for the turns or shifts.
-struct SpreadSums {
+// Sums over the images of a sensor or rig, for rotations or positions.
+struct SigmaSums {
   int num_images = 0;
   double squares = 0.0;      // |x|^2
   double trace = 0.0;        // tr C
@@ -31,13 +34,13 @@ struct SpreadSums {
     information += n * C.squaredNorm();
   }
 
-  double Share() const {
+  double ObservedFraction() const {
     return num_images > 0 ? trace / (3.0 * num_images) : 0.0;
   }
 
-  double UpdatedSpread(double spread) const {
-    if (!(information > 0.0)) return spread;
-    const double variance = spread * spread;
+  double UpdatedSigma(double sigma) const {
+    if (!(information > 0.0)) return sigma;
+    const double variance = sigma * sigma;
     const double step = (squares - variance * trace) / information;
     return std::sqrt(std::clamp(variance + step, variance / kMaxVarianceFactor,
                                 variance * kMaxVarianceFactor));
@@ -45,7 +48,7 @@ struct SpreadSums {
 };
 
 struct SensorSums {
-  SpreadSums rotation, position;
+  SigmaSums rotation, position;
 
   void Add(const ImageDeviation& image, const PoseMatrix& covariance,
            const PoseVector& variances, double num_images_in_frame) {
@@ -58,82 +61,84 @@ struct SensorSums {
 
 }  // namespace
 
-std::vector<Spread> UpdateSpreads(const std::vector<FrameDeviations>& frames,
-                                  const std::vector<int>& rig_of_sensor,
-                                  const std::vector<Spread>& spreads,
-                                  std::vector<SpreadShare>* shares) {
-  std::vector<SensorSums> of_sensor(spreads.size());
-  // As many rigs as sensors at most.
-  std::vector<SensorSums> of_rig(spreads.size());
+std::vector<DeviationSigma> UpdateSigmas(
+    const std::vector<FrameDeviations>& frames,
+    const std::vector<int>& rig_of_sensor,
+    const std::vector<DeviationSigma>& sigmas,
+    std::vector<ObservedFraction>* fractions) {
+  std::vector<SensorSums> of_sensor(sigmas.size());
+  // There are at most as many rigs as sensors.
+  std::vector<SensorSums> of_rig(sigmas.size());
   for (const FrameDeviations& frame : frames) {
     for (size_t i = 0; i < frame.images.size(); ++i) {
       const ImageDeviation& image = frame.images[i];
       const auto first = static_cast<Eigen::Index>(6 * i);
       const PoseMatrix covariance = frame.covariance.block<6, 6>(first, first);
-      const PoseVector variances = PriorVariances(spreads[image.sensor_idx]);
+      const PoseVector variances = PriorVariances(sigmas[image.sensor_idx]);
       const auto num_images = static_cast<double>(frame.images.size());
       of_sensor[image.sensor_idx].Add(image, covariance, variances, num_images);
       of_rig[rig_of_sensor[image.sensor_idx]].Add(image, covariance, variances,
                                                   num_images);
     }
   }
-  std::vector<Spread> updated;
-  shares->clear();
-  for (size_t s = 0; s < spreads.size(); ++s) {
+  std::vector<DeviationSigma> updated;
+  fractions->clear();
+  for (size_t s = 0; s < sigmas.size(); ++s) {
     const SensorSums& sums = of_sensor[s].rotation.num_images >= kMinNumImages
                                  ? of_sensor[s]
                                  : of_rig[rig_of_sensor[s]];
-    updated.push_back({sums.rotation.UpdatedSpread(spreads[s].rotation_rad),
-                       sums.position.UpdatedSpread(spreads[s].position)});
-    shares->push_back({sums.rotation.Share(), sums.position.Share()});
+    updated.push_back({sums.rotation.UpdatedSigma(sigmas[s].rotation_rad),
+                       sums.position.UpdatedSigma(sigmas[s].position)});
+    fractions->push_back(
+        {sums.rotation.ObservedFraction(), sums.position.ObservedFraction()});
   }
   return updated;
 }
 
-PoseVector PriorVariances(const Spread& spread) {
+PoseVector PriorVariances(const DeviationSigma& sigma) {
   PoseVector variances;
-  variances.head<3>().setConstant(spread.rotation_rad * spread.rotation_rad);
-  variances.tail<3>().setConstant(spread.position * spread.position);
+  variances.head<3>().setConstant(sigma.rotation_rad * sigma.rotation_rad);
+  variances.tail<3>().setConstant(sigma.position * sigma.position);
   return variances;
 }
 
-CommonEquations::CommonEquations(int num_sensors)
+CalibrationEquations::CalibrationEquations(int num_sensors)
     : matrix_(Eigen::MatrixXd::Zero(7 * num_sensors, 7 * num_sensors)),
       vector_(Eigen::VectorXd::Zero(7 * num_sensors)) {}
 
-void CommonEquations::AddFrame(const FrameDeviations& frame,
-                               const std::vector<int>& sensors,
-                               const std::vector<PoseVector>& prior_variances,
-                               const std::vector<SensorJacobian>& jacobians) {
-  for (size_t i = 0; i < sensors.size(); ++i) {
+void CalibrationEquations::AddFrame(
+    const FrameDeviations& frame, const std::vector<int>& slots,
+    const std::vector<PoseVector>& prior_variances,
+    const std::vector<SensorJacobian>& jacobians) {
+  for (size_t i = 0; i < slots.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(6 * i);
     const PoseVector inverse_i = prior_variances[i].cwiseInverse();
-    vector_.segment<7>(7 * sensors[i]) +=
+    vector_.segment<7>(7 * slots[i]) +=
         jacobians[i].transpose() *
         inverse_i.cwiseProduct(frame.images[i].value);
-    for (size_t j = 0; j < sensors.size(); ++j) {
+    for (size_t j = 0; j < slots.size(); ++j) {
       const auto column = static_cast<Eigen::Index>(6 * j);
       const PoseVector inverse_j = prior_variances[j].cwiseInverse();
       PoseMatrix weight =
           -(inverse_i.asDiagonal() * frame.covariance.block<6, 6>(row, column) *
             inverse_j.asDiagonal());
       if (i == j) weight.diagonal() += inverse_i;
-      matrix_.block<7, 7>(7 * sensors[i], 7 * sensors[j]) +=
+      matrix_.block<7, 7>(7 * slots[i], 7 * slots[j]) +=
           jacobians[i].transpose() * weight * jacobians[j];
     }
   }
 }
 
-void CommonEquations::AddPrior(int sensor, const PoseVector& change,
-                               const PoseVector& variances) {
+void CalibrationEquations::AddPrior(int slot, const PoseVector& change,
+                                    const PoseVector& variances) {
   const PoseVector inverse = variances.cwiseInverse();
-  matrix_.diagonal().segment<6>(7 * sensor) += inverse;
-  vector_.segment<6>(7 * sensor) += inverse.cwiseProduct(change);
+  matrix_.diagonal().segment<6>(7 * slot) += inverse;
+  vector_.segment<6>(7 * slot) += inverse.cwiseProduct(change);
 }
 
-// With ones on the diagonal in place of what is masked, so that it is not
-// changed.
-Eigen::MatrixXd CommonEquations::Masked(const Eigen::VectorXd& mask) const {
+// Fixed coordinates get a unit diagonal, so the matrix stays invertible.
+Eigen::MatrixXd CalibrationEquations::Masked(
+    const Eigen::VectorXd& mask) const {
   Eigen::MatrixXd masked = mask.asDiagonal() * matrix_ * mask.asDiagonal();
   masked.diagonal() *= 1.0 + kDamping;
   for (Eigen::Index i = 0; i < mask.size(); ++i) {
@@ -142,11 +147,12 @@ Eigen::MatrixXd CommonEquations::Masked(const Eigen::VectorXd& mask) const {
   return masked;
 }
 
-Eigen::VectorXd CommonEquations::Solve(const Eigen::VectorXd& mask) const {
+Eigen::VectorXd CalibrationEquations::Solve(const Eigen::VectorXd& mask) const {
   return Masked(mask).ldlt().solve(mask.cwiseProduct(vector_));
 }
 
-Eigen::VectorXd CommonEquations::Variances(const Eigen::VectorXd& mask) const {
+Eigen::VectorXd CalibrationEquations::Variances(
+    const Eigen::VectorXd& mask) const {
   const Eigen::MatrixXd identity =
       Eigen::MatrixXd::Identity(mask.size(), mask.size());
   return mask.cwiseProduct(Masked(mask).ldlt().solve(identity).diagonal());

@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// What deviations of images tell of what they have in common; the updates of
-// soft_rig.h.
+// The updates of the hyperparameters in soft_rig.h from the deviations of
+// images.
 
 struct ImageDeviation {
   int image_idx = 0;
@@ -19,48 +19,51 @@ struct ImageDeviation {
   PoseVector value = PoseVector::Zero();
 };
 
-// The deviations of the images of a frame, at least two, and their posterior
-// covariance: 6 rows and columns for each image.
+// The deviations of the images of a frame (at least two) and their joint
+// posterior covariance: 6 rows and columns per image.
 struct FrameDeviations {
   std::vector<ImageDeviation> images;
   Eigen::MatrixXd covariance;
 };
 
-// tr C / 3, the mean over images: what share of a spread they determine.
-struct SpreadShare {
+// The mean of tr C_i / 3 over images: 0 if the images determine nothing about
+// the deviations, 1 if they determine them completely.
+struct ObservedFraction {
   double rotation = 0.0;
   double position = 0.0;
 };
 
-// One step for the spreads of all sensors. Sensors with fewer than 10 images
-// take that of their rig.
-std::vector<Spread> UpdateSpreads(const std::vector<FrameDeviations>& frames,
-                                  const std::vector<int>& rig_of_sensor,
-                                  const std::vector<Spread>& spreads,
-                                  std::vector<SpreadShare>* shares);
+// One step of Fisher scoring for the standard deviations of all sensors.
+// Sensors with fewer than 10 images share the estimate of their rig.
+std::vector<DeviationSigma> UpdateSigmas(
+    const std::vector<FrameDeviations>& frames,
+    const std::vector<int>& rig_of_sensor,
+    const std::vector<DeviationSigma>& sigmas,
+    std::vector<ObservedFraction>* fractions);
 
-// Of a deviation before anything is seen of it.
-PoseVector PriorVariances(const Spread& spread);
+// The prior variances of a deviation.
+PoseVector PriorVariances(const DeviationSigma& sigma);
 
-// Changes of the poses (6 coordinates) and time offsets (1) of the sensors of a
-// rig, one after the other.
+// The derivative of the expected pose of an image with respect to a change of
+// its sensor: pose (6 coordinates), then time offset (1).
 using SensorJacobian = Eigen::Matrix<double, 6, 7>;
 
-// The normal equations of the mean rig and its time offsets.
-class CommonEquations {
+// The normal equations of the extrinsics and time offsets of a rig. Unknowns: 7
+// per sensor, in the order of the sensors of the rig ("slots").
+class CalibrationEquations {
  public:
-  explicit CommonEquations(int num_sensors);
+  explicit CalibrationEquations(int num_sensors);
 
-  // Deviations as measurements of changes; per image, the sensor's number, its
-  // prior variances, and the derivative of where it is expected.
-  void AddFrame(const FrameDeviations& frame, const std::vector<int>& sensors,
+  // Adds the deviations of a frame as measurements. Per image: the slot of its
+  // sensor, its prior variances, and the derivative of its expected pose.
+  void AddFrame(const FrameDeviations& frame, const std::vector<int>& slots,
                 const std::vector<PoseVector>& prior_variances,
                 const std::vector<SensorJacobian>& jacobians);
-  // A change of a pose that is known to be `change`.
-  void AddPrior(int sensor, const PoseVector& change,
+  // Adds a prior on the change of a pose.
+  void AddPrior(int slot, const PoseVector& change,
                 const PoseVector& variances);
 
-  // Over the coordinates for which the mask is 1.
+  // Both treat coordinates with a mask of 0 as fixed and return 0 for them.
   Eigen::VectorXd Solve(const Eigen::VectorXd& mask) const;
   Eigen::VectorXd Variances(const Eigen::VectorXd& mask) const;
 

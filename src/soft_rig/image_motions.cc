@@ -12,7 +12,7 @@ namespace mgsfm {
 ImageMotions::ImageMotions(const Scene& scene, bool use_times)
     : scene_(scene), use_times_(use_times) {}
 
-void ImageMotions::SetPaths(const Reconstruction& reconstruction) {
+void ImageMotions::SetTrajectories(const Reconstruction& reconstruction) {
   if (!use_times_) return;
   std::vector<std::vector<std::pair<double, int>>> frames(scene_.rigs.size());
   world_from_rig_.resize(scene_.frames.size());
@@ -24,8 +24,8 @@ void ImageMotions::SetPaths(const Reconstruction& reconstruction) {
     frames[scene_.frames[i].rig_idx].emplace_back(
         TimeOfFrame(scene_, frame_idx), frame_idx);
   }
-  paths_.clear();
-  path_of_rig_.assign(scene_.rigs.size(), -1);
+  trajectories_.clear();
+  trajectories_.resize(scene_.rigs.size());
   median_interval_.assign(scene_.rigs.size(),
                           std::numeric_limits<double>::infinity());
   for (size_t r = 0; r < frames.size(); ++r) {
@@ -38,25 +38,26 @@ void ImageMotions::SetPaths(const Reconstruction& reconstruction) {
       times_s.push_back(time_s);
       poses.push_back(*reconstruction.rig_from_world[frame_idx]);
     }
-    path_of_rig_[r] = static_cast<int>(paths_.size());
-    paths_.emplace_back(std::move(times_s), std::move(poses));
+    trajectories_[r].emplace(std::move(times_s), std::move(poses));
     if (!intervals_s.empty()) median_interval_[r] = Median(intervals_s);
   }
+}
+
+const RigTrajectory& ImageMotions::TrajectoryOf(int image_idx) const {
+  const int frame_idx = scene_.images[image_idx].frame_idx;
+  return trajectories_[scene_.frames[frame_idx].rig_idx].value();
 }
 
 Rigid3 ImageMotions::MotionOf(int image_idx, double offset_s) const {
   if (!use_times_) return {};
   const Image& image = scene_.images[image_idx];
-  const int rig_idx = scene_.frames[image.frame_idx].rig_idx;
-  return paths_[path_of_rig_[rig_idx]].PoseAt(*image.timestamp_s + offset_s) *
+  return TrajectoryOf(image_idx).PoseAt(*image.timestamp_s + offset_s) *
          world_from_rig_[image.frame_idx];
 }
 
 double ImageMotions::IntervalAt(int image_idx, double offset_s) const {
-  const Image& image = scene_.images[image_idx];
-  const int rig_idx = scene_.frames[image.frame_idx].rig_idx;
-  return paths_[path_of_rig_[rig_idx]].IntervalAt(*image.timestamp_s +
-                                                  offset_s);
+  return TrajectoryOf(image_idx).IntervalAt(
+      *scene_.images[image_idx].timestamp_s + offset_s);
 }
 
 double ImageMotions::MedianInterval(int rig_idx) const {

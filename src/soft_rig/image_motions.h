@@ -1,38 +1,44 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "soft_rig/rig_path.h"
+#include "soft_rig/rig_trajectory.h"
 
 namespace mgsfm {
 
-// How the rig moved between the instant of a frame and that of an image of it.
+// The motion of a rig between the time of a frame and that of one of its
+// images.
 class ImageMotions {
  public:
-  // If times are not used, rigs do not move between the two.
+  // Without use_times, all images are taken at the time of their frame.
   ImageMotions(const Scene& scene, bool use_times);
 
-  // Takes the paths of all rigs from the poses of their frames.
-  void SetPaths(const Reconstruction& reconstruction);
+  // Sets the trajectories of all rigs from the poses of their frames.
+  void SetTrajectories(const Reconstruction& reconstruction);
 
-  // The motion (D_i) of a registered image whose camera is late by offset_s.
+  // D_i of soft_rig.h for a registered image whose camera triggers late by
+  // offset_s.
   Rigid3 MotionOf(int image_idx, double offset_s) const;
-  // Between the frames around the image.
+  // Time between the two frames around the image; infinite if there is only
+  // one frame.
   double IntervalAt(int image_idx, double offset_s) const;
-  // Between two frames of a rig; infinite with fewer.
+  // Median time between two frames of a rig; infinite if there is only one.
   double MedianInterval(int rig_idx) const;
 
  private:
+  const RigTrajectory& TrajectoryOf(int image_idx) const;
+
   const Scene& scene_;
   const bool use_times_;
-  std::vector<RigPath> paths_;    // of rigs with frames
-  std::vector<int> path_of_rig_;  // -1: none
-  std::vector<double> median_interval_;
-  std::vector<Rigid3> world_from_rig_;  // per frame
+  // Per rig; nullopt if none of its frames is registered.
+  std::vector<std::optional<RigTrajectory>> trajectories_;
+  std::vector<double> median_interval_;  // per rig
+  std::vector<Rigid3> world_from_rig_;   // per frame
 };
 
 }  // namespace mgsfm

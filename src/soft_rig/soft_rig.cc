@@ -13,20 +13,46 @@
 #include "geometry/so3.h"
 #include "least_squares/pose_covariances.h"
 #include "least_squares/rig_solver.h"
-#include "soft_rig/common_motion.h"
 #include "soft_rig/deviations.h"
+#include "soft_rig/rig_calibration.h"
 #include "soft_rig/soft_rig_problem.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr size_t kMaxNumSamples = 200;  // frames of a rig
+// Frames per rig in the sums of soft_rig.h. The relative standard error of a
+// sigma from 200 frames is at most 1 / sqrt(6 * 200) = 2.9 %, below the default
+// sigma_tolerance.
+constexpr size_t kMaxNumSamples = 200;
+// Rounds that triangulate points again. By then the error bound of the points
+// has shrunk to that of the noise.
 constexpr int kNumTriangulations = 5;
-constexpr double kMinShare = 0.02;      // of a spread that is not zero
-constexpr double kMinSigmaPx = 0.05;    // also of keypoints without noise
-constexpr double kMinSpreadRad = 1e-7;  // no prior need be narrower
+// Below this observed fraction, deviations are indistinguishable from zero.
+constexpr double kMinObservedFraction = 0.02;
+// Lower bound of the sigmas: 1e-4 px at a focal length of 1000 px.
+constexpr double kMinSigmaRad = 1e-7;
 
-// Sums over the observations in the images of each sensor.
+struct SoftRigInput {
+  const Scene& scene;
+  const Scene& separate;
+  const CandidateSource& candidates;
+  const Reconstruction& initial;
+  const SoftRigOptions& options;
+  BundleAdjustmentOptions bundle_options;
+  const Context& context;
+  const BundlePriors& priors;
+};
+
+struct SoftRigState {
+  SoftRigModel model;
+  RigCalibration calibration;
+  std::vector<std::optional<Rigid3>> expected;  // per image
+  std::vector<DeviationSigma> sigmas;           // per sensor
+  std::vector<ObservedFraction> fractions;      // per sensor
+  double sigma_px = 1.0;                        // noise of the keypoints
+};
+
+// The sum of reprojection errors over the images of a sensor.
 struct ErrorSums {
   double sum_px = 0.0;
   size_t num_observations = 0;
@@ -56,344 +82,282 @@ std::vector<ErrorSums> SumErrors(const Scene& scene,
   return sums;
 }
 
-class RigLoosener {
- public:
-  RigLoosener(const Scene& scene, const Scene& separate,
-              const CandidateSource& candidates, const Reconstruction& initial,
-              const SoftRigOptions& options,
-              const BundleAdjustmentOptions& bundle_options,
-              const Context& context, const PositionPriors& priors)
-      : scene_(scene),
-        separate_(separate),
-        candidates_(candidates),
-        initial_(initial),
-        options_(options),
-        bundle_options_(bundle_options),
-        context_(context),
-        priors_(priors),
-        common_(scene, options, bundle_options) {
-    // Poses and points are what this stage is about.
-    bundle_options_.refine_rig_from_world = true;
-    bundle_options_.refine_points = true;
-  }
-
-  SoftRigResult Run() {
-    if (initial_.points.empty() || !HasFrameWithSeveralImages()) {
-      summary_.message = "no frame has two registered images that see points";
-      return Unchanged();
-    }
-    Start();
-    for (int round = 0; round < options_.max_num_rounds; ++round) {
-      context_.ReportProgress("loose synchronization", round,
-                              options_.max_num_rounds);
-      if (!RunRound()) return Unchanged();
-      if (round < NumTriangulations()) {
-        TriangulateAnew(NumTriangulations() - 1 - round);
-      } else if (summary_.has_converged) {
-        break;
-      }
-    }
-    if (!FinishModel()) return Unchanged();
-    Summarize();
-    return {std::move(model_.rig),
-            {model_.separate.rig_from_world, std::move(summary_)}};
-  }
-
- private:
-  int NumTriangulations() const { return candidates_ ? kNumTriangulations : 0; }
-
-  bool HasFrameWithSeveralImages() const;
-  SoftRigResult Unchanged();
-  void Start();
-  bool RunRound();
-  SoftRigProblem BuildProblemOfRound() const;
-  bool Solve(SoftRigProblem* loose);
-  std::optional<std::vector<FrameDeviations>> SampleDeviations(
-      const SoftRigProblem& loose) const;
-  bool UpdateCommon(const std::vector<FrameDeviations>& deviations);
-  void EstimateNoise();
-  double MaxErrorOfRound(int num_rounds_left) const;
-  void TriangulateAnew(int num_rounds_left);
-  bool FinishModel();
-  void Summarize();
-  SoftRigSensor SummarizeSensor(int sensor_idx) const;
-  void AddDeviations(SoftRigSensor* sensor) const;
-
-  const Scene& scene_;
-  const Scene& separate_;
-  const CandidateSource& candidates_;
-  const Reconstruction& initial_;
-  const SoftRigOptions& options_;
-  BundleAdjustmentOptions bundle_options_;
-  const Context& context_;
-  const PositionPriors& priors_;
-
-  LooseModel model_;
-  CommonMotion common_;
-  std::vector<std::optional<Rigid3>> expected_;  // per image
-  std::vector<Spread> spreads_;                  // per sensor
-  std::vector<SpreadShare> shares_;
-  double sigma_px_ = 1.0;  // noise of keypoints
-  SoftRigSummary summary_;
-};
-
-bool RigLoosener::HasFrameWithSeveralImages() const {
+bool HasFrameWithSeveralImages(const SoftRigInput& input) {
+  const Scene& scene = input.scene;
   return std::any_of(
-      scene_.frames.begin(), scene_.frames.end(), [&](const Frame& frame) {
+      scene.frames.begin(), scene.frames.end(), [&](const Frame& frame) {
         return std::count_if(frame.image_idxs.begin(), frame.image_idxs.end(),
                              [&](int image_idx) {
-                               return initial_.IsRegistered(scene_, image_idx);
+                               return input.initial.IsRegistered(scene,
+                                                                 image_idx);
                              }) > 1;
       });
 }
 
-SoftRigResult RigLoosener::Unchanged() {
-  summary_.is_usable = summary_.has_converged = false;
-  SoftRigResult result{initial_, {{}, std::move(summary_)}};
-  for (size_t i = 0; i < scene_.images.size(); ++i) {
-    result.images.cam_from_world.push_back(
-        initial_.CamFromWorld(scene_, static_cast<int>(i)));
-  }
-  return result;
-}
-
-// The spreads to begin with are what would explain the errors in the rig.
-void RigLoosener::Start() {
-  model_.rig = initial_;
+std::vector<std::optional<Rigid3>> ImagePosesOf(const Scene& scene,
+                                                const Reconstruction& model) {
   std::vector<std::optional<Rigid3>> cam_from_world;
-  for (size_t i = 0; i < scene_.images.size(); ++i) {
-    cam_from_world.push_back(
-        initial_.CamFromWorld(scene_, static_cast<int>(i)));
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    cam_from_world.push_back(model.CamFromWorld(scene, static_cast<int>(i)));
   }
-  model_.separate = SeparateImages(initial_, std::move(cam_from_world));
-  EstimateNoise();
-  const double distance =
-      MedianDistance(separate_, model_.separate, context_.num_threads);
-  for (const Sensor& sensor : scene_.sensors) {
-    const Camera& camera = initial_.cameras[sensor.camera_idx];
+  return cam_from_world;
+}
+
+SoftRigResult Unchanged(const SoftRigInput& input, SoftRigSummary summary) {
+  summary.is_usable = summary.has_converged = false;
+  return {input.initial,
+          {ImagePosesOf(input.scene, input.initial), std::move(summary)}};
+}
+
+double MedianPointDistance(const SoftRigInput& input,
+                           const SoftRigModel& model) {
+  return MedianDistance(input.separate, model.separate,
+                        input.context.num_threads);
+}
+
+double EstimateNoisePx(const SoftRigInput& input, const SoftRigModel& model) {
+  return std::max(
+      kMinKeypointSigmaPx,
+      NoiseSigmaPx(input.separate, model.separate, input.context.num_threads));
+}
+
+// The initial sigmas are those that would explain the reprojection errors of
+// the rigid model.
+SoftRigState InitialState(const SoftRigInput& input,
+                          const BundleAdjustmentOptions& bundle_options) {
+  SoftRigState state{
+      {input.initial,
+       SeparateImages(input.initial, ImagePosesOf(input.scene, input.initial))},
+      RigCalibration(input.scene, input.options, bundle_options),
+      {},
+      {},
+      {},
+      1.0};
+  state.sigma_px = EstimateNoisePx(input, state.model);
+  const double distance = MedianPointDistance(input, state.model);
+  for (const Sensor& sensor : input.scene.sensors) {
+    const Camera& camera = input.initial.cameras[sensor.camera_idx];
     const double angle =
-        sigma_px_ / PixelsPerRadian(camera.model, camera.params.data());
-    spreads_.push_back({angle, angle * distance});
+        state.sigma_px / PixelsPerRadian(camera.model, camera.params.data());
+    state.sigmas.push_back({angle, angle * distance});
   }
-  common_.SetRig(model_.rig);
-  expected_ = common_.ExpectedPoses(initial_);
+  state.calibration.SetRig(state.model.rig);
+  state.expected = state.calibration.ExpectedPoses(input.initial);
+  return state;
 }
 
-bool RigLoosener::RunRound() {
-  SoftRigProblem loose = BuildProblemOfRound();
-  if (!Solve(&loose)) return false;
-  const auto deviations = SampleDeviations(loose);
-  if (!deviations) {
-    summary_.message = "the covariances of images cannot be computed";
-    return false;
-  }
-  summary_.has_converged = UpdateCommon(*deviations);
-  return true;
+SoftRigProblem BuildProblemOfRound(const SoftRigInput& input,
+                                   const SoftRigState& state) {
+  BundleAdjustmentOptions options = input.bundle_options;
+  options.loss_scale_px = LossScalePx(options, state.sigma_px);
+  return BuildSoftRigProblem(input.scene, input.separate, state.model,
+                             state.expected, state.sigmas, state.sigma_px,
+                             options, input.priors);
 }
 
-SoftRigProblem RigLoosener::BuildProblemOfRound() const {
-  BundleAdjustmentOptions options = bundle_options_;
-  options.loss_scale_px = LossScalePx(options, sigma_px_);
-  return BuildLooseProblem(scene_, separate_, model_, expected_, spreads_,
-                           sigma_px_, options, priors_);
-}
-
-bool RigLoosener::Solve(SoftRigProblem* loose) {
+// Returns false, with a message in the summary, if the solve fails.
+bool SolveImages(const SoftRigInput& input,
+                 const std::vector<std::optional<Rigid3>>& expected,
+                 SoftRigProblem* soft, SoftRigModel* model,
+                 SoftRigSummary* summary) {
   RigSolverOptions options;
-  options.backend = bundle_options_.backend;
-  options.max_num_iterations = bundle_options_.max_num_iterations;
-  options.function_tolerance = bundle_options_.function_tolerance;
-  summary_.solves.push_back(SolveRigProblem(loose->built.problem, options,
-                                            context_, &loose->built.state));
-  const SolveSummary& solve = summary_.solves.back();
+  options.backend = input.bundle_options.backend;
+  options.max_num_iterations = input.bundle_options.max_num_iterations;
+  options.function_tolerance = input.bundle_options.function_tolerance;
+  summary->solves.push_back(SolveRigProblem(soft->built.problem, options,
+                                            input.context, &soft->built.state));
+  const SolveSummary& solve = summary->solves.back();
   if (!solve.IsUsable()) {
-    summary_.message = "the images cannot be adjusted: " + solve.message;
+    summary->message =
+        "bundle adjustment of separate images failed: " + solve.message;
     return false;
   }
-  WriteBack(*loose, scene_, expected_, &model_);
+  WriteBack(*soft, input.scene, expected, model);
   return true;
 }
 
-// Of frames at equal distances in the order of those with several images.
-std::optional<std::vector<FrameDeviations>> RigLoosener::SampleDeviations(
-    const SoftRigProblem& loose) const {
-  const BuiltProblem& built = loose.built;
+// Lists, per sampled frame with several images, these images of the problem.
+// The samples of a rig are evenly spaced.
+std::vector<std::vector<int>> SampleFrames(const Scene& scene,
+                                           const SoftRigProblem& soft) {
+  const BuiltProblem& built = soft.built;
   std::vector<std::vector<int>> images_of_frame(built.frame_idxs.size());
-  for (size_t i = 0; i < loose.image_idxs.size(); ++i) {
+  for (size_t i = 0; i < soft.image_idxs.size(); ++i) {
     images_of_frame[built.problem.images[i].frame].push_back(
         static_cast<int>(i));
   }
-  std::vector<std::vector<std::vector<int>>> of_rig(scene_.rigs.size());
+  std::vector<std::vector<std::vector<int>>> frames_of_rig(scene.rigs.size());
   for (size_t f = 0; f < images_of_frame.size(); ++f) {
     if (images_of_frame[f].size() < 2) continue;
-    of_rig[scene_.frames[built.frame_idxs[f]].rig_idx].push_back(
+    frames_of_rig[scene.frames[built.frame_idxs[f]].rig_idx].push_back(
         std::move(images_of_frame[f]));
   }
   std::vector<std::vector<int>> samples;
-  for (const std::vector<std::vector<int>>& frames : of_rig) {
+  for (const std::vector<std::vector<int>>& frames : frames_of_rig) {
     const size_t count = std::min(frames.size(), kMaxNumSamples);
     for (size_t k = 0; k < count; ++k) {
       samples.push_back(frames[k * frames.size() / count]);
     }
   }
-  const auto covariances =
-      ComputeSensorCovariances(built.problem, built.state, samples, context_);
+  return samples;
+}
+
+// nullopt if the covariances cannot be computed.
+std::optional<std::vector<FrameDeviations>> SampleDeviations(
+    const SoftRigInput& input, const SoftRigState& state,
+    const SoftRigProblem& soft) {
+  const BuiltProblem& built = soft.built;
+  const std::vector<std::vector<int>> samples = SampleFrames(input.scene, soft);
+  const auto covariances = ComputeSensorCovariances(built.problem, built.state,
+                                                    samples, input.context);
   if (!covariances) return std::nullopt;
   std::vector<FrameDeviations> frames;
   for (size_t k = 0; k < samples.size(); ++k) {
     FrameDeviations frame;
-    frame.covariance = sigma_px_ * sigma_px_ * (*covariances)[k];
+    frame.covariance = state.sigma_px * state.sigma_px * (*covariances)[k];
     for (const int i : samples[k]) {
-      const int image_idx = loose.image_idxs[i];
+      const int image_idx = soft.image_idxs[i];
       frame.images.push_back(
-          {image_idx, scene_.images[image_idx].sensor_idx,
-           DeviationOf(built.state.sensors[i], *expected_[image_idx])});
+          {image_idx, input.scene.images[image_idx].sensor_idx,
+           DeviationOf(built.state.sensors[i], *state.expected[image_idx])});
     }
     frames.push_back(std::move(frame));
   }
   return frames;
 }
 
-// Whether nothing changes any more.
-bool RigLoosener::UpdateCommon(const std::vector<FrameDeviations>& deviations) {
-  common_.SetRig(model_.rig);
-  const double offset_change_s =
-      common_.Update(deviations, spreads_, &model_.rig);
-  expected_ = common_.ExpectedPoses(model_.rig);
-  std::vector<int> rig_of_sensor;
-  for (const Sensor& sensor : scene_.sensors) {
-    rig_of_sensor.push_back(sensor.rig_idx);
-  }
-  std::vector<Spread> updated =
-      UpdateSpreads(deviations, rig_of_sensor, spreads_, &shares_);
-  const double distance =
-      MedianDistance(separate_, model_.separate, context_.num_threads);
+// Replaces the sigmas by `updated`, with lower bounds. Returns the largest
+// relative change of those that the images determine.
+double ReplaceSigmas(std::vector<DeviationSigma> updated, double distance,
+                     SoftRigState* state) {
   double change = 0.0;
-  const auto judge = [&](double share, double before, double least,
+  const auto bound = [&](double fraction, double before, double least,
                          double* after) {
     *after = std::max(*after, least);
-    if (share >= kMinShare) {
+    if (fraction >= kMinObservedFraction) {
       change = std::max(change, std::abs(*after / before - 1.0));
     }
   };
   for (size_t s = 0; s < updated.size(); ++s) {
-    judge(shares_[s].rotation, spreads_[s].rotation_rad, kMinSpreadRad,
+    const ObservedFraction& fraction = state->fractions[s];
+    const DeviationSigma& before = state->sigmas[s];
+    bound(fraction.rotation, before.rotation_rad, kMinSigmaRad,
           &updated[s].rotation_rad);
-    judge(shares_[s].position, spreads_[s].position, kMinSpreadRad * distance,
+    bound(fraction.position, before.position, kMinSigmaRad * distance,
           &updated[s].position);
   }
-  spreads_ = std::move(updated);
-  EstimateNoise();
+  state->sigmas = std::move(updated);
+  return change;
+}
+
+// Updates all hyperparameters. Returns whether they have converged.
+bool UpdateHyperparameters(const SoftRigInput& input,
+                           const std::vector<FrameDeviations>& deviations,
+                           SoftRigState* state) {
+  SoftRigModel& model = state->model;
+  state->calibration.SetRig(model.rig);
+  const double offset_change_s =
+      state->calibration.Update(deviations, state->sigmas, &model.rig);
+  state->expected = state->calibration.ExpectedPoses(model.rig);
+  std::vector<int> rig_of_sensor;
+  for (const Sensor& sensor : input.scene.sensors) {
+    rig_of_sensor.push_back(sensor.rig_idx);
+  }
+  std::vector<DeviationSigma> updated =
+      UpdateSigmas(deviations, rig_of_sensor, state->sigmas, &state->fractions);
+  const double change = ReplaceSigmas(std::move(updated),
+                                      MedianPointDistance(input, model), state);
+  state->sigma_px = EstimateNoisePx(input, model);
   char line[160];
   std::snprintf(line, sizeof(line),
-                "loose synchronization: %zu observations, noise %.3f px, "
-                "spreads change by %.1f %%, time offsets by %.3g s",
-                NumObservations(model_.separate), sigma_px_, 100.0 * change,
-                offset_change_s);
-  context_.Debug(line);
-  return change <= options_.sigma_tolerance &&
-         offset_change_s <= options_.time_offset_tolerance_s;
+                "soft rig: %zu observations, noise %.3f px, standard "
+                "deviations change by %.1f %%, time offsets by %.3g s",
+                NumObservations(model.separate), state->sigma_px,
+                100.0 * change, offset_change_s);
+  input.context.Debug(line);
+  return change <= input.options.sigma_tolerance &&
+         offset_change_s <= input.options.time_offset_tolerance_s;
 }
 
-void RigLoosener::EstimateNoise() {
-  sigma_px_ = std::max(kMinSigmaPx, NoiseSigmaPx(separate_, model_.separate,
-                                                 context_.num_threads));
-}
-
-// The rigid model had to drop what did not fit it, so its points say that
-// images are nearer to the rig than they are. Before the last round, poses may
-// be wrong by as much as the spreads.
-double RigLoosener::MaxErrorOfRound(int num_rounds_left) const {
-  if (num_rounds_left == 0) {
-    return MaxErrorPx(bundle_options_, sigma_px_, 0);
+bool RunRound(const SoftRigInput& input, SoftRigState* state,
+              SoftRigSummary* summary) {
+  SoftRigProblem soft = BuildProblemOfRound(input, *state);
+  if (!SolveImages(input, state->expected, &soft, &state->model, summary)) {
+    return false;
   }
-  const double distance =
-      MedianDistance(separate_, model_.separate, context_.num_threads);
-  double misfit_px = 0.0;
-  for (size_t s = 0; s < spreads_.size(); ++s) {
-    const Camera& camera = model_.rig.cameras[scene_.sensors[s].camera_idx];
-    misfit_px = std::max(misfit_px,
-                         PixelsPerRadian(camera.model, camera.params.data()) *
-                             std::hypot(spreads_[s].rotation_rad,
-                                        spreads_[s].position / distance));
+  const auto deviations = SampleDeviations(input, *state, soft);
+  if (!deviations) {
+    summary->message = "the covariances of the images cannot be computed";
+    return false;
   }
-  return MaxErrorPx(bundle_options_, std::hypot(sigma_px_, misfit_px),
-                    std::min(num_rounds_left, 2));
-}
-
-void RigLoosener::TriangulateAnew(int num_rounds_left) {
-  const double max_error_px = MaxErrorOfRound(num_rounds_left);
-  Retriangulate(separate_, candidates_(model_.separate, max_error_px),
-                MakeFilterOptions(separate_, model_.separate, bundle_options_,
-                                  max_error_px, context_),
-                context_.num_threads, &model_.separate);
-  EstimateNoise();
-}
-
-bool RigLoosener::FinishModel() {
-  FilterPoints(
-      separate_,
-      MakeFilterOptions(separate_, model_.separate, bundle_options_,
-                        MaxErrorPx(bundle_options_, sigma_px_, 0), context_),
-      context_.num_threads, &model_.separate);
-  SoftRigProblem loose = BuildProblemOfRound();
-  if (!Solve(&loose)) return false;
-  ComputePointErrors(separate_, context_.num_threads, &model_.separate);
-  model_.rig.points = model_.separate.points;
+  summary->has_converged = UpdateHyperparameters(input, *deviations, state);
   return true;
 }
 
-void RigLoosener::Summarize() {
-  summary_.is_usable = true;
-  summary_.sigma_px = sigma_px_;
-  const std::vector<ErrorSums> before = SumErrors(scene_, initial_);
-  const std::vector<ErrorSums> after = SumErrors(separate_, model_.separate);
-  for (const Rig& rig : scene_.rigs) {
-    if (rig.sensor_idxs.size() < 2) continue;
-    for (const int sensor_idx : rig.sensor_idxs) {
-      SoftRigSensor sensor = SummarizeSensor(sensor_idx);
-      if (sensor.num_images == 0) continue;
-      sensor.mean_error_before_px = before[sensor_idx].Mean();
-      sensor.num_observations_before = before[sensor_idx].num_observations;
-      sensor.mean_error_after_px = after[sensor_idx].Mean();
-      sensor.num_observations_after = after[sensor_idx].num_observations;
-      summary_.sensors.push_back(std::move(sensor));
-    }
+// The rigid model has lost the observations that do not fit it, so its points
+// underestimate the deviations. Until the last round, the bound therefore
+// includes the error that the present sigmas can cause.
+double MaxErrorOfRound(const SoftRigInput& input, const SoftRigState& state,
+                       int num_rounds_left) {
+  if (num_rounds_left == 0) {
+    return MaxErrorPx(input.bundle_options, state.sigma_px, 0);
   }
+  const double distance = MedianPointDistance(input, state.model);
+  double misfit_px = 0.0;
+  for (size_t s = 0; s < state.sigmas.size(); ++s) {
+    const Camera& camera =
+        state.model.rig.cameras[input.scene.sensors[s].camera_idx];
+    misfit_px = std::max(misfit_px,
+                         PixelsPerRadian(camera.model, camera.params.data()) *
+                             std::hypot(state.sigmas[s].rotation_rad,
+                                        state.sigmas[s].position / distance));
+  }
+  return MaxErrorPx(input.bundle_options, std::hypot(state.sigma_px, misfit_px),
+                    std::min(num_rounds_left, 2));
 }
 
-SoftRigSensor RigLoosener::SummarizeSensor(int sensor_idx) const {
-  SoftRigSensor sensor;
-  sensor.sensor_idx = sensor_idx;
-  sensor.sigma_rotation_rad = spreads_[sensor_idx].rotation_rad;
-  sensor.sigma_position = spreads_[sensor_idx].position;
-  sensor.is_rigid = shares_[sensor_idx].rotation < kMinShare &&
-                    shares_[sensor_idx].position < kMinShare;
-  if (options_.method == SoftRig::kTimeOffset &&
-      !scene_.IsReference(sensor_idx)) {
-    const TimeOffset& offset = common_.offsets()[sensor_idx];
-    if (offset.sigma_s) {
-      sensor.time_offset_s = offset.value_s;
-      sensor.time_offset_sigma_s = offset.sigma_s;
-    } else {
-      sensor.message =
-          "its time offset is not observable: the rig stands, or moves so "
-          "evenly that another place in the rig explains it as well";
-    }
-  }
-  AddDeviations(&sensor);
-  return sensor;
+void RetriangulatePoints(const SoftRigInput& input, int num_rounds_left,
+                         SoftRigState* state) {
+  const double max_error_px = MaxErrorOfRound(input, *state, num_rounds_left);
+  Reconstruction& model = state->model.separate;
+  Retriangulate(input.separate, input.candidates(model, max_error_px),
+                MakeFilterOptions(input.separate, model, input.bundle_options,
+                                  max_error_px, input.context),
+                input.context.num_threads, &model);
+  state->sigma_px = EstimateNoisePx(input, state->model);
 }
 
-void RigLoosener::AddDeviations(SoftRigSensor* sensor) const {
+// Filters the points and solves (1) a last time.
+bool FinishModel(const SoftRigInput& input, SoftRigState* state,
+                 SoftRigSummary* summary) {
+  const int num_threads = input.context.num_threads;
+  SoftRigModel& model = state->model;
+  FilterPoints(
+      input.separate,
+      MakeFilterOptions(input.separate, model.separate, input.bundle_options,
+                        MaxErrorPx(input.bundle_options, state->sigma_px, 0),
+                        input.context),
+      num_threads, &model.separate);
+  SoftRigProblem soft = BuildProblemOfRound(input, *state);
+  if (!SolveImages(input, state->expected, &soft, &model, summary)) {
+    return false;
+  }
+  ComputePointErrors(input.separate, num_threads, &model.separate);
+  model.rig.points = model.separate.points;
+  return true;
+}
+
+// Sets the number, mean and maximum of the final deviations.
+void SummarizeDeviations(const SoftRigInput& input, const SoftRigState& state,
+                         SoftRigSensor* sensor) {
   double sum_rotation = 0.0, sum_position = 0.0;
-  for (size_t i = 0; i < scene_.images.size(); ++i) {
-    const Image& image = scene_.images[i];
-    const auto& pose = model_.separate.rig_from_world[i];
+  for (size_t i = 0; i < input.scene.images.size(); ++i) {
+    const Image& image = input.scene.images[i];
+    const auto& pose = state.model.separate.rig_from_world[i];
     if (image.sensor_idx != sensor->sensor_idx || !pose) continue;
     const PoseVector deviation = DeviationOf(
-        *pose * model_.rig.rig_from_world[image.frame_idx]->Inverse(),
-        *expected_[i]);
+        *pose * state.model.rig.rig_from_world[image.frame_idx]->Inverse(),
+        *state.expected[i]);
     const double rotation = deviation.head<3>().norm();
     const double position = deviation.tail<3>().norm();
     ++sensor->num_images;
@@ -407,6 +371,53 @@ void RigLoosener::AddDeviations(SoftRigSensor* sensor) const {
   sensor->rms_position = std::sqrt(sum_position / count);
 }
 
+SoftRigSensor SummarizeSensor(const SoftRigInput& input,
+                              const SoftRigState& state, int sensor_idx) {
+  SoftRigSensor sensor;
+  sensor.sensor_idx = sensor_idx;
+  sensor.sigma_rotation_rad = state.sigmas[sensor_idx].rotation_rad;
+  sensor.sigma_position = state.sigmas[sensor_idx].position;
+  sensor.is_rigid =
+      state.fractions[sensor_idx].rotation < kMinObservedFraction &&
+      state.fractions[sensor_idx].position < kMinObservedFraction;
+  if (input.options.method == SoftRig::kTimeOffset &&
+      !input.scene.IsReference(sensor_idx)) {
+    const TimeOffset& offset = state.calibration.offsets()[sensor_idx];
+    if (offset.sigma_s) {
+      sensor.time_offset_s = offset.value_s;
+      sensor.time_offset_sigma_s = offset.sigma_s;
+    } else {
+      sensor.message =
+          "its time offset is not observable: the rig stands still, or moves "
+          "so uniformly that different extrinsics explain the images equally "
+          "well";
+    }
+  }
+  SummarizeDeviations(input, state, &sensor);
+  return sensor;
+}
+
+void Summarize(const SoftRigInput& input, const SoftRigState& state,
+               SoftRigSummary* summary) {
+  summary->is_usable = true;
+  summary->sigma_px = state.sigma_px;
+  const std::vector<ErrorSums> before = SumErrors(input.scene, input.initial);
+  const std::vector<ErrorSums> after =
+      SumErrors(input.separate, state.model.separate);
+  for (const Rig& rig : input.scene.rigs) {
+    if (rig.sensor_idxs.size() < 2) continue;
+    for (const int sensor_idx : rig.sensor_idxs) {
+      SoftRigSensor sensor = SummarizeSensor(input, state, sensor_idx);
+      if (sensor.num_images == 0) continue;
+      sensor.mean_error_before_px = before[sensor_idx].Mean();
+      sensor.num_observations_before = before[sensor_idx].num_observations;
+      sensor.mean_error_after_px = after[sensor_idx].Mean();
+      sensor.num_observations_after = after[sensor_idx].num_observations;
+      summary->sensors.push_back(std::move(sensor));
+    }
+  }
+}
+
 }  // namespace
 
 SoftRigResult EstimateSoftRig(const Scene& scene, const Scene& separate,
@@ -415,10 +426,36 @@ SoftRigResult EstimateSoftRig(const Scene& scene, const Scene& separate,
                               const SoftRigOptions& options,
                               const BundleAdjustmentOptions& bundle_options,
                               const Context& context,
-                              const PositionPriors& priors) {
-  return RigLoosener(scene, separate, candidates, initial, options,
-                     bundle_options, context, priors)
-      .Run();
+                              const BundlePriors& priors) {
+  SoftRigInput input{scene,   separate,       candidates, initial,
+                     options, bundle_options, context,    priors};
+  // This stage always refines poses and points.
+  input.bundle_options.refine_rig_from_world = true;
+  input.bundle_options.refine_points = true;
+  SoftRigSummary summary;
+  if (initial.points.empty() || !HasFrameWithSeveralImages(input)) {
+    summary.message = "no frame has two registered images that observe points";
+    return Unchanged(input, std::move(summary));
+  }
+  const int num_triangulations = candidates ? kNumTriangulations : 0;
+  SoftRigState state = InitialState(input, bundle_options);
+  for (int round = 0; round < options.max_num_rounds; ++round) {
+    context.ReportProgress("soft rig", round, options.max_num_rounds);
+    if (!RunRound(input, &state, &summary)) {
+      return Unchanged(input, std::move(summary));
+    }
+    if (round < num_triangulations) {
+      RetriangulatePoints(input, num_triangulations - 1 - round, &state);
+    } else if (summary.has_converged) {
+      break;
+    }
+  }
+  if (!FinishModel(input, &state, &summary)) {
+    return Unchanged(input, std::move(summary));
+  }
+  Summarize(input, state, &summary);
+  return {std::move(state.model.rig),
+          {state.model.separate.rig_from_world, std::move(summary)}};
 }
 
 }  // namespace mgsfm

@@ -3,90 +3,92 @@
 
 #include <utility>
 
+#include "bundle/dense_numbering.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
 
-// The frames of the scene that the images of the problem are in.
+// Replaces the frames of separate images by the frames of the scene.
 void SetFrames(const Scene& scene, const Reconstruction& rig,
-               SoftRigProblem* loose) {
-  BuiltProblem& built = loose->built;
+               SoftRigProblem* soft) {
+  BuiltProblem& built = soft->built;
   built.frame_idxs.clear();
   built.state.frames.clear();
   built.problem.frame_masks.clear();
-  std::vector<int> number(scene.frames.size(), -1);
-  for (size_t i = 0; i < loose->image_idxs.size(); ++i) {
-    const int frame_idx = scene.images[loose->image_idxs[i]].frame_idx;
-    if (number[frame_idx] < 0) {
-      number[frame_idx] = static_cast<int>(built.frame_idxs.size());
-      built.frame_idxs.push_back(frame_idx);
+  DenseNumbering frames(scene.frames.size());
+  for (size_t i = 0; i < soft->image_idxs.size(); ++i) {
+    const int frame_idx = scene.images[soft->image_idxs[i]].frame_idx;
+    const int number = frames.NumberOf(frame_idx, &built.frame_idxs);
+    if (number == static_cast<int>(built.state.frames.size())) {
       const Rigid3& pose = *rig.rig_from_world[frame_idx];
       built.state.frames.push_back({pose.rotation, pose.Center()});
       built.problem.frame_masks.emplace_back(PoseMask::Ones());
     }
-    built.problem.images[i].frame = number[frame_idx];
+    built.problem.images[i].frame = number;
   }
 }
 
-void SetSensors(const Scene& scene, const LooseModel& model,
+// Makes each image a sensor with a prior. sigmas are divided by sigma_px
+// because residuals of keypoints are in pixels.
+void SetSensors(const Scene& scene, const SoftRigModel& model,
                 const std::vector<std::optional<Rigid3>>& expected,
-                const std::vector<Spread>& spreads, double sigma_px,
-                SoftRigProblem* loose) {
-  BuiltProblem& built = loose->built;
+                const std::vector<DeviationSigma>& sigmas, double sigma_px,
+                SoftRigProblem* soft) {
+  BuiltProblem& built = soft->built;
   built.sensor_idxs.clear();
   built.state.sensors.clear();
   built.problem.sensor_masks.clear();
   built.problem.sensor_priors.clear();
-  for (size_t i = 0; i < loose->image_idxs.size(); ++i) {
-    const int image_idx = loose->image_idxs[i];
+  for (size_t i = 0; i < soft->image_idxs.size(); ++i) {
+    const int image_idx = soft->image_idxs[i];
     const Image& image = scene.images[image_idx];
     built.problem.images[i].sensor = static_cast<int>(i);
     built.state.sensors.push_back(
         *model.separate.rig_from_world[image_idx] *
         model.rig.rig_from_world[image.frame_idx]->Inverse());
     built.problem.sensor_masks.emplace_back(PoseMask::Ones());
-    const Spread& spread = spreads[image.sensor_idx];
+    const DeviationSigma& sigma = sigmas[image.sensor_idx];
     built.problem.sensor_priors.push_back(
         {static_cast<int>(i), *expected[image_idx],
-         spread.rotation_rad / sigma_px, spread.position / sigma_px});
+         sigma.rotation_rad / sigma_px, sigma.position / sigma_px});
   }
 }
 
 }  // namespace
 
-SoftRigProblem BuildLooseProblem(
-    const Scene& scene, const Scene& separate, const LooseModel& model,
+SoftRigProblem BuildSoftRigProblem(
+    const Scene& scene, const Scene& separate, const SoftRigModel& model,
     const std::vector<std::optional<Rigid3>>& expected,
-    const std::vector<Spread>& spreads, double sigma_px,
-    const BundleAdjustmentOptions& options, const PositionPriors& priors) {
-  SoftRigProblem loose;
-  loose.built = BuildProblem(separate, model.separate, options,
-                             RefinedParts::kAll, priors);
-  // Frames of separate images are numbered as these are.
-  for (const RigProblemBase::Image& image : loose.built.problem.images) {
-    loose.image_idxs.push_back(loose.built.frame_idxs[image.frame]);
+    const std::vector<DeviationSigma>& sigmas, double sigma_px,
+    const BundleAdjustmentOptions& options, const BundlePriors& priors) {
+  SoftRigProblem soft;
+  soft.built = BuildProblem(separate, model.separate, options,
+                            RefinedParts::kAll, priors);
+  // In the scene of separate images, frames and images have the same indices.
+  for (const RigProblemBase::Image& image : soft.built.problem.images) {
+    soft.image_idxs.push_back(soft.built.frame_idxs[image.frame]);
   }
-  SetFrames(scene, model.rig, &loose);
-  SetSensors(scene, model, expected, spreads, sigma_px, &loose);
-  if (loose.built.problem.position_priors.empty()) {
-    FixGaugeAndScale(loose.built.state, &loose.built.problem);
+  SetFrames(scene, model.rig, &soft);
+  SetSensors(scene, model, expected, sigmas, sigma_px, &soft);
+  if (soft.built.problem.position_priors.empty()) {
+    FixGaugeAndScale(soft.built.state, &soft.built.problem);
   }
-  return loose;
+  return soft;
 }
 
-void WriteBack(const SoftRigProblem& loose, const Scene& scene,
+void WriteBack(const SoftRigProblem& soft, const Scene& scene,
                const std::vector<std::optional<Rigid3>>& expected,
-               LooseModel* model) {
-  const BundleState& state = loose.built.state;
-  for (size_t i = 0; i < loose.built.frame_idxs.size(); ++i) {
+               SoftRigModel* model) {
+  const BundleState& state = soft.built.state;
+  for (size_t i = 0; i < soft.built.frame_idxs.size(); ++i) {
     const FramePose& pose = state.frames[i];
-    model->rig.rig_from_world[loose.built.frame_idxs[i]] =
+    model->rig.rig_from_world[soft.built.frame_idxs[i]] =
         Rigid3::FromRotationAndCenter(pose.rig_from_world, pose.center);
   }
   std::vector<std::optional<Rigid3>> sensor_of_image = expected;
-  for (size_t i = 0; i < loose.image_idxs.size(); ++i) {
-    sensor_of_image[loose.image_idxs[i]] = state.sensors[i];
+  for (size_t i = 0; i < soft.image_idxs.size(); ++i) {
+    sensor_of_image[soft.image_idxs[i]] = state.sensors[i];
   }
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const auto& frame = model->rig.rig_from_world[scene.images[i].frame_idx];
@@ -96,8 +98,8 @@ void WriteBack(const SoftRigProblem& loose, const Scene& scene,
   BuiltProblem points_and_cameras;
   points_and_cameras.state.points = state.points;
   points_and_cameras.state.cameras = state.cameras;
-  points_and_cameras.point_idxs = loose.built.point_idxs;
-  points_and_cameras.camera_idxs = loose.built.camera_idxs;
+  points_and_cameras.point_idxs = soft.built.point_idxs;
+  points_and_cameras.camera_idxs = soft.built.camera_idxs;
   WriteBack(points_and_cameras, &model->separate);
   model->rig.cameras = model->separate.cameras;
 }

@@ -93,19 +93,19 @@ TEST_P(BundleAdjustmentTest, KnownExtrinsicsKeepMetricScale) {
   EXPECT_NEAR(difference.scale, 1.0, 1e-3);
 }
 
-// Given poses in the rig that are a little wrong: refined with their prior they
-// come nearer to the truth, and the model stays metric.
-TEST(AdjustBundleTest, GivenExtrinsicsAreRefinedNearTheirPrior) {
+// Inaccurate prior extrinsics: refinement brings them nearer to the truth, and
+// the model stays metric.
+TEST(AdjustBundleTest, PriorExtrinsicsAreRefined) {
   SimulationOptions simulated =
       NoisyScene(RigPreset::kStereo, PathPreset::kCurve);
   simulated.extrinsics_are_known = true;
   Simulation simulation = Simulate(simulated);
-  std::optional<Rigid3>& given = simulation.scene.sensors[1].sensor_from_rig;
-  const Rigid3 truth = *given;
-  given->rotation = ExpSO3({0.0, DegToRad(0.3), 0.0}) * given->rotation;
-  given->translation *= 1.004;
+  std::optional<Rigid3>& prior = simulation.scene.sensors[1].sensor_from_rig;
+  const Rigid3 truth = *prior;
+  prior->rotation = ExpSO3({0.0, DegToRad(0.3), 0.0}) * prior->rotation;
+  prior->translation *= 1.004;
   Reconstruction initial = simulation.ground_truth;
-  initial.sensor_from_rig[1] = given;
+  initial.sensor_from_rig[1] = prior;
   BundleAdjustmentOptions options;
   options.refine_sensor_from_rig = RefineMode::kYes;
   options.sensor_from_rig_prior_sigma_deg = 0.3;
@@ -115,8 +115,8 @@ TEST(AdjustBundleTest, GivenExtrinsicsAreRefinedNearTheirPrior) {
         AdjustBundle(simulation.scene, initial, options, Threads(2)).estimate;
     const Rigid3& estimate = *refined.sensor_from_rig[1];
     EXPECT_LT(AngleBetween(estimate.rotation, truth.rotation),
-              0.5 * AngleBetween(given->rotation, truth.rotation));
-    EXPECT_NEAR(estimate.translation.norm(), given->translation.norm(),
+              0.5 * AngleBetween(prior->rotation, truth.rotation));
+    EXPECT_NEAR(estimate.translation.norm(), prior->translation.norm(),
                 0.005 * truth.translation.norm());
     EXPECT_NEAR(
         CompareModels(simulation.scene, refined, simulation.ground_truth).scale,
@@ -124,8 +124,8 @@ TEST(AdjustBundleTest, GivenExtrinsicsAreRefinedNearTheirPrior) {
   }
 }
 
-// Cameras that share one centre as given keep sharing it.
-TEST(AdjustBundleTest, GivenCommonCentreIsKept) {
+// Prior extrinsics with one common centre keep it.
+TEST(AdjustBundleTest, CommonCentreOfPriorExtrinsicsIsKept) {
   SimulationOptions simulated =
       NoisyScene(RigPreset::kCube6, PathPreset::kCurve);
   simulated.extrinsics_are_known = true;
@@ -191,7 +191,7 @@ INSTANTIATE_TEST_SUITE_P(
                                      RigPreset::kKitti360, RigPreset::kCube6),
                      testing::Values(PathPreset::kCurve)));
 
-// Without noise the robust scales have nothing to go by.
+// Without noise, the robust estimates of scale are zero.
 TEST(RefineReconstructionTest, ExactDataKeepAllWithParallax) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
@@ -241,8 +241,8 @@ TEST(RefineReconstructionTest, OutliersAreRemoved) {
       0.1);
 }
 
-// Wrong matches that agree with the poses there are: of things right in front
-// of a camera, where pixels are fractions of a millimetre.
+// Wrong matches that agree with the present poses: points right in front of a
+// camera, where a pixel is a fraction of a millimetre.
 void AddMatchesNearby(const Reconstruction& model, double relative_distance,
                       Scene* scene, ObservationGroups* groups) {
   const std::vector<ImageView> views = MakeImageViews(*scene, model);
@@ -268,7 +268,7 @@ void AddMatchesNearby(const Reconstruction& model, double relative_distance,
   }
 }
 
-// The poses that are refined from two starts, each with such matches.
+// The difference of refinements from two initial models with such matches.
 double DifferenceOfTwoStarts(double min_two_view_relative_distance) {
   const Simulation simulation =
       Simulate(NoisyScene(RigPreset::kMono, PathPreset::kCurve));
@@ -288,7 +288,7 @@ double DifferenceOfTwoStarts(double min_two_view_relative_distance) {
   return CompareModels(simulation.scene, ends[0], ends[1]).max_position;
 }
 
-TEST(RefineReconstructionTest, MatchesNextToACameraDoNotHoldFrames) {
+TEST(RefineReconstructionTest, MatchesNextToACameraDoNotFixFrames) {
   const double by_default = DifferenceOfTwoStarts(
       BundleAdjustmentOptions().min_two_view_relative_distance);
   EXPECT_LT(100.0 * by_default, DifferenceOfTwoStarts(0.0))
@@ -298,7 +298,7 @@ TEST(RefineReconstructionTest, MatchesNextToACameraDoNotHoldFrames) {
 TEST(RefineReconstructionTest, FramesAndSensorsWithoutObservations) {
   Simulation simulation =
       Simulate(SmallScene(RigPreset::kKitti360, PathPreset::kCurve));
-  // No keypoint of frame 4 or of the reference sensor is left.
+  // Removes all keypoints of frame 4 and of the reference sensor.
   const int lost_sensor = simulation.scene.rigs[0].ref_sensor_idx;
   for (Point3D& point : simulation.ground_truth.points) {
     auto& track = point.track;
@@ -374,7 +374,7 @@ TEST(AdjustBundleTest, OptimumIsBelowTheCostOfTheTruth) {
   EXPECT_GT(summary.final_cost, 0.2 * summary.initial_cost);
 }
 
-TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
+TEST(AdjustBundleTest, UnknownFocalLengthIsEstimated) {
   Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kLoop));
   Reconstruction initial = simulation.ground_truth;
@@ -396,7 +396,7 @@ TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
   EXPECT_NEAR(focal(), truth, 1e-3 * truth);
   options.refine_focal_length = RefineMode::kNo;
   EXPECT_EQ(focal(), 1.02 * truth);
-  // A trusted one is not refined, or as little as its prior allows.
+  // A prior one is constant, or stays within its standard deviation.
   for (Camera& camera : simulation.scene.cameras) {
     camera.has_prior_focal_length = true;
   }
@@ -407,15 +407,15 @@ TEST(AdjustBundleTest, FocalLengthIsFoundWhereItIsNotKnown) {
   EXPECT_NEAR(focal(), 1.02 * truth, 1e-4);
 }
 
-// One of ten directions is anywhere.
-TEST(AdjustBundleTest, GravityTurnsTheModelLevel) {
+// One of ten measured directions is an outlier.
+TEST(AdjustBundleTest, GravityLevelsTheModel) {
   const Simulation simulation =
       Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kCurve));
   Reconstruction tilted = simulation.ground_truth;
   TransformWorld({1.0, ExpSO3({DegToRad(3.0), 0.0, DegToRad(-2.0)}),
                   Eigen::Vector3d::Zero()},
                  &tilted);
-  PositionPriors priors;
+  BundlePriors priors;
   priors.gravity.emplace();
   priors.gravity->sigma_rad = DegToRad(0.5);
   Random random(2);
@@ -425,7 +425,7 @@ TEST(AdjustBundleTest, GravityTurnsTheModelLevel) {
         is_wrong ? RandomVector(1.0, &random).normalized()
                  : ExpSO3(RandomVector(DegToRad(0.5), &random)) *
                        Eigen::Vector3d::UnitY();
-    priors.gravity->images.push_back(pose.rotation * in_world);
+    priors.gravity->priors.images.push_back(pose.rotation * in_world);
   }
   const Reconstruction level =
       AdjustBundle(simulation.scene, tilted, BundleAdjustmentOptions(),

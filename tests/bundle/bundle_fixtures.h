@@ -16,7 +16,7 @@ inline SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
   SimulationOptions options;
   options.rig = rig;
   options.path = path;
-  // On a loop of ten frames, one camera hardly sees any point twice.
+  // On a loop of ten frames, one camera observes few points twice.
   options.num_frames = rig == RigPreset::kMono ? 24 : 10;
   options.num_points_per_frame = 80;
   options.max_num_features_per_image = 150;
@@ -33,8 +33,8 @@ inline Eigen::Vector2d ProjectPoint(const BundleProblem& problem,
       .value();
 }
 
-// The problem of the ground truth with exact pixels: those of a scene are
-// single precision.
+// The problem of the ground truth with pixels in double precision; those of a
+// scene are single precision.
 inline BuiltProblem ExactProblem(const Simulation& simulation,
                                  const BundleAdjustmentOptions& options) {
   BuiltProblem built = BuildProblem(simulation.scene, simulation.ground_truth,

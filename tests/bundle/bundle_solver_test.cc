@@ -28,7 +28,7 @@ RigSolverOptions TightTolerances() {
   return options;
 }
 
-// The largest difference in pose of any image. The gauge must be the same.
+// The largest difference of image poses. Both must have the same gauge.
 double MaxPoseDifference(const BundleProblem& problem, const BundleState& a,
                          const BundleState& b) {
   double max_difference = 0.0;
@@ -81,7 +81,7 @@ TEST_P(BundleSolverTest, ExactDataGiveTheTruth) {
 }
 
 TEST_P(BundleSolverTest, OptimumIsThatOfCeres) {
-  // Noise may put the optimum of a point with little parallax at infinity.
+  // With noise, a point with a small angle can have its optimum at infinity.
   PointFilterOptions with_parallax;
   with_parallax.min_angle_rad = DegToRad(3.0);
   FilterPoints(simulation_.scene, with_parallax, 2, &simulation_.ground_truth);
@@ -151,19 +151,19 @@ TEST(BundleSolverEdgeTest, EmptyProblemConverges) {
   EXPECT_EQ(summary.termination, Termination::kConverged);
 }
 
-TEST(BundleSolverEdgeTest, HeldPointsOrFramesStay) {
+TEST(BundleSolverEdgeTest, ConstantPointsOrFramesDoNotMove) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
-  for (const bool points_are_held : {true, false}) {
+  for (const bool points_are_constant : {true, false}) {
     BundleAdjustmentOptions options;
-    options.refine_points = !points_are_held;
-    options.refine_rig_from_world = points_are_held;
+    options.refine_points = !points_are_constant;
+    options.refine_rig_from_world = points_are_constant;
     options.refine_sensor_from_rig = RefineMode::kNo;
     BuiltProblem built = ExactProblem(simulation, options);
     BundleState state = built.state;
     Random random(4);
     Perturb(built.problem, 0.01, &random, &state);
-    if (points_are_held) state.points = built.state.points;
+    if (points_are_constant) state.points = built.state.points;
     const SolveSummary summary =
         SolveRigProblem(built.problem, TightTolerances(), Threads(2), &state);
     EXPECT_LT(summary.final_cost, 1e-12);

@@ -39,14 +39,14 @@ void SetFreedom(const PoseMask& mask, double* rotation, double* translation,
                 ceres::Problem* problem) {
   problem->SetManifold(rotation, new ceres::EigenQuaternionManifold);
   if (mask[0] == 0.0) problem->SetParameterBlockConstant(rotation);
-  std::vector<int> held;
+  std::vector<int> fixed;
   for (int i = 0; i < 3; ++i) {
-    if (mask[3 + i] == 0.0) held.push_back(i);
+    if (mask[3 + i] == 0.0) fixed.push_back(i);
   }
-  if (held.size() == 3) {
+  if (fixed.size() == 3) {
     problem->SetParameterBlockConstant(translation);
-  } else if (!held.empty()) {
-    problem->SetManifold(translation, new ceres::SubsetManifold(3, held));
+  } else if (!fixed.empty()) {
+    problem->SetManifold(translation, new ceres::SubsetManifold(3, fixed));
   }
 }
 

@@ -5,9 +5,9 @@
 
 namespace mgsfm {
 
-// Solves the same problem with Ceres, numeric derivatives and another
-// parametrisation. All rotations must be free or held as a whole, intrinsics
-// held. Returns the final cost.
+// Solves the same problem with Ceres, numeric derivatives and a different
+// parametrisation. Rotations must be completely free or constant, intrinsics
+// constant. Returns the final cost.
 double SolveWithCeres(const BundleProblem& problem, BundleState* state);
 
 }  // namespace mgsfm

@@ -27,7 +27,7 @@ Reconstruction Adjusted(const Simulation& simulation,
       .estimate;
 }
 
-// The same keypoints of the same points, with other noise.
+// Draws new noise for the keypoints of the same points.
 void DrawNoise(double sigma_px, Random* random, Simulation* simulation) {
   for (const Point3D& point : simulation->ground_truth.points) {
     for (const Observation& o : point.track) {
@@ -44,16 +44,16 @@ void DrawNoise(double sigma_px, Random* random, Simulation* simulation) {
   }
 }
 
-// What a covariance promises of independent noise: the mean of d^T C^-1 d is
-// the number of coordinates. 40 draws of six: within 6 * 0.37 at five sigma.
-TEST(CovarianceTest, IsThatOfRepeatedAdjustments) {
+// For independent noise, the mean of d^T C^-1 d is the number of
+// coordinates: 6. Its standard deviation over 40 draws is sqrt(12 / 40) = 0.55.
+TEST(CovarianceTest, PredictsTheErrorsOfRepeatedAdjustments) {
   SimulationOptions simulated = Drive(RigPreset::kStereo, PathPreset::kCurve);
   simulated.pixel_noise_px = 0.0;
   simulated.extrinsics_are_known = false;
   Simulation simulation = Simulate(simulated);
   BundleAdjustmentOptions options;
   options.function_tolerance = 1e-9;
-  options.loss_scale_px = 100.0;  // all observations weigh alike
+  options.loss_scale_px = 100.0;  // equal weights for all observations
   options.loss_sigma_factor = 100.0;
   const int sensor_idx = 1, frame_idx = 5;
   constexpr int kNumDraws = 40;
@@ -66,7 +66,7 @@ TEST(CovarianceTest, IsThatOfRepeatedAdjustments) {
     const CovarianceResult covariances =
         ComputeCovariances(simulation.scene, model, options, Threads(2));
     ASSERT_TRUE(covariances.is_usable);
-    // Fewer residuals than observations, as unknowns take their share.
+    // sigma_px is too small: it ignores the degrees of freedom of the poses.
     const double ratio = kSigmaPx / covariances.sigma_px;
     const Rigid3& sensor = *model.sensor_from_rig[sensor_idx];
     const Rigid3& true_sensor =
@@ -75,7 +75,7 @@ TEST(CovarianceTest, IsThatOfRepeatedAdjustments) {
     error << LogSO3(sensor.rotation * true_sensor.rotation.conjugate()),
         sensor.translation - true_sensor.translation;
     const auto squared_distance = [&](const PoseMatrix& covariance) {
-      // A coordinate may be held for the scale.
+      // A coordinate can be fixed for the scale.
       const PoseMatrix scaled =
           ratio * ratio * covariance + 1e-14 * PoseMatrix::Identity();
       return error.dot(scaled.ldlt().solve(error));
@@ -94,7 +94,7 @@ TEST(CovarianceTest, IsThatOfRepeatedAdjustments) {
   EXPECT_LT(frame_sum / kNumDraws, 8.5);
 }
 
-TEST(CovarianceTest, SaysWhatItIsRelativeTo) {
+TEST(CovarianceTest, ReportsItsGauge) {
   SimulationOptions simulated = Drive(RigPreset::kStereo, PathPreset::kCurve);
   BundleAdjustmentOptions options;
   for (const bool is_metric : {false, true}) {
@@ -112,9 +112,9 @@ TEST(CovarianceTest, SaysWhatItIsRelativeTo) {
   }
 }
 
-// A camera that shares no point with the others, on a drive without turns: the
-// place of it in the rig shows in nothing.
-TEST(CovarianceTest, DirectionsThatNothingTellsAreListed) {
+// A camera that shares no point with the others, on a drive without rotation:
+// nothing determines its position in the rig.
+TEST(CovarianceTest, UnobservableDirectionsAreListed) {
   SimulationOptions simulated =
       Drive(RigPreset::kKitti360, PathPreset::kStraight);
   simulated.match_different_sensors = false;

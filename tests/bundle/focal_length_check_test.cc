@@ -11,9 +11,9 @@ namespace {
 
 using testing::HasSubstr;
 
-// With focal lengths that are `factor` times too long, and not trusted.
-Simulation Distrusted(RigPreset rig, PathPreset path, double factor,
-                      int num_points_per_frame = 80) {
+// Focal lengths are `factor` times too long and are not priors.
+Simulation WithoutPriors(RigPreset rig, PathPreset path, double factor,
+                         int num_points_per_frame = 80) {
   SimulationOptions options = SmallScene(rig, path);
   options.num_frames = 20;
   options.num_points_per_frame = num_points_per_frame;
@@ -38,9 +38,9 @@ Reconstruction Adjusted(const Simulation& simulation,
       .estimate;
 }
 
-TEST(FocalLengthCheckTest, TurnsTellAFocalLength) {
+TEST(FocalLengthCheckTest, RotationsDetermineAFocalLength) {
   const Simulation simulation =
-      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.02, 400);
+      WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.02, 400);
   const BundleAdjustmentOptions options;
   const auto checks = CheckFocalLengths(
       simulation.scene, Adjusted(simulation, options), options, Threads(2));
@@ -57,24 +57,24 @@ TEST(FocalLengthCheckTest, TurnsTellAFocalLength) {
   }
 }
 
-// One camera straight ahead: depth can be stretched with the focal length.
-TEST(FocalLengthCheckTest, StraightDrivesDoNot) {
+// For one camera that drives straight, depth and focal length are ambiguous.
+TEST(FocalLengthCheckTest, StraightDrivesDoNotDetermineIt) {
   const Simulation simulation =
-      Distrusted(RigPreset::kMono, PathPreset::kStraight, 1.0);
+      WithoutPriors(RigPreset::kMono, PathPreset::kStraight, 1.0);
   const BundleAdjustmentOptions options;
   const auto checks = CheckFocalLengths(
       simulation.scene, Adjusted(simulation, options), options, Threads(2));
   ASSERT_EQ(checks.size(), 1u);
   ASSERT_TRUE(checks[0].relative_sigma.has_value());
   EXPECT_GT(*checks[0].relative_sigma, 0.01);
-  // No more than the prior of the start leaves.
+  // The term of the initial value bounds it.
   EXPECT_LT(*checks[0].relative_sigma, 1.01 * options.focal_length_start_sigma);
-  EXPECT_THAT(checks[0].message, HasSubstr("does not tell"));
+  EXPECT_THAT(checks[0].message, HasSubstr("does not determine it"));
 }
 
-TEST(FocalLengthCheckTest, HeldOnesAreNotChecked) {
+TEST(FocalLengthCheckTest, ConstantOnesAreNotChecked) {
   Simulation simulation =
-      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.0);
+      WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.0);
   BundleAdjustmentOptions options;
   options.refine_focal_length = RefineMode::kNo;
   EXPECT_TRUE(CheckFocalLengths(simulation.scene, simulation.ground_truth,
@@ -82,9 +82,9 @@ TEST(FocalLengthCheckTest, HeldOnesAreNotChecked) {
                   .empty());
 }
 
-TEST(FocalLengthCheckTest, ImplausibleOnesAreNamed) {
+TEST(FocalLengthCheckTest, ImplausibleOnesAreReported) {
   Simulation simulation =
-      Distrusted(RigPreset::kStereo, PathPreset::kLoop, 1.0);
+      WithoutPriors(RigPreset::kStereo, PathPreset::kLoop, 1.0);
   const BundleAdjustmentOptions options;
   Reconstruction model = simulation.ground_truth;
   const auto message = [&] {
@@ -92,18 +92,18 @@ TEST(FocalLengthCheckTest, ImplausibleOnesAreNamed) {
         .message;
   };
   std::vector<double>& params = model.cameras[0].params;
-  const std::vector<double> given = params;
+  const std::vector<double> initial = params;
   params[0] = params[1] = 20.0 * model.cameras[0].width_px;
-  EXPECT_THAT(message(), HasSubstr("no lens"));
-  params[0] = params[1] = 2.5 * given[0];
+  EXPECT_THAT(message(), HasSubstr("larger image side"));
+  params[0] = params[1] = 2.5 * initial[0];
   EXPECT_THAT(message(), HasSubstr("by a factor of 2.5"));
 }
 
-// What images do not tell stays where it started, and what is held does not
-// notice.
-TEST(FocalLengthCheckTest, StartKeepsWhatIsNotTold) {
+// An unobservable focal length stays at its initial value, and the term has no
+// effect on constant focal lengths.
+TEST(FocalLengthCheckTest, UnobservableOneStaysAtItsInitialValue) {
   const Simulation simulation =
-      Distrusted(RigPreset::kMono, PathPreset::kStraight, 1.0);
+      WithoutPriors(RigPreset::kMono, PathPreset::kStraight, 1.0);
   BundleAdjustmentOptions options;
   options.focal_length_start_sigma = 1e-6;
   const double truth = simulation.ground_truth.cameras[0].params[0];

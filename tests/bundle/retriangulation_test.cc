@@ -45,7 +45,7 @@ class RetriangulationTest : public testing::TestWithParam<RigPreset> {
   const Scene& scene() const { return simulation_.scene; }
   const Reconstruction& truth() const { return simulation_.ground_truth; }
 
-  // Checks that all points with some parallax are there as they should be.
+  // Checks that all points with a sufficient angle are correct.
   void ExpectTruth(const Reconstruction& result) const {
     const std::vector<ImageView> views = MakeImageViews(scene(), truth());
     const auto by_first = ByFirstObservation(result);
@@ -75,8 +75,8 @@ TEST_P(RetriangulationTest, PosesAloneGiveAllPoints) {
   ExpectTruth(result);
 }
 
-// Groups are made anew for each model, so that they need not hold the first
-// observation of a point that they hold others of.
+// Groups are computed for each model, so they can lack an observation of a
+// point and contain its others.
 TEST_P(RetriangulationTest, NoKeypointIsInTwoPoints) {
   ObservationGroups groups;
   for (const Point3D& point : truth().points) {
@@ -108,11 +108,11 @@ TEST_P(RetriangulationTest, GroupsOfSeveralPointsAreSplit) {
     const auto it = by_first.find(point.track.front());
     num_whole += it != by_first.end() && it->second->track == point.track;
   }
-  // Near epipoles two points may share a line of sight.
+  // Near epipoles, two points can share a line of sight.
   EXPECT_GT(num_whole, truth().points.size() * 8 / 10);
 }
 
-TEST_P(RetriangulationTest, PartsAreCompletedAndMerged) {
+TEST_P(RetriangulationTest, IncompletePointsAreCompletedAndMerged) {
   Reconstruction result = truth();
   result.points.clear();
   for (const Point3D& point : truth().points) {
@@ -120,7 +120,7 @@ TEST_P(RetriangulationTest, PartsAreCompletedAndMerged) {
       result.points.push_back(point);
       continue;
     }
-    // Two points with a part of the observations each; one is not in any.
+    // Two points with some of the observations each; one is in neither.
     Point3D first = point, second = point;
     first.track.resize(2);
     second.track.erase(second.track.begin(), second.track.begin() + 3);
@@ -132,7 +132,7 @@ TEST_P(RetriangulationTest, PartsAreCompletedAndMerged) {
   ExpectTruth(result);
 }
 
-TEST_P(RetriangulationTest, WrongKeypointsAreLeftOut) {
+TEST_P(RetriangulationTest, WrongKeypointsAreRejected) {
   Random random(7);
   Simulation changed = simulation_;
   std::vector<size_t> true_length;
@@ -178,7 +178,7 @@ TEST_P(RetriangulationTest, ThreadsDoNotChangeABit) {
   }
 }
 
-TEST_P(RetriangulationTest, ImagesWithoutPoseAreLeftOut) {
+TEST_P(RetriangulationTest, ImagesWithoutPoseAreIgnored) {
   Reconstruction result = truth();
   result.points.clear();
   result.rig_from_world[3].reset();
@@ -218,7 +218,7 @@ TEST(PointFilterTest, RemovesLargeErrorsAndSmallAngles) {
   }
 }
 
-// Filtering and triangulating anew agree on what is too far away.
+// Filtering and retriangulation agree on the largest distance.
 TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
@@ -267,7 +267,7 @@ TEST(PointFilterTest, RemovesPointsOfTwoViewsNextToACamera) {
   Reconstruction filtered = truth;
   FilterPoints(scene, options, 2, &filtered);
   EXPECT_EQ(filtered.points.size(), num_kept);
-  // Without anything to go by but the poses.
+  // From poses alone.
   Reconstruction anew = truth;
   anew.points.clear();
   Retriangulate(scene, GroupTracks(truth), options, 2, &anew);
@@ -279,9 +279,9 @@ TEST(PointFilterTest, RemovesPointsOfTwoViewsNextToACamera) {
   EXPECT_NEAR(anew.points.size() / static_cast<double>(num_kept), 1.0, 0.02);
 }
 
-// The points that fit the keypoints best make errors smaller than the noise,
-// all the more the shorter their tracks are.
-TEST(PointFilterTest, SigmaIsThatOfTheNoiseWhateverTheTracks) {
+// Optimal points have errors smaller than the noise, the more so the shorter
+// their tracks are.
+TEST(PointFilterTest, SigmaDoesNotDependOnTheTrackLength) {
   SimulationOptions options =
       SmallScene(RigPreset::kStereo, PathPreset::kCurve);
   options.pixel_noise_px = 0.7;
@@ -299,7 +299,8 @@ TEST(PointFilterTest, SigmaIsThatOfTheNoiseWhateverTheTracks) {
     }
     const ObservationGroups groups = GroupTracks(model);
     Retriangulate(simulation.scene, groups, Within(5.0), 2, &model);
-    // Two errors are one number, which a median takes for less.
+    // The errors of two observations have one degree of freedom, for which the
+    // median underestimates sigma.
     const double tolerance = max_length == 2 ? 0.2 : 0.1;
     EXPECT_NEAR(NoiseSigmaPx(simulation.scene, model, 2), 0.7, tolerance)
         << max_length;

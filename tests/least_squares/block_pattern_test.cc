@@ -9,7 +9,7 @@
 namespace mgsfm {
 namespace {
 
-TEST(BlockPatternTest, BlocksAreWhereTheyAreSaidToBe) {
+TEST(BlockPatternTest, FindReturnsThePlacesOfBlocks) {
   const std::vector<int> sizes = {3, 6, 1, 4};
   const std::vector<BlockPairKey> pairs = {
       MakeBlockPairKey(0, 0), MakeBlockPairKey(0, 2), MakeBlockPairKey(1, 1),
@@ -35,7 +35,7 @@ TEST(BlockPatternTest, BlocksAreWhereTheyAreSaidToBe) {
   EXPECT_EQ(Eigen::MatrixXd(matrix), expected);
 }
 
-TEST(BlockPatternTest, KnowsWhatItContains) {
+TEST(BlockPatternTest, ContainsOnlyTheGivenPairs) {
   const BlockPattern pattern({2, 2, 2},
                              {MakeBlockPairKey(0, 0), MakeBlockPairKey(0, 2),
                               MakeBlockPairKey(1, 1), MakeBlockPairKey(2, 2)});
@@ -44,7 +44,7 @@ TEST(BlockPatternTest, KnowsWhatItContains) {
   EXPECT_FALSE(pattern.Contains(1, 2));
 }
 
-TEST(BlockPatternTest, MayBeEmpty) {
+TEST(BlockPatternTest, EmptyPattern) {
   EXPECT_EQ(BlockPattern().num_rows(), 0);
   EXPECT_EQ(BlockPattern().MakeMatrix().nonZeros(), 0);
 }

@@ -83,7 +83,7 @@ TEST(LevenbergMarquardtTest, FollowsACurvedValley) {
   EXPECT_EQ(summary.final_cost, problem.Cost());
 }
 
-TEST(LevenbergMarquardtTest, CostNeverRises) {
+TEST(LevenbergMarquardtTest, CostNeverIncreases) {
   double last = std::numeric_limits<double>::infinity();
   for (int n = 0; n < 30; ++n) {
     Rosenbrock problem({-1.2, 1.0});
@@ -93,7 +93,7 @@ TEST(LevenbergMarquardtTest, CostNeverRises) {
   }
 }
 
-TEST(LevenbergMarquardtTest, StopsAfterTheMostIterations) {
+TEST(LevenbergMarquardtTest, StopsAfterTheMaximumNumberOfIterations) {
   Rosenbrock problem({-1.2, 1.0});
   const SolveSummary summary = Minimize(3, &problem);
   EXPECT_EQ(summary.termination, Termination::kMaxIterations);
@@ -101,7 +101,7 @@ TEST(LevenbergMarquardtTest, StopsAfterTheMostIterations) {
   EXPECT_EQ(problem.num_solves(), 3);
 }
 
-TEST(LevenbergMarquardtTest, OptimalStartIsDone) {
+TEST(LevenbergMarquardtTest, OptimalInitialStateConverges) {
   Rosenbrock problem({1.0, 1.0});
   EXPECT_EQ(Minimize(10, &problem).termination, Termination::kConverged);
   EXPECT_EQ(problem.num_solves(), 0);
@@ -122,7 +122,7 @@ TEST(LevenbergMarquardtTest, FailsIfNotFinite) {
   EXPECT_EQ(Minimize(10, &derivative).termination, Termination::kFailure);
 }
 
-// The residual atan(x): from far off, undamped steps go ever further.
+// The residual atan(x). Undamped steps diverge from a distant initial state.
 class Arctangent : public DampedProblem {
  public:
   explicit Arctangent(double start) : x_(start) {}
@@ -176,7 +176,7 @@ TEST(LevenbergMarquardtTest, StepsFarFromASolutionAreShortened) {
   EXPECT_NEAR(shortened.x(), 0.0, 1e-3);
 }
 
-// One whose steps lead to where no cost is, however short.
+// All steps, however short, lead out of the domain.
 class Cliff : public Arctangent {
  public:
   Cliff() : Arctangent(1.0) {}
@@ -198,8 +198,8 @@ TEST(LevenbergMarquardtTest, ShortenedStepsAreNotConvergence) {
   EXPECT_EQ(problem.x(), 1.0);
 }
 
-// A chain of springs, held at one end, of which only the whole is too long: all
-// must shrink, the last one by the sum of all.
+// A chain of springs with one fixed end, initially stretched uniformly. All
+// springs shrink, so the last node moves by the sum of all changes.
 class Chain : public DampedProblem {
  public:
   explicit Chain(int size) : x_(Eigen::VectorXd::LinSpaced(size, 1.0, size)) {}
@@ -209,7 +209,7 @@ class Chain : public DampedProblem {
     lambdas_.push_back(lambda);
     return true;
   }
-  // Tridiagonal: each spring on both its ends.
+  // The matrix is tridiagonal.
   bool Solve() override {
     const int size = static_cast<int>(x_.size());
     Eigen::VectorXd diagonal = Diagonal();
@@ -269,7 +269,7 @@ class Chain : public DampedProblem {
   std::vector<double> lambdas_;
 };
 
-TEST(LevenbergMarquardtTest, DampingFallsFasterTheLongerStepsAreGood) {
+TEST(LevenbergMarquardtTest, DampingFallsFasterAfterConsecutiveGoodSteps) {
   RigSolverOptions options;
   options.function_tolerance = 1e-14;
   Chain chain(10000);

@@ -27,7 +27,7 @@ RigSceneOptions Options() {
   return options;
 }
 
-// One camera, so that blocks are frames; points and terms are cut.
+// A scene with one camera, so that blocks are frames, with points and terms.
 struct CutScene {
   explicit CutScene(const std::vector<BlockPairKey>& inseparable = {})
       : scene(MakeRayScene(Options(), 0.0)),
@@ -44,7 +44,7 @@ struct CutScene {
     }
     return images;
   }
-  // -1 if the frame is held.
+  // kNoBlock if the frame is constant.
   int BlockOfImage(int image) const {
     return structure.frame_block[scene.problem.images[image].frame];
   }
@@ -52,8 +52,8 @@ struct CutScene {
     return structure.chunk_images[chunk.images.begin + position].image;
   }
 
-  // Pairs of each block with the kNumKept others that it shares most points
-  // and terms with, by counting.
+  // Counts shared points and terms, and returns the pairs of each block with
+  // the kNumKept others that have the largest counts.
   std::set<std::pair<int, int>> StrongPairsByCounting() const {
     std::map<std::pair<int, int>, int> count;
     const auto add = [&](const std::set<int>& blocks) {
@@ -118,7 +118,7 @@ TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
         }
         part.push_back(block);
       }
-      // No observation is lost or doubled.
+      // No observation is lost or duplicated.
       std::vector<int> expected;
       const int point = s.point_order[p];
       for (size_t o = cut.scene.problem.point_begin[point];
@@ -132,7 +132,7 @@ TEST(PointCutterTest, BlocksOfAPartAreStrongPairs) {
   EXPECT_GT(num_components, cut.scene.problem.num_points() / 2);
 }
 
-TEST(PointCutterTest, TermsAreCutWhereTheirImagesAreNoStrongPair) {
+TEST(PointCutterTest, TermsAreCutUnlessTheirImagesAreAStrongPair) {
   const CutScene cut;
   const RigStructure& s = cut.structure;
   const auto strong = cut.StrongPairsByCounting();
@@ -150,7 +150,7 @@ TEST(PointCutterTest, TermsAreCutWhereTheirImagesAreNoStrongPair) {
   EXPECT_GT(num_cut, 0);
 }
 
-TEST(PointCutterTest, WhatIsInseparableIsNotCut) {
+TEST(PointCutterTest, InseparablePairsAreNotCut) {
   const CutScene free;
   const RigStructure& s = free.structure;
   const auto first_cut =

@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// Against the inverse of all equations at once, points included.
+// The inverse of the full dense equations, including points.
 void ExpectBlocksOfDenseInverse(const RigSceneOptions& options,
                                 bool has_priors) {
   RigScene<PixelObservation> scene = MakePixelScene(options);
@@ -95,11 +95,11 @@ TEST(PoseCovariancesTest, GroupsOfSensorsAreBlocksOfTheDenseInverse) {
     }
   }
   EXPECT_LT(((*covariances)[0] - expected).norm(), 1e-4 * expected.norm());
-  // The reference sensor is held.
+  // The reference sensor is constant.
   EXPECT_TRUE((*covariances)[1].isZero(0.0));
 }
 
-TEST(PoseCovariancesTest, WhatNothingTellsIsHuge) {
+TEST(PoseCovariancesTest, UnobservableDirectionsHaveHugeVariances) {
   RigSceneOptions options;
   options.cameras = {PerspectiveTestCameras()[0]};
   RigScene<PixelObservation> scene = MakePixelScene(options);
@@ -110,7 +110,7 @@ TEST(PoseCovariancesTest, WhatNothingTellsIsHuge) {
                                    PoseMask::Ones());
   const auto gauge_is_free =
       ComputePoseCovariances(scene.problem, scene.truth, Threads(1));
-  if (!gauge_is_free) return;  // rounding may make it singular all the same
+  if (!gauge_is_free) return;  // rounding errors can make it singular
   EXPECT_GT(gauge_is_free->frames[3]->trace(),
             1e4 * gauge_is_held->frames[3]->trace());
 }

@@ -20,7 +20,7 @@ namespace {
 
 constexpr double kLambda = 1e-3;
 
-// What of a problem may change.
+// The free parts of a problem.
 struct Freedom {
   const char* label;
   bool rotations = true;
@@ -52,7 +52,7 @@ RigSceneOptions SmallScene(const std::vector<TestCamera>& cameras,
   return options;
 }
 
-// What a trial step adds to the unknowns of the dense equations.
+// The change of the unknowns of the dense equations by a trial step.
 template <class R>
 Eigen::VectorXd TrialStepOf(const RigEquations<R>& equations,
                             const RigProblemBase& problem, RigState state) {
@@ -81,8 +81,8 @@ Eigen::VectorXd TrialStepOf(const RigEquations<R>& equations,
   return step;
 }
 
-// That a trial promises what `promised` does by the dense equations, and is at
-// `step` from the state.
+// Expects that a trial predicts the decrease of the step `promised` by the
+// dense equations, and that the new state is `step` from the old one.
 template <class Observation>
 void ExpectTrial(const TrialStep& trial, const DenseEquations& dense,
                  const Eigen::VectorXd& promised,
@@ -97,9 +97,9 @@ void ExpectTrial(const TrialStep& trial, const DenseEquations& dense,
   EXPECT_NEAR(trial.new_cost, new_cost, 1e-9 * new_cost);
 }
 
-// Compares a step, the decrease it promises and the cost it leads to with those
-// of the dense equations. Differences are measured in the norm of the
-// equations, in which all units are one.
+// Compares a step, its predicted decrease and its new cost with those of the
+// dense equations. Differences are measured in the norm of the equations, so
+// units do not matter.
 template <class R>
 void ExpectStepOfDenseEquations(
     const RigProblem<typename R::Observation>& problem, const RigState& state) {
@@ -136,7 +136,7 @@ TEST_P(CameraModelTest, StepSolvesTheFullEquations) {
   }
 }
 
-// A way to move the state, and the column of derivatives that belongs to it.
+// A perturbation of the state and the corresponding column of derivatives.
 struct Column {
   std::function<void(double, RigState*)> move;
   Eigen::Vector2d expected;
@@ -189,7 +189,7 @@ void ExpectDerivatives(const RigScene<PixelObservation>& scene,
   }
 }
 
-// Rows of derivatives of single observations against differences.
+// Compares the derivatives of single observations with finite differences.
 TEST_P(CameraModelTest, RowsAreDerivatives) {
   RigSceneOptions options =
       SmallScene({GetParam()}, Freedom{"Everything", true, true, true});
@@ -333,9 +333,9 @@ TEST(RigEquationsTest, FarOffDepthsAreDampedAndScalesProjected) {
   ExpectTrial(trial, dense, whole, scene.problem, s, state, step);
 }
 
-// The step of a point that is more than twice as far as its observations say
-// leads behind the cameras. Such a point goes a part of it, the others all.
-TEST(RigEquationsTest, LongStepsOfPointsDoNotRaiseTheirCost) {
+// If a point is more than twice too far, its step leads behind the cameras. Its
+// step is shortened; those of the others are not.
+TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   const Freedom freedom{"", true, true};
   RigSceneOptions options = SmallScene(
       {PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}, freedom);
@@ -447,7 +447,7 @@ TEST(RigEquationsTest, RaysWithFreeRotationsSolveTheFullEquations) {
   ExpectStepOfDenseEquations<RayResidual>(problem, pixels.truth);
 }
 
-// Rotations that only the problem knows, instead of the state's.
+// Rotations of images in the problem replace those of the state.
 TEST(RigEquationsTest, HeldRotationsMayBeTheProblems) {
   const Freedom freedom{"", false, true};
   const std::vector<TestCamera> cameras(2, PerspectiveTestCameras()[0]);
@@ -487,8 +487,8 @@ TEST(RigEquationsTest, PriorsOnPosesSolveTheFullEquations) {
   }
 }
 
-// The problem whose points are the parts of those of a structure, and its
-// state.
+// The problem (with its state) whose points are the parts of the points of a
+// structure.
 RigScene<PixelObservation> SceneOfParts(const RigScene<PixelObservation>& scene,
                                         const RigStructure& s) {
   RigScene<PixelObservation> cut = scene;

@@ -25,21 +25,21 @@ inline Eigen::Vector3d RandomVector(double size, Random* random) {
          Eigen::Vector3d(random->Normal(), random->Normal(), random->Normal());
 }
 
-// A drive of a rig past a cloud of points.
+// A rig that drives past a cloud of points.
 struct RigSceneOptions {
-  std::vector<TestCamera> cameras;  // one for each sensor
+  std::vector<TestCamera> cameras;  // one per sensor
   int num_frames = 6;
   int num_points = 60;
-  int num_frames_of_point = 4;  // in a row; all sensors
+  int num_frames_of_point = 4;  // consecutive; with all sensors
   bool rotations_are_free = true;
-  bool sensors_are_free = true;  // but the first
+  bool sensors_are_free = true;  // except the first
   bool params_are_free = false;
   bool points_are_free = true;
   double noise_px = 0.0;
   uint64_t seed = 1;
 };
 
-// Points that so many frames see that a preconditioner cuts them.
+// Points with so many frames that a preconditioner cuts them.
 inline RigSceneOptions SceneOfLongTracks() {
   RigSceneOptions options;
   options.cameras = {FisheyeTestCameras()[0], FisheyeTestCameras()[0]};
@@ -84,7 +84,7 @@ inline void AddPosesAndImages(const RigSceneOptions& options, Random* random,
     state->frames.push_back(frame);
     problem->frame_masks.push_back(MakeMask(turns && f > 0, f > 0));
   }
-  // The scale: one coordinate of one frame.
+  // One coordinate of one frame fixes the scale.
   problem->frame_masks.back()[3] = 0.0;
   for (size_t s = 0; s < options.cameras.size(); ++s) {
     const bool is_free = options.sensors_are_free && s > 0;
@@ -116,8 +116,8 @@ inline void AddPosesAndImages(const RigSceneOptions& options, Random* random,
   problem->points_are_free = options.points_are_free;
 }
 
-// Calls function(image, x) for all sensors of some frames in a row, and
-// finishes the point. The point is ahead of the middle one.
+// Calls function(image, x) for all sensors of consecutive frames, then finishes
+// the point, which is ahead of the middle frame.
 template <class Function>
 void AddPoints(const RigSceneOptions& options, Random* random,
                RigProblemBase* problem, RigState* state,
@@ -163,7 +163,7 @@ inline RigScene<PixelObservation> MakePixelScene(
   return scene;
 }
 
-// With rays, held rotations, and terms of all kinds between images.
+// A scene with rays, constant rotations, and all kinds of terms between images.
 inline RigScene<RayObservation> MakeRayScene(RigSceneOptions options,
                                              double noise) {
   RigScene<RayObservation> scene;
@@ -246,7 +246,7 @@ inline RigScene<ScaledRayObservation> MakeScaledRayScene(
   return scene;
 }
 
-// Moves all that is free by normal noise of relative size `size`.
+// Perturbs all free parameters by normal noise of relative size `size`.
 inline void Perturb(const RigProblemBase& problem, double size, Random* random,
                     RigState* state) {
   const auto masked = [&](const PoseMask& mask) {
@@ -290,8 +290,8 @@ void MovePointAway(const RigProblem<Observation>& problem, size_t point,
       frame.center + factor * (state->points[point] - frame.center);
 }
 
-// Priors on the positions of all images, gravity in them, and the poses of all
-// sensors, about `error` from the truth, with a loss that some of them feel.
+// Adds position and gravity priors for all images and priors for all sensors,
+// about `error` from the truth, so that the loss affects some of them.
 template <class Observation>
 void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
   RigProblem<Observation>& problem = scene->problem;

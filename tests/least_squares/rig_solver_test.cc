@@ -29,7 +29,7 @@ SolveSummary SolveWith(const RigScene<Observation>& scene, double perturbation,
   return SolveRigProblem(scene.problem, options, Threads(num_threads), state);
 }
 
-// The largest difference of any centre or sensor, and of any rotation.
+// The largest difference of positions and of rotations.
 double PoseDifference(const RigState& a, const RigState& b) {
   double most = 0.0;
   for (size_t i = 0; i < a.frames.size(); ++i) {
@@ -68,7 +68,7 @@ RigSceneOptions NoisyScene(const std::vector<TestCamera>& cameras) {
 
 class EachModelTest : public testing::TestWithParam<TestCamera> {
  protected:
-  // With internal poses and intrinsics free, held, and rotations held.
+  // Free and constant extrinsics and intrinsics, and constant rotations.
   static std::vector<RigSceneOptions> Scenes() {
     RigSceneOptions all = NoisyScene({GetParam(), GetParam()});
     all.params_are_free = true;
@@ -238,7 +238,7 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
                  ReducedSolver::kIterative);
 }
 
-TEST(RigSolverTest, SolvesAgainWithOtherValues) {
+TEST(RigSolverTest, CanSolveAgainWithOtherValues) {
   RigScene<RayObservation> scene = RayScene();
   RigState again = scene.truth;
   RigSolver<RayObservation> solver(scene.problem, Tight(), Threads(2));

@@ -14,7 +14,7 @@ WeightedPair Weighted(int a, int b, int weight) {
 }
 
 TEST(StrongPairsTest, KeepsTheHeaviestOfEitherBlock) {
-  // A star with one pair beside it.
+  // A star and one separate pair.
   const std::vector<WeightedPair> pairs = {Weighted(0, 1, 3), Weighted(0, 2, 5),
                                            Weighted(0, 3, 4),
                                            Weighted(1, 2, 9)};
@@ -27,7 +27,7 @@ TEST(StrongPairsTest, KeepsTheHeaviestOfEitherBlock) {
   EXPECT_TRUE(strong.Contains(4, 4));
 }
 
-TEST(StrongPairsTest, OfEqualWeightsTheClosestNumbersAreKept) {
+TEST(StrongPairsTest, TiesPreferCloseIndices) {
   std::vector<WeightedPair> pairs;
   for (int a = 0; a < 12; ++a) {
     for (int b = a + 1; b < 12; ++b) pairs.push_back(Weighted(a, b, 7));
@@ -40,7 +40,7 @@ TEST(StrongPairsTest, OfEqualWeightsTheClosestNumbersAreKept) {
   }
 }
 
-TEST(StrongPairsTest, InfiniteWeightsStay) {
+TEST(StrongPairsTest, InfiniteWeightsAreKept) {
   const std::vector<WeightedPair> pairs = {
       Weighted(0, 1, 8), Weighted(0, 2, kInfiniteWeight), Weighted(1, 2, 8)};
   const StrongPairs strong(pairs, 3, 0);

@@ -28,9 +28,9 @@ Simulation LongDrive(RigPreset rig) {
   return Simulate(options);
 }
 
-// The truth as a drive from frame to frame would have it that turns too much,
-// and grows, by a little in each.
-Reconstruction Drifted(const Simulation& simulation, double turn_deg,
+// The ground truth with drift: each frame adds a small error of rotation and
+// scale.
+Reconstruction Drifted(const Simulation& simulation, double rotation_deg,
                        double growth) {
   Reconstruction model = simulation.ground_truth;
   const auto& truth = simulation.ground_truth.rig_from_world;
@@ -38,9 +38,9 @@ Reconstruction Drifted(const Simulation& simulation, double turn_deg,
   for (size_t f = 0; f < truth.size(); ++f) {
     Sim3 move;
     if (f > 0) {
-      const Vector3d turn(0.3, 1.0, 0.1);
+      const Vector3d axis(0.3, 1.0, 0.1);
       move.rotation = (moves.back().rotation *
-                       ExpSO3(DegToRad(turn_deg) * turn.normalized()))
+                       ExpSO3(DegToRad(rotation_deg) * axis.normalized()))
                           .normalized();
       move.scale = moves.back().scale * growth;
       const Vector3d before = truth[f - 1]->Center();
@@ -66,7 +66,7 @@ struct Errors {
   double max_point = 0.0;
 };
 
-// Without alignment.
+// Errors without alignment.
 Errors Compare(const Simulation& simulation, const Reconstruction& model) {
   Errors errors;
   for (size_t f = 0; f < model.rig_from_world.size(); ++f) {
@@ -87,16 +87,16 @@ Errors Compare(const Simulation& simulation, const Reconstruction& model) {
   return errors;
 }
 
-struct BentModel {
+struct DeformedModel {
   Reconstruction model;
   Errors before;
   std::optional<ModelDeformation> deformation;
   PositionPriors used;
 };
 
-BentModel Bend(const Simulation& simulation, const Reconstruction& start,
-               const PositionPriors& priors, bool is_metric) {
-  BentModel result;
+DeformedModel Deform(const Simulation& simulation, const Reconstruction& start,
+                     const PositionPriors& priors, bool is_metric) {
+  DeformedModel result;
   result.model = start;
   PositionRegistration registration = RegisterToPriors(
       simulation.scene, priors, {}, is_metric, 0, &result.model);
@@ -110,44 +110,44 @@ BentModel Bend(const Simulation& simulation, const Reconstruction& start,
   return result;
 }
 
-TEST(PoseGraphDeformationTest, DriftOfTurnsAndScaleIsTakenBack) {
+TEST(PoseGraphDeformationTest, DriftOfRotationAndScaleIsRemoved) {
   const Simulation simulation = LongDrive(RigPreset::kMono);
   const PositionPriors priors = MeasurePositions(simulation, {0.5, 0.1}, 0);
-  const BentModel bent =
-      Bend(simulation, Drifted(simulation, 0.3, 1.002), priors, false);
-  ASSERT_TRUE(bent.deformation.has_value());
-  const Errors after = Compare(simulation, bent.model);
-  EXPECT_GT(bent.before.max_position, 5.0);
-  EXPECT_GT(bent.before.max_rotation_deg, 5.0);
+  const DeformedModel deformed =
+      Deform(simulation, Drifted(simulation, 0.3, 1.002), priors, false);
+  ASSERT_TRUE(deformed.deformation.has_value());
+  const Errors after = Compare(simulation, deformed.model);
+  EXPECT_GT(deformed.before.max_position, 5.0);
+  EXPECT_GT(deformed.before.max_rotation_deg, 5.0);
   EXPECT_LT(after.max_position, 1.5);
-  EXPECT_LT(after.max_rotation_deg, 0.4 * bent.before.max_rotation_deg);
-  EXPECT_LT(after.max_point, 0.4 * bent.before.max_point);
-  EXPECT_GT(bent.deformation->max_shift, 3.0);
-  EXPECT_GT(bent.deformation->max_rotation_deg, 3.0);
-  // What was far before is used.
+  EXPECT_LT(after.max_rotation_deg, 0.4 * deformed.before.max_rotation_deg);
+  EXPECT_LT(after.max_point, 0.4 * deformed.before.max_point);
+  EXPECT_GT(deformed.deformation->max_shift, 3.0);
+  EXPECT_GT(deformed.deformation->max_rotation_deg, 3.0);
+  // Positions that were far from the initial model are used as well.
   for (size_t i = 0; i < priors.images.size(); ++i) {
     if (!priors.images[i]) continue;
     const double error =
         (priors.images[i]->position - simulation.cam_from_world[i].Center())
             .norm();
-    EXPECT_TRUE(bent.used.images[i].has_value() || error > 1.5);
+    EXPECT_TRUE(deformed.used.images[i].has_value() || error > 1.5);
   }
 }
 
 TEST(PoseGraphDeformationTest, RigsDoNotChangeTheirScale) {
   const Simulation simulation = LongDrive(RigPreset::kStereo);
-  const BentModel bent =
-      Bend(simulation, Drifted(simulation, 0.3, 1.0),
-           MeasurePositions(simulation, {0.5, 0.1}, 0), true);
-  ASSERT_TRUE(bent.deformation.has_value());
-  const Errors after = Compare(simulation, bent.model);
-  EXPECT_GT(bent.before.max_position, 5.0);
+  const DeformedModel deformed =
+      Deform(simulation, Drifted(simulation, 0.3, 1.0),
+             MeasurePositions(simulation, {0.5, 0.1}, 0), true);
+  ASSERT_TRUE(deformed.deformation.has_value());
+  const Errors after = Compare(simulation, deformed.model);
+  EXPECT_GT(deformed.before.max_position, 5.0);
   EXPECT_LT(after.max_position, 1.5);
-  EXPECT_EQ(bent.model.sensor_from_rig[1]->translation,
+  EXPECT_EQ(deformed.model.sensor_from_rig[1]->translation,
             simulation.ground_truth.sensor_from_rig[1]->translation);
 }
 
-TEST(PoseGraphDeformationTest, WhatAgreesStaysToTheBit) {
+TEST(PoseGraphDeformationTest, ConsistentModelIsBitwiseUnchanged) {
   const Simulation simulation = LongDrive(RigPreset::kMono);
   const PositionPriors priors = MeasurePositions(simulation, {0.5, 0.1}, 0);
   Reconstruction model = simulation.ground_truth;
@@ -162,8 +162,8 @@ TEST(PoseGraphDeformationTest, WhatAgreesStaysToTheBit) {
   }
 }
 
-// A gap in the drive: no pair joins what was before and after.
-TEST(PoseGraphDeformationTest, PartsComeOutInOneWorld) {
+// No pair connects the frames before and after a gap.
+TEST(PoseGraphDeformationTest, ComponentsShareOneWorld) {
   SimulationOptions options;
   options.rig = RigPreset::kStereo;
   options.path = PathPreset::kCurve;
@@ -174,15 +174,16 @@ TEST(PoseGraphDeformationTest, PartsComeOutInOneWorld) {
   options.pixel_noise_px = 0.3;
   Simulation simulation = Simulate(options);
   auto& pairs = simulation.view_graph.pairs;
-  const auto part = [&](int image_idx) {
+  const auto component = [&](int image_idx) {
     const int frame_idx = simulation.scene.images[image_idx].frame_idx;
     return frame_idx < 22 ? 0 : frame_idx < 28 ? 1 : 2;
   };
   pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
                              [&](const ImagePair& pair) {
-                               const int part1 = part(pair.image_idx1);
-                               return part1 == 1 ||
-                                      part1 != part(pair.image_idx2);
+                               const int component1 =
+                                   component(pair.image_idx1);
+                               return component1 == 1 ||
+                                      component1 != component(pair.image_idx2);
                              }),
               pairs.end());
   const MapperResult result =

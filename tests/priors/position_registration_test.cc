@@ -29,7 +29,7 @@ PositionPriors Measured(const Simulation& simulation, double sigma_m,
   return MeasurePositions(simulation, {sigma_m, outlier_ratio}, 0);
 }
 
-// Of centres, without alignment.
+// The largest distance of camera centres, without alignment.
 double MaxDistance(const Simulation& simulation, const Reconstruction& model) {
   double most = 0.0;
   for (size_t i = 0; i < simulation.scene.images.size(); ++i) {
@@ -45,7 +45,7 @@ double MaxDistance(const Simulation& simulation, const Reconstruction& model) {
 
 const Sim3 kModelFromWorld{0.3, ExpSO3({0.4, -2.0, 0.7}), {10.0, -5.0, 3.0}};
 
-TEST(PositionRegistrationTest, RecoversTheWorldInSpiteOfOutliers) {
+TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
@@ -56,7 +56,7 @@ TEST(PositionRegistrationTest, RecoversTheWorldInSpiteOfOutliers) {
   EXPECT_EQ(summary.message, "");
   EXPECT_EQ(summary.num_priors, 30);
   EXPECT_LT(MaxDistance(simulation, model), 0.15);
-  JudgePriors(simulation.scene, priors, used, model, &summary);
+  EvaluatePositions(simulation.scene, priors, used, model, &summary);
   EXPECT_EQ(summary.num_used + static_cast<int>(summary.outliers.size()), 30);
   EXPECT_GE(summary.outliers.size(), 4u);
   for (const PositionPriorSummary::Outlier& outlier : summary.outliers) {
@@ -79,8 +79,8 @@ TEST(PositionRegistrationTest, MetricModelKeepsItsUnit) {
               1e-9);
 }
 
-// The turn about a straight path comes from upright cameras. The world of the
-// simulation has y down; here it is laid on the earth.
+// Upright cameras determine the rotation about a straight path. The simulated
+// world has y down, so it is rotated to z up.
 TEST(PositionRegistrationTest, CamerasOnALineAreUpright) {
   Simulation simulation = Simulate(DriveOptions(PathPreset::kStraight));
   const Sim3 earth_from_world{
@@ -125,7 +125,7 @@ TEST(PositionRegistrationTest, MapperPlacesTheModel) {
   const MapperModel& model = result.models[0];
   ASSERT_TRUE(model.position_priors.has_value());
   EXPECT_TRUE(model.position_priors->is_registered);
-  // Thirty positions of 0.3 m: the mean is better than any of them.
+  // The mean of 30 positions with 0.3 m is more accurate than each of them.
   EXPECT_LT(MaxDistance(simulation, model.reconstruction), 0.3);
   EXPECT_LT(model.position_priors->outliers.size(), 8u);
 }

@@ -9,7 +9,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
-#include "soft_rig/common_motion.h"
+#include "soft_rig/rig_calibration.h"
 
 namespace mgsfm {
 namespace {
@@ -20,35 +20,34 @@ PoseVector NormalVector(Random* random) {
   return v;
 }
 
-// Images of frames of two, each measured by itself with a known covariance: the
-// rig of a frame is in the middle of what it has measured.
+// Frames of two images whose relative pose is measured with a known covariance.
 struct Measured {
   std::vector<PoseVector> values;  // sensor 1 relative to sensor 0
   PoseMatrix covariance;
 };
 
-Measured Measure(const Spread& spread, int num_frames, uint64_t seed) {
+Measured Measure(const DeviationSigma& sigma, int num_frames, uint64_t seed) {
   Random random(seed);
   Measured measured;
   PoseVector noise;
   noise << 0.002, 0.001, 0.003, 0.02, 0.03, 0.01;
   measured.covariance = noise.cwiseAbs2().asDiagonal();
-  const PoseVector sigma = PriorVariances(spread).cwiseSqrt();
+  const PoseVector sigmas = PriorVariances(sigma).cwiseSqrt();
   for (int i = 0; i < num_frames; ++i) {
     measured.values.push_back(
-        sigma.cwiseProduct(NormalVector(&random) - NormalVector(&random)) +
+        sigmas.cwiseProduct(NormalVector(&random) - NormalVector(&random)) +
         noise.cwiseProduct(NormalVector(&random)));
   }
   return measured;
 }
 
-// Deviations of both images with their posterior covariance, for the spreads
-// that are assumed.
-std::vector<FrameDeviations> Posterior(const Measured& measured,
-                                       const std::vector<Spread>& spreads) {
+// The deviations of both images with their posterior covariance under the
+// assumed sigmas.
+std::vector<FrameDeviations> Posterior(
+    const Measured& measured, const std::vector<DeviationSigma>& sigmas) {
   Eigen::MatrixXd prior = Eigen::MatrixXd::Zero(12, 12);
-  prior.topLeftCorner<6, 6>() = PriorVariances(spreads[0]).asDiagonal();
-  prior.bottomRightCorner<6, 6>() = PriorVariances(spreads[1]).asDiagonal();
+  prior.topLeftCorner<6, 6>() = PriorVariances(sigmas[0]).asDiagonal();
+  prior.bottomRightCorner<6, 6>() = PriorVariances(sigmas[1]).asDiagonal();
   Eigen::MatrixXd difference(6, 12);
   difference << -PoseMatrix::Identity(), PoseMatrix::Identity();
   const Eigen::MatrixXd gain =
@@ -66,51 +65,52 @@ std::vector<FrameDeviations> Posterior(const Measured& measured,
   return frames;
 }
 
-TEST(DeviationsTest, SpreadsAreFound) {
-  const Spread truth = {0.004, 0.05};
+TEST(DeviationsTest, SigmasAreEstimated) {
+  const DeviationSigma truth = {0.004, 0.05};
   const Measured measured = Measure(truth, 400, 3);
-  for (const Spread& start : {Spread{0.05, 0.005}, Spread{0.0005, 1.0}}) {
-    std::vector<Spread> spreads(2, start);
-    std::vector<SpreadShare> shares;
+  for (const DeviationSigma& start :
+       {DeviationSigma{0.05, 0.005}, DeviationSigma{0.0005, 1.0}}) {
+    std::vector<DeviationSigma> sigmas(2, start);
+    std::vector<ObservedFraction> fractions;
     for (int round = 0; round < 15; ++round) {
-      spreads =
-          UpdateSpreads(Posterior(measured, spreads), {0, 0}, spreads, &shares);
+      sigmas =
+          UpdateSigmas(Posterior(measured, sigmas), {0, 0}, sigmas, &fractions);
     }
-    for (const Spread& spread : spreads) {
-      EXPECT_NEAR(spread.rotation_rad / truth.rotation_rad, 1.0, 0.15);
-      EXPECT_NEAR(spread.position / truth.position, 1.0, 0.15);
+    for (const DeviationSigma& sigma : sigmas) {
+      EXPECT_NEAR(sigma.rotation_rad / truth.rotation_rad, 1.0, 0.15);
+      EXPECT_NEAR(sigma.position / truth.position, 1.0, 0.15);
     }
   }
 }
 
-TEST(DeviationsTest, SpreadsOfARigidRigVanish) {
+TEST(DeviationsTest, SigmasOfARigidRigVanish) {
   const Measured measured = Measure({0.0, 0.0}, 400, 5);
-  std::vector<Spread> spreads(2, Spread{0.01, 0.1});
-  std::vector<SpreadShare> shares;
+  std::vector<DeviationSigma> sigmas(2, DeviationSigma{0.01, 0.1});
+  std::vector<ObservedFraction> fractions;
   for (int round = 0; round < 10; ++round) {
-    spreads =
-        UpdateSpreads(Posterior(measured, spreads), {0, 0}, spreads, &shares);
+    sigmas =
+        UpdateSigmas(Posterior(measured, sigmas), {0, 0}, sigmas, &fractions);
   }
-  // Noise may look like a little spread.
-  EXPECT_LT(spreads[0].rotation_rad, 5e-4);
-  EXPECT_LT(spreads[0].position, 5e-3);
+  // Noise can look like a small deviation.
+  EXPECT_LT(sigmas[0].rotation_rad, 5e-4);
+  EXPECT_LT(sigmas[0].position, 5e-3);
 }
 
-TEST(DeviationsTest, SensorsWithFewImagesTakeTheSpreadOfTheirRig) {
+TEST(DeviationsTest, SensorsWithFewImagesUseTheSigmaOfTheirRig) {
   const Measured measured = Measure({0.004, 0.05}, 100, 7);
-  const std::vector<Spread> spreads(3, Spread{0.004, 0.05});
-  std::vector<FrameDeviations> deviations = Posterior(measured, spreads);
+  const std::vector<DeviationSigma> sigmas(3, DeviationSigma{0.004, 0.05});
+  std::vector<FrameDeviations> deviations = Posterior(measured, sigmas);
   deviations.back().images[1].sensor_idx = 2;
-  std::vector<SpreadShare> shares;
-  const std::vector<Spread> updated =
-      UpdateSpreads(deviations, {0, 0, 0}, spreads, &shares);
+  std::vector<ObservedFraction> fractions;
+  const std::vector<DeviationSigma> updated =
+      UpdateSigmas(deviations, {0, 0, 0}, sigmas, &fractions);
   EXPECT_GT(updated[2].position, 0.8 * updated[1].position);
   EXPECT_LT(updated[2].position, 1.25 * updated[1].position);
 }
 
-// However much the prior holds deviations back, the mean is found at once.
+// The mean is found in one step, however much the prior shrinks deviations.
 TEST(DeviationsTest, OneStepFindsTheMean) {
-  const Spread truth = {0.004, 0.05};
+  const DeviationSigma truth = {0.004, 0.05};
   Measured measured = Measure(truth, 400, 9);
   PoseVector shift;
   shift << 0.01, -0.02, 0.03, 0.1, 0.2, -0.3;
@@ -120,9 +120,9 @@ TEST(DeviationsTest, OneStepFindsTheMean) {
   Eigen::VectorXd mask = Eigen::VectorXd::Zero(14);
   mask.segment<6>(7).setOnes();
   for (const double factor : {0.1, 1.0, 10.0}) {
-    const std::vector<Spread> assumed(
+    const std::vector<DeviationSigma> assumed(
         2, {factor * truth.rotation_rad, factor * truth.position});
-    CommonEquations equations(2);
+    CalibrationEquations equations(2);
     for (const FrameDeviations& frame : Posterior(measured, assumed)) {
       equations.AddFrame(
           frame, {0, 1},
@@ -142,8 +142,8 @@ TEST(DeviationsTest, OneStepFindsTheMean) {
   }
 }
 
-TEST(DeviationsTest, PriorsHoldTheMean) {
-  CommonEquations equations(1);
+TEST(DeviationsTest, PriorsDetermineTheMean) {
+  CalibrationEquations equations(1);
   const PoseVector change = PoseVector::LinSpaced(0.1, 0.6);
   equations.AddPrior(0, change, PoseVector::Constant(0.01));
   Eigen::VectorXd mask = Eigen::VectorXd::Ones(7);
@@ -157,7 +157,7 @@ TEST(DeviationsTest, PriorsHoldTheMean) {
 }
 
 // Against differences of expected poses.
-TEST(CommonMotionTest, JacobianIsThatOfExpectedPoses) {
+TEST(RigCalibrationTest, JacobianIsThatOfExpectedPoses) {
   SimulationOptions simulated;
   simulated.num_frames = 12;
   const Simulation simulation = Simulate(simulated);
@@ -169,7 +169,7 @@ TEST(CommonMotionTest, JacobianIsThatOfExpectedPoses) {
   SoftRigOptions options;
   options.method = SoftRig::kTimeOffset;
   const BundleAdjustmentOptions bundle_options;
-  CommonMotion motion(late, options, bundle_options);
+  RigCalibration motion(late, options, bundle_options);
   motion.SetRig(simulation.ground_truth);
   const int image_idx = late.frames[5].image_idxs[1];
   const int sensor_idx = late.images[image_idx].sensor_idx;

@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kSteps = 10;  // poses of the path in the time between frames
+constexpr int kSteps = 10;  // poses of the path per frame interval
 constexpr double kFrameRate = 10.0;
 
 // A winding, smooth path at changing speed, about 10 m/s.
@@ -45,17 +45,17 @@ SimulationOptions DriveOptions(RigPreset rig) {
   return options;
 }
 
-struct LooseDrive {
+struct SoftRigDrive {
   Simulation simulation;
   Reconstruction rigid;
-  SoftRigResult loose;
+  SoftRigResult soft;
 };
 
-LooseDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
-                                   const std::vector<Rigid3>& path,
-                                   SoftRig method = SoftRig::kSoft,
-                                   int num_threads = 2) {
-  LooseDrive drive{Simulate(simulated, path), {}, {}};
+SoftRigDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
+                                     const std::vector<Rigid3>& path,
+                                     SoftRig method = SoftRig::kSoft,
+                                     int num_threads = 2) {
+  SoftRigDrive drive{Simulate(simulated, path), {}, {}};
   const Scene& scene = drive.simulation.scene;
   const CandidateSource candidates =
       FixedCandidates(GroupTracks(drive.simulation.ground_truth));
@@ -67,7 +67,7 @@ LooseDrive EstimateSoftRigOfImages(const SimulationOptions& simulated,
                     .estimate;
   SoftRigOptions options;
   options.method = method;
-  drive.loose =
+  drive.soft =
       EstimateSoftRig(scene, SeparateImages(scene), candidates, drive.rigid,
                       options, bundle_options, Threads(num_threads));
   return drive;
@@ -83,7 +83,7 @@ Evaluation Compare(const Simulation& simulation,
   return Evaluate(images, true, {}, {});
 }
 
-Evaluation CompareRigid(const LooseDrive& drive) {
+Evaluation CompareRigid(const SoftRigDrive& drive) {
   std::vector<std::optional<Rigid3>> poses;
   for (size_t i = 0; i < drive.simulation.scene.images.size(); ++i) {
     poses.push_back(
@@ -92,9 +92,9 @@ Evaluation CompareRigid(const LooseDrive& drive) {
   return Compare(drive.simulation, poses);
 }
 
-// The true spread of what two images of a frame differ by, as each has half of
-// it; of each coordinate.
-Spread TrueSpread(const Simulation& simulation) {
+// The true standard deviation of each coordinate. Two images of a frame differ
+// by the deviations of both, hence the factor of two in the variance.
+DeviationSigma TrueSigma(const Simulation& simulation) {
   double rotation = 0.0, position = 0.0;
   int count = 0;
   for (const Frame& frame : simulation.scene.frames) {
@@ -118,20 +118,21 @@ Spread TrueSpread(const Simulation& simulation) {
           std::sqrt(position / (6.0 * count))};
 }
 
-TEST(SoftRigTest, JitterIsRemovedAndItsSpreadFound) {
+TEST(SoftRigTest, JitterIsRemovedAndItsSigmaEstimated) {
   for (const double jitter_ms : {20.0, 50.0}) {
     SimulationOptions options = DriveOptions(RigPreset::kStereo);
     options.trigger_jitter_ms = jitter_ms;
-    const LooseDrive drive = EstimateSoftRigOfImages(options, WindingPath(40));
-    const SoftRigSummary& summary = drive.loose.images.summary;
+    const SoftRigDrive drive =
+        EstimateSoftRigOfImages(options, WindingPath(40));
+    const SoftRigSummary& summary = drive.soft.images.summary;
     ASSERT_TRUE(summary.is_usable) << summary.message;
     EXPECT_TRUE(summary.has_converged);
     const Evaluation before = CompareRigid(drive);
     const Evaluation after =
-        Compare(drive.simulation, drive.loose.images.cam_from_world);
+        Compare(drive.simulation, drive.soft.images.cam_from_world);
     EXPECT_LT(after.position_m->mean, 0.2 * before.position_m->mean);
     EXPECT_LT(after.rotation_deg->mean, 0.3 * before.rotation_deg->mean);
-    const Spread truth = TrueSpread(drive.simulation);
+    const DeviationSigma truth = TrueSigma(drive.simulation);
     const double scale = after.world_from_model->scale;
     ASSERT_EQ(summary.sensors.size(), 2u);
     for (const SoftRigSensor& sensor : summary.sensors) {
@@ -149,13 +150,13 @@ TEST(SoftRigTest, JitterIsRemovedAndItsSpreadFound) {
 
 TEST(SoftRigTest, RigidRigsStayRigid) {
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
-    const LooseDrive drive =
+    const SoftRigDrive drive =
         EstimateSoftRigOfImages(DriveOptions(rig), WindingPath(20));
-    const SoftRigSummary& summary = drive.loose.images.summary;
+    const SoftRigSummary& summary = drive.soft.images.summary;
     ASSERT_TRUE(summary.is_usable) << summary.message;
     const Evaluation before = CompareRigid(drive);
     const Evaluation after =
-        Compare(drive.simulation, drive.loose.images.cam_from_world);
+        Compare(drive.simulation, drive.soft.images.cam_from_world);
     EXPECT_LT(after.position_m->mean, 1.3 * before.position_m->mean + 1e-4);
     EXPECT_LT(after.rotation_deg->mean, 1.3 * before.rotation_deg->mean + 1e-4);
     for (const SoftRigSensor& sensor : summary.sensors) {
@@ -169,7 +170,7 @@ TEST(SoftRigTest, ImagesWithFewObservationsStayAtTheRig) {
   SimulationOptions options = DriveOptions(RigPreset::kStereo);
   options.trigger_jitter_ms = 20.0;
   Simulation simulation = Simulate(options, WindingPath(30));
-  // Two observations tell nothing of an image.
+  // Two observations do not determine the pose of an image.
   const int poor_image_idx = simulation.scene.frames[12].image_idxs[1];
   int num_left = 2;
   for (Point3D& point : simulation.ground_truth.points) {
@@ -188,11 +189,11 @@ TEST(SoftRigTest, ImagesWithFewObservationsStayAtTheRig) {
       RefineReconstruction(scene, candidates, simulation.ground_truth,
                            bundle_options, Threads(2))
           .estimate;
-  SoftRigOptions loose_options;
-  loose_options.method = SoftRig::kSoft;
+  SoftRigOptions soft_options;
+  soft_options.method = SoftRig::kSoft;
   const SoftRigResult result =
       EstimateSoftRig(scene, SeparateImages(scene), candidates, rigid,
-                      loose_options, bundle_options, Threads(2));
+                      soft_options, bundle_options, Threads(2));
   ASSERT_TRUE(result.images.summary.is_usable);
   const Rigid3 in_rig = *result.estimate.CamFromWorld(scene, poor_image_idx);
   const Rigid3& pose = *result.images.cam_from_world[poor_image_idx];
@@ -207,10 +208,10 @@ TEST(SoftRigTest, TimeOffsetIsFound) {
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
     SimulationOptions options = DriveOptions(rig);
     options.trigger_offset_ms = 30.0;
-    const LooseDrive drive = EstimateSoftRigOfImages(
+    const SoftRigDrive drive = EstimateSoftRigOfImages(
         options, WindingPath(rig == RigPreset::kStereo ? 40 : 20),
         SoftRig::kTimeOffset);
-    const SoftRigSummary& summary = drive.loose.images.summary;
+    const SoftRigSummary& summary = drive.soft.images.summary;
     ASSERT_TRUE(summary.is_usable) << summary.message;
     for (const SoftRigSensor& sensor : summary.sensors) {
       if (drive.simulation.scene.IsReference(sensor.sensor_idx)) {
@@ -225,22 +226,22 @@ TEST(SoftRigTest, TimeOffsetIsFound) {
     }
     const Evaluation before = CompareRigid(drive);
     const Evaluation after =
-        Compare(drive.simulation, drive.loose.images.cam_from_world);
+        Compare(drive.simulation, drive.soft.images.cam_from_world);
     EXPECT_LT(after.position_m->mean, 0.5 * before.position_m->mean);
   }
 }
 
-TEST(SoftRigTest, StandingTellsNoTimeOffset) {
+TEST(SoftRigTest, StandingRigHasNoObservableTimeOffset) {
   SimulationOptions options = DriveOptions(RigPreset::kStereo);
   options.trigger_offset_ms = 30.0;
   options.frame_step = 1;
   options.frame_rate_hz = kFrameRate;
   options.path = PathPreset::kStanding;
   options.num_frames = 20;
-  const LooseDrive standing =
+  const SoftRigDrive standing =
       EstimateSoftRigOfImages(options, {}, SoftRig::kTimeOffset);
-  ASSERT_TRUE(standing.loose.images.summary.is_usable);
-  for (const SoftRigSensor& sensor : standing.loose.images.summary.sensors) {
+  ASSERT_TRUE(standing.soft.images.summary.is_usable);
+  for (const SoftRigSensor& sensor : standing.soft.images.summary.sensors) {
     EXPECT_FALSE(sensor.time_offset_s.has_value());
     EXPECT_EQ(standing.simulation.scene.IsReference(sensor.sensor_idx),
               sensor.message.empty());
@@ -250,28 +251,28 @@ TEST(SoftRigTest, StandingTellsNoTimeOffset) {
 TEST(SoftRigTest, ThreadsDoNotChangeAnything) {
   SimulationOptions options = DriveOptions(RigPreset::kStereo);
   options.trigger_jitter_ms = 20.0;
-  const LooseDrive one =
+  const SoftRigDrive one =
       EstimateSoftRigOfImages(options, WindingPath(15), SoftRig::kSoft, 1);
-  const LooseDrive three =
+  const SoftRigDrive three =
       EstimateSoftRigOfImages(options, WindingPath(15), SoftRig::kSoft, 3);
-  for (size_t i = 0; i < one.loose.images.cam_from_world.size(); ++i) {
-    const Rigid3& a = *one.loose.images.cam_from_world[i];
-    const Rigid3& b = *three.loose.images.cam_from_world[i];
+  for (size_t i = 0; i < one.soft.images.cam_from_world.size(); ++i) {
+    const Rigid3& a = *one.soft.images.cam_from_world[i];
+    const Rigid3& b = *three.soft.images.cam_from_world[i];
     EXPECT_EQ(a.translation, b.translation);
     EXPECT_EQ(a.rotation.coeffs(), b.rotation.coeffs());
   }
 }
 
-TEST(SoftRigTest, SingleCamerasAreLeftAsTheyAre) {
-  const LooseDrive drive =
+TEST(SoftRigTest, SingleCamerasStayUnchanged) {
+  const SoftRigDrive drive =
       EstimateSoftRigOfImages(DriveOptions(RigPreset::kMono), WindingPath(10));
-  const SoftRigSummary& summary = drive.loose.images.summary;
+  const SoftRigSummary& summary = drive.soft.images.summary;
   EXPECT_FALSE(summary.is_usable);
   EXPECT_NE(summary.message, "");
   EXPECT_TRUE(summary.sensors.empty());
   for (size_t i = 0; i < drive.simulation.scene.images.size(); ++i) {
     EXPECT_EQ(
-        drive.loose.images.cam_from_world[i]->translation,
+        drive.soft.images.cam_from_world[i]->translation,
         drive.rigid.CamFromWorld(drive.simulation.scene, static_cast<int>(i))
             ->translation);
   }

@@ -10,52 +10,59 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/least_squares/backend.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/tracks.h"
 
 namespace mgsfm {
 
-// Multi-camera bundle adjustment (section 3.5 of MGSfM, eq. 20), over frame
-// poses, internal poses, points and, if asked, intrinsics:
+// Bundle adjustment of rigs (MGSfM, section 3.5, eq. 20).
+//
+// Unknowns: frame poses, rig extrinsics, points and, if enabled, intrinsics.
+// R, c are rotation and centre of a frame; S, t are sensor_from_rig, constant
+// identity for the reference sensor; f are focal lengths.
+//
+// Objective:
 //
 //   min 1/2 sum_o rho(|Project(K, S R (p - c) + t) - x_o|^2)
-//     + 1/2 sum_f ((f - f_given) / (sigma_f f_given))^2                    (1)
-//     + 1/2 sum_k (|Log(S S_given^T)|^2 / sigma_R^2
-//                  + |t - t_given|^2 / sigma_t^2)
+//     + 1/2 sum_f ((f - f_0) / (sigma_f f_0))^2                            (1)
+//     + 1/2 sum_k (|Log(S S_0^T)|^2 / sigma_R^2 + |t - t_0|^2 / sigma_t^2)
 //     + 1/2 sum_i rho_g((c_i - g_i)^T C_i^-1 (c_i - g_i))
 //     + 1/2 sum_j rho_g(|S R down - u_j|^2 / sigma_u^2)
 //
-// R, c: rotation and centre of the frame; S, t: sensor_from_rig, the constant
-// identity for the reference sensor; rho: Huber, in pixels. The second sum is
-// over refined focal lengths: a straight drive does not determine them, and
-// must not spoil them; sigma_f is larger where the given value is not trusted.
-// The third is over refined
-// sensors whose pose was given; sigma_t is a part of the largest given |t| of
-// the rig. The fourth is over images with a measured position g_i, of
-// covariance C_i, of their centre c_i, in the world of the model; rho_g:
-// Cauchy. The last is over images with measured gravity u_j, if it was.
+// - Observations o. rho is Huber, in pixels.
+// - Refined focal lengths f, with the value f_0 of the scene. A straight drive
+//   does not determine them. sigma_f is larger if f_0 is not a prior.
+// - Refined sensors k with prior extrinsics S_0, t_0. sigma_t is a fraction of
+//   the largest prior |t_0| of the rig.
+// - Images i with a measured position g_i (covariance C_i) of their centre c_i.
+//   rho_g is Cauchy.
+// - Images j with a measured direction of gravity u_j.
 //
-// Gauge. The frame with the most observations is held; with measured gravity
-// its centre, and by a weak term its heading. Scale is held by the
-// largest coordinate of the offset of a frame at a typical distance, or of an
-// internal translation, unless two sensors of one frame are held, or by their
-// priors, at different places: then scale is observable, and known extrinsics
-// keep the model metric.
-// Nothing is held if frames (all, or some that FixedPoses names) or points are,
-// or if positions are measured.
+// Gauge. The frame with the most observations is fixed. With gravity terms, its
+// centre is fixed, and a weak term fixes its heading. Scale is fixed through
+// one coordinate: the largest among the offset of a distant frame (75 %
+// quantile) and the sensor translations. Exceptions:
+// - Scale is free if two sensors of a frame are fixed, or have priors, at
+//   different centres: known extrinsics determine it.
+// - Nothing is fixed in addition if any frame is fixed by FixedPoses, if all
+//   frames or all points are constant, or if there are position priors.
 //
-// Method: Levenberg-Marquardt with analytic derivatives; points are eliminated
-// first; the rest is a sparse Cholesky factorisation of the frames, with the
-// internal poses and intrinsics as border. Ends when the relative change of
-// the cost is at most function_tolerance. The same to the last bit for every
-// number of threads. Cost of an iteration: linear in the observations, for each
-// point the square of the number of frames that see it, and the factorisation.
+// Method: Levenberg-Marquardt with analytic derivatives. Points are eliminated
+// first (Schur complement), frames by sparse Cholesky factorisation, extrinsics
+// and intrinsics last.
+//
+// Stopping criterion of a solve: |cost - new cost| <= function_tolerance cost;
+// src/least_squares/rig_solver.h has the others.
+//
+// Cost of an iteration: linear in the observations, for each point quadratic in
+// the number of frames that observe it, and the factorisation. Results are the
+// same to the last bit for every number of threads.
 
 enum class RefineMode {
-  kAuto,  // what is not known beforehand
+  kAuto,  // refine parameters without a prior value
   kYes,
   kNo,
 };
@@ -66,7 +73,7 @@ struct EnumTable<RefineMode> {
       {"auto", RefineMode::kAuto},
       {"yes", RefineMode::kYes},
       {"no", RefineMode::kNo},
-      {"1", RefineMode::kYes},  // as COLMAP's flags have it
+      {"1", RefineMode::kYes},  // COLMAP uses 0 and 1
       {"0", RefineMode::kNo}};
 };
 
@@ -107,43 +114,44 @@ struct BundleAdjustmentOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("backend", self.backend, AnyValue(), "",
-          "Solver: that of this program, or Ceres with the same derivatives, "
-          "for comparison.");
+          "native is this library's solver, ceres uses Ceres with the same "
+          "derivatives. For comparison.");
     visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
-          "iterations", "Most iterations of one solve.");
+          "iterations", "Maximum number of iterations of one solve.");
     visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
-          "A solve ends when the cost changes by less than this part.");
+          "A solve has converged when the relative change of the cost is at "
+          "most this.");
     visit("loss_scale", self.loss_scale_px, GreaterThan(0.0), "px",
-          "Reprojection errors above count linearly, not squared.");
+          "Threshold of the Huber loss of reprojection errors.");
     visit("loss_sigma_factor", self.loss_sigma_factor, GreaterThan(0.0), "",
-          "Lowers loss_scale to so many standard deviations of the noise of "
-          "keypoints, once points were triangulated anew.");
+          "Upper bound of loss_scale in standard deviations of the keypoint "
+          "noise, after the first triangulation. 1.345 is 95 % efficient for "
+          "normal noise.");
     visit("refine_rig_from_world", self.refine_rig_from_world, AnyValue(), "",
-          "Refine the poses of frames.");
+          "Refine frame poses.");
     visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
-          "Refine the poses of cameras in the rig; auto: those that were not "
-          "given; yes: given ones, too, near what was given.");
+          "Refine sensor_from_rig. auto: sensors without a prior. yes: all; "
+          "sensors with a prior stay near it.");
     visit("refine_points", self.refine_points, AnyValue(), "",
           "Refine 3D points.");
     visit("refine_focal_length", self.refine_focal_length, AnyValue(), "",
-          "Refine focal lengths; auto: those without a prior.");
+          "Refine focal lengths. auto: those without a prior.");
     visit("refine_principal_point", self.refine_principal_point, AnyValue(), "",
           "Refine principal points.");
     visit("refine_extra_params", self.refine_extra_params, AnyValue(), "",
-          "Refine distortion parameters; auto: of cameras without a prior "
+          "Refine distortion parameters. auto: of cameras without a prior "
           "focal length.");
     DescribePriors(self, visit);
     visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
-          "Rounds of triangulating all points anew and solving.");
-    visit(
-        "error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
-        "Observations with more than so many standard deviations of the noise "
-        "of keypoints are outliers.");
+          "Number of rounds of a solve and a triangulation of all points.");
+    visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
+          "Observations with a reprojection error above this many standard "
+          "deviations of the keypoint noise are outliers.");
     visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
-          "Reprojection errors up to this are never outliers.");
+          "Observations with a reprojection error below this are inliers.");
     visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
-          "Larger reprojection errors are outliers in the last round; in each "
-          "round before, twice as much is allowed.");
+          "Observations with a reprojection error above this are outliers in "
+          "the last round. The bound doubles for each earlier round.");
     DescribePoints(self, visit);
   }
 
@@ -152,70 +160,71 @@ struct BundleAdjustmentOptions {
   static void DescribePoints(Self& self, Visitor& visit) {
     visit("min_triangulation_angle_deg", self.min_triangulation_angle_deg,
           Between(0.0, 90.0), "deg",
-          "Points whose rays all span less are dropped.");
+          "Points with a smaller triangulation angle are removed.");
     visit("min_two_view_angle_deg", self.min_two_view_angle_deg,
           Between(0.0, 90.0), "deg",
-          "The same for points with two observations.");
+          "The same bound for points with two observations.");
     visit("min_num_observations", self.min_num_observations, AtLeast(2),
-          "observations", "Points with fewer are dropped.");
+          "observations", "Points with fewer observations are removed.");
     visit("min_track_share", self.min_track_share, Between(0.0, 1.0), "",
-          "Points that fewer of the images of their track agree with are "
-          "dropped: most are on things that move.");
+          "Points are removed if a smaller share of the images of their track "
+          "are inliers. Most of these are on moving objects.");
     visit("max_relative_distance", self.max_relative_distance, AtLeast(0.0), "",
-          "Points more than so many median distances away from all of their "
-          "cameras are dropped: a vehicle alongside looks as if it were "
-          "infinitely far, and turns the rig; 0 keeps them.");
+          "Points farther from all of their cameras, in median distances, are "
+          "removed. A vehicle alongside appears infinitely far and biases the "
+          "rotation of the rig. 0 disables the test.");
     visit("min_two_view_relative_distance", self.min_two_view_relative_distance,
           Between(0.0, 1.0), "",
-          "Points with two observations less than so many median distances "
-          "away from one of their cameras are dropped: nearly all are wrong "
-          "matches, and so near they hold the frame where it is.");
+          "Points with two observations nearer to one of their cameras, in "
+          "median distances, are removed. Most are wrong matches, and near "
+          "points constrain the frame strongly.");
     visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
           AtLeast(0), "observations",
-          "Frames with fewer are reported as weak.");
+          "Frames with fewer observations are reported as weak.");
   }
 
   template <class Self, class Visitor>
   static void DescribePriors(Self& self, Visitor& visit) {
     visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
           GreaterThan(0.0), "",
-          "Relative standard deviation of prior focal lengths, where these are "
+          "Relative standard deviation of prior focal lengths that are "
           "refined.");
     visit("focal_length_start_sigma", self.focal_length_start_sigma,
           GreaterThan(0.0), "",
-          "The same of those without a prior, of the value that refinement "
-          "starts from: keeps what the motion does not tell from wandering.");
+          "The same for initial focal lengths that are not priors. It keeps "
+          "a focal length near its initial value if the motion does not "
+          "determine it.");
     visit("max_focal_length_sigma", self.max_focal_length_sigma,
           GreaterThan(0.0), "",
-          "Refined focal lengths that the images tell with a larger relative "
-          "standard deviation are reported as not observable.");
+          "Refined focal lengths with a larger relative standard deviation are "
+          "reported as unobservable.");
     visit("min_focal_length_ratio", self.min_focal_length_ratio,
           GreaterThan(0.0), "",
-          "Refined focal lengths below this part of the larger side of the "
-          "image are reported as not plausible.");
+          "Refined focal lengths below this multiple of the larger image side "
+          "are reported as implausible.");
     visit("max_focal_length_ratio", self.max_focal_length_ratio,
-          GreaterThan(0.0), "", "The same of those above.");
+          GreaterThan(0.0), "", "The same for focal lengths above.");
     visit("max_extra_param", self.max_extra_param, GreaterThan(0.0), "",
-          "The same of refined distortion parameters whose magnitude is "
-          "above.");
+          "The same for refined distortion parameters of larger magnitude.");
     visit("sensor_from_rig_prior_sigma_deg",
           self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
-          "Standard deviation of given rotations of cameras in the rig, where "
-          "these are refined.");
+          "Standard deviation of prior rotations of sensor_from_rig that are "
+          "refined.");
     visit("sensor_from_rig_prior_sigma", self.sensor_from_rig_prior_sigma,
           GreaterThan(0.0), "",
-          "The same of given translations, as a part of the largest given in "
-          "the rig.");
+          "The same for prior translations, as a fraction of the largest one "
+          "in the rig.");
     visit("prior_position_loss_scale", self.prior_position_loss_scale,
           GreaterThan(0.0), "standard deviations",
-          "Measured positions that are farther off count less and less.");
+          "Threshold of the Cauchy loss of measured positions. 2.8 is the 95 % "
+          "quantile of normal noise.");
   }
 };
 
-// What happened between two solves.
+// The points and observations before and after a step between two solves.
 struct BundleRound {
-  double sigma_px = 0.0;      // noise of a coordinate of the keypoints
-  double max_error_px = 0.0;  // threshold that follows
+  double sigma_px = 0.0;      // noise of each coordinate of the keypoints
+  double max_error_px = 0.0;  // the resulting bound for outliers
   size_t num_points_before = 0;
   size_t num_points_after = 0;
   size_t num_observations_before = 0;
@@ -229,14 +238,12 @@ struct DroppedFrame {
 
 struct BundleSummary {
   std::vector<SolveSummary> solves;
-  // Points are triangulated anew in all but the first and the last, which only
-  // filter.
+  // The first and the last only filter points, the others retriangulate them.
   std::vector<BundleRound> rounds;
-  std::vector<DroppedFrame> dropped_frames;  // had a pose at the start
-  std::vector<int> weak_frame_idxs;          // kept, but hardly constrained
-  // Kept their initial pose, as nothing was left to refine it.
-  std::vector<int> sensor_idxs_without_observations;
-  // Left out of the solves, as their camera could not see the point.
+  std::vector<DroppedFrame> dropped_frames;  // had an initial pose
+  std::vector<int> weak_frame_idxs;          // kept with few observations
+  std::vector<int> sensor_idxs_without_observations;  // kept their initial pose
+  // Observations ignored by the last solve: the camera cannot see the point.
   size_t num_invisible_observations = 0;
 };
 
@@ -245,63 +252,65 @@ struct BundleResult {
   BundleSummary summary;
 };
 
-// Poses that stay as they are, whatever the options say. Empty: none.
+// Poses that are constant regardless of the options. Empty: none.
 struct FixedPoses {
   Mask frames;   // per frame of the scene
   Mask sensors;  // per sensor of the scene
 };
 
-// One solve of (1), all blocks together. Keypoints in images without pose and
-// points with fewer than two usable observations have no part in it. If the
-// solve fails the estimate is the initial one.
+// One solve of (1) over all parameters. Ignores observations in images without
+// a pose, and points with fewer than two usable observations. If the solve
+// fails, the estimate is the initial one.
 [[nodiscard]] BundleResult AdjustBundle(const Scene& scene,
                                         const Reconstruction& initial,
                                         const BundleAdjustmentOptions& options,
                                         const Context& context,
-                                        const PositionPriors& priors = {},
-                                        const FixedPoses& held = {});
+                                        const BundlePriors& priors = {},
+                                        const FixedPoses& fixed = {});
 
-// Groups of keypoints that may be images of one point, at most one keypoint of
-// an image in each, as far as a model can tell whose observations have errors
-// up to max_error_px.
+// Returns groups of keypoints that can be observations of one point. The model,
+// with reprojection errors up to max_error_px, helps to separate points. A
+// group has at most one keypoint per image.
 using CandidateSource = std::function<ObservationGroups(
     const Reconstruction& model, double max_error_px)>;
 
-// The same groups for every model.
+// Returns the same groups for every model.
 inline CandidateSource FixedCandidates(ObservationGroups groups) {
   return [groups = std::move(groups)](const Reconstruction&, double) {
     return groups;
   };
 }
 
-// The whole stage:
-//   1. drop gross outliers; solve with rotations and intrinsics held;
-//   2. num_rounds times: solve; triangulate all groups that `candidates`
-//      gives anew
-//      with the present poses, which drops outliers, completes, merges and
-//      splits points. What less than min_track_share of a group agrees with is
-//      no point: the two cameras of a stereo pair agree on where a vehicle is,
-//      but no two frames do;
-//   3. solve to function_tolerance (the solves before end at 100 times of it);
-//   4. drop outliers, points with too little parallax, farther away than
-//      max_relative_distance median distances, or of two observations and
-//      nearer than min_two_view_relative_distance, and frames that no
-//      observation is left of, unless their poses are held.
-// Error thresholds are error_sigma_factor standard deviations of the noise of
-// keypoints, from the median of the errors and what points took of them, within
-// bounds that tighten from round to round. So is the threshold of the loss from
-// the first triangulation on, as keypoints of sharp images are far better than
-// a pixel, and wrong matches within it would bias weakly observed quantities,
-// such as the internal translations of a standing rig. Points that are in no
-// group only lose outliers. If a solve fails, the estimate is that before it.
+// The complete stage:
+//   1. Remove gross outliers. Solve with constant rotations and intrinsics.
+//   2. num_rounds times: solve, then triangulate all groups of `candidates`
+//      again with the present poses. This rejects outliers and completes,
+//      merges and splits points. A point needs min_track_share of its group:
+//      the two cameras of a stereo pair agree on the position of a moving
+//      vehicle, but no two frames do.
+//   3. Solve to function_tolerance. Earlier solves use 100 times that.
+//   4. Remove outliers, points with too small a triangulation angle or too
+//      large a distance, and points of two observations near a camera. Drop
+//      frames without observations, unless they are fixed.
+//
+// The bound for outliers is error_sigma_factor standard deviations of the
+// keypoint noise, clamped to limits that tighten from round to round. The noise
+// is a robust estimate from reprojection errors, corrected for the degrees of
+// freedom of the points. It also bounds the scale of the loss after the first
+// triangulation: sharp images have far less than a pixel of noise, and wrong
+// matches within a pixel would bias weakly observed parameters, such as the
+// sensor translations of a standing rig.
+//
+// Points in no group only lose outliers. If a solve fails, the estimate is the
+// one before it.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
-    const Context& context, const PositionPriors& priors = {},
-    const FixedPoses& held = {});
+    const Context& context, const BundlePriors& priors = {},
+    const FixedPoses& fixed = {});
 
-// The triangulation of 2. by itself, with max_max_error_px as threshold: for
-// models without points, or with new frames.
+// Step 2's triangulation alone, with max_max_error_px as bound. For models
+// without points or with new frames.
 [[nodiscard]] Reconstruction TriangulateCandidates(
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,

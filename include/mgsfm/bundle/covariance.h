@@ -14,58 +14,56 @@
 
 namespace mgsfm {
 
-// How exact the poses of an adjusted model are, as far as the noise of its
-// observations tells: sigma^2 (J^T W J)^-1 for the objective (1) of
-// bundle_adjustment.h at the model, with sigma the noise of the keypoints as
-// bundle adjustment estimates it, and priors weighted as they are given.
-// Intrinsics that are held count as exact, and so do all poses that are held;
-// measured gravity is left out.
+// Covariances of the poses of an adjusted model from the noise of its
+// observations: sigma^2 (J^T W J)^-1 for the objective (1) of
+// bundle_adjustment.h at the model. sigma is the noise of the keypoints as
+// bundle adjustment estimates it; priors keep their own standard deviations.
+// Constant poses and intrinsics count as exact. Gravity terms are ignored.
 //
-// Coordinates of a pose are a turn (radians, R <- Exp(w) R) and a shift: of a
-// sensor, both in axes of its camera (S, t); of a frame, the turn in axes of
-// the rig, the shift of its centre in axes of the world.
+// The six coordinates of a pose are a rotation (radians, R <- Exp(w) R) and a
+// translation. Sensors: both in the camera frame (S, t). Frames: the rotation
+// in the rig frame, the translation of the centre in the world frame.
 //
 // Gauge: that of bundle adjustment. Covariances of frames are relative to the
-// frame that is held, and lengths, if nothing gives their unit, to the one
-// coordinate that is.
+// fixed frame. If the unit of length is arbitrary, they are also relative to
+// the coordinate that fixes scale.
 
-// A direction in which a sensor or a frame could be anywhere: its standard
-// deviation is more than 10 degrees, or more than what turns the view of a
-// point at the median distance by 10 degrees.
+// A direction in which the pose of a sensor or frame is undetermined. The
+// standard deviation of a rotation exceeds 10 degrees; that of a translation
+// exceeds the displacement that shifts the view of a point at the median
+// distance by 10 degrees.
 struct UnobservableDirection {
-  bool is_sensor = false;  // else a frame
+  bool is_sensor = false;  // otherwise a frame
   int idx = 0;
   bool is_rotation = false;
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();  // in the axes above
 };
 
 struct CovarianceResult {
-  // False if the equations could not be solved; then there is nothing else.
+  // False if the equations cannot be solved; the other members are then unset.
   bool is_usable = false;
   double sigma_px = 0.0;
-  std::optional<int> fixed_frame_idx;  // absent where positions are measured
-  bool scale_is_fixed = false;         // arbitrary unit
+  std::optional<int> fixed_frame_idx;  // nullopt with position priors
+  bool scale_is_fixed = false;         // the unit of length is arbitrary
   // Per frame and sensor of the scene; nullopt without observations.
   std::vector<std::optional<PoseMatrix>> frames;
   std::vector<std::optional<PoseMatrix>> sensors;
   std::vector<UnobservableDirection> unobservable;
 };
 
-// `options` and `priors` are those the model was adjusted with. Cost: one
-// linearisation and factorisation, and six solves for each pose.
+// `options` and `priors` are those of the adjustment of the model. Cost: one
+// linearisation and factorisation, and six triangular solves per pose.
 [[nodiscard]] CovarianceResult ComputeCovariances(
     const Scene& scene, const Reconstruction& reconstruction,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
-// Standard deviations of intrinsics in the same sense, per camera of the scene
-// and parameter: zero where it is held. Empty for cameras without observations;
-// nullopt if the equations could not be solved. Cost: one linearisation and
-// factorisation.
+// Standard deviations of intrinsics, per camera of the scene and parameter: 0
+// for constant parameters, empty for cameras without observations. nullopt if
+// the equations cannot be solved. Cost: one linearisation and factorisation.
 [[nodiscard]] std::optional<std::vector<std::vector<double>>>
 ComputeIntrinsicSigmas(const Scene& scene, const Reconstruction& reconstruction,
                        const BundleAdjustmentOptions& options,
-                       const Context& context,
-                       const PositionPriors& priors = {});
+                       const Context& context, const BundlePriors& priors = {});
 
 }  // namespace mgsfm

@@ -12,31 +12,33 @@
 
 namespace mgsfm {
 
-// A refined focal length, of an adjusted model. The message says what is wrong
-// with it, if anything is:
-// - its relative standard deviation (covariance.h) is above
-//   max_focal_length_sigma: driving straight ahead, for one, changes images in
-//   much the same way whatever the focal length is;
-// - compared with the larger side of the image it is out of
-//   min_focal_length_ratio to max_focal_length_ratio, or it changed by more
-//   than a factor of two, or a distortion parameter that was refined along is
-//   beyond max_extra_param.
-// The standard deviation is that by the noise of keypoints, and by what
-// focal_length_start_sigma adds: errors of a model of the lens are more.
+// A refined focal length of an adjusted model. The message is empty unless one
+// of these holds:
+// - Unobservable: its relative standard deviation (covariance.h) exceeds
+//   max_focal_length_sigma. On a straight drive, for example, depth and focal
+//   length are ambiguous.
+// - Implausible: its ratio to the larger image side is outside
+//   [min_focal_length_ratio, max_focal_length_ratio], it changed by more than a
+//   factor of two, or a refined distortion parameter exceeds max_extra_param.
+//
+// The standard deviation covers the noise of keypoints and the term of
+// focal_length_start_sigma, but not errors of the camera model.
 struct FocalLengthCheck {
   int camera_idx = 0;
-  double prior_px = 0.0;                 // the first, if there are two
-  double estimated_px = 0.0;             // likewise
-  std::optional<double> relative_sigma;  // the largest; nullopt: not known
+  // Before and after refinement; the first of two focal lengths.
+  double prior_px = 0.0;
+  double estimated_px = 0.0;
+  // The largest of both focal lengths; nullopt if it cannot be computed.
+  std::optional<double> relative_sigma;
   std::string message;
 };
 
-// One for each camera with observations whose focal length is refined; nothing
-// is computed if there are none. `scene` has the values that refinement
-// started from; `options` and `priors` are those of the adjustment.
+// Checks each camera with observations whose focal length is refined. `scene`
+// has the values before refinement; `options` and `priors` are those of the
+// adjustment. Computes nothing if no focal length is refined.
 [[nodiscard]] std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
     const BundleAdjustmentOptions& options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
 }  // namespace mgsfm

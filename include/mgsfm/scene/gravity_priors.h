@@ -7,9 +7,9 @@
 
 namespace mgsfm {
 
-// The direction of gravity, as an inertial sensor measures it: per image, a
-// unit vector in the frame of its camera, (0, 1, 0) if that is upright. Worlds
-// that are levelled by it have gravity along +y, as upright cameras have.
+// The direction of gravity as an inertial sensor measures it: per image, a unit
+// vector in the camera frame, (0, 1, 0) for an upright camera. Models that are
+// levelled by it have gravity along +y.
 struct GravityPriors {
   std::vector<std::optional<Eigen::Vector3d>> images;  // empty: none
 

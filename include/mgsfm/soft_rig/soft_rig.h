@@ -11,57 +11,67 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
-// Cameras of a rig that do not release at the same instant, or are not quite
-// rigidly mounted. Every image i of sensor s in frame f gets a pose of its own,
-// S_i G_f, near where the rig has it: S_i near S_s D_i. Over points, poses G_f
-// of frames and S_i of images
+// Soft rig: each image gets its own pose near the one that its rig predicts.
+// For cameras that do not trigger simultaneously or are not rigidly mounted.
+//
+// Model. Image i of sensor s in frame f has the pose cam_from_world = S_i G_f.
+// Its rig predicts S_i = S_s D_i: S_s is sensor_from_rig, and D_i is the motion
+// of the rig between the frame and the image.
+//
+// Objective, over points p, frame poses G_f and image poses S_i:
 //
 //   min 1/2 sum_o rho(|Project(S_i G_f p) - x_o|^2) / sigma^2
 //     + 1/2 sum_i (|w_i|^2 / a_s^2 + |d_i|^2 / b_s^2)                      (1)
 //
-// w_i = Log(R_i R^T), d_i = t_i - t: the deviation of S_i = (R_i, t_i) from
-// S_s D_i = (R, t); sigma: the noise of keypoints; rho: Huber.
+// The deviation of S_i = (R_i, t_i) from S_s D_i = (R, t) is w_i =
+// Log(R_i R^T), d_i = t_i - t. Its coordinates have standard deviations a_s and
+// b_s. sigma is the noise of the keypoints, rho is Huber.
 //
-// What is common to the images of a sensor maximises the likelihood of the
-// keypoints with deviations integrated out (Laplace's approximation), so that
-// spreads neither collapse nor blow up. With the posterior covariances P_ij of
-// the deviations x_i, x_j of a frame under (1), their prior variances A_s =
-// diag(a_s^2, b_s^2), and W_ij = [i = j] A_s^-1 - A_s^-1 P_ij A_s'^-1,
-//   spread:     a^2 <- a^2 + sum_i (|w_i|^2 - a^2 tr C_i) / sum_i n tr C_i^2,
-//               C_i = I - P_ii / a^2 of turns, n = m / (m - 1) for m images in
-//               the frame (a step of Fisher scoring, by a factor of 25 at
-//               most); b^2 likewise;
-//   mean rig:   the generalised least squares step: all S_s move by
-//               (sum J_i^T W_ij J_j)^-1 sum J_i^T A_s^-1 x_i, J_i the
-//               derivative of S_s D_i. Poses that were given and are held do
-//               not move;
-//   time:       if asked for, D_i = T(t_i + offset_s) T(t_f)^-1 with the times
-//               t_i of the images and t_f of the frame, T the path of the rig
-//               (src/bundle/rig_path.h); the offset is a seventh coordinate of
-//               the step. D_i is the identity otherwise.
-// The sums are over at most 200 frames of a rig with several images.
+// Hyperparameters. The quantities that all images of a sensor share maximise
+// the likelihood of the keypoints with the deviations integrated out (Laplace's
+// approximation), so standard deviations neither collapse nor diverge. Let P_ij
+// be the posterior covariance of the deviations x_i, x_j of a frame under (1),
+// A_s = diag(a_s^2, b_s^2) their prior covariance, and
+// W_ij = [i = j] A_s^-1 - A_s^-1 P_ij A_s'^-1. Each round takes one step of:
+//   sigmas:     a^2 <- a^2 + sum_i (|w_i|^2 - a^2 tr C_i) / sum_i n tr C_i^2
+//               with C_i = I - P_ii / a^2 (rotation block) and n = m / (m - 1)
+//               for m images in the frame. This is Fisher scoring, limited to a
+//               factor of 25. b^2 likewise.
+//   extrinsics: generalised least squares: all S_s move by
+//               (sum J_i^T W_ij J_j)^-1 sum J_i^T A_s^-1 x_i, where J_i is the
+//               derivative of S_s D_i. Fixed extrinsics do not move.
+//   time:       kTimeOffset only: D_i = T(t_i + offset_s) T(t_f)^-1 with the
+//               timestamps t_i of the image and t_f of the frame and the
+//               trajectory T of the rig (src/soft_rig/rig_trajectory.h). The
+//               offset is the seventh coordinate of the step. Otherwise D_i is
+//               the identity.
+// The sums run over at most 200 frames per rig that have several images.
 //
-// Gauge: that of bundle adjustment, and scale is held at that of the model
-// unless positions are measured: it is not determined by (1), as a smaller
-// world has smaller deviations.
+// Gauge: that of bundle adjustment. Without position priors, scale is fixed to
+// that of the initial model: (1) does not determine it, because a smaller world
+// has smaller deviations.
 //
-// Ends when in a round no spread changes by more than sigma_tolerance of
-// itself and no time offset by more than time_offset_tolerance. A spread that
-// the images determine less than a fiftieth of (tr C_i / 3) is that of a rigid
-// rig. Each round has one solve of (1), one factorisation and six solves with
-// it for each of these images; the first rounds triangulate points anew.
+// Stopping criteria. The iteration ends after a round in which no standard
+// deviation changes by more than sigma_tolerance (relative) and no time offset
+// by more than time_offset_tolerance, or after max_num_rounds. A standard
+// deviation counts as zero (rigid) if the images determine less than 1/50 of
+// the deviations: mean tr C_i / 3 < 0.02.
+//
+// Cost of a round: one solve of (1), one factorisation, and six triangular
+// solves with it per image in the sums. The first rounds also triangulate all
+// points again.
 
 enum class SoftRig {
   kNone,
-  kSoft,        // every image by itself
-  kTimeOffset,  // cameras are late or early, the rest image by image
+  kSoft,        // one deviation per image
+  kTimeOffset,  // one time offset per sensor, and deviations from it
 };
 
 template <>
@@ -82,79 +92,80 @@ struct SoftRigOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("method", self.method, AnyValue(), "",
-          "After bundle adjustment, soft gives each image a pose of its own "
-          "near that of the rig; time_offset first estimates how late each "
-          "camera is, which needs --image_timestamps_path.");
+          "soft estimates a pose per image near the one the rig predicts, "
+          "time_offset also a trigger delay per camera from image timestamps. "
+          "For cameras that do not trigger simultaneously.");
     visit("max_num_rounds", self.max_num_rounds, AtLeast(1), "rounds",
-          "Most rounds of adjusting all images and estimating how far they "
-          "are from the rig.");
+          "Maximum number of rounds. Raise it if the estimate has not "
+          "converged.");
     visit("sigma_tolerance", self.sigma_tolerance, GreaterThan(0.0), "",
-          "Ends when no spread changes by more than this part.");
+          "Converged when no standard deviation of the deviations changes by "
+          "more than this fraction.");
     visit("time_offset_tolerance", self.time_offset_tolerance_s,
           GreaterThan(0.0), "s",
-          "Ends when no time offset changes by more than this.");
+          "Converged when no time offset changes by more than this.");
     visit("max_time_offset_sigma", self.max_time_offset_sigma, GreaterThan(0.0),
           "",
-          "A time offset is not observable if its standard deviation is more "
-          "than this part of the time between two frames.");
+          "A time offset is unobservable if its standard deviation exceeds "
+          "this fraction of the median time between two frames.");
   }
 };
 
-// How rigid one camera of a rig was. Lengths in the unit of the model.
+// Rigidity of one sensor. Lengths are in the unit of the model.
 struct SoftRigSensor {
   int sensor_idx = 0;
   int num_images = 0;
-  // Estimated standard deviations of each coordinate of deviations.
+  // Estimated standard deviation of each coordinate of the deviations.
   double sigma_rotation_rad = 0.0;
   double sigma_position = 0.0;
   bool is_rigid = false;  // the images show no deviation
-  // Of the deviations of its images, in the end.
+  // Final deviations of its images.
   double rms_rotation_rad = 0.0;
   double max_rotation_rad = 0.0;
   double rms_position = 0.0;
   double max_position = 0.0;
-  // Of its observations, of which there may be more after.
+  // Reprojection errors. There can be more observations afterwards.
   double mean_error_before_px = 0.0;
   double mean_error_after_px = 0.0;
   size_t num_observations_before = 0;
   size_t num_observations_after = 0;
-  // If asked for and observable; positive: its images are late.
+  // Only for kTimeOffset, if observable. Positive: the sensor triggers later
+  // than its timestamps say.
   std::optional<double> time_offset_s;
   std::optional<double> time_offset_sigma_s;
   std::string message;  // why there is no time offset
 };
 
 struct SoftRigSummary {
-  bool is_usable = false;  // else the model is as it was
+  bool is_usable = false;  // otherwise the model is the initial one
   bool has_converged = false;
   std::string message;
-  double sigma_px = 0.0;  // noise of keypoints in the end
+  double sigma_px = 0.0;  // final noise of the keypoints
   std::vector<SolveSummary> solves;
-  std::vector<SoftRigSensor> sensors;  // of rigs with several
+  std::vector<SoftRigSensor> sensors;  // of rigs with several sensors
 };
 
-// The poses of images that their rig does not tell.
 struct SoftRigImages {
   std::vector<std::optional<Rigid3>> cam_from_world;  // per image
   SoftRigSummary summary;
 };
 
 struct SoftRigResult {
-  // The mean rig, frames, and points that fit the poses of the images.
+  // The extrinsics S_s, the frames, and points that fit the image poses.
   Reconstruction estimate;
   SoftRigImages images;
 };
 
-// `initial` is a model that bundle adjustment with `bundle_options` and
-// `priors` made of `scene`; `separate` is SeparateImages(scene), for whose
-// models `candidates` gives groups of keypoints (none: points are kept). The
-// times of images are those of the scene; all must be there for kTimeOffset.
-// Not usable if no frame has two images, or a solve fails.
+// Refines `initial`, a model of `scene` after bundle adjustment with
+// `bundle_options` and `priors`. `separate` is SeparateImages(scene), and
+// `candidates` gives groups of keypoints for its models; if empty, the points
+// are kept. kTimeOffset needs the timestamps of all images. The result is not
+// usable if no frame has two registered images or if a solve fails.
 [[nodiscard]] SoftRigResult EstimateSoftRig(
     const Scene& scene, const Scene& separate,
     const CandidateSource& candidates, const Reconstruction& initial,
     const SoftRigOptions& options,
     const BundleAdjustmentOptions& bundle_options, const Context& context,
-    const PositionPriors& priors = {});
+    const BundlePriors& priors = {});
 
 }  // namespace mgsfm

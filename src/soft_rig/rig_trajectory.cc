@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "soft_rig/rig_path.h"
+#include "soft_rig/rig_trajectory.h"
 
 #include <algorithm>
 #include <limits>
@@ -13,11 +13,11 @@ namespace {
 
 using Eigen::Vector3d;
 
-Vector3d TurnBetween(const Rigid3& from, const Rigid3& to) {
+Vector3d RotationBetween(const Rigid3& from, const Rigid3& to) {
   return LogSO3(to.rotation * from.rotation.conjugate());
 }
 
-// From 0 at u = 0 to `end` at u = 1 with the given derivatives by u.
+// Cubic from 0 at u = 0 to `end` at u = 1 with these derivatives at both ends.
 Vector3d Hermite(const Vector3d& start_rate, const Vector3d& end,
                  const Vector3d& end_rate, double u) {
   const double v = 1.0 - u;
@@ -27,22 +27,22 @@ Vector3d Hermite(const Vector3d& start_rate, const Vector3d& end,
 
 }  // namespace
 
-RigPath::RigPath(std::vector<double> times_s,
-                 std::vector<Rigid3> rig_from_world)
+RigTrajectory::RigTrajectory(std::vector<double> times_s,
+                             std::vector<Rigid3> rig_from_world)
     : times_s_(std::move(times_s)), poses_(std::move(rig_from_world)) {
   MGSFM_CHECK_EQ(times_s_.size(), poses_.size());
   MGSFM_CHECK(!poses_.empty());
   SetVelocities();
 }
 
-void RigPath::SetVelocities() {
+void RigTrajectory::SetVelocities() {
   const size_t size = poses_.size();
-  turn_rates_.assign(size, Vector3d::Zero());
+  angular_velocities_.assign(size, Vector3d::Zero());
   velocities_.assign(size, Vector3d::Zero());
   if (size < 2) return;
   const auto interval = [&](size_t k) { return times_s_[k + 1] - times_s_[k]; };
-  const auto turn_rate = [&](size_t k) -> Vector3d {
-    return TurnBetween(poses_[k], poses_[k + 1]) / interval(k);
+  const auto angular_velocity = [&](size_t k) -> Vector3d {
+    return RotationBetween(poses_[k], poses_[k + 1]) / interval(k);
   };
   const auto velocity = [&](size_t k) -> Vector3d {
     return (poses_[k + 1].Center() - poses_[k].Center()) / interval(k);
@@ -50,37 +50,39 @@ void RigPath::SetVelocities() {
   for (size_t k = 0; k < size; ++k) {
     if (k == 0 || k + 1 == size) {
       const size_t segment = k == 0 ? 0 : size - 2;
-      turn_rates_[k] = turn_rate(segment);
+      angular_velocities_[k] = angular_velocity(segment);
       velocities_[k] = velocity(segment);
       continue;
     }
     const double before = interval(k - 1), after = interval(k);
     const double sum = before + after;
-    turn_rates_[k] = (after * turn_rate(k - 1) + before * turn_rate(k)) / sum;
+    angular_velocities_[k] =
+        (after * angular_velocity(k - 1) + before * angular_velocity(k)) / sum;
     velocities_[k] = (after * velocity(k - 1) + before * velocity(k)) / sum;
   }
 }
 
-size_t RigPath::SegmentAt(double time_s) const {
+size_t RigTrajectory::SegmentAt(double time_s) const {
   const auto after =
       std::upper_bound(times_s_.begin() + 1, times_s_.end() - 1, time_s);
   return static_cast<size_t>(after - times_s_.begin()) - 1;
 }
 
-double RigPath::IntervalAt(double time_s) const {
+double RigTrajectory::IntervalAt(double time_s) const {
   if (poses_.size() < 2) return std::numeric_limits<double>::infinity();
   const size_t k = SegmentAt(time_s);
   return times_s_[k + 1] - times_s_[k];
 }
 
-Rigid3 RigPath::Extrapolate(size_t frame, double time_s) const {
+Rigid3 RigTrajectory::Extrapolate(size_t frame, double time_s) const {
   const double time = time_s - times_s_[frame];
   return Rigid3::FromRotationAndCenter(
-      (ExpSO3(time * turn_rates_[frame]) * poses_[frame].rotation).normalized(),
+      (ExpSO3(time * angular_velocities_[frame]) * poses_[frame].rotation)
+          .normalized(),
       poses_[frame].Center() + time * velocities_[frame]);
 }
 
-Rigid3 RigPath::PoseAt(double time_s) const {
+Rigid3 RigTrajectory::PoseAt(double time_s) const {
   if (poses_.size() < 2 || time_s < times_s_.front()) {
     return Extrapolate(0, time_s);
   }
@@ -88,17 +90,18 @@ Rigid3 RigPath::PoseAt(double time_s) const {
   const size_t k = SegmentAt(time_s);
   const double interval = times_s_[k + 1] - times_s_[k];
   const double u = (time_s - times_s_[k]) / interval;
-  const Vector3d turn = TurnBetween(poses_[k], poses_[k + 1]);
-  // The rate of the logarithm, at the end of the turn.
-  const Vector3d end_rate = InverseRightJacobianSO3(-turn) * turn_rates_[k + 1];
-  const Vector3d turned =
-      Hermite(interval * turn_rates_[k], turn, interval * end_rate, u);
+  const Vector3d rotation = RotationBetween(poses_[k], poses_[k + 1]);
+  // The derivative of the logarithm at the end of the segment.
+  const Vector3d end_rate =
+      InverseRightJacobianSO3(-rotation) * angular_velocities_[k + 1];
+  const Vector3d rotated = Hermite(interval * angular_velocities_[k], rotation,
+                                   interval * end_rate, u);
   const Vector3d start = poses_[k].Center();
   const Vector3d moved =
       Hermite(interval * velocities_[k], poses_[k + 1].Center() - start,
               interval * velocities_[k + 1], u);
   return Rigid3::FromRotationAndCenter(
-      (ExpSO3(turned) * poses_[k].rotation).normalized(), start + moved);
+      (ExpSO3(rotated) * poses_[k].rotation).normalized(), start + moved);
 }
 
 }  // namespace mgsfm

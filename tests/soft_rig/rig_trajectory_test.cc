@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "soft_rig/rig_path.h"
+#include "soft_rig/rig_trajectory.h"
 
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ double Distance(const Rigid3& a, const Rigid3& b) {
          (a.Center() - b.Center()).norm();
 }
 
-RigPath PathWithSpacing(double spacing_s) {
+RigTrajectory TrajectoryWithSpacing(double spacing_s) {
   std::vector<double> times_s;
   std::vector<Rigid3> poses;
   double time_s = 1.0;
@@ -34,10 +34,10 @@ RigPath PathWithSpacing(double spacing_s) {
     poses.push_back(SmoothPose(time_s));
     time_s += spacing_s * (i % 3 == 0 ? 1.3 : 0.9);
   }
-  return RigPath(std::move(times_s), std::move(poses));
+  return RigTrajectory(std::move(times_s), std::move(poses));
 }
 
-double MaxError(const RigPath& path) {
+double MaxError(const RigTrajectory& path) {
   double most = 0.0;
   for (double time_s = 3.0; time_s < 7.0; time_s += 0.01) {
     most = std::max(most, Distance(path.PoseAt(time_s), SmoothPose(time_s)));
@@ -45,8 +45,8 @@ double MaxError(const RigPath& path) {
   return most;
 }
 
-TEST(RigPathTest, PassesThroughItsFrames) {
-  const RigPath path = PathWithSpacing(0.2);
+TEST(RigTrajectoryTest, PassesThroughItsFrames) {
+  const RigTrajectory path = TrajectoryWithSpacing(0.2);
   EXPECT_LT(Distance(path.PoseAt(1.0), SmoothPose(1.0)), 1e-9);
   EXPECT_LT(Distance(path.PoseAt(1.26), SmoothPose(1.26)), 1e-9);
   EXPECT_LT(Distance(path.PoseAt(1.44), SmoothPose(1.44)), 1e-9);
@@ -54,15 +54,15 @@ TEST(RigPathTest, PassesThroughItsFrames) {
   EXPECT_NEAR(path.IntervalAt(1.3), 0.18, 1e-12);
 }
 
-TEST(RigPathTest, ErrorFallsWithTheThirdPowerOfTheSpacing) {
-  const double coarse = MaxError(PathWithSpacing(0.2));
-  const double fine = MaxError(PathWithSpacing(0.1));
+TEST(RigTrajectoryTest, ErrorFallsWithTheThirdPowerOfTheSpacing) {
+  const double coarse = MaxError(TrajectoryWithSpacing(0.2));
+  const double fine = MaxError(TrajectoryWithSpacing(0.1));
   EXPECT_LT(coarse, 0.02);
   EXPECT_LT(fine, coarse / 6.0);
 }
 
-TEST(RigPathTest, VelocityIsContinuous) {
-  const RigPath path = PathWithSpacing(0.3);
+TEST(RigTrajectoryTest, VelocityIsContinuous) {
+  const RigTrajectory path = TrajectoryWithSpacing(0.3);
   constexpr double kStep = 1e-5;
   for (const double frame_s : {1.39, 1.66, 1.93}) {
     const auto rate = [&](double time_s) {
@@ -79,7 +79,7 @@ TEST(RigPathTest, VelocityIsContinuous) {
   }
 }
 
-TEST(RigPathTest, ConstantVelocityIsExactEverywhere) {
+TEST(RigTrajectoryTest, ConstantVelocityIsExactEverywhere) {
   const auto pose = [](double time_s) {
     return Rigid3::FromRotationAndCenter(
         ExpSO3(time_s * Vector3d(0.1, 0.5, -0.2)),
@@ -88,14 +88,14 @@ TEST(RigPathTest, ConstantVelocityIsExactEverywhere) {
   const std::vector<double> times_s = {0.0, 0.5, 0.6, 1.5};
   std::vector<Rigid3> poses;
   for (const double time_s : times_s) poses.push_back(pose(time_s));
-  const RigPath path(times_s, poses);
+  const RigTrajectory path(times_s, poses);
   for (const double time_s : {-0.7, 0.0, 0.2, 0.55, 1.1, 1.5, 2.0}) {
     EXPECT_LT(Distance(path.PoseAt(time_s), pose(time_s)), 1e-9) << time_s;
   }
 }
 
-TEST(RigPathTest, OneFrameStands) {
-  const RigPath path({2.0}, {SmoothPose(2.0)});
+TEST(RigTrajectoryTest, OneFrameStands) {
+  const RigTrajectory path({2.0}, {SmoothPose(2.0)});
   EXPECT_LT(Distance(path.PoseAt(5.0), SmoothPose(2.0)), 1e-12);
   EXPECT_TRUE(std::isinf(path.IntervalAt(5.0)));
 }
