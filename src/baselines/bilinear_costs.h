@@ -45,8 +45,8 @@ struct LinearDifference {
   }
 };
 
-// weight (direction - d C). Blocks: those of C, then the scale d.
-// Without direction, weight C. Blocks: those of C.
+// The residual weight (direction - d C) over the blocks of C and the scale d,
+// or weight C over the blocks of C if there is no direction.
 class DifferenceCost : public ceres::CostFunction {
  public:
   DifferenceCost(LinearDifference difference, const Eigen::Vector3d& direction,

@@ -8,10 +8,10 @@
 
 namespace mgsfm {
 
-// Positions that know nothing: frame centres and points uniform in a cube of
-// 200, free internal translations in one of 2, as global positioning starts.
-// Placed are the frames that tracks of two images or more see; those have
-// points, and all their rays are used.
+// The start of global positioning (GLOMAP): frame centres and points are
+// uniform in a cube of side 200, translations of free sensors in a cube of
+// side 2. Tracks with at least two rays have a point, and all their rays are
+// used; the frames that observe them are placed.
 struct RandomStart {
   InitialPositions initial;
   TrackPoints points;

@@ -77,9 +77,9 @@ Mask BeyondDrift(const PositionInput& input,
       by_skeleton.measured, by_skeleton.centers, drift_bound, options);
 }
 
-// Where a road shows little else, duplicate structures can be strong enough for
-// the skeletal graph. The strict graph does not contain them; pairs beyond its
-// drift bound are no candidates for the skeletal graph.
+// Duplicate structures can be strong enough for the skeletal graph on a road
+// that shows little else. The strict graph does not contain them; pairs beyond
+// its drift bound are no candidates for the skeletal graph.
 PositionSkeleton FindSkeleton(const PositionInput& input,
                               const PositionMeasurements& measured,
                               const PositionOptions& options,

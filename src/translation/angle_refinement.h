@@ -27,8 +27,8 @@ SolveSummary RefineCameras(const RefinementInput& input,
 //
 //   min sum_ik rho(|g_ik - (p_k - c_i) / |p_k - c_i||) + pairs,
 //
-// over the used observations of the given tracks, with rays g in world axes.
-// The pair terms are those above with a tenth of their weight and without
+// over the used observations of the tracks track_idxs, with rays g in world
+// axes. The pair terms are those above with a tenth of their weight and without
 // lengths; they constrain frames that too few points constrain. Gauge: the
 // first frame is constant, and the farthest unknown keeps its length unless
 // known sensor offsets determine the unit. Points are eliminated (Schur

@@ -10,19 +10,19 @@
 
 namespace mgsfm {
 
-// A linear least-squares operator for the ADMM of mgsfm/math/l1_admm.h, on a
-// sparse matrix A of full column rank whose first 3 n columns are n points of
-// three coordinates, measured alike in all directions, and whose others, the
-// border, are few:
+// A linear least-squares operator for the ADMM of math/l1_admm.h. A is a sparse
+// matrix of full column rank. Its first 3 n columns belong to n points of three
+// coordinates, with equal weight in all directions; the few other columns are
+// the border:
 //
 //   A^T A = [ L (x) I_3   B ]
 //           [ B^T         D ].
 //
-// Only L, n x n, is factorised; the border is eliminated by its Schur
-// complement S = D - B^T (L^-1 (x) I_3) B. Compared with A^T A as a whole that
-// is a ninth of the entries and a twenty-seventh of the operations.
-// Cost of an application: linear in the entries of A, by several threads; each
-// sum has a fixed order.
+// L, n x n, is the only factorised matrix; the border is eliminated by its
+// Schur complement S = D - B^T (L^-1 (x) I_3) B. Compared with the
+// factorisation of A^T A, this takes a ninth of the entries and a
+// twenty-seventh of the operations. Cost of an application: linear in the
+// entries of A, on several threads; each sum has a fixed order.
 class ArrowLeastSquares {
  public:
   ArrowLeastSquares(const Eigen::SparseMatrix<double>& A, int num_points,

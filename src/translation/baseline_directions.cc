@@ -20,7 +20,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Assumed error of the given rotations. It displaces all rays of an image
+// Assumed error of the rotations. It displaces all rays of an image
 // alike, so more matches do not average it out. A chosen bound, not a measured
 // value.
 constexpr double kRotationSigma = DegToRad(0.05);
@@ -32,8 +32,8 @@ constexpr double kMaxDirectionSigma = DegToRad(15.0);
 constexpr double kMinSampson = 1e-4;
 // A direction has two degrees of freedom. Chosen: four times as many matches.
 constexpr int kMinNumParallax = 8;
-// As many samples draw two inliers together with probability 1 - 1e-4 if 51 %
-// of the matches are inliers: log(1e-4) / log(1 - 0.514^2) = 30.
+// 30 samples draw two inliers together with probability 1 - 1e-4 if 51 % of the
+// matches are inliers: log(1e-4) / log(1 - 0.514^2) = 30.
 constexpr int kMaxNumHypotheses = 30;
 constexpr double kLogFailureProbability = -9.2;  // log(1e-4)
 // Matches that score a hypothesis. A bound on time: the score only ranks

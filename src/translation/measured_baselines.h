@@ -23,7 +23,7 @@ MeasuredBaselines MeasureBaselines(
 CameraCenters ComputeCameraCenters(const PositionProblem& problem,
                                    const Positions& positions);
 
-// Both for positions, in the unit that `group_factor` is in.
+// Baselines and centres in the unit of `group_factor`.
 BaselineComparison CompareWith(const PositionProblem& problem,
                                const std::vector<BaselineDirection>& directions,
                                const PairScales& scales,

@@ -31,8 +31,8 @@ constexpr double kDirectionSigma = DegToRad(0.5);
 // Lengths known this well weigh as much as directions. If they weighed less,
 // wrong directions could shorten good baselines instead of being outliers.
 constexpr double kGoodScaleSigma = 0.15;
-// Of log(median depth) between groups: the depths of unrelated scenes differ by
-// a factor of two. A guess, as the groups share no measurement.
+// Standard deviation of log(median depth) between groups: depths differ by a
+// factor of two. A guess, as the groups share no measurement.
 constexpr double kGroupSigma = 0.7;
 // Lower bound of a baseline, relative to its estimated length.
 constexpr double kLowerBound = 0.1;
@@ -256,7 +256,7 @@ void AddGroupPriors(const PairScales& scales, const Unknowns& unknowns,
                     BlockSystem* system) {
   constexpr double kWeight = kDirectionSigma / kGroupSigma;
   for (size_t g = 1; g < unknowns.group_column.size(); ++g) {
-    // As strong as the rows of the group would pull if they only had noise.
+    // The weight equals the pull of the rows of the group if they were noise.
     BlockPenalty penalty;
     penalty.weight = scales.group_sizes[g];
     system->triplets.emplace_back(system->num_rows(), *unknowns.group_column[g],

@@ -49,10 +49,10 @@ struct RefinementInput {
     return pair.scale * initial.group_factor[pair.group];
   }
   double DirectionWeight(size_t pair_idx, double weight) const;
-  // Of the logarithm of the length.
+  // Weight of the logarithm of the length.
   double LengthWeight(size_t pair_idx) const;
-  // Of baselines without parallax: weak, they only place what nothing else
-  // does.
+  // Weight of baselines without parallax. It is small: they only place frames
+  // that nothing else constrains.
   double ZeroBaselineWeight() const;
 };
 

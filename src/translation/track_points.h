@@ -15,8 +15,8 @@ namespace mgsfm {
 // The tracks with the rays of their observations in world axes.
 struct TrackRays {
   const ObservationGroups& tracks;
-  // In the order of tracks.observations. A ray is defined only if its keypoint
-  // has a ray and its image has a rotation.
+  // Per item of tracks.observations. A ray is defined only if its keypoint has
+  // a ray and its image has a rotation.
   std::vector<Eigen::Vector3d> rays_in_world;
   Mask has_ray;
 };

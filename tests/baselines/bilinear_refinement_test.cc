@@ -27,7 +27,7 @@ Context Threads(int num_threads) {
   return context;
 }
 
-// What the refinements get of the stages before.
+// The results of the stages before the refinements.
 struct Stages {
   explicit Stages(const TranslationInput& input)
       : problem(MakePositionProblem(input.simulation.scene, input.rotations)),

@@ -119,7 +119,7 @@ TEST(PositionBaselinesTest, ThreadsDoNotMatter) {
   }
 }
 
-TEST(PositionBaselinesTest, GivenExtrinsicsMakeTracksMetric) {
+TEST(PositionBaselinesTest, KnownExtrinsicsMakeTracksMetric) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.extrinsics_are_known = true;
   const TranslationInput input = MakeTranslationInput(drive);
@@ -143,7 +143,7 @@ TEST(PositionBaselinesTest, DistancesNeedRelativeTranslations) {
       {TranslationSource::kAuto, TranslationObjective::kDistance}));
 }
 
-// From a random start, where nothing is right at first.
+// A random start has no information about positions.
 TEST(PositionBaselinesTest, RandomStartsLeadToTheSamePlace) {
   SimulationOptions drive = Drive(RigPreset::kStereo);
   drive.num_frames = 10;

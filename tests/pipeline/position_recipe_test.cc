@@ -144,7 +144,7 @@ TEST(PositionRecipeTest, NoiseMismatchesAndWrongPairsAreBearable) {
   }
 }
 
-TEST(PositionRecipeTest, GivenExtrinsicsMakeItMetric) {
+TEST(PositionRecipeTest, KnownExtrinsicsMakeItMetric) {
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
     SimulationOptions options = SmallScene(rig, PathPreset::kCurve);
     options.extrinsics_are_known = true;
@@ -159,7 +159,7 @@ TEST(PositionRecipeTest, GivenExtrinsicsMakeItMetric) {
   }
 }
 
-// Nothing connects different sensors but their mounting.
+// Only the rig connects different sensors.
 TranslationInput MakeInputWithoutOverlap(SimulationOptions options) {
   options.match_different_sensors = false;
   TranslationInput input = MakeTranslationInput(options);

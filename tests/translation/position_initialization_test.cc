@@ -33,7 +33,7 @@ TEST(PositionInitializationTest, ProxOfScaleResidualIsTheMinimum) {
   }
 }
 
-// Single cameras without rotation at the given centres.
+// Single cameras without rotation.
 PositionProblem PlainProblem(size_t num_frames) {
   PositionProblem problem;
   problem.num_frames = static_cast<int>(num_frames);
@@ -245,7 +245,7 @@ TEST(PositionInitializationTest, IsTheMinimumOfASmallProblem) {
   ExpectMinimum(initial.positions.frame_center, pairs, Lengths(pairs));
 }
 
-// Of ten frames that all have pairs with each other, so that the lower quartile
+// Ten frames that all have pairs with each other, so that the lower quartile
 // of a frame's nine lengths is the third.
 std::vector<double> CountedLengths(const PlainPairs& pairs) {
   constexpr int kFrames = 10;
