@@ -3,14 +3,14 @@
 
 namespace mgsfm {
 
-// What one thread of this machine can do at best, from a loop that copies
-// memory and one of independent multiply-adds in registers.
+// Peak throughput of one thread: memory bandwidth of a copy loop, and
+// arithmetic of independent multiply-adds in registers.
 struct MachineLimits {
   double copied_bytes_per_second = 0.0;  // read and written
   double flops_per_second = 0.0;         // a multiply-add is two
 };
 
-// The best of several runs, measured at the first call.
+// The best of several runs, measured by the first call.
 const MachineLimits& MeasuredMachineLimits();
 
 }  // namespace mgsfm

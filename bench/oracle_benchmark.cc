@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Simulates a drive, runs the mapper on it, in memory, and compares it with the
-// two oracles of oracle/oracle.h. Prints a line, and writes all numbers as
-// JSON.
+// Simulates a drive, runs the mapper on it in memory, and compares the result
+// with the two oracles of oracle/oracle.h. Prints a summary line and writes all
+// numbers as JSON.
 #include <algorithm>
 #include <cstdio>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
@@ -53,7 +54,7 @@ Json ToJson(const OracleResult& oracle) {
   return json;
 }
 
-// Of all matches that passed for verified.
+// Statistics of all verified matches.
 double ShareOfRightMatches(const Simulation& simulation) {
   size_t num_matches = 0, num_right = 0;
   for (const ImagePair& pair : simulation.view_graph.pairs) {
@@ -98,9 +99,10 @@ Json SecondsToJson(const MapperResult& result, double total) {
   return json;
 }
 
-// Mean, or -1 where nothing is registered, which no plot shows.
+// NaN if no image is registered.
 double Mean(const std::optional<ErrorStatistics>& statistics) {
-  return statistics ? statistics->mean : -1.0;
+  return statistics ? statistics->mean
+                    : std::numeric_limits<double>::quiet_NaN();
 }
 
 void PrintLine(const std::string& name, const Simulation& simulation,
@@ -146,8 +148,8 @@ int RunBenchmark(const SimulatedRunOptions& options, const Context& context) {
   json["simulation_peak_memory_mib"] = PeakMemoryMib();
 
   const Timer mapping;
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        options.mapper, context);
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, options.mapper, context);
   const double seconds = mapping.Seconds();
   json["seconds"] = SecondsToJson(result, seconds);
   json["peak_memory_mib"] = PeakMemoryMib();

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// The options that benchmarks on simulated drives share.
+// Common options of the benchmarks on simulated drives.
 struct SimulatedRunOptions {
   std::string name;
   std::string trajectory_path;

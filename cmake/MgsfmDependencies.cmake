@@ -1,5 +1,5 @@
-# All packages are Debian 12's; nothing is fetched. What the modules link must
-# be found by mgsfmConfig.cmake.in, too.
+# All packages are Debian 12's; nothing is downloaded. mgsfmConfig.cmake.in must
+# find what the modules link, too.
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 # The BLAS that the system has chosen, where Ceres would look for ATLAS.
@@ -10,6 +10,8 @@ find_package(Ceres 2.1 REQUIRED)
 find_package(SQLite3 REQUIRED)
 find_package(nlohmann_json 3.11 REQUIRED)
 include(MgsfmSystemLibraries)
+mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
+  opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann)
 
 if(MGSFM_BUILD_TESTS)
   find_package(GTest 1.12 REQUIRED)

@@ -1,5 +1,5 @@
-# find_package(mgsfm) gives the modules mgsfm::NAME and, for all of them,
-# mgsfm::mgsfm.
+# find_package(mgsfm) defines mgsfm::NAME for each module and mgsfm::mgsfm for
+# all of them.
 include(CMakePackageConfigHelpers)
 
 get_property(modules GLOBAL PROPERTY MGSFM_MODULES)
@@ -16,6 +16,15 @@ install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir})
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/
   DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")
 
+set(packages_file ${PROJECT_BINARY_DIR}/mgsfmPackages.cmake)
+set(packages_text "set(mgsfm_MODULES ${MGSFM_MODULE_NAMES})\n")
+foreach(module IN LISTS MGSFM_MODULE_NAMES)
+  get_property(packages GLOBAL PROPERTY MGSFM_PACKAGES_OF_${module})
+  string(APPEND packages_text
+    "set(mgsfm_PACKAGES_OF_${module} ${packages})\n")
+endforeach()
+file(WRITE ${packages_file} "${packages_text}")
+
 configure_package_config_file(
   ${PROJECT_SOURCE_DIR}/cmake/mgsfmConfig.cmake.in
   ${PROJECT_BINARY_DIR}/mgsfmConfig.cmake
@@ -25,6 +34,7 @@ write_basic_package_version_file(
   COMPATIBILITY SameMinorVersion)
 install(FILES
   ${PROJECT_SOURCE_DIR}/cmake/MgsfmSystemLibraries.cmake
+  ${packages_file}
   ${PROJECT_BINARY_DIR}/mgsfmConfig.cmake
   ${PROJECT_BINARY_DIR}/mgsfmConfigVersion.cmake
   DESTINATION ${package_dir})

@@ -1,8 +1,8 @@
-# Libraries whose Debian packages bring no CMake configuration. Also read by
-# users of an installed mgsfm, as its static libraries must link them.
+# Libraries whose Debian packages contain no CMake configuration. Users of an
+# installed mgsfm include this file, too, because static libraries link them.
 
 # mgsfm_find_library(TARGET LIBRARY HEADER SUFFIX)
-# TARGET for a library and the folder of its header, maybe below SUFFIX.
+# Defines TARGET for a library whose HEADER may be in the subfolder SUFFIX.
 function(mgsfm_find_library target library header suffix)
   if(TARGET ${target})
     return()
@@ -17,20 +17,36 @@ function(mgsfm_find_library target library header suffix)
   target_link_libraries(${target} INTERFACE ${MGSFM_${library}_LIBRARY})
 endfunction()
 
-mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
-# CHOLMOD runs on OpenMP, which src/math/sparse_solver.cc holds back.
-target_link_libraries(mgsfm_cholmod INTERFACE gomp)
-# Debian's Ceres names the libraries of ATLAS beside the system's BLAS; where
-# that is a faster one, ATLAS would be taken in its place.
-get_target_property(mgsfm_ceres_libraries Ceres::ceres INTERFACE_LINK_LIBRARIES)
-list(FILTER mgsfm_ceres_libraries EXCLUDE REGEX "/lib(f77blas|atlas)\\.")
-set_target_properties(Ceres::ceres PROPERTIES
-  INTERFACE_LINK_LIBRARIES "${mgsfm_ceres_libraries}")
-unset(mgsfm_ceres_libraries)
-# Under the names that OpenCV's own configuration, in the large package
-# libopencv-dev, gives them.
-mgsfm_find_library(opencv_core opencv_core opencv2/core.hpp opencv4)
-mgsfm_find_library(opencv_imgcodecs opencv_imgcodecs opencv2/imgcodecs.hpp
-  opencv4)
-mgsfm_find_library(opencv_imgproc opencv_imgproc opencv2/imgproc.hpp opencv4)
-mgsfm_find_library(mgsfm_exiv2 exiv2 exiv2/exiv2.hpp "")
+# mgsfm_find_system_libraries(TARGETS...)
+# Defines those of TARGETS that are named below.
+function(mgsfm_find_system_libraries)
+  if("mgsfm_cholmod" IN_LIST ARGN)
+    mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
+    # CHOLMOD is parallelised with OpenMP; src/math/sparse_solver.cc limits it
+    # to one thread.
+    target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+  endif()
+  if("Ceres::ceres" IN_LIST ARGN)
+    # Debian's Ceres names the libraries of ATLAS next to the system's BLAS;
+    # linking them would replace a faster BLAS.
+    get_target_property(libraries Ceres::ceres INTERFACE_LINK_LIBRARIES)
+    list(FILTER libraries EXCLUDE REGEX "/lib(f77blas|atlas)\\.")
+    set_target_properties(Ceres::ceres PROPERTIES
+      INTERFACE_LINK_LIBRARIES "${libraries}")
+  endif()
+  # The names that OpenCV's own configuration, which only the large package
+  # libopencv-dev contains, gives to these libraries.
+  foreach(part core imgcodecs imgproc)
+    if("opencv_${part}" IN_LIST ARGN)
+      mgsfm_find_library(opencv_${part} opencv_${part} opencv2/${part}.hpp
+        opencv4)
+    endif()
+  endforeach()
+  if("mgsfm_exiv2" IN_LIST ARGN)
+    mgsfm_find_library(mgsfm_exiv2 exiv2 exiv2/exiv2.hpp "")
+  endif()
+  if("mgsfm_flann" IN_LIST ARGN)
+    # FLANN consists of templates, whose serialisation refers to LZ4.
+    mgsfm_find_library(mgsfm_flann lz4 flann/flann.hpp "")
+  endif()
+endfunction()

@@ -23,6 +23,14 @@ function(mgsfm_add_module name)
     PRIVATE ${arg_LINK} Threads::Threads $<BUILD_INTERFACE:mgsfm_warnings>)
   mgsfm_reuse_precompiled_headers(${target} mgsfm_common_headers)
   set_property(GLOBAL APPEND PROPERTY MGSFM_MODULES ${target})
+  # The libraries that a user of this module must find: see MgsfmInstall.cmake.
+  set(packages ${arg_LINK})
+  foreach(module IN LISTS arg_DEPENDS)
+    get_property(inherited GLOBAL PROPERTY MGSFM_PACKAGES_OF_${module})
+    list(APPEND packages ${inherited})
+  endforeach()
+  list(REMOVE_DUPLICATES packages)
+  set_property(GLOBAL PROPERTY MGSFM_PACKAGES_OF_${name} ${packages})
 endfunction()
 
 # mgsfm_add_test(NAME SOURCES ... DEPENDS modules... [LINK packages...]

@@ -1,14 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# From nothing to a model: installs what is missing, builds, reconstructs the
-# images in data/rendered_rig (four cameras that hardly share any view, two of
+# Installs missing packages, builds the program, reconstructs the images in
+# data/rendered_rig (four cameras with hardly any common field of view, two of
 # them fisheyes, with unknown poses in the rig), and compares the result with
-# the truth. Everything is written to build/demo.
+# the ground truth. All output is in build/demo.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/setup.sh
-scripts/build.sh release
+scripts/build.sh release --target mgsfm_app
 
 mgsfm=build/release/apps/mgsfm/mgsfm
 out=build/demo

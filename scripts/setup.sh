@@ -1,25 +1,28 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Installs the Debian 12 packages that mgsfm needs; does nothing if all are
-# there.
-#   scripts/setup.sh        to build, run and test
-#   scripts/setup.sh --dev  and to check format, lint and COLMAP compatibility,
-#                           for the tables of scripts/bench.sh, and for the
-#                           tables and pictures of docs/experiments.md
+# Installs the Debian 12 packages that mgsfm needs; does nothing if they are
+# present.
+#   scripts/setup.sh         to build and run the program
+#   scripts/setup.sh --test  also to build and run the tests and benchmarks
+#   scripts/setup.sh --dev   also for all checks of .ci/run and for experiments/
 set -euo pipefail
 
 packages=(
   cmake ninja-build g++ ccache
   libeigen3-dev libceres-dev libsuitesparse-dev libopenblas0-serial
-  libsqlite3-dev
-  nlohmann-json3-dev libopencv-core-dev libopencv-imgcodecs-dev
-  libopencv-imgproc-dev libexiv2-dev
-  libgtest-dev libgmock-dev libbenchmark-dev
+  libsqlite3-dev nlohmann-json3-dev
+  libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev
+  libexiv2-dev libflann-dev
+)
+test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
+dev_packages=(
+  clang-format clang-tidy colmap python3-pytest python3-matplotlib
 )
 case "${1:-}" in
   "") ;;
-  --dev) packages+=(clang-format clang-tidy colmap python3 python3-matplotlib) ;;
-  *) echo "usage: scripts/setup.sh [--dev]" >&2; exit 1 ;;
+  --test) packages+=("${test_packages[@]}") ;;
+  --dev) packages+=("${test_packages[@]}" "${dev_packages[@]}") ;;
+  *) echo "usage: scripts/setup.sh [--test|--dev]" >&2; exit 1 ;;
 esac
 
 missing=()

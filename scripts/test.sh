@@ -1,10 +1,11 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Installs what is missing, builds and runs all tests.
+# Installs missing packages, builds and runs all tests.
 #   scripts/test.sh [further arguments of ctest]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-scripts/setup.sh
+scripts/setup.sh --test
+cmake --preset release -DMGSFM_BUILD_TESTS=ON >/dev/null
 scripts/build.sh release
 ctest --preset release -j2 "$@"

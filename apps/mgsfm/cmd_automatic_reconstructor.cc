@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// How the images were taken, by COLMAP's name for it.
+// Kind of images, under COLMAP's names.
 enum class DataType { kVideo, kIndividual };
 
 }  // namespace
@@ -44,21 +44,21 @@ struct AutomaticReconstructorOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("workspace_path", self.workspace_path, Required(), "",
-          "Folder for database.db and the models in `sparse`; made if there "
-          "is none. What its database has already is not done again.");
+          "Folder for database.db and the models in `sparse`; created if "
+          "missing. Features and matches in its database are reused.");
     visit("image_path", self.image_path, Required(), "",
-          "Folder of images, with a folder for each camera of the rig.");
+          "Folder of images, with one subfolder per camera of the rig.");
     visit("data_type", self.data_type, AnyValue(), "",
-          "video: in the order of their names, matched with their neighbours "
-          "and where loops close. individual: each is matched with each.");
+          "video: images in temporal order by name; matches neighbours and "
+          "closes loops. individual: matches all pairs of images.");
     visit("output_format", self.output_format, AnyValue(), "",
-          "Of the models: binary or text.");
+          "Format of the models: binary or text.");
     FeatureExtractionOptions::Describe(self.extraction, visit);
     SceneLoadingOptions::Describe(self.loading, visit);
     PosePriorOptions::Describe(self.priors, visit);
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
-          "File with a line `image_name SECONDS` for each image: when it was "
-          "taken, for --SoftRig.method time_offset.");
+          "File with a line `image_name SECONDS` for every image: its time of "
+          "exposure. SoftRig.method time_offset needs it.");
     PairMatchingOptions::Describe(self.matching, visit);
     visit.Group("SequentialMatching", self.sequential);
     visit.Group("ExhaustiveMatching", self.exhaustive);
@@ -84,14 +84,14 @@ void Match(const std::string& database_path,
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
                               const Context& context) {
   if (!std::filesystem::is_directory(options.image_path)) {
-    throw Error("--image_path '" + options.image_path + "' is no folder");
+    throw Error("--image_path '" + options.image_path + "' is not a folder");
   }
   const std::filesystem::path workspace = options.workspace_path;
   std::error_code error;
   std::filesystem::create_directories(workspace, error);
   if (!std::filesystem::is_directory(workspace)) {
     throw Error("--workspace_path '" + options.workspace_path +
-                "' cannot be made: " + error.message());
+                "' cannot be created: " + error.message());
   }
   const std::string database_path = (workspace / "database.db").string();
   ExtractInto(database_path, options.image_path, options.extraction, context);
@@ -106,9 +106,9 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
 }  // namespace
 
 Command AutomaticReconstructorCommand() {
-  return MakeCommandThatGoesOn(
+  return MakeResumableCommand(
       "automatic_reconstructor",
-      "From folders of images to models: features, matches, mapper.",
+      "Reconstructs models from folders of images, in one command.",
       RunAutomaticReconstructor);
 }
 

@@ -35,28 +35,27 @@ struct BundleAdjusterOptions {
   static void Describe(Self& self, Visitor& visit) {
     visit("input_path", self.input_path, Required(), "",
           "Folder of the model to adjust, with or without rigs and frames. "
-          "Intrinsics count as known, as models do not say which are: they are "
-          "held unless refine_focal_length or refine_extra_params is yes. "
-          "Poses of cameras in the rig count as known if --rig_config_path "
-          "gives them.");
-    visit("output_path", self.output_path, Required(), "",
-          "Folder for the adjusted model. One that is there is replaced when "
-          "the new one is whole; it may be the input.");
+          "Intrinsics are fixed unless refine_focal_length or "
+          "refine_extra_params is yes; rig extrinsics are fixed if "
+          "--rig_config_path gives them.");
+    visit(
+        "output_path", self.output_path, Required(), "",
+        "Folder for the adjusted model. An earlier model is replaced when the "
+        "new one is complete; other files stay. May be the input.");
     visit("output_format", self.output_format, AnyValue(), "",
-          "Of the model: binary or text.");
+          "Format of the model: binary or text.");
     visit("retriangulate", self.retriangulate, AnyValue(), "",
-          "Drop outliers and triangulate the points of the model anew, in "
-          "rounds, as the mapper does. Without it, one solve over all that is "
-          "there.");
+          "Reject outliers and retriangulate all points in rounds, as the "
+          "mapper does. Otherwise, one solve over all observations.");
     visit("compute_covariances", self.compute_covariances, AnyValue(), "",
-          "Compute how exact the poses of cameras in the rig and of frames "
-          "are; to covariances.csv beside the model.");
+          "Write the covariances of rig extrinsics and frame poses to "
+          "covariances.csv beside the model.");
     SceneLoadingOptions::Describe(self.loading, visit);
     visit.Group("BundleAdjustment", self.bundle_adjustment);
   }
 };
 
-// Of all observations that their cameras can see.
+// Over all observations whose points project into the images.
 struct ReprojectionErrors {
   size_t num_observations = 0;
   double mean_px = 0.0;
@@ -88,7 +87,7 @@ ReprojectionErrors ComputeErrors(const Scene& scene,
   return errors;
 }
 
-// Why there is nothing to do; "" if there is.
+// The reason why nothing can be adjusted; empty if something can.
 std::string WhyNotAdjustable(const ModelScene& input,
                              const BundleAdjustmentOptions& options) {
   const Scene& scene = input.scene;
@@ -96,9 +95,9 @@ std::string WhyNotAdjustable(const ModelScene& input,
   if (std::none_of(points.begin(), points.end(), [](const Point3D& point) {
         return point.track.size() >= 2;
       })) {
-    return "no point is seen by two images";
+    return "no point is observed in two images";
   }
-  // Intrinsics are known, see MakeModelScene.
+  // Intrinsics of a model count as known (MakeModelScene).
   const bool refines_cameras =
       options.refine_focal_length == RefineMode::kYes ||
       options.refine_extra_params == RefineMode::kYes ||
@@ -114,7 +113,7 @@ std::string WhyNotAdjustable(const ModelScene& input,
       refines_sensors || refines_cameras) {
     return "";
   }
-  return "the options hold all that could be refined";
+  return "the options fix all parameters";
 }
 
 ObservationGroups GroupTracks(const Reconstruction& model) {
@@ -181,12 +180,12 @@ void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
                   const Context& context) {
   for (const DroppedFrame& dropped : summary.dropped_frames) {
     context.Warning("frame '" + input.scene.frames[dropped.frame_idx].name +
-                    "' is left out: " + dropped.reason);
+                    "' is dropped: " + dropped.reason);
   }
   if (summary.num_invisible_observations > 0) {
     context.Warning(std::to_string(summary.num_invisible_observations) +
-                    " observations have no part, as their cameras cannot see "
-                    "the points");
+                    " observations are ignored, as their points do not "
+                    "project into the images");
   }
 }
 
@@ -225,7 +224,7 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
     context.log(LogLevel::kError, "nothing was adjusted: " + reason);
     return kExitNotSolvable;
   };
-  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  StagedOutput output(options.output_path, OutputKind::kModel);
   const ModelScene input =
       LoadModelScene(options.input_path, options.loading, context);
   CheckFormat(input.scene, options.output_format);
@@ -251,7 +250,7 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
 
 Command BundleAdjusterCommand() {
   return MakeCommand("bundle_adjuster",
-                     "Refines a model: frames, cameras in the rig, points.",
+                     "Refines a model: frame poses, rig extrinsics, points.",
                      RunBundleAdjuster);
 }
 

@@ -29,9 +29,9 @@ int RunExhaustiveMatcher(const ExhaustiveMatcherOptions& options,
 }  // namespace
 
 Command ExhaustiveMatcherCommand() {
-  return MakeCommandThatGoesOn("exhaustive_matcher",
-                               "Matches all pairs of images.",
-                               RunExhaustiveMatcher);
+  return MakeResumableCommand("exhaustive_matcher",
+                              "Matches all pairs of images.",
+                              RunExhaustiveMatcher);
 }
 
 }  // namespace mgsfm

@@ -14,10 +14,10 @@ struct FeatureExtractorOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("database_path", self.database_path, Required(), "",
-          "COLMAP database to add to; made if there is none. Images that have "
-          "features there are not done again.");
+          "COLMAP database to add to; created if missing. Images that have "
+          "features there are skipped.");
     visit("image_path", self.image_path, Required(), "",
-          "Folder of images; those in its folders are taken, too.");
+          "Folder of images, searched recursively.");
     FeatureExtractionOptions::Describe(self.extraction, visit);
   }
 };
@@ -32,9 +32,9 @@ int RunFeatureExtractor(const FeatureExtractorOptions& options,
 }  // namespace
 
 Command FeatureExtractorCommand() {
-  return MakeCommandThatGoesOn("feature_extractor",
-                               "Finds SIFT features in images.",
-                               RunFeatureExtractor);
+  return MakeResumableCommand("feature_extractor",
+                              "Extracts SIFT features from images.",
+                              RunFeatureExtractor);
 }
 
 }  // namespace mgsfm

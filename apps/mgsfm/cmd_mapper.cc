@@ -23,24 +23,26 @@ struct MapperCommandOptions {
   static void Describe(Self& self, Visitor& visit) {
     visit("database_path", self.database_path, Required(), "",
           "COLMAP database with verified matches. It is only read.");
-    visit("output_path", self.output_path, Required(), "",
-          "Folder for the models 0, 1, ... and report.json. Earlier ones are "
-          "replaced when the new ones are whole.");
+    visit(
+        "output_path", self.output_path, Required(), "",
+        "Folder for the models 0, 1, ... and report.json. Those of an earlier "
+        "run are replaced when the new ones are complete; other files stay.");
     visit("image_path", self.image_path, AnyValue(), "",
-          "Folder of the images, to colour the points.");
+          "Folder of the images, to colour the points. Without it, all points "
+          "are black.");
     visit("input_path", self.input_path, AnyValue(), "",
-          "Folder of a model to go on from: the frames of the database that it "
-          "lacks are added.");
+          "Folder of a model to extend: adds the frames of the database that "
+          "it lacks.");
     visit("image_list_path", self.image_list_path, AnyValue(), "",
-          "File with a name of an image on each line: others are left out, but "
-          "those of the model to go on from.");
+          "File with one image name per line; uses only these images and those "
+          "of the model to extend.");
     visit("output_format", self.output_format, AnyValue(), "",
-          "Of the models: binary or text.");
+          "Format of the models: binary or text.");
     SceneLoadingOptions::Describe(self.loading, visit);
     PosePriorOptions::Describe(self.priors, visit);
     visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
-          "File with a line `image_name SECONDS` for each image: when it was "
-          "taken, for --SoftRig.method time_offset.");
+          "File with a line `image_name SECONDS` for every image: its time of "
+          "exposure. SoftRig.method time_offset needs it.");
     BaselineOptions::Describe(self.baseline, visit);
     MapperOptions::Describe(self.mapper, visit);
     visit.Group("Mapper", self.mapper.extension);

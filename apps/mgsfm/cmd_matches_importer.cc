@@ -18,8 +18,8 @@ struct MatchesImporterOptions {
     visit("match_list_path", self.match_list_path, Required(), "",
           "Text file of pairs or matches, see docs/formats.md.");
     visit("match_type", self.match_type, AnyValue(), "",
-          "What the file holds: pairs to match, raw matches to verify, or "
-          "inliers, which are not verified.");
+          "Content of the file: pairs to match, raw matches to verify, or "
+          "inlier matches that are imported as they are.");
   }
 };
 
@@ -34,9 +34,9 @@ int RunMatchesImporter(const MatchesImporterOptions& options,
 }  // namespace
 
 Command MatchesImporterCommand() {
-  return MakeCommandThatGoesOn(
-      "matches_importer", "Matches pairs, or verifies matches, of a text file.",
-      RunMatchesImporter);
+  return MakeResumableCommand("matches_importer",
+                              "Imports pairs or matches from a text file.",
+                              RunMatchesImporter);
 }
 
 }  // namespace mgsfm

@@ -58,35 +58,39 @@ struct EvaluatorOptions {
     visit("gt_path", self.gt_path, AnyValue(), "",
           "True poses: a folder (colmap) or a file (kitti, tum).");
     visit("gt_format", self.gt_format, AnyValue(), "",
-          "colmap: images of equal names. kitti, tum: poses of the reference "
-          "camera; kitti by the number in the image name or in frame order, "
-          "tum by the time in the name (s or ns) or in frame order. rig: "
-          "only the rig of --calib_path.");
-    visit("calib_path", self.calib_path, AnyValue(), "",
-          "True rig: KITTI's calib.txt, or EuRoC's sensor yaml of every "
-          "camera, separated by commas; in the order of the camera folders.");
+          "colmap: a model with the same image names. kitti, tum: poses of the "
+          "reference camera, assigned by the number (kitti) or the time in s "
+          "or ns (tum) in the image name, else in frame order. rig: only the "
+          "rig of --calib_path.");
+    visit(
+        "calib_path", self.calib_path, AnyValue(), "",
+        "True rig: KITTI's calib.txt, or EuRoC's sensor.yaml of every camera, "
+        "separated by commas, in the order of the camera folders.");
     visit("database_path", self.database_path, AnyValue(), "",
-          "Database of the model, for kitti and tum: its images that are not "
-          "in the model count as not registered. Without it, only those in "
-          "gaps between frames of the model do.");
+          "Database of the model, for kitti and tum: counts images that are "
+          "missing in the model as unregistered. Without it, only images in "
+          "gaps between frames of the model count.");
     visit("image_prefix", self.image_prefix, AnyValue(), "",
-          "Only images whose names start like this, as seq1/, are evaluated.");
+          "Evaluates only images whose names start with this, such as seq1/.");
     visit("reference", self.reference, AnyValue(), "",
-          "Folder of the camera that --gt_path is of; by default the "
-          "reference of the model's rig, or the first folder.");
+          "Folder of the camera whose poses --gt_path holds; by default the "
+          "reference sensor of the model's rig, or the first folder.");
     visit("rig_name_rule", self.rig_name_rule, AnyValue(), "",
-          "How image names tell cameras and frames if the model has no rigs; "
-          "as for the mapper.");
+          "How image names identify cameras and frames if the model has no "
+          "rigs; as for the mapper.");
     visit("alignment", self.alignment, AnyValue(), "",
-          "What may move the model before it is compared: similarity; rigid, "
-          "for models in metres; none, for models in the world of the truth.");
-    visit("json", self.json, AnyValue(), "", "Also write a JSON file.");
+          "Alignment of the model before it is compared: similarity; rigid for "
+          "metric models; none for models in the world of the ground truth.");
+    visit("json", self.json, AnyValue(), "",
+          "Write the errors to a JSON file.");
     visit("svg_path", self.svg_path, AnyValue(), "",
-          "Also draw the path from above and the errors along it, as SVG.");
+          "Write an SVG plot of the trajectory and its errors.");
     visit("position_thresholds", self.position_thresholds, AnyValue(), "m",
-          "Of the areas under the curve, separated by commas.");
+          "Position thresholds of the areas under the curve, separated by "
+          "commas.");
     visit("rotation_thresholds", self.rotation_thresholds, AnyValue(), "deg",
-          "Likewise.");
+          "Rotation thresholds of the areas under the curve, separated by "
+          "commas.");
   }
 };
 
@@ -107,7 +111,7 @@ std::vector<double> ParseThresholds(const std::string& name,
     double value = 0.0;
     if (!(stream >> value) || !stream.eof() || !(value > 0.0)) {
       std::ostringstream message;
-      message << "--" << name << ": '" << item << "' is no positive number";
+      message << "--" << name << ": '" << item << "' is not a positive number";
       throw Error(message.str());
     }
     thresholds.push_back(value);
@@ -183,7 +187,7 @@ std::vector<SensorPoses> PairSensors(const NamedModel& model,
   return sensors;
 }
 
-// What Evaluate needs.
+// The input of Evaluate.
 struct Comparison {
   std::vector<ImagePoses> images;
   std::vector<SensorPoses> sensors;
@@ -315,7 +319,8 @@ void CheckUsage(const EvaluatorOptions& options) {
     throw Error("--gt_path is needed, or --gt_format rig with --calib_path");
   }
   if (is_rig && !options.svg_path.empty()) {
-    throw Error("--svg_path needs true poses, which --gt_format rig has not");
+    throw Error(
+        "--svg_path needs true poses; choose another --gt_format than rig");
   }
 }
 
@@ -342,9 +347,10 @@ int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
 }  // namespace
 
 Command ModelEvaluatorCommand() {
-  return MakeCommand("model_evaluator",
-                     "Compares a model with true poses or a true rig.",
-                     RunModelEvaluator);
+  return MakeCommand(
+      "model_evaluator",
+      "Compares a model with ground-truth poses or rig extrinsics.",
+      RunModelEvaluator);
 }
 
 }  // namespace mgsfm

@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-BundleAdjustmentOptions HoldCameras() {
+BundleAdjustmentOptions FixCameras() {
   BundleAdjustmentOptions options;
   options.refine_rig_from_world = false;
   options.refine_sensor_from_rig = RefineMode::kNo;
@@ -33,24 +33,26 @@ struct PointTriangulatorOptions {
   ViewGraphOptions view_graph;
   TrackOptions tracks;
   MatchSelectionOptions match_selection;
-  BundleAdjustmentOptions bundle_adjustment = HoldCameras();
+  BundleAdjustmentOptions bundle_adjustment = FixCameras();
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("database_path", self.database_path, Required(), "",
           "COLMAP database with verified matches. It is only read.");
     visit("image_path", self.image_path, AnyValue(), "",
-          "Folder of the images, to colour the points.");
-    visit("input_path", self.input_path, Required(), "",
-          "Folder of the model whose poses and intrinsics are held; its images "
-          "are those of the database with the same names.");
+          "Folder of the images, to colour the points. Without it, all points "
+          "are black.");
+    visit(
+        "input_path", self.input_path, Required(), "",
+        "Folder of the model whose poses and intrinsics are fixed. Its images "
+        "are matched with those of the database by name.");
     visit("output_path", self.output_path, Required(), "",
-          "Folder for the model and report.json. One that is there is replaced "
-          "when the new one is whole; it may be the input.");
+          "Folder for the model and report.json. An earlier model is replaced "
+          "when the new one is complete; other files stay. May be the input.");
     visit("clear_points", self.clear_points, AnyValue(), "",
-          "Leave out the points of the model; 0 starts from them.");
+          "Discard the points of the model; 0 extends them.");
     visit("output_format", self.output_format, AnyValue(), "",
-          "Of the model: binary or text.");
+          "Format of the model: binary or text.");
     SceneLoadingOptions::Describe(self.loading, visit);
     visit.Group("ViewGraph", self.view_graph);
     visit.Group("Tracks", self.tracks);
@@ -71,7 +73,7 @@ MapperOptions StageOptions(const PointTriangulatorOptions& options) {
 int RunPointTriangulator(const PointTriangulatorOptions& options,
                          const Context& context) {
   CheckImagePath(options.image_path);
-  StagedOutput output(options.output_path, ObsoleteOutput::kModelFiles);
+  StagedOutput output(options.output_path, OutputKind::kModel);
   MapperRun run;
   run.database_path = options.database_path;
   run.input_path = options.input_path;
@@ -83,16 +85,15 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.options_json = OptionsToJsonOf(options);
 
   const StageTimer reading;
-  const MapperInput input =
+  const LoadedInput input =
       LoadMapperInput(run, {!options.clear_points, true}, context);
-  const Scene& scene = input.loaded.scene;
+  const Scene& scene = input.mapper.scene;
   CheckFormat(scene, options.output_format);
-  description.rig_source = input.loaded.rig_source;
+  description.rig_source = input.rig_source;
   description.times.push_back(reading.Stop("reading"));
 
-  MapperResult result = TriangulatePoints(scene, input.loaded.view_graph,
-                                          input.start->reconstruction,
-                                          StageOptions(options), context);
+  MapperResult result =
+      TriangulatePoints(input.mapper, StageOptions(options), context);
   if (result.models.empty()) {
     context.log(LogLevel::kError,
                 "no point could be triangulated from the matches");
@@ -108,10 +109,11 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",
-      MapperReportToJson(scene, input.loaded.view_graph, result, description));
+      MapperReportToJson(scene, input.mapper.view_graph, result, description));
   context.CheckInterrupted();
   output.Commit();
   context.Info(std::to_string(model.points.size()) + " points");
+  LogMissingColors(options.image_path, context);
   return kExitSuccess;
 }
 

@@ -16,8 +16,8 @@ struct RigConfiguratorOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("database_path", self.database_path, Required(), "",
-          "COLMAP database. Its rigs and frames are replaced; features and "
-          "matches stay.");
+          "COLMAP database. Replaces its rigs and frames; keeps features and "
+          "matches.");
     SceneLoadingOptions::Describe(self.rigs, visit);
   }
 };
@@ -40,7 +40,7 @@ int RunRigConfigurator(const RigConfiguratorOptions& options,
 
 Command RigConfiguratorCommand() {
   return MakeCommand("rig_configurator",
-                     "Tells a database which cameras are rigs.",
+                     "Writes rigs and frames to a database.",
                      RunRigConfigurator);
 }
 

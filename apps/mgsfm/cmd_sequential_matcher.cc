@@ -31,9 +31,9 @@ int RunSequentialMatcher(const SequentialMatcherOptions& options,
 }  // namespace
 
 Command SequentialMatcherCommand() {
-  return MakeCommandThatGoesOn(
+  return MakeResumableCommand(
       "sequential_matcher",
-      "Matches images of a rig that moves, and finds loops.",
+      "Matches consecutive images of a moving rig and closes loops.",
       RunSequentialMatcher);
 }
 

@@ -59,7 +59,7 @@ namespace {
 
 constexpr char kName[] = "simulate";
 constexpr char kSummary[] =
-    "Writes a database or images of a simulated drive, and its truth.";
+    "Simulates a drive: database or images, and ground truth.";
 
 struct SimulateCommandOptions {
   std::string output_path;
@@ -80,24 +80,24 @@ struct SimulateCommandOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("output_path", self.output_path, Required(), "",
-          "Folder for database.db or images, the ground truth, a model in "
-          "`truth`, the times of frames in timestamps.txt, and, if cameras do "
-          "not release together, the poses of images in `truth_images`.");
+          "Folder for database.db or images, the ground-truth model in `truth` "
+          "and the times of frames in timestamps.txt; if cameras do not "
+          "trigger simultaneously, also image poses in `truth_images`.");
     visit("preset", self.preset, AnyValue(), "",
-          "Defaults of what follows. small: a few exact frames, as shown. "
-          "street: a realistic street without noise. standard: the same with "
-          "noise, mismatches, vehicles and wrong pairs. aliased: the same with "
+          "Defaults of all other options. small: a few frames without noise. "
+          "street: a realistic street without noise. standard: street with "
+          "noise, mismatches, vehicles and wrong pairs. aliased: standard with "
           "duplicated facades.");
     visit("trajectory_path", self.trajectory_path, AnyValue(), "",
           "File with the poses of the reference camera, instead of `path`.");
     visit("trajectory_format", self.trajectory_format, AnyValue(), "",
-          "kitti: a 3x4 matrix a line; tum: time, position, quaternion.");
+          "kitti: a 3x4 matrix per line; tum: time, position, quaternion.");
     visit("rig_config_path", self.rig_config_path, AnyValue(), "",
           "COLMAP's rig_config.json instead of `rig`: one rig with the poses, "
-          "models and parameters of its cameras. Principal points are taken "
-          "for the centres of the images.");
+          "models and parameters of its cameras. Image sizes are twice the "
+          "principal points.");
     visit("database_schema", self.database_schema, AnyValue(), "",
-          "COLMAP version whose tables are written; 3.8 has no rigs.");
+          "COLMAP version of the database schema; 3.8 has no rigs.");
     DescribeRendering(self, visit);
     SimulationOptions::Describe(self.simulation, visit);
     PositionMeasurementOptions::Describe(self.positions, visit);
@@ -108,15 +108,15 @@ struct SimulateCommandOptions {
   template <class Self, class Visitor>
   static void DescribeRendering(Self& self, Visitor& visit) {
     visit("render", self.render, AnyValue(), "",
-          "Instead of a database, write images of a textured street, whatever "
-          "`world` is, and cameras.txt for --ImageReader.camera_params_path. "
-          "Options of features, matches and vehicles have no effect.");
+          "Render images of a textured street instead of writing a database; "
+          "adds cameras.txt for --ImageReader.camera_params_path. Options of "
+          "features, matches and vehicles have no effect.");
     visit("render_scale", self.render_scale, GreaterThan(0.0), "",
-          "Size of the images, as a factor to those of the rig.");
+          "Scale of the images relative to the cameras of the rig.");
     visit("render_format", self.render_format, AnyValue(), "",
           "File format of the images.");
     visit("render_jpeg_quality", self.render_jpeg_quality, Between(1, 100), "",
-          "Of jpg: 100 is the best.");
+          "Quality of JPEG images; 100 is best.");
     RenderingOptions::Describe(self.rendering, visit);
   }
 };
@@ -136,7 +136,7 @@ SimulationOptions OptionsOf(SimulationPreset preset) {
   return {};
 }
 
-// The image size that the parameters tell.
+// The image size whose centre is the principal point.
 std::pair<int, int> ImageSize(CameraModelId model,
                               const std::vector<double>& params) {
   const CameraModelInfo& info = *FindCameraModel(static_cast<int32_t>(model));
@@ -157,7 +157,7 @@ std::vector<SimulatedCamera> ReadRig(const std::string& path) {
   for (const RigConfigCamera& camera : rigs.front().cameras) {
     if (!camera.cam_from_rig || !camera.camera_model) {
       throw Error(problem + "camera '" + camera.image_prefix +
-                  "' has no pose or no camera model; a simulation needs both");
+                  "' needs a pose and a camera model");
     }
     const auto [width, height] =
         ImageSize(*camera.camera_model, camera.camera_params);
@@ -183,7 +183,7 @@ SimulationInput ReadInput(const SimulateCommandOptions& options) {
     }
   }
   if (input.rig_from_world_path.empty()) {
-    throw Error("'" + options.trajectory_path + "' holds no pose");
+    throw Error("'" + options.trajectory_path + "' contains no pose");
   }
   return input;
 }
@@ -192,7 +192,7 @@ bool IsSynchronized(const SimulationOptions& options) {
   return options.trigger_jitter_ms == 0.0 && options.trigger_offset_ms == 0.0;
 }
 
-// The poses of images that were not taken at the instants of their frames.
+// Image poses, which differ from those of the frames by the trigger offsets.
 void WriteTrueImages(const Simulation& simulation,
                      const std::filesystem::path& folder,
                      const Context& context) {
@@ -219,7 +219,7 @@ void WriteTruth(const Simulation& simulation, const SimulationOptions& options,
   }
 }
 
-// A line for each folder of images, as feature_extractor reads it.
+// One line per image folder, in the format of feature_extractor.
 std::string CameraLines(const Scene& scene) {
   std::string lines;
   for (const Sensor& sensor : scene.sensors) {
@@ -259,7 +259,7 @@ int RunRender(const SimulateCommandOptions& options, const Context& context) {
   const std::filesystem::path output_path = options.output_path;
   if (std::filesystem::exists(output_path / "images")) {
     throw Error("'" + (output_path / "images").string() +
-                "' exists already; name a new folder");
+                "' exists; choose a new folder");
   }
   StagedOutput output(output_path);
   SimulationOptions simulation_options = options.simulation;
@@ -307,7 +307,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   const std::filesystem::path output_path = options.output_path;
   if (std::filesystem::exists(output_path / "database.db")) {
     throw Error("'" + (output_path / "database.db").string() +
-                "' exists already; name a new folder");
+                "' exists; choose a new folder");
   }
   StagedOutput output(output_path);
   SimulationOptions simulation_options = options.simulation;
@@ -337,8 +337,8 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   return kExitSuccess;
 }
 
-// The arguments are parsed twice: for the preset, and on top of it. The first
-// time nothing is asked for but that they can be read.
+// The arguments are parsed twice: first for the preset, then on top of its
+// values.
 int ParseAndRun(const std::vector<std::string>& arguments) {
   AllOptions<SimulateCommandOptions> preset;
   SetOptions(arguments, ListOptions(&preset));

@@ -29,9 +29,9 @@ int RunSpatialMatcher(const SpatialMatcherOptions& options,
 }  // namespace
 
 Command SpatialMatcherCommand() {
-  return MakeCommandThatGoesOn("spatial_matcher",
-                               "Matches images taken near each other.",
-                               RunSpatialMatcher);
+  return MakeResumableCommand("spatial_matcher",
+                              "Matches images with nearby position priors.",
+                              RunSpatialMatcher);
 }
 
 }  // namespace mgsfm

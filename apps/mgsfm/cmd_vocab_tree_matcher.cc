@@ -31,9 +31,9 @@ int RunVocabTreeMatcher(const VocabTreeMatcherOptions& options,
 }  // namespace
 
 Command VocabTreeMatcherCommand() {
-  return MakeCommandThatGoesOn("vocab_tree_matcher",
-                               "Matches the images that look most alike.",
-                               RunVocabTreeMatcher);
+  return MakeResumableCommand("vocab_tree_matcher",
+                              "Matches each image with the most similar ones.",
+                              RunVocabTreeMatcher);
 }
 
 }  // namespace mgsfm

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
+#include "output_check.h"
 
 namespace mgsfm {
 namespace {
@@ -43,7 +44,7 @@ std::vector<Flag> SplitFlags(const std::vector<std::string>& arguments) {
   return flags;
 }
 
-// Takes the flag out of the list.
+// Removes the flag from the list.
 std::optional<Flag> TakeFlag(const std::string& name,
                              std::vector<Flag>* flags) {
   for (size_t i = 0; i < flags->size(); ++i) {
@@ -81,25 +82,11 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
     } else if (IsBool(options, flag.name)) {
       SetOption(options, flag.name, "true");
     } else {
-      // An unknown name is the likelier mistake, so it is told first.
+      // An unknown name is the likelier mistake, so it is reported first.
       SetOption(options, flag.name, "");
       throw Error("--" + flag.name + " needs a value");
     }
   }
-}
-
-void PrintHelp(const std::string& name, const std::string& summary,
-               const OptionList& options) {
-  std::cout << "mgsfm " << name << ": " << summary << "\n\n"
-            << OptionsToHelp(options)
-            << "\nFor all commands\n"
-               "  --config_path FILE\n"
-               "      Read options from a file, as --dump_config writes it;\n"
-               "      flags override it.\n"
-               "  --dump_config\n"
-               "      Print all options with their values, and end.\n"
-               "  --help\n"
-               "      Print this, and end.\n";
 }
 
 }  // namespace
@@ -108,12 +95,14 @@ Switches SetOptions(const std::vector<std::string>& arguments,
                     const OptionList& options) {
   std::vector<Flag> flags = SplitFlags(arguments);
   Switches switches;
-  switches.help = TakeSwitch("help", &flags);
+  if (TakeSwitch("help", &flags)) switches.help = HelpLevel::kBasic;
+  if (TakeSwitch("help_all", &flags)) switches.help = HelpLevel::kAll;
   if (switches.help) return switches;
   switches.dump_config = TakeSwitch("dump_config", &flags);
   if (const auto config = TakeFlag("config_path", &flags)) {
     if (!config->value) throw Error("--config_path needs a value");
-    LoadOptions(std::filesystem::path(*config->value), options);
+    switches.config_path = *config->value;
+    LoadOptions(std::filesystem::path(switches.config_path), options);
   }
   SetFlags(flags, options);
   return switches;
@@ -124,7 +113,7 @@ bool ParseArguments(const std::string& name, const std::string& summary,
                     const OptionList& options) {
   const Switches switches = SetOptions(arguments, options);
   if (switches.help) {
-    PrintHelp(name, summary, options);
+    std::cout << MakeHelp(name, summary, options, *switches.help);
     return false;
   }
   if (switches.dump_config) {
@@ -132,6 +121,7 @@ bool ParseArguments(const std::string& name, const std::string& summary,
     return false;
   }
   CheckOptions(options);
+  CheckOutputsAreNoInputs(name, options, switches.config_path);
   return true;
 }
 

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "help.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options_io.h"
 
@@ -42,19 +44,20 @@
 //
 // 2. Declare FooCommand in commands.h and add it to the table in program.cc.
 // 3. Add cmd_foo.cc, and the modules it uses, to apps/mgsfm/CMakeLists.txt.
+// 4. List its outputs in output_check.cc and its basic options in help.cc.
 //
 // The flags, their checks, --help, --config_path, --dump_config, the common
-// options below and the section of docs/options.md come by themselves.
+// options below and the section of docs/options.md are generated.
 
 namespace mgsfm {
 
 enum ExitCode : int {
-  kExitSuccess = 0,        // what was asked for was written
+  kExitSuccess = 0,        // the output was written
   kExitBadInput = 1,       // bad usage, input or file; nothing was written
-  kExitNotSolvable = 2,    // good input that held nothing to reconstruct
+  kExitNotSolvable = 2,    // valid input from which nothing can be estimated
   kExitInternalError = 3,  // a defect of mgsfm, or out of memory
-  // A run that a signal stopped ends by that signal, so that shells see 128
-  // plus its number; nothing was written, but by commands that go on.
+  // A run that is stopped by a signal ends by that signal, so that shells see
+  // 128 plus its number. Only resumable commands have written anything then.
 };
 
 struct Command {
@@ -65,9 +68,8 @@ struct Command {
   std::function<int(const std::vector<std::string>&)> run;
   // Calls the function with all options at their defaults.
   std::function<void(const std::function<void(const OptionList&)>&)> list;
-  // A run that was stopped leaves what it has done so far, and the next one
-  // goes on from there.
-  bool goes_on = false;
+  // A stopped run keeps its finished work, and the next run continues from it.
+  bool is_resumable = false;
 };
 
 template <>
@@ -88,11 +90,11 @@ struct CommonOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("num_threads", self.num_threads, Between(-1, 1024), "threads",
-          "-1 or 0: as many as the machine has. Does not change results.");
+          "-1 or 0: all processor cores. Does not change results.");
     visit("random_seed", self.random_seed, AtLeast(0), "",
-          "The same input, options and seed give the same result.");
+          "Equal input, options and seed give equal results.");
     visit("log_level", self.log_level, AnyValue(), "",
-          "Least important messages to print, on the standard error stream.");
+          "Minimum level of the messages on the standard error stream.");
   }
 };
 
@@ -110,19 +112,19 @@ struct AllOptions {
 };
 
 struct Switches {
-  bool help = false;
+  std::optional<HelpLevel> help;
   bool dump_config = false;
+  std::string config_path;  // empty: none
 };
 
 // Sets options: first from the file --config_path, then from the flags, each
 // `--name value` or `--name=value`; for true, `--name` alone will do. After
-// --help none is set. Required ones may still be missing.
+// --help or --help_all none is set. Required ones may still be missing.
 Switches SetOptions(const std::vector<std::string>& arguments,
                     const OptionList& options);
 
-// SetOptions, what the switches ask for, and the check that nothing is missing.
-// Returns false if there is nothing left to do, as after --help or
-// --dump_config.
+// Sets the options and checks that none is missing and that no output replaces
+// an input. Returns false after --help or --dump_config, which end the run.
 bool ParseArguments(const std::string& name, const std::string& summary,
                     const std::vector<std::string>& arguments,
                     const OptionList& options);
@@ -149,13 +151,13 @@ Command MakeCommand(const std::string& name, const std::string& summary,
   return {name, summary, run_with, list};
 }
 
-// The same for a command that goes on where an interrupted run stopped.
+// The same for a command that continues where an interrupted run stopped.
 template <class Options>
-Command MakeCommandThatGoesOn(const std::string& name,
-                              const std::string& summary,
-                              int (*run)(const Options&, const Context&)) {
+Command MakeResumableCommand(const std::string& name,
+                             const std::string& summary,
+                             int (*run)(const Options&, const Context&)) {
   Command command = MakeCommand(name, summary, run);
-  command.goes_on = true;
+  command.is_resumable = true;
   return command;
 }
 

@@ -23,8 +23,8 @@ void LogSummary(const FeatureExtractionSummary& summary,
   context.Info(std::to_string(summary.num_features) + " features of " +
                std::to_string(summary.num_extracted) + " images" + rate + "; " +
                std::to_string(summary.num_present) +
-               " images had features before, " +
-               std::to_string(summary.num_refused) + " were left out");
+               " images already had features, " +
+               std::to_string(summary.num_rejected) + " were rejected");
 }
 
 }  // namespace
@@ -40,7 +40,7 @@ void ExtractInto(const std::string& database_path,
     LogSummary(ExtractFeatures(image_path, options, &*database, context),
                context);
   } catch (const Error&) {
-    // A run that finds nothing to do leaves no empty file.
+    // A failed run leaves no empty database.
     const bool is_empty =
         is_new && database->ReadStructure(context).images.empty();
     database.reset();

@@ -8,8 +8,8 @@
 
 namespace mgsfm {
 
-// From images to a database on disk, as commands share it. Throws Error for bad
-// input; then a database that held nothing before is removed.
+// Extracts the features of images into a database on disk. Throws Error for bad
+// input, after removing a database that it created and left empty.
 void ExtractInto(const std::string& database_path,
                  const std::string& image_path,
                  const FeatureExtractionOptions& options,

@@ -25,34 +25,35 @@ void CheckTimestamps(const MapperRun& run) {
       run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
     throw Error(
         "--SoftRig.method time_offset needs the times of images; "
-        "give --image_timestamps_path");
+        "set --image_timestamps_path");
   }
 }
 
-void LogInput(const LoadedScene& loaded, const Context& context) {
-  context.Info("read " + std::to_string(loaded.scene.images.size()) +
-               " images in " + std::to_string(loaded.scene.frames.size()) +
-               " frames, " + std::to_string(loaded.view_graph.pairs.size()) +
-               " pairs; rigs: " + loaded.rig_source);
+void LogInput(const LoadedInput& input, const Context& context) {
+  const Scene& scene = input.mapper.scene;
+  context.Info("read " + std::to_string(scene.images.size()) + " images in " +
+               std::to_string(scene.frames.size()) + " frames, " +
+               std::to_string(input.mapper.view_graph.pairs.size()) +
+               " pairs; rigs: " + input.rig_source);
 }
 
-// The images to take, empty for all.
+// The names of the images to use; empty: all.
 std::set<std::string> ListImages(const std::string& list_path,
                                  const std::optional<Model>& model) {
   if (list_path.empty()) return {};
   const std::vector<std::string> listed = ReadImageList(list_path);
   std::set<std::string> names(listed.begin(), listed.end());
   if (names.empty()) {
-    throw Error("'" + list_path + "' (--image_list_path) names no image");
+    throw Error("'" + list_path + "' (--image_list_path) lists no image");
   }
   if (!model) return names;
   for (const ModelImage& image : model->poses.images) names.insert(image.name);
   return names;
 }
 
-void Separate(LoadedScene* loaded) {
+void IgnoreRigs(LoadedScene* loaded) {
   loaded->scene = SeparateImages(std::move(loaded->scene));
-  loaded->rig_source = "left out, each image by itself";
+  loaded->rig_source = "ignored, each image is a rig of its own";
 }
 
 void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
@@ -68,8 +69,8 @@ void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
                std::to_string(model.reconstruction.points.size()) + " points");
 }
 
-// With the poses of images if these are not those of the rig; then all are
-// frames of their own, so that no table contradicts another.
+// A soft rig has one pose per image. Then each image is written as a frame of
+// its own, so that the tables agree.
 void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
                      const MapperModel& model, ModelFormat format,
                      const Context& context) {
@@ -83,31 +84,30 @@ void WriteModelFiles(const std::filesystem::path& folder, const Scene& scene,
   }
 }
 
-void WriteModels(const LoadedScene& loaded, const MapperResult& result,
-                 const PositionPriors& priors, ModelFormat format,
-                 const std::filesystem::path& output_path,
+void WriteModels(const MapperInput& input, const MapperResult& result,
+                 ModelFormat format, const std::filesystem::path& output_path,
                  const Context& context) {
   for (size_t i = 0; i < result.models.size(); ++i) {
     const std::filesystem::path folder = output_path / std::to_string(i);
     const Reconstruction& model = result.models[i].reconstruction;
     std::filesystem::create_directory(folder);
-    WriteModelFiles(folder, loaded.scene, result.models[i], format, context);
-    WriteRigConfig((folder / "rig_config.json").string(), loaded.scene, model);
+    WriteModelFiles(folder, input.scene, result.models[i], format, context);
+    WriteRigConfig((folder / "rig_config.json").string(), input.scene, model);
     const auto& registration = result.models[i].position_priors;
-    if (registration && registration->is_registered && priors.origin_wgs84) {
-      WriteGeoOrigin((folder / "geo_origin.json").string(),
-                     *priors.origin_wgs84);
+    const auto& origin_wgs84 = input.position_priors.origin_wgs84;
+    if (registration && registration->is_registered && origin_wgs84) {
+      WriteGeoOrigin((folder / "geo_origin.json").string(), *origin_wgs84);
     }
     const auto& covariances = result.models[i].covariances;
     if (covariances && covariances->is_usable) {
       WriteFile(folder / "covariances.csv",
-                CovariancesToCsv(loaded.scene, *covariances));
+                CovariancesToCsv(input.scene, *covariances));
     }
-    LogModel(loaded.scene, result.models[i], i, context);
+    LogModel(input.scene, result.models[i], i, context);
   }
 }
 
-// Of a model that was gone on from and stayed where it was.
+// A model that was extended without registration keeps its origin.
 void KeepGeoOrigin(const std::filesystem::path& input_path,
                    const MapperResult& result,
                    const std::filesystem::path& output_path) {
@@ -125,7 +125,7 @@ void KeepGeoOrigin(const std::filesystem::path& input_path,
 
 void CheckImagePath(const std::string& image_path) {
   if (!image_path.empty() && !std::filesystem::is_directory(image_path)) {
-    throw Error("--image_path '" + image_path + "' is no folder");
+    throw Error("--image_path '" + image_path + "' is not a folder");
   }
 }
 
@@ -137,12 +137,19 @@ void ColorModels(const Scene& scene, const std::string& image_path,
         ColorPoints(scene, image_path, context, &model.reconstruction);
     if (missing.empty()) continue;
     context.Warning(std::to_string(missing.size()) +
-                    " images could not be read for colours, the first is " +
+                    " images could not be read for colours; the first is " +
                     missing.front());
   }
 }
 
-MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+void LogMissingColors(const std::string& image_path, const Context& context) {
+  if (!image_path.empty()) return;
+  context.Info(
+      "all points are black, as no image folder was given; pass --image_path "
+      "to colour them");
+}
+
+LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context) {
   std::optional<Model> model;
   if (!run.input_path.empty()) model = ReadModel(run.input_path);
@@ -151,23 +158,28 @@ MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
   if (!names.empty()) {
     KeepListedImages(names, run.image_list_path, &contents);
   }
-  MapperInput input;
-  input.loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.baseline.method == MapperMethod::kSingle) Separate(&input.loaded);
+  LoadedScene loaded = LoadScene(std::move(contents), run.loading, context);
+  if (run.baseline.method == MapperMethod::kSingle) IgnoreRigs(&loaded);
   if (!run.image_timestamps_path.empty()) {
-    ReadImageTimestamps(run.image_timestamps_path, &input.loaded.scene);
+    ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
-  if (!model) return input;
-  const auto place = [&] {
-    input.start = PlaceModel(*model, run.input_path, run.database_path,
-                             use.takes_points, &input.loaded.scene);
-  };
-  place();
-  if (use.holds_poses && !input.start->is_rigid) {
-    context.Info("the images of the model are not rigid units");
-    Separate(&input.loaded);
-    place();
+  LoadedInput input;
+  if (model) {
+    const auto place = [&] {
+      return PlaceModel(*model, run.input_path, run.database_path,
+                        use.takes_points, &loaded.scene);
+    };
+    PlacedModel placed = place();
+    if (use.holds_poses && !placed.is_rigid) {
+      context.Info("the images of the model do not move as rigid units");
+      IgnoreRigs(&loaded);
+      placed = place();
+    }
+    input.mapper.existing_model = std::move(placed.reconstruction);
   }
+  input.mapper.scene = std::move(loaded.scene);
+  input.mapper.view_graph = std::move(loaded.view_graph);
+  input.rig_source = std::move(loaded.rig_source);
   return input;
 }
 
@@ -186,40 +198,40 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.options_json = run.options_json;
 
   const StageTimer reading;
-  const MapperInput input = LoadMapperInput(run, StartUse(), context);
-  const LoadedScene& loaded = input.loaded;
-  CheckFormat(loaded.scene, run.output_format);
-  description.rig_source = loaded.rig_source;
+  LoadedInput input = LoadMapperInput(run, StartUse(), context);
+  const Scene& scene = input.mapper.scene;
+  CheckFormat(scene, run.output_format);
+  description.rig_source = input.rig_source;
   description.times.push_back(reading.Stop("reading"));
-  const PositionPriors priors =
-      ReadPositionPriors(loaded.scene, run.database_path, run.priors);
-  const GravityPriors gravity =
-      ReadGravity(loaded.scene, run.database_path, run.priors);
-  LogInput(loaded, context);
+  input.mapper.position_priors =
+      ReadPositionPriors(scene, run.database_path, run.priors);
+  input.mapper.gravity_priors =
+      ReadGravity(scene, run.database_path, run.priors);
+  LogInput(input, context);
 
-  MapperResult result = RunBaseline(
-      run.baseline, loaded.scene, loaded.view_graph, run.mapper, context,
-      priors, gravity, input.start ? &input.start->reconstruction : nullptr);
+  MapperResult result =
+      RunBaseline(run.baseline, input.mapper, run.mapper, context);
   context.Debug("writing started");
   const StageTimer writing;
-  ColorModels(loaded.scene, run.image_path, context, &result);
-  WriteModels(loaded, result, priors, run.output_format, output.StagingDir(),
+  ColorModels(scene, run.image_path, context, &result);
+  WriteModels(input.mapper, result, run.output_format, output.StagingDir(),
               context);
   KeepGeoOrigin(run.input_path, result, output.StagingDir());
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
   WriteFile(
       output.StagingDir() / "report.json",
-      MapperReportToJson(loaded.scene, loaded.view_graph, result, description));
+      MapperReportToJson(scene, input.mapper.view_graph, result, description));
   context.CheckInterrupted();
   output.Commit();
   if (result.models.empty()) {
     context.log(
         LogLevel::kError,
-        "nothing could be reconstructed; see " +
+        "no model could be reconstructed; see " +
             (std::filesystem::path(run.output_path) / "report.json").string());
     return kExitNotSolvable;
   }
+  LogMissingColors(run.image_path, context);
   return kExitSuccess;
 }
 

@@ -15,7 +15,7 @@
 
 namespace mgsfm {
 
-// From a database to models on disk, as commands share it.
+// A mapper run from a database to models on disk, shared by commands.
 struct MapperRun {
   std::string database_path;
   std::string output_path;
@@ -26,38 +26,40 @@ struct MapperRun {
   MapperOptions mapper;
   std::string options_json;           // of the command, for the report
   std::string image_timestamps_path;  // may be empty
-  std::string input_path = {};        // of a model to go on from; may be empty
-  std::string image_list_path = {};   // of the images to take; empty: all
-  BaselineOptions baseline = {};      // by default the product
+  std::string input_path = {};        // model to extend; may be empty
+  std::string image_list_path = {};   // images to use; empty: all
+  BaselineOptions baseline = {};      // by default the mapper itself
 };
 
-// A database as a run takes it, and the model that it starts from.
-struct MapperInput {
-  LoadedScene loaded;
-  std::optional<PlacedModel> start;
+// The input of the mapper, and the facts about it that the report states.
+struct LoadedInput {
+  MapperInput mapper;
+  std::string rig_source;
 };
 
 struct StartUse {
   bool takes_points = true;  // of the model, see PlaceModel
-  // Its images stay where they are, so they are treated as single ones if they
-  // are not rigid units.
+  // Poses are fixed: images that do not move as rigid units become single ones.
   bool holds_poses = false;
 };
 
-// Of the database, the listed images and those of the model. Throws Error for
-// bad input.
-MapperInput LoadMapperInput(const MapperRun& run, StartUse use,
+// Loads the images of the database that are listed or belong to the existing
+// model, and that model. Priors are not loaded. Throws Error for bad input.
+LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context);
 
-// Gives the points of models the colours of the images.
+// Colours the points of models, unless `image_path` is empty.
 void ColorModels(const Scene& scene, const std::string& image_path,
                  const Context& context, MapperResult* result);
+
+// Logs how to colour the points if `image_path` is empty.
+void LogMissingColors(const std::string& image_path, const Context& context);
 
 // Throws Error unless it is empty or a folder.
 void CheckImagePath(const std::string& image_path);
 
-// Returns an ExitCode. What was at output_path is replaced when the models are
-// whole. Throws Error for bad input.
+// Returns an ExitCode. Models at output_path are replaced when the new ones are
+// complete. Throws Error for bad input.
 int MapDatabase(const MapperRun& run, const Context& context);
 
 }  // namespace mgsfm

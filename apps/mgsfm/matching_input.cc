@@ -16,7 +16,7 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
     throw Error("database '" + options.database_path +
                 "' has no images; run feature_extractor first");
   }
-  // What it would say of missing matches is no news here.
+  // Missing matches are expected here, so no warning about them.
   Context quiet = context;
   quiet.log = nullptr;
   LoadedScene loaded = LoadScene(std::move(contents), options.loading, quiet);

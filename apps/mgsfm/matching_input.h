@@ -7,12 +7,12 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/io/database/scene_loading.h"
-#include "mgsfm/matching/pair_matching.h"
+#include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
-// What all commands that match have in common.
+// The options that all matching commands share.
 struct MatchingInputOptions {
   std::string database_path;
   SceneLoadingOptions loading;
@@ -20,9 +20,10 @@ struct MatchingInputOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
-    visit("database_path", self.database_path, Required(), "",
-          "COLMAP database with features. Matches are added; what it has "
-          "already is not done again.");
+    visit(
+        "database_path", self.database_path, Required(), "",
+        "COLMAP database with features. Adds matches; pairs that have matches "
+        "are skipped.");
     SceneLoadingOptions::Describe(self.loading, visit);
     PairMatchingOptions::Describe(self.matching, visit);
   }

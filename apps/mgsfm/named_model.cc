@@ -28,7 +28,7 @@ void KeepPrefix(const std::string& path, const std::string& prefix,
   }
 }
 
-// The tables of rigs and frames, unless they leave out an image.
+// Adds the tables of rigs and frames if they cover all images.
 void AddTables(const PoseModel& poses, DatabaseContents* contents) {
   std::map<ImageId, CameraId> camera_of_image;
   for (const ModelImage& image : poses.images) {
@@ -59,7 +59,7 @@ void AddTables(const PoseModel& poses, DatabaseContents* contents) {
   }
 }
 
-// The model as rows of a database, in which intrinsics do not matter.
+// The model as rows of a database, with placeholder intrinsics.
 DatabaseContents ToContents(const PoseModel& poses, const std::string& path) {
   DatabaseContents contents;
   contents.path = path;
@@ -126,7 +126,7 @@ NamedModel ReadNamedModel(const std::string& path,
   KeepPrefix(path, image_prefix, &poses);
   NamedModel model;
   model.scene = LoadScene(ToContents(poses, path), naming, Context()).scene;
-  // Both are sorted by name.
+  // Scene and model are both sorted by name.
   for (const ModelImage& image : poses.images) {
     model.cam_from_world.push_back(image.cam_from_world);
   }

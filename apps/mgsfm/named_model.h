@@ -13,24 +13,24 @@
 
 namespace mgsfm {
 
-// A model whose images are told apart by sensor and frame: as its own rigs and
-// frames say or, if they say nothing, by image names as the mapper does.
+// A model with the sensor and frame of each image, from its rigs and frames or,
+// without them, from image names as in the mapper.
 struct NamedModel {
   Scene scene;                         // without keypoints
   std::vector<Rigid3> cam_from_world;  // of scene.images
   std::vector<int> ref_sensor;         // of scene.rigs
-  // Of scene.sensors, relative to that of their rig.
+  // Poses of scene.sensors relative to the reference sensor of their rig.
   std::vector<std::optional<Rigid3>> sensor_from_ref;
   std::map<std::string, int> sensor_of_folder;
 
   bool IsReference(int image_idx) const;
-  // The sensor that has images in this folder, or is called like it.
+  // The sensor with images in this folder, or with its name.
   std::optional<int> FindSensor(const std::string& folder) const;
 };
 
-// Images whose names start otherwise are left out. `reference`, if not empty,
-// is the name of a sensor or of a folder of its images. Throws Error if there
-// is none, or no image is left.
+// Reads the images whose names start with `image_prefix`. `reference`, if not
+// empty, is the name of a sensor or of a folder of its images. Throws Error if
+// no sensor or no image matches.
 NamedModel ReadNamedModel(const std::string& path,
                           const std::string& image_prefix,
                           const std::string& reference,

@@ -46,23 +46,26 @@ void PrintOptionsMarkdown() {
 
 void PrintUsage() {
   std::cout << "mgsfm " MGSFM_VERSION
-               ": global structure from motion for rigs of cameras\n\n"
+               ": global structure from motion for multi-camera rigs\n\n"
                "Usage: mgsfm COMMAND [--option value ...]\n\n";
   for (const Command& command : AllCommands()) {
     std::printf("  %-20s %s\n", command.name.c_str(), command.summary.c_str());
   }
-  std::cout << "\nmgsfm COMMAND --help lists the options of a command.\n"
+  std::cout << "\nmgsfm COMMAND --help shows the basic options of a command, "
+               "--help_all "
+               "all.\n"
                "Exit codes: 0 done, 1 bad usage or input, 2 nothing to "
                "reconstruct, 3 internal error;\n"
                "stopped by a signal: 128 + its number, as 130 for Ctrl-C.\n";
 }
 
 int EndInterrupted(const Command& command) {
-  std::fprintf(stderr, "mgsfm: stopped by signal %d (%s); %s\n",
-               InterruptionSignal(), strsignal(InterruptionSignal()),
-               command.goes_on
-                   ? "what was done is kept, and the same command goes on"
-                   : "nothing was written");
+  std::fprintf(
+      stderr, "mgsfm: stopped by signal %d (%s); %s\n", InterruptionSignal(),
+      strsignal(InterruptionSignal()),
+      command.is_resumable
+          ? "finished work is kept; run the same command again to continue"
+          : "nothing was written");
   return EndByInterruption();
 }
 
@@ -79,12 +82,12 @@ int RunCommand(const std::string& name,
     }
   }
   throw Error("unknown command '" + name + "'" + SuggestName(name, names) +
-              "; mgsfm --help lists all");
+              "; mgsfm --help lists them");
 }
 
 int Dispatch(std::vector<std::string> arguments) {
   if (arguments.empty()) {
-    throw Error("no command given; mgsfm --help lists all");
+    throw Error("no command given; mgsfm --help lists them");
   }
   const std::string name = arguments.front();
   arguments.erase(arguments.begin());
@@ -104,7 +107,7 @@ int Dispatch(std::vector<std::string> arguments) {
   return kExitSuccess;
 }
 
-// One line, whatever names of files and images the message holds.
+// Names in the message may hold control characters; the output is one line.
 int PrintError(std::string message, ExitCode exit_code) {
   for (char& c : message) {
     if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
@@ -116,7 +119,7 @@ int PrintError(std::string message, ExitCode exit_code) {
 int Run(const std::vector<std::string>& arguments) {
   const int exit_code = Dispatch(arguments);
   if (!std::cout.flush() || std::fflush(stdout) != 0) {
-    throw Error("cannot write to the standard output; send it elsewhere");
+    throw Error("cannot write to the standard output; redirect it");
   }
   return exit_code;
 }
@@ -125,8 +128,8 @@ int Run(const std::vector<std::string>& arguments) {
 
 int RunProgram(const std::vector<std::string>& arguments) {
   CatchInterruptions();
-  // These become failed writes: a reader of the log that goes away must not
-  // take the result with it, nor a limit leave half of it.
+  // Turns these signals into failed writes: a closed log reader must not end
+  // the run, and a file size limit must not leave half a file.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   try {

@@ -37,7 +37,7 @@ class TrajectoryPairing {
     }
   }
 
-  // Of the rig with most images.
+  // Adds frames of the rig with the most images.
   void AddMissingFrames() {
     if (images_.empty()) return;
     std::vector<int> num_images(model_.scene.rigs.size(), 0);

@@ -19,13 +19,13 @@ struct TrueTrajectory {
   std::map<std::string, size_t> pose_of_frame;
 };
 
-// By the line, from 0, that the name of a frame is the number of; else in
-// order, if there are as many. `path` is named in errors.
+// Assigns poses to frames by line number (from 0), if the names of frames are
+// numbers; else in order, if there are equally many. Errors name `path`.
 TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                               std::vector<Rigid3> ref_from_world,
                               const std::string& path);
-// By the time (s or ns) that the name is, within half the usual step between
-// poses; else as above.
+// Assigns poses to frames by the time (s or ns) in their names, within half the
+// median step between poses; else in order.
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path);
@@ -33,12 +33,12 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
 // The number that a text consists of.
 std::optional<double> ParseNumber(const std::string& text);
 
-// Images that the model may lack, by name; nullopt: it is not known which.
+// Names of images that the model may lack; nullopt if they are unknown.
 using ImageNames = std::optional<std::vector<std::string>>;
 
-// Names of all frames of the model and of other images of its sensors, which
-// their folders tell; sorted. Throws Error if two frames of the model have
-// one name, as in two sequences.
+// Sorted names of all frames of the model, and of frames of other images in the
+// folders of its sensors. Throws Error if two frames of the model have the same
+// name, as in two sequences.
 std::vector<std::string> FrameNames(const NamedModel& model,
                                     const ImageNames& other_images);
 

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kNumPoints = 1000;
 
-// In a cone that every model sees.
+// Random points in a cone within the domain of all models.
 std::vector<Eigen::Vector3d> PointsInView() {
   Random random(1);
   std::vector<Eigen::Vector3d> points(kNumPoints);

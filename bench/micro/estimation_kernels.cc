@@ -21,8 +21,8 @@ Vector3d RandomVector(Random* random) {
   return {random->Normal(), random->Normal(), random->Normal()};
 }
 
-// Differences of nodes along a drive, each node with the next ten; the first
-// node is the origin.
+// Differences between each node along a drive and the next ten. The first node
+// is the origin.
 Eigen::SparseMatrix<double> DriveGraph(int num_nodes) {
   constexpr int kNumNext = 10;
   std::vector<Eigen::Triplet<double>> values;
@@ -38,7 +38,7 @@ Eigen::SparseMatrix<double> DriveGraph(int num_nodes) {
   return A;
 }
 
-// Items are edges times iterations.
+// Items: edges times iterations.
 void RunAdmm(benchmark::State& state) {
   constexpr int kNumIterations = 50;
   const SparseLeastSquares op(DriveGraph(static_cast<int>(state.range(0))));
@@ -59,7 +59,7 @@ void RunAdmm(benchmark::State& state) {
       benchmark::Counter::kIsRate);
 }
 
-// Points ahead of a drive, with noise.
+// Rays to points ahead of a drive, with noise.
 struct RaysOfPoint {
   std::vector<Vector3d> centers, rays;
 };

@@ -3,7 +3,7 @@
 
 namespace mgsfm {
 
-// Each registers a group of micro-benchmarks.
+// Each function registers a group of micro-benchmarks.
 void RegisterSolverBenchmarks();      // linearisation, elimination, factor
 void RegisterCameraBenchmarks();      // projection and rays
 void RegisterMatchingBenchmarks();    // database, inlier tests, tracks

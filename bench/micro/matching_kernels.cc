@@ -28,7 +28,7 @@ Context Threads(int num_threads) {
   return context;
 }
 
-// A street seen from a stereo rig, made when first asked for.
+// A street observed by a stereo rig, created on first use.
 const Simulation& Street() {
   static const Simulation street = [] {
     SimulationOptions options = StandardSimulation(RigPreset::kStereo);
@@ -46,7 +46,7 @@ size_t NumMatches(const ViewGraph& view_graph) {
   return num_matches;
 }
 
-// The rays of all matches, and the relative pose that they came with.
+// The rays of all matches and their relative pose.
 struct PairRays {
   RayMatches matches;
   Rigid3 cam2_from_cam1;
@@ -61,15 +61,15 @@ std::vector<PairRays> GatherRays(const Simulation& street) {
     PairRays rays;
     rays.cam2_from_cam1 = {pose->cam2_from_cam1, *pose->translation_direction};
     for (const Match& match : pair.matches) {
-      rays.matches.Add(bearings.rays[pair.image_idx1][match.keypoint_idx1],
-                       bearings.rays[pair.image_idx2][match.keypoint_idx2]);
+      rays.matches.Add(bearings.Ray(pair.image_idx1, match.keypoint_idx1),
+                       bearings.Ray(pair.image_idx2, match.keypoint_idx2));
     }
     pairs.push_back(std::move(rays));
   }
   return pairs;
 }
 
-// Items are matches.
+// Items: matches.
 template <class Function>
 void OverPairs(benchmark::State* state, const Function& function) {
   const std::vector<PairRays> pairs = GatherRays(Street());
@@ -130,7 +130,7 @@ void MakeRaysOfKeypoints(benchmark::State& state) {
   state.SetItemsProcessed(state.iterations() * num_keypoints);
 }
 
-// Items are matches, joined in the order of the pairs.
+// Items: matches, merged in the order of the pairs.
 void JoinSets(benchmark::State& state) {
   const Simulation& street = Street();
   std::vector<size_t> first = {0};
@@ -163,7 +163,7 @@ void JoinTracks(benchmark::State& state) {
                           static_cast<int64_t>(NumMatches(street.view_graph)));
 }
 
-// A folder of its own that is removed at the end.
+// A temporary folder, removed by the destructor.
 class TemporaryFolder {
  public:
   TemporaryFolder() {
@@ -188,7 +188,7 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-// Items are matches.
+// Items: matches.
 void ReadDatabases(benchmark::State& state) {
   const Simulation& street = Street();
   const TemporaryFolder folder;

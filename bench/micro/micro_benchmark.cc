@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Speed of the inner loops, by Google Benchmark; --help lists its options, e.g.
+// Benchmarks of the inner loops with Google Benchmark. --help lists the
+// options, e.g.
 //   mgsfm_micro_benchmark --benchmark_filter=linearize
-// What the machine can do at best is measured in the same run.
+// The same run measures the peak throughput of the machine.
 #include <benchmark/benchmark.h>
 
 #include <cstdio>

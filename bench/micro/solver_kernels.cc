@@ -32,7 +32,7 @@ struct Case {
   int num_threads = 1;
 };
 
-// Two cameras, each point in six frames.
+// Two cameras; each point is observed in six frames.
 RigSceneOptions SceneOptions(const TestCamera& camera) {
   RigSceneOptions options;
   options.cameras = {camera, camera};
@@ -53,7 +53,7 @@ void RunKernel(Kernel kernel, RigEquationsBase* equations) {
   }
 }
 
-// Operations and bytes of one run.
+// Operations and bytes per run.
 struct Work {
   double flops = 0.0;
   double bytes = 0.0;
@@ -114,7 +114,8 @@ void BenchmarkScene(const Case& c, const Scene& scene,
   }
 }
 
-// Of one thread the time of the processor counts, as others may be at work.
+// Single-threaded benchmarks report CPU time, which other processes do not
+// affect.
 void Register(const Case& c) {
   auto* registered =
       benchmark::RegisterBenchmark(

@@ -12,11 +12,11 @@
 namespace mgsfm {
 namespace {
 
-// They start at the truth, and an oracle that stops early is too good: along
-// weak directions, such as the bends of a long drive, it has hardly moved.
+// An oracle starts at the truth, so stopping early makes it too good: it has
+// hardly moved along weak directions such as the bends of a long drive.
 constexpr double kOracleTolerance = 1e-8;
 constexpr int kMaxNumOracleIterations = 1000;
-// That of RefineReconstruction.
+// As in RefineReconstruction.
 constexpr double kMinLossScalePx = 0.05;
 
 RigErrors CompareSensor(const std::string& name, const Rigid3& estimate,
@@ -30,7 +30,7 @@ RigErrors CompareSensor(const std::string& name, const Rigid3& estimate,
   return errors;
 }
 
-// The true poses of what the model has.
+// The true poses of the registered frames and sensors of the model.
 Reconstruction TruthOf(const Simulation& simulation,
                        const Reconstruction& model) {
   Reconstruction truth = simulation.ground_truth;
@@ -44,7 +44,8 @@ Reconstruction TruthOf(const Simulation& simulation,
   return truth;
 }
 
-// Where the rays of a track meet in the poses; nullopt if they do not.
+// Triangulates a track with the given poses; nullopt if its rays do not
+// intersect.
 std::optional<Eigen::Vector3d> Triangulate(
     const Bearings& bearings,
     const std::vector<std::optional<Rigid3>>& cam_from_world,
@@ -58,7 +59,7 @@ std::optional<Eigen::Vector3d> Triangulate(
     const Rigid3& pose = *cam_from_world[o.image_idx];
     centers.push_back(pose.Center());
     rays.push_back(pose.rotation.conjugate() *
-                   bearings.rays[o.image_idx][o.keypoint_idx]);
+                   bearings.Ray(o.image_idx, o.keypoint_idx));
   }
   if (rays.size() < 2) return std::nullopt;
   const auto point = TriangulateL1(centers, rays);
@@ -124,7 +125,7 @@ ModelErrors EvaluateModel(const Simulation& simulation,
 
 double LastLossScalePx(const BundleAdjustmentOptions& options,
                        const BundleSummary& summary) {
-  // The last round only filters, after the last solve.
+  // The last round only filters after the last solve.
   if (summary.rounds.size() < 2) return options.loss_scale_px;
   const double sigma_px = summary.rounds[summary.rounds.size() - 2].sigma_px;
   return std::min(
@@ -170,7 +171,7 @@ ObservationGroups TrueTracks(const Simulation& simulation) {
                  first_node[pair.image_idx2] + match.keypoint_idx2);
     }
   }
-  // By their first observations.
+  // Sorted by first observation.
   std::vector<int> track_of_root(first_node.back(), -1);
   std::vector<std::vector<Observation>> tracks;
   for (size_t i = 0; i < scene.images.size(); ++i) {

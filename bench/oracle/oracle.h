@@ -16,45 +16,48 @@
 
 namespace mgsfm {
 
-// How far the mapper is from the best that its input allows. With noise no
-// mapper finds the truth, so its errors are compared with those of two bundle
-// adjustments that start at the truth:
+// Compares the mapper with the best result that its input permits. With noise
+// no mapper recovers the truth, so its errors are compared with those of two
+// bundle adjustments that start at the truth:
 //
-// - the oracle adjusts the mapper's own tracks, that is, the observations of
-//   its final points: the optimum that it should have found. An error above it
-//   is one of convergence or of a wrong basin.
-// - the full oracle adjusts all true tracks that the verified matches hold: the
-//   connected components of the matches whose two keypoints show the same
-//   static point. A mapper that throws observations away, or takes wrong ones,
-//   has an easy oracle, but not an easy full one.
+// - The oracle adjusts the tracks of the mapper, i.e. the observations of its
+//   final points. Its result is the optimum that the mapper should reach. A
+//   larger error means incomplete convergence or a wrong local minimum.
+// - The full oracle adjusts all true tracks in the verified matches: the
+// connected
+//   components of the matches between keypoints of the same static point. A
+//   mapper that discards observations or accepts wrong ones weakens the oracle,
+//   but not the full oracle.
 //
-// The ratios are the mean position error of the mapper over that of an oracle.
-// What makes them fair:
+// The ratios divide the mean position error of the mapper by that of an oracle.
+// The following conventions make them fair:
 //
 // - Errors are those of model_evaluator: positions and rotations of images
-//   against the truth of each image (which has its own instant if there is
-//   trigger jitter), after the robust similarity alignment of AlignPoses, for
-//   each model on its own. So the gauge that a solve holds has no part in them.
-// - The mapper and its oracle are compared over the images that the mapper
-//   registered, the full oracle over all images. Registered shares have to be
-//   looked at as well.
-// - Intrinsics and poses in the rig are held or refined as in the mapper: the
-//   options and the scene, which says what is known, are the same. Simulated
-//   intrinsics are exact and have a prior, so by default they are held; poses
-//   in the rig are free.
-// - The loss is Huber's at the threshold of the mapper's last solve, which
+// against
+//   the truth of each image at its own capture time, after the robust
+//   similarity alignment of AlignPoses for each model separately. The gauge of
+//   a solve does not affect them.
+// - The mapper and its oracle are compared over the images registered by the
+//   mapper, the full oracle over all images. The fractions of registered images
+//   must be compared, too.
+// - Intrinsics and rig extrinsics are fixed or refined as in the mapper, with
+// the
+//   same options and the same scene. Simulated intrinsics are exact and have a
+//   prior, so they are fixed by default; rig extrinsics are free.
+// - The loss is Huber with the threshold of the last solve of the mapper, which
 //   follows its estimate of the noise.
-// - A solve that starts at the truth is biased towards it until it has
-//   converged, most in the weak modes of a long drive: a bend that is a
-//   standard deviation off costs no more than a half. The oracles therefore end
-//   at a relative change of the cost of 1e-8, not at the mapper's 1e-6. What
-//   still changes then is points near infinity; poses do not.
-// - Points of the oracle start where the rays of the true poses meet, not at
-//   the true points: a track may hold wrong observations. Those of the full
-//   oracle start at the truth. Both may be any distance away: there is no least
-//   angle.
+// - A solve that starts at the truth is biased towards it until convergence,
+// most
+//   in the weak modes of a long drive: a bend by one standard deviation
+//   increases the cost by only one half. The oracles therefore stop at a
+//   relative change of the cost of 1e-8 instead of 1e-6. At this point only
+//   points near infinity still change.
+// - Points of the oracle start at the intersection of the rays of the true
+// poses,
+//   because a track may contain wrong observations. Those of the full oracle
+//   start at the truth. There is no minimum triangulation angle.
 
-// Errors of the poses in the rig, relative to the reference, after alignment.
+// Errors of the rig extrinsics after alignment.
 struct RigErrors {
   std::string sensor;
   double rotation_deg = 0.0;
@@ -65,7 +68,7 @@ struct RigErrors {
 struct ModelErrors {
   int num_images = 0;
   int num_registered = 0;
-  // Absent if no image is registered.
+  // nullopt if no image is registered.
   std::optional<ErrorStatistics> position_m, rotation_deg;
   std::vector<RigErrors> rig;
 };
@@ -86,7 +89,7 @@ struct OracleResult {
 double LastLossScalePx(const BundleAdjustmentOptions& options,
                        const BundleSummary& summary);
 
-// `options` are the mapper's.
+// `options` are those of the mapper.
 OracleResult SolveOracle(const Simulation& simulation, const MapperModel& model,
                          const BundleAdjustmentOptions& options,
                          const Context& context);
@@ -94,7 +97,7 @@ OracleResult SolveFullOracle(const Simulation& simulation, double loss_scale_px,
                              const BundleAdjustmentOptions& options,
                              const Context& context);
 
-// The true tracks that the verified matches hold, see above.
+// The true tracks in the verified matches, see above.
 ObservationGroups TrueTracks(const Simulation& simulation);
 
 struct OracleComparison {

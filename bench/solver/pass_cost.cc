@@ -15,7 +15,7 @@ constexpr double kSquaredNorm = 2.0 * kDim;
 constexpr double kFactorPoint = 30.0;
 constexpr double kSolveTriangle = 9.0;
 
-// rows^T rows, both of kDim rows.
+// The product of two matrices of kDim rows, rows^T rows.
 double Product(double rows, double columns) {
   return 2.0 * kDim * rows * columns;
 }
@@ -43,8 +43,8 @@ class Counter {
     }
     const double num = static_cast<double>(s_.point_begin[p + 1]) -
                        static_cast<double>(s_.point_begin[p]);
-    // Pixel and image of each observation; point, V and g of each point, and
-    // where its observations begin.
+    // Pixel and image of each observation; position, V, g and first observation
+    // of each point.
     constexpr double kObservation = 2.0 * sizeof(double) + sizeof(int);
     constexpr double kPoint = (3.0 + 6.0 + 3.0) * sizeof(double);
     cost_.linearize_bytes += num * kObservation + kPoint + sizeof(size_t);
@@ -71,7 +71,7 @@ class Counter {
       blocks_.push_back(in_structure);
     }
     cost_.linearize_flops += flops;
-    // The step of the point, and the cost of where it goes.
+    // The step of the point and the cost at its new position.
     cost_.step_flops += 2.0 * (kTransform + kDim + kSquaredNorm) + 12.0 +
                         kDim * (5.0 + 2.0 * num_free) + Product(3.0, 1.0) +
                         18.0;

@@ -6,17 +6,17 @@
 
 namespace mgsfm {
 
-// What an iteration of the native solver on pixel observations computes and
-// moves, counted from its formulas: additions, multiplications, divisions and
-// roots are one operation each. Left out are the projection by the camera model
-// with its derivatives, weights of the loss, the sum of the chunks' systems,
-// and the factorisation.
+// Operations and memory traffic of an iteration of the native solver on pixel
+// observations, counted from its formulas. Additions, multiplications,
+// divisions and roots count as one operation. Excludes the projection and its
+// derivatives, the loss weights, the sum of the systems of the chunks, and the
+// factorisation.
 struct PassCost {
   double linearize_flops = 0.0;  // residuals, derivatives, products of images
   double eliminate_flops = 0.0;  // points
   double step_flops = 0.0;       // steps of points, new cost
-  // What must come from memory and go there if nothing is left in a cache but
-  // the poses and the system of a chunk.
+  // Memory traffic if only the poses and the system of a chunk stay in the
+  // cache.
   double linearize_bytes = 0.0;
   double step_bytes = 0.0;
 

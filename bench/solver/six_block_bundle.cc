@@ -14,7 +14,7 @@ namespace {
 struct PinholeError {
   Eigen::Vector2d pixel;
 
-  // Quaternions are (x, y, z, w).
+  // Quaternions are in the order x, y, z, w.
   template <class T>
   bool operator()(const T* frame_rotation, const T* frame_center,
                   const T* sensor_rotation, const T* sensor_translation,
@@ -132,7 +132,7 @@ SolveSummary SolveSixBlockBundle(const RigProblem<PixelObservation>& problem,
                               ? Termination::kConverged
                               : Termination::kMaxIterations;
   }
-  // The first one listed is the start.
+  // The first entry is the start.
   summary.num_iterations = static_cast<int>(result.iterations.size()) - 1;
   summary.initial_cost = result.initial_cost;
   summary.final_cost = result.final_cost;

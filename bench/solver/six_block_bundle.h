@@ -6,11 +6,11 @@
 
 namespace mgsfm {
 
-// The same bundle problem as most programs give it to Ceres: automatic
-// derivatives and six parameter blocks for each observation (rotation and
-// centre of the frame, rotation and translation of the sensor, point, camera).
-// Here as a yardstick only. Cameras must be pinholes with four parameters, all
-// held; throws Error if not. `seconds` gets the time of the solve alone.
+// The bundle problem in the usual formulation for Ceres: automatic derivatives
+// and six parameter blocks per observation (rotation and centre of the frame,
+// rotation and translation of the sensor, point, camera). For comparison only.
+// Cameras must be pinholes with four fixed parameters; throws Error otherwise.
+// `seconds` receives the time of the solve alone.
 SolveSummary SolveSixBlockBundle(const RigProblem<PixelObservation>& problem,
                                  int max_num_iterations,
                                  double function_tolerance, int num_threads,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Runs the mapper's stages up to bundle adjustment, on a database or on a
+// Runs the stages of the mapper up to bundle adjustment on a database or a
 // simulated drive, and solves the bundle problem with the native solver, with
 // Ceres and the same analytic derivatives, and with the six-block formulation
-// of six_block_bundle.h. Prints a table, and writes it as JSON.
+// of six_block_bundle.h. Prints a table and writes it as JSON.
 #include <cstdio>
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -66,7 +66,7 @@ Input MakeInput(const BenchmarkOptions& options, const Context& context) {
   return {std::move(simulation.scene), std::move(simulation.view_graph)};
 }
 
-// Where bundle adjustment starts.
+// The initial state of bundle adjustment.
 Reconstruction RunStages(const Input& input, const MapperOptions& options,
                          const Context& context) {
   const Scene& scene = input.scene;
@@ -85,7 +85,8 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
                        tracks.estimate);
 }
 
-// One way to solve: a solve of so many iterations at most, and its seconds.
+// A solver: runs at most the given number of iterations and returns the
+// seconds.
 struct Contender {
   std::string name;
   std::function<SolveSummary(int, RigState*, double*)> solve;
@@ -97,8 +98,8 @@ struct Measurement {
   double seconds_per_iteration = 0.0;
 };
 
-// The seconds of an iteration are those beyond a solve of one iteration, over
-// the iterations beyond it; so what is made once does not count.
+// Seconds per iteration, from the difference between a full solve and a solve
+// of one iteration. This excludes the setup.
 Measurement Measure(const Contender& contender, int max_num_iterations,
                     const RigState& start) {
   RigState state = start;
@@ -166,8 +167,8 @@ void PrintLine(const std::string& name, const Json& line) {
   std::fflush(stdout);
 }
 
-// Operations and bytes of an iteration of the native solver, for each
-// observation, and which parts these are of what the machine can do.
+// Operations and bytes per observation and iteration of the native solver, also
+// as fractions of the peak throughput of the machine.
 Json WorkToJson(const BundleProblem& problem, double seconds_per_iteration,
                 const Context& context) {
   std::vector<int> images;

@@ -3,18 +3,16 @@
 
 #include <cstdlib>
 
-// Functions marked MGSFM_TARGET_AVX2 are compiled for x86-64 processors with
-// AVX2 and FMA; HasAvx2() tells whether the program runs on one of those, and
-// the environment variable MGSFM_PORTABLE is not set: with it, all processors
-// compute as those without.
+// MGSFM_TARGET_AVX2 compiles a function for x86-64 processors with AVX2 and
+// FMA. HasAvx2() returns whether the processor supports both. The environment
+// variable MGSFM_PORTABLE disables them, so that all processors compute alike.
 #if defined(__x86_64__) && defined(__GNUC__)
 #define MGSFM_TARGET_AVX2 __attribute__((target("avx2,fma")))
 #else
 #define MGSFM_TARGET_AVX2
 #endif
 
-// Functions of hot loops are inlined into loops that are compiled more than
-// once, for different processors.
+// Forces inlining into loops that are compiled once per instruction set.
 #if defined(__GNUC__)
 #define MGSFM_ALWAYS_INLINE inline __attribute__((always_inline))
 #else

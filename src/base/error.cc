@@ -6,7 +6,7 @@ namespace mgsfm::internal {
 void ThrowContractError(const char* file, int line, const char* condition,
                         const std::string& values) {
   std::ostringstream os;
-  os << file << ':' << line << ": contract broken: " << condition;
+  os << file << ':' << line << ": check failed: " << condition;
   if (!values.empty()) os << " (" << values << ')';
   throw ContractError(os.str());
 }

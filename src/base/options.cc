@@ -14,7 +14,7 @@ namespace {
 
 std::string FormatNumber(int value) { return std::to_string(value); }
 
-// The fewest digits that are read back as the same number.
+// The fewest digits that parse to the same number.
 std::string FormatNumber(double value) {
   const double magnitude = std::abs(value);
   const bool is_handy =
@@ -33,7 +33,7 @@ std::string FormatNumber(double value) {
   throw Error("option " + entry.name + ": '" + text + "' is not " + expected);
 }
 
-// The whole text must be one number that its type can hold.
+// Throws unless the whole text is one number in the range of its type.
 template <class Number>
 Number ParseNumber(const OptionEntry& entry, const std::string& text,
                    const char* type_name) {
@@ -41,7 +41,7 @@ Number ParseNumber(const OptionEntry& entry, const std::string& text,
   const char* end = text.data() + text.size();
   const auto [parsed_end, error] = std::from_chars(text.data(), end, value);
   if (error == std::errc::result_out_of_range) {
-    ThrowBadValue(entry, text, "in the range of its type");
+    ThrowBadValue(entry, text, "within the range of its type");
   }
   if (error != std::errc() || parsed_end != end) {
     ThrowBadValue(entry, text, type_name);
@@ -76,7 +76,7 @@ void CheckText(const OptionEntry& entry, const std::string& text) {
                 " is required: " + (entry.help.empty() ? "" : entry.help));
   }
   if (!entry.range.Contains(static_cast<double>(text.size()))) {
-    ThrowBadValue(entry, text, "of a length in " + entry.range.ToString());
+    ThrowBadValue(entry, text, "of a length within " + entry.range.ToString());
   }
   if (text.find_first_of("\n\r") != std::string::npos) {
     ThrowBadValue(entry, text, "a single line");
@@ -89,7 +89,7 @@ void CheckNumber(const OptionEntry& entry, double value) {
   }
   if (!entry.range.Contains(value)) {
     ThrowBadValue(entry, FormatNumber(value),
-                  "in " + entry.range.ToString() +
+                  "within " + entry.range.ToString() +
                       (entry.unit.empty() ? "" : " " + entry.unit));
   }
 }
@@ -112,10 +112,10 @@ std::string ToLower(std::string text) {
 }
 
 std::string WithoutSection(const std::string& name) {
-  return name.substr(name.rfind('.') + 1);  // all of it if there is no '.'
+  return name.substr(name.rfind('.') + 1);  // the whole name without '.'
 }
 
-// Levenshtein's: insertions, deletions and replacements from one to the other.
+// Levenshtein distance.
 size_t EditDistance(const std::string& a, const std::string& b) {
   std::vector<size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), 0);
@@ -202,12 +202,13 @@ void CheckOptions(const OptionList& options) {
 std::string SuggestName(const std::string& name,
                         const std::vector<std::string>& known_names) {
   const std::string wanted = ToLower(name);
-  // Names are alike if about a third of the letters agree with a typing error.
+  // Names are similar up to an edit distance of a third of their length, at
+  // least 2: a typing error usually changes one or two letters.
   size_t min_distance = std::max<size_t>(2, wanted.size() / 3) + 1;
   const std::string* nearest = nullptr;
   for (const std::string& known_name : known_names) {
     const std::string known = ToLower(known_name);
-    // Leaving out or mistaking the section costs as much as one letter.
+    // A missing or wrong section costs as much as one letter.
     const size_t distance = std::min(
         EditDistance(wanted, known),
         EditDistance(WithoutSection(wanted), WithoutSection(known)) + 1);

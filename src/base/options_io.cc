@@ -20,7 +20,7 @@ std::string Trim(const std::string& text) {
   return text.substr(begin, text.find_last_not_of(spaces) - begin + 1);
 }
 
-// Texts that Trim or Unquote would change have to be quoted.
+// Quotes text that Trim or Unquote would change.
 std::string QuoteIfNeeded(const std::string& text) {
   if (text == Trim(text) && (text.empty() || text[0] != '"')) return text;
   std::ostringstream quoted;
@@ -37,10 +37,10 @@ std::string Unquote(const std::string& text) {
     if (text[i] == '\\' && i + 1 < text.size()) ++i;
     unquoted += text[i];
   }
-  throw Error("the quotes of " + text + " do not match");
+  throw Error("unbalanced quotes in " + text);
 }
 
-// One line of a configuration file: sets `section` or an option.
+// Parses one line of a configuration file, which sets `section` or an option.
 void LoadLine(const std::string& line, const OptionList& options,
               std::string* section, std::set<std::string>* names) {
   if (line.empty() || line[0] == '#' || line[0] == ';') return;
@@ -61,7 +61,7 @@ void LoadLine(const std::string& line, const OptionList& options,
   SetOption(options, name, Unquote(Trim(line.substr(equals + 1))));
 }
 
-// What a value may be, in words: "int in [2, inf) images", "one of a|b".
+// Describes the valid values, e.g. "int in [2, inf)" or "a|b".
 std::string DescribeType(const OptionEntry& entry) {
   std::string text;
   if (!entry.choices.empty()) {
@@ -114,7 +114,7 @@ void ForEachSection(const OptionList& options, const Visit& visit) {
   std::vector<std::string> sections;
   for (const OptionEntry& entry : options) {
     const std::string section = entry.Section();
-    // The top level has no heading in files, so it must come first.
+    // The top level must come first because it has no heading in files.
     if (section.empty() && (sections.empty() || !sections[0].empty())) {
       sections.insert(sections.begin(), section);
     } else if (std::find(sections.begin(), sections.end(), section) ==
@@ -150,13 +150,13 @@ void LoadOptions(std::istream& text, const std::string& source,
                   error.what());
     }
   }
-  if (text.bad()) throw Error(source + ": cannot be read to its end");
+  if (text.bad()) throw Error(source + ": read error");
 }
 
 void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
   std::ifstream file(path);
   if (!file || std::filesystem::is_directory(path)) {
-    throw Error(path.string() + ": cannot be read as configuration file");
+    throw Error(path.string() + ": cannot read configuration file");
   }
   LoadOptions(file, path.string(), options);
 }
@@ -169,7 +169,8 @@ std::string DumpOptions(const OptionList& options) {
           text += (text.empty() ? "[" : "\n[") + section + "]\n";
         for (const OptionEntry* entry : entries) {
           const std::string value = FormatOptionValue(entry->get());
-          // Left as it is, it must still be asked for.
+          // A required option stays commented out so that it is still reported
+          // as missing.
           if (value.empty() && entry->IsRequired()) text += "# required: ";
           text += KeyInSection(*entry) + " = " + QuoteIfNeeded(value) + "\n";
         }
@@ -187,7 +188,7 @@ std::string OptionsToJson(const OptionList& options) {
     std::visit([&](const auto& value) { (*node)[KeyInSection(entry)] = value; },
                entry.get());
   }
-  // Paths need not be valid UTF-8, JSON must be.
+  // JSON must be valid UTF-8, paths need not be.
   return root.dump(2, ' ', false,
                    nlohmann::ordered_json::error_handler_t::replace);
 }

@@ -56,31 +56,26 @@ BaselineOptions ResolveBaseline(const BaselineOptions& options,
   return resolved;
 }
 
-MapperResult RunBaseline(const BaselineOptions& baseline, const Scene& scene,
-                         const ViewGraph& view_graph,
-                         const MapperOptions& options, const Context& context,
-                         const PositionPriors& priors,
-                         const GravityPriors& gravity,
-                         const Reconstruction* start) {
+MapperResult RunBaseline(const BaselineOptions& baseline,
+                         const MapperInput& input, const MapperOptions& options,
+                         const Context& context) {
   if (baseline.method == MapperMethod::kSingle) {
-    MGSFM_CHECK_EQ(scene.rigs.size(), scene.sensors.size());
+    MGSFM_CHECK_EQ(input.scene.rigs.size(), input.scene.sensors.size());
   }
   MapperOptions resolved = options;
   const PositionBaselineOptions positions =
       ResolveBaseline(baseline, &resolved).positions;
   if (IsProduct(positions)) {
-    return RunMapper(scene, view_graph, resolved, context, priors, gravity,
-                     start);
+    return RunMapper(input, resolved, context);
   }
   const auto estimate_positions = [&positions](
-                                      const PositionInput& input,
+                                      const PositionInput& position_input,
                                       const PositionOptions& position_options,
                                       const Context& position_context) {
-    return EstimatePositionsByBaseline(positions, input, position_options,
-                                       position_context);
+    return EstimatePositionsByBaseline(positions, position_input,
+                                       position_options, position_context);
   };
-  return RunMapperWith(estimate_positions, scene, view_graph, resolved, context,
-                       priors, gravity, start);
+  return RunMapperWith(estimate_positions, input, resolved, context);
 }
 
 }  // namespace mgsfm

@@ -53,10 +53,9 @@ BaselineOptions ResolveBaseline(const BaselineOptions& options,
 
 // RunMapper() by a method. For kSingle all rigs of the scene must have one
 // sensor.
-[[nodiscard]] MapperResult RunBaseline(
-    const BaselineOptions& baseline, const Scene& scene,
-    const ViewGraph& view_graph, const MapperOptions& options,
-    const Context& context, const PositionPriors& priors = {},
-    const GravityPriors& gravity = {}, const Reconstruction* start = nullptr);
+[[nodiscard]] MapperResult RunBaseline(const BaselineOptions& baseline,
+                                       const MapperInput& input,
+                                       const MapperOptions& options,
+                                       const Context& context);
 
 }  // namespace mgsfm

@@ -11,21 +11,24 @@
 namespace mgsfm {
 namespace {
 
+// The constants of (1) in evaluation.h.
 constexpr double kOrientationWeight = 0.05;
 constexpr double kOutlierFactor = 10.0;
 constexpr double kMinOutlier = 0.01;
+// Image pairs for the initial fit. If 80 % of the images are inliers, all pairs
+// contain an outlier with probability 0.36^200.
 constexpr int kNumTrials = 200;
 constexpr int kNumRobustIterations = 30;
 constexpr int kNumIterations = 10;
-// Root mean square distance from the mean, relative to that of the mean from
-// the origin, that rounding alone may cause.
+// Bound on the root mean square distance from the mean caused by rounding,
+// relative to the distance of the mean from the origin.
 constexpr double kRounding = 1e-10;
 
-// What an image says of the similarity.
+// The measurement of the similarity by one image.
 struct Sample {
   Eigen::Vector3d center;       // in the model
   Eigen::Vector3d true_center;  // in the world
-  Eigen::Matrix3d rotation;     // world from model
+  Eigen::Matrix3d rotation;     // world_from_model
 };
 
 Eigen::Matrix3d NearestRotation(const Eigen::Matrix3d& matrix) {
@@ -45,7 +48,7 @@ struct Moments {
   double true_variance = 0.0;  // of the true centres
   double weight = 0.0;
 
-  // Whether the centres, or the true ones, differ by more than rounding.
+  // Whether the estimated or the true centres differ by more than rounding.
   bool HaveExtent() const {
     return variance > kRounding * kRounding * weight * mean.squaredNorm();
   }
@@ -76,7 +79,7 @@ Moments ComputeMoments(const std::vector<Sample>& samples,
   return m;
 }
 
-// The minimiser of (1), alternating over rotation and scale.
+// Minimises (1) by alternating over rotation and scale.
 Sim3 FitWeighted(const std::vector<Sample>& samples,
                  const std::vector<double>& weights, bool fits_scale) {
   const Moments m = ComputeMoments(samples, weights);
@@ -86,7 +89,7 @@ Sim3 FitWeighted(const std::vector<Sample>& samples,
     const double mu2 =
         kOrientationWeight * kOrientationWeight * m.true_variance / m.weight;
     for (int i = 0; i < kNumIterations; ++i) {
-      // |s| keeps a scale of contradictory poses from mirroring the model.
+      // |s| prevents a reflection of the model for contradictory poses.
       if (fits_scale) {
         scale = std::abs((rotation.transpose() * m.cross).trace()) / m.variance;
       }
@@ -108,7 +111,7 @@ std::vector<double> Residuals(const std::vector<Sample>& samples,
   return residuals;
 }
 
-// Root mean square distance of the true centres from their mean.
+// The root mean square distance of the true centres from their mean.
 double TrueExtent(const std::vector<Sample>& samples) {
   const Moments m =
       ComputeMoments(samples, std::vector<double>(samples.size(), 1.0));
@@ -123,8 +126,8 @@ double RobustCost(const std::vector<double>& residuals, double max_residual) {
   return cost;
 }
 
-// The fit to two images, or to all, that has the least robust cost. Images far
-// away in the model have so much leverage that a fit to all may be of no use.
+// The fit to two images, or to all, with the lowest robust cost. The leverage
+// of images far away in the model can make the fit to all images useless.
 Sim3 FitRobustly(const std::vector<Sample>& samples, double max_residual,
                  bool fits_scale) {
   Sim3 best = FitWeighted(samples, std::vector<double>(samples.size(), 1.0),
@@ -145,13 +148,14 @@ Sim3 FitRobustly(const std::vector<Sample>& samples, double max_residual,
   return best;
 }
 
-// To the least sum of distances, each at most `extent`.
+// Weights of iteratively reweighted least squares for the sum of distances
+// truncated at `extent`.
 std::vector<double> RobustWeights(const std::vector<double>& residuals,
                                   double extent) {
   const double median = Median(residuals);
-  // The floor keeps exact images from taking all.
+  // The floor bounds the weights of images with zero residuals.
   const double floor = 1e-3 * median + 1e-12;
-  // The nearer half always has a say.
+  // At least half of the images keep a positive weight.
   const double max_residual = std::max(extent, median);
   std::vector<double> weights;
   weights.reserve(residuals.size());
@@ -186,7 +190,7 @@ std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images,
     fit = FitWeighted(samples, RobustWeights(residuals, extent), fits_scale);
     residuals = Residuals(samples, fit);
   }
-  // Where most images stand, the median alone would leave out all others.
+  // If most images coincide, the median alone would reject all others.
   const double max_residual =
       std::max(kOutlierFactor * Median(residuals), kMinOutlier * extent) +
       1e-12;

@@ -52,7 +52,7 @@ void EvaluateImages(const std::vector<ImagePoses>& images,
                                         options.position_thresholds_m);
 }
 
-// The scale at which the distances of the sensors to their reference fit best.
+// The least-squares scale of the distances between sensors and their reference.
 std::optional<Sim3> AlignSensors(const std::vector<SensorPoses>& sensors) {
   double product = 0.0, square = 0.0;
   for (const SensorPoses& sensor : sensors) {
@@ -69,6 +69,7 @@ std::optional<Sim3> AlignSensors(const std::vector<SensorPoses>& sensors) {
 
 std::vector<SensorErrors> EvaluateSensors(
     const std::vector<SensorPoses>& sensors, double scale) {
+  // Shorter translations (metres) have no direction.
   constexpr double kNoLength = 1e-9;
   std::vector<SensorErrors> all_errors;
   for (const SensorPoses& sensor : sensors) {
@@ -104,7 +105,7 @@ double PathLength(const std::vector<ImagePoses>& images) {
   return length;
 }
 
-// Quadratic in the number of reference images; these are few thousands.
+// Quadratic in the number of reference images, at most a few thousand.
 double Extent(const std::vector<ImagePoses>& images) {
   std::vector<Eigen::Vector3d> centers;
   for (const ImagePoses& image : images) {

@@ -32,13 +32,13 @@ constexpr const char* kMissingStyle = "stroke='#d1495b' stroke-width='1.6'";
 constexpr const char* kGridStyle = "stroke='#e6e6e6'";
 constexpr const char* kFrameStyle = "stroke='#888'";
 
-// A frame by its reference image.
+// A frame, represented by its reference image.
 struct PathPoint {
-  double distance_m = 0.0;     // driven until here
-  bool begins_segment = true;  // far from the one before
+  double distance_m = 0.0;     // travelled so far
+  bool begins_segment = true;  // far from the previous frame
   Vector3d true_center = Vector3d::Zero();
   bool is_registered = false;
-  Vector3d center = Vector3d::Zero();  // of the model, in the true world
+  Vector3d center = Vector3d::Zero();  // aligned estimate
   double position_m = 0.0;             // error
   double rotation_deg = 0.0;           // error
 };
@@ -66,7 +66,8 @@ std::vector<PathPoint> CollectPath(const std::vector<ImagePoses>& images,
     steps.push_back((path[i].true_center - path[i - 1].true_center).norm());
   }
   if (steps.empty()) return path;
-  // Sequences that follow each other in the list need not do so on the road.
+  // Consecutive sequences need not be connected: steps of many times the median
+  // step begin a new segment.
   constexpr double kFarInSteps = 20.0;
   const double far = kFarInSteps * std::max(Median(steps), 1e-6);
   for (size_t i = 1; i < path.size(); ++i) {
@@ -77,7 +78,7 @@ std::vector<PathPoint> CollectPath(const std::vector<ImagePoses>& images,
   return path;
 }
 
-// The plane seen from above: the longest side of the path to the right.
+// Axes of the top view, with the longest extent of the path along x.
 struct View {
   Vector3d right = Vector3d::UnitX(), up = Vector3d::UnitY();
 
@@ -95,23 +96,23 @@ View ViewFromAbove(const std::vector<ImagePoses>& images,
   for (const PathPoint& point : path) {
     mean += point.true_center / static_cast<double>(path.size());
   }
-  Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   for (const PathPoint& point : path) {
     const Vector3d offset = point.true_center - mean;
-    spread += offset * offset.transpose();
+    scatter += offset * offset.transpose();
   }
   const Vector3d toward_viewer =
       down.norm() > 0.3 * static_cast<double>(images.size())
           ? Vector3d(-down.normalized())
-          : Vector3d(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread)
+          : Vector3d(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter)
                          .eigenvectors()
                          .col(0));
-  // The long axis among those in the plane.
+  // The principal axis within the plane.
   const Eigen::Matrix3d in_plane =
       Eigen::Matrix3d::Identity() - toward_viewer * toward_viewer.transpose();
   View view;
-  view.right = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(in_plane *
-                                                              spread * in_plane)
+  view.right = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(
+                   in_plane * scatter * in_plane)
                    .eigenvectors()
                    .col(2);
   view.right = in_plane * view.right;
@@ -125,10 +126,10 @@ View ViewFromAbove(const std::vector<ImagePoses>& images,
   return view;
 }
 
-// Axes of a rectangle of the page.
+// A rectangular plot with its axes.
 struct Panel {
   Vector2d corner, size;  // upper left, in px
-  Vector2d min, max;      // what the sides stand for
+  Vector2d min, max;      // data range
 
   Vector2d ToPage(const Vector2d& value) const {
     const Vector2d share = (value - min).cwiseQuotient(max - min);
@@ -170,13 +171,13 @@ void DrawSegments(const Segments& segments, const Panel& panel,
     for (const Vector2d& value : segment) {
       points.push_back(panel.ToPage(value));
     }
-    // A line of one point would not be seen.
+    // A line with a single point is invisible.
     if (points.size() == 1) points.emplace_back(points[0] + Vector2d(0.5, 0.0));
     drawing->Path(points, style);
   }
 }
 
-// The places of all points, or of registered ones.
+// The positions of all points, or of registered ones.
 template <class Value>
 Segments CollectSegments(const std::vector<PathPoint>& path,
                          bool only_registered, const Value& value) {
@@ -195,7 +196,7 @@ Segments CollectSegments(const std::vector<PathPoint>& path,
   return segments;
 }
 
-// The true path with a margin, at one scale for both axes.
+// The true path with a margin and equal scale on both axes.
 Panel MakeMapPanel(const std::vector<PathPoint>& path, const View& view) {
   Vector2d min = view.Project(path[0].true_center), max = min;
   for (const PathPoint& point : path) {
@@ -250,8 +251,8 @@ void DrawMap(const std::vector<PathPoint>& path, const View& view,
   drawing->EndClip();
 }
 
-// Errors of registered frames over distance. Few frames far off would flatten
-// all others; the axis then ends below them.
+// Errors of registered frames over distance. The axis excludes a few very large
+// errors that would flatten all others.
 template <class Error>
 void DrawErrors(const std::vector<PathPoint>& path, double top,
                 const std::string& what, const std::string& unit,

@@ -79,7 +79,7 @@ std::string EvaluationToText(const Evaluation& evaluation) {
   std::string text = Format("%-16s %d of %d\n", "registered",
                             evaluation.num_registered, evaluation.num_images);
   if (!evaluation.world_from_model) {
-    return text + "no alignment: nothing to compare\n";
+    return text + "no alignment: no image to compare\n";
   }
   if (evaluation.position_m) {
     const ErrorStatistics& rotation = *evaluation.rotation_deg;

@@ -7,12 +7,12 @@
 
 namespace mgsfm {
 
-// A drawing of lines, marks and texts, in px from the upper left corner.
+// An SVG drawing. Coordinates are in px from the upper left corner.
 class SvgDrawing {
  public:
   SvgDrawing(double width, double height);
 
-  // `style` holds attributes, e.g. "stroke='#888' stroke-width='2'".
+  // `style` contains SVG attributes, e.g. "stroke='#888' stroke-width='2'".
   void Line(const Eigen::Vector2d& from, const Eigen::Vector2d& to,
             const std::string& style);
   void Path(const std::vector<Eigen::Vector2d>& points,
@@ -23,11 +23,11 @@ class SvgDrawing {
              const std::string& style);
   void Frame(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
              const std::string& style);
-  // At the start of the text, or as `style` says by text-anchor.
+  // `at` is the start of the text unless `style` sets text-anchor.
   void Text(const Eigen::Vector2d& at, const std::string& text,
             const std::string& style = "");
 
-  // What is drawn until EndClip() only shows inside a rectangle.
+  // Clips all elements up to EndClip() to a rectangle.
   void BeginClip(const Eigen::Vector2d& corner, const Eigen::Vector2d& size);
   void EndClip();
 
@@ -39,15 +39,15 @@ class SvgDrawing {
   int num_clips_ = 0;
 };
 
-// With at most `digits` decimals, none of them a trailing zero; '.' whatever
-// the locale.
+// Formats with at most `digits` decimals and without trailing zeros.
+// Independent of the locale.
 std::string FormatNumber(double value, int digits);
 
-// Multiples of 1, 2 or 5 times a power of ten within [min, max]: about
-// `target` of them, at least one step.
+// Ticks at multiples of 1, 2 or 5 times a power of ten within [min, max], about
+// `target` of them.
 struct Ticks {
   double step = 1.0;
-  int digits = 0;  // decimals that tell them apart
+  int digits = 0;  // decimals that distinguish the ticks
   std::vector<double> values;
 };
 Ticks MakeTicks(double min, double max, int target);

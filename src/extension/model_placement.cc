@@ -152,11 +152,11 @@ void ModelPlacer::CheckFrames() const {
       }
       ThrowModelError(folder_, "its images '" + NameOf(*first) + "' and '" +
                                    NameOf(image_idx) +
-                                   "' are of one frame, but not in " +
+                                   "' belong to one frame, but not in " +
                                    database_ +
-                                   "; say so with --rig_config_path, which "
-                                   "takes the folder of the model, too, or "
-                                   "with --rig_name_rule");
+                                   "; set rig_config_path, to the folder of "
+                                   "the model for instance, or "
+                                   "rig_name_rule");
     }
   }
 }
@@ -187,7 +187,7 @@ void ModelPlacer::ChooseReferences() {
   }
 }
 
-// By the rigs of the model, where these have the sensor and the reference.
+// Uses the rigs of the model where they have the sensor and the reference.
 void ModelPlacer::PlaceSensors() {
   std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> pose_in_model;
   for (const ModelRig& rig : model_.poses.rigs) {

@@ -25,9 +25,9 @@ struct PlacedModel {
 // of its images, as MakeModelScene (model_scene.h) says; sensors and frames
 // without an image in the model have none.
 //
-// In the scene, cameras of images in the model get its intrinsics, which count
-// as known; and where a reference sensor has no image in the model, but others
-// of its rig have, the one with most of them takes its place.
+// Cameras of the scene get the intrinsics of the model, which count as known. A
+// reference sensor without an image in the model is replaced by the sensor of
+// its rig with the most images there.
 //
 // Throws Error, naming model, image and remedy, if
 // - the scene lacks an image of the model, or all of them,
@@ -35,9 +35,9 @@ struct PlacedModel {
 // - with `with_points`: the model has no points, or an observation is not the
 //   keypoint of the scene that it should be, to one pixel,
 // - images of one frame of the model are in several frames of the scene,
-// - poses of sensors that are given in the scene differ from those of the model
+// - known sensor poses of the scene differ from those of the model
 //   by more than 1 degree, or 5 % of the largest distance from the reference,
-// - nothing tells the pose of a sensor, or its images do not move like a rig's.
+// - the pose of a sensor is unknown, or its images do not move rigidly.
 [[nodiscard]] PlacedModel PlaceModel(const Model& model,
                                      const std::filesystem::path& folder,
                                      const std::string& database_path,

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <utility>
 
 #include "base/parallel.h"
@@ -11,7 +12,7 @@
 namespace mgsfm {
 namespace {
 
-// Which point each keypoint observes, in one flat array; -1: none.
+// The point that each keypoint observes.
 class PointLookup {
  public:
   PointLookup(const Scene& scene, const Reconstruction& model) {
@@ -19,7 +20,7 @@ class PointLookup {
     for (const Image& image : scene.images) {
       begin_.push_back(begin_.back() + image.keypoints_px.size());
     }
-    point_.assign(begin_.back(), -1);
+    point_.assign(begin_.back(), kNone);
     for (size_t i = 0; i < model.points.size(); ++i) {
       for (const Observation& o : model.points[i].track) {
         point_[begin_[o.image_idx] + o.keypoint_idx] = static_cast<int>(i);
@@ -27,18 +28,21 @@ class PointLookup {
     }
   }
 
-  int Find(int image_idx, uint32_t keypoint_idx) const {
-    return point_[begin_[image_idx] + keypoint_idx];
+  std::optional<int> Find(int image_idx, uint32_t keypoint_idx) const {
+    const int point_idx = point_[begin_[image_idx] + keypoint_idx];
+    return point_idx == kNone ? std::nullopt : std::optional<int>(point_idx);
   }
 
  private:
+  // There may be many millions of keypoints; a plain int halves the memory.
+  static constexpr int kNone = -1;
   std::vector<size_t> begin_;
   std::vector<int> point_;
 };
 
 using Votes = std::vector<std::pair<int, int>>;  // keypoint, point
 
-// Of each keypoint the point with the most votes. Sorts.
+// The point with the most votes of each keypoint. Sorts the votes.
 std::vector<PointMatch> CountVotes(Votes* votes) {
   std::sort(votes->begin(), votes->end());
   std::vector<PointMatch> matches;
@@ -70,16 +74,18 @@ std::vector<std::vector<PointMatch>> FindPointMatches(
   for (const ImagePair& pair : view_graph.pairs) {
     if (is_wanted[pair.image_idx1]) {
       for (const Match& match : pair.matches) {
-        const int point = lookup.Find(pair.image_idx2, match.keypoint_idx2);
-        if (point < 0) continue;
-        votes[pair.image_idx1].emplace_back(match.keypoint_idx1, point);
+        const std::optional<int> point =
+            lookup.Find(pair.image_idx2, match.keypoint_idx2);
+        if (!point) continue;
+        votes[pair.image_idx1].emplace_back(match.keypoint_idx1, *point);
       }
     }
     if (is_wanted[pair.image_idx2]) {
       for (const Match& match : pair.matches) {
-        const int point = lookup.Find(pair.image_idx1, match.keypoint_idx1);
-        if (point < 0) continue;
-        votes[pair.image_idx2].emplace_back(match.keypoint_idx2, point);
+        const std::optional<int> point =
+            lookup.Find(pair.image_idx1, match.keypoint_idx1);
+        if (!point) continue;
+        votes[pair.image_idx2].emplace_back(match.keypoint_idx2, *point);
       }
     }
   }

@@ -10,15 +10,16 @@
 
 namespace mgsfm {
 
-// A keypoint of an image and the point that it sees.
+// A keypoint of an image and the point that it observes.
 struct PointMatch {
   int keypoint_idx = 0;
   int point_idx = 0;
 };
 
-// Per image for which `is_wanted` is set: its keypoints that are matched to
-// observations of points, ascending, each with the point that most of these
-// matches are of, ties to the first. Linear in the matches, but for sorting.
+// For each image with `is_wanted`, the keypoints matched to observations of
+// points, in ascending order, each with the point of most of these matches;
+// ties go to the smaller index. Cost: linear in the number of matches, plus
+// sorting.
 std::vector<std::vector<PointMatch>> FindPointMatches(
     const Scene& scene, const ViewGraph& view_graph,
     const Reconstruction& model, const Mask& is_wanted, int num_threads);

@@ -17,90 +17,75 @@
 namespace mgsfm {
 namespace {
 
-// A pose of a unit, or of one image, and how many keypoints agree with it.
+// The pose of a rigid unit (a frame or a single image) and its support.
 struct UnitPose {
   std::optional<Rigid3> unit_from_world;
   int num_keypoints = 0;
   int num_inliers = 0;
 };
 
-class FrameResector {
- public:
-  FrameResector(const Scene& scene, const Bearings& bearings,
-                const ViewGraph& view_graph, const Reconstruction& model,
-                const ResectionOptions& options, const Context& context)
-      : scene_(scene),
-        bearings_(bearings),
-        model_(model),
-        options_(options),
-        context_(context) {
-    result_.estimate = model;
-    Mask is_wanted(scene.images.size());
-    for (size_t i = 0; i < is_wanted.size(); ++i) {
-      is_wanted[i] = !model.IsRegistered(scene, static_cast<int>(i));
-    }
-    matches_ = FindPointMatches(scene, view_graph, model, is_wanted,
-                                context.num_threads);
-  }
-
-  ResectionResult Run() {
-    PlaceSensors();
-    PlaceFrames();
-    return std::move(result_);
-  }
-
- private:
-  void PlaceSensors();
-  void ResectSingleImages();
-  bool PlaceSensor(int sensor_idx);
-  std::optional<Rigid3> RigFromWorld(const Frame& frame) const;
-  void PlaceFrames();
-  CameraPoints PointsOf(int image_idx, const Rigid3& cam_from_unit) const;
-  UnitPose Resect(const std::vector<CameraPoints>& cameras,
-                  uint64_t stream) const;
-
-  const Scene& scene_;
-  const Bearings& bearings_;
-  const Reconstruction& model_;
-  const ResectionOptions& options_;
-  const Context& context_;
-  std::vector<std::vector<PointMatch>> matches_;  // per image without pose
-  std::vector<UnitPose> single_;  // cam_from_world, of rigs to be calibrated
-  ResectionResult result_;
+// The unchanging inputs of all resections.
+struct ResectionInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const Reconstruction& model;
+  const ResectionOptions& options;
+  const Context& context;
+  std::vector<std::vector<PointMatch>> matches;  // per image without pose
 };
 
-CameraPoints FrameResector::PointsOf(int image_idx,
-                                     const Rigid3& cam_from_unit) const {
-  const Camera& camera = scene_.cameras[scene_.images[image_idx].camera_idx];
+using SensorPoses = std::vector<std::optional<Rigid3>>;  // sensor_from_rig
+
+// Random streams of single images and of frames differ.
+uint64_t StreamOfImage(size_t image_idx) { return 2 * image_idx; }
+uint64_t StreamOfFrame(int frame_idx) {
+  return 2 * static_cast<uint64_t>(frame_idx) + 1;
+}
+
+std::vector<std::vector<PointMatch>> MatchUnregisteredImages(
+    const Scene& scene, const ViewGraph& view_graph,
+    const Reconstruction& model, int num_threads) {
+  Mask is_wanted(scene.images.size());
+  for (size_t i = 0; i < is_wanted.size(); ++i) {
+    is_wanted[i] = !model.IsRegistered(scene, static_cast<int>(i));
+  }
+  return FindPointMatches(scene, view_graph, model, is_wanted, num_threads);
+}
+
+CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
+                           const Rigid3& cam_from_unit) {
+  const Camera& camera =
+      input.scene.cameras[input.scene.images[image_idx].camera_idx];
   CameraPoints result{cam_from_unit, {}, {}, 0.0};
-  result.max_error_rad = options_.abs_pose_max_error_px /
+  result.max_error_rad = input.options.abs_pose_max_error_px /
                          PixelsPerRadian(camera.model, camera.params.data());
-  for (const PointMatch& match : matches_[image_idx]) {
-    if (!bearings_.HasRay(image_idx, match.keypoint_idx)) continue;
-    result.rays.push_back(bearings_.rays[image_idx][match.keypoint_idx]);
-    result.points.push_back(model_.points[match.point_idx].point_in_world);
+  for (const PointMatch& match : input.matches[image_idx]) {
+    if (!input.bearings.HasRay(image_idx, match.keypoint_idx)) continue;
+    result.rays.push_back(input.bearings.Ray(image_idx, match.keypoint_idx));
+    result.points.push_back(input.model.points[match.point_idx].point_in_world);
   }
   return result;
 }
 
-UnitPose FrameResector::Resect(const std::vector<CameraPoints>& cameras,
-                               uint64_t stream) const {
+UnitPose ResectUnit(const ResectionInput& input,
+                    const std::vector<CameraPoints>& cameras, uint64_t stream) {
+  const ResectionOptions& options = input.options;
   UnitPose result;
   for (const CameraPoints& camera : cameras) {
     result.num_keypoints += static_cast<int>(camera.size());
   }
-  if (result.num_keypoints < options_.abs_pose_min_num_inliers) return result;
+  if (result.num_keypoints < options.abs_pose_min_num_inliers) return result;
   RansacOptions ransac;
-  ransac.max_num_trials = options_.abs_pose_max_num_trials;
+  ransac.max_num_trials = options.abs_pose_max_num_trials;
   ransac.min_num_trials =
       std::min(ransac.min_num_trials, ransac.max_num_trials);
-  Random random(context_.random_seed, stream);
+  Random random(input.context.random_seed, stream);
   const auto pose = EstimateAbsolutePose(cameras, ransac, &random);
   if (!pose) return result;
   result.num_inliers = ScoreAbsolutePose(cameras, *pose).num_inliers;
-  if (result.num_inliers >= options_.abs_pose_min_num_inliers &&
+  if (result.num_inliers >= options.abs_pose_min_num_inliers &&
       result.num_inliers >=
-          options_.abs_pose_min_inlier_ratio * result.num_keypoints) {
+          options.abs_pose_min_inlier_ratio * result.num_keypoints) {
     result.unit_from_world = pose;
   }
   return result;
@@ -108,115 +93,125 @@ UnitPose FrameResector::Resect(const std::vector<CameraPoints>& cameras,
 
 // ------------------------------------------------------------------ sensors
 
-void FrameResector::PlaceSensors() {
-  std::vector<int> unknown;
-  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
-    std::optional<Rigid3>& pose = result_.estimate.sensor_from_rig[i];
-    if (pose) continue;
-    pose = scene_.sensors[i].sensor_from_rig;  // given, or the reference
-    if (!pose) unknown.push_back(static_cast<int>(i));
+// cam_from_world of each image of a rig with an uncalibrated sensor.
+std::vector<UnitPose> ResectSingleImages(const ResectionInput& input,
+                                         const SensorPoses& sensor_from_rig) {
+  const Scene& scene = input.scene;
+  Mask rig_is_calibrated(scene.rigs.size(), true);
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    if (!sensor_from_rig[i])
+      rig_is_calibrated[scene.sensors[i].rig_idx] = false;
   }
-  if (unknown.empty()) return;
-  ResectSingleImages();
-  for (bool is_placed = true; is_placed;) {
-    is_placed = false;
-    for (const int sensor_idx : unknown) {
-      if (result_.estimate.sensor_from_rig[sensor_idx]) continue;
-      is_placed = PlaceSensor(sensor_idx) || is_placed;
-    }
-  }
-}
-
-// Of rigs with a sensor that has no pose.
-void FrameResector::ResectSingleImages() {
-  Mask rig_is_known(scene_.rigs.size(), true);
-  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
-    if (result_.estimate.sensor_from_rig[i]) continue;
-    rig_is_known[scene_.sensors[i].rig_idx] = false;
-  }
-  single_.resize(scene_.images.size());
+  std::vector<UnitPose> poses(scene.images.size());
   ParallelFor(
-      scene_.images.size(), context_.num_threads,
+      scene.images.size(), input.context.num_threads,
       [&](size_t i) {
-        const int image_idx = static_cast<int>(i);
-        const Image& image = scene_.images[i];
-        if (rig_is_known[scene_.frames[image.frame_idx].rig_idx]) return;
-        // Streams of images and of frames differ.
-        single_[i] = Resect({PointsOf(image_idx, Rigid3())}, 2 * i);
+        const Image& image = scene.images[i];
+        if (rig_is_calibrated[scene.frames[image.frame_idx].rig_idx]) return;
+        poses[i] = ResectUnit(
+            input, {CollectPoints(input, static_cast<int>(i), Rigid3())},
+            StreamOfImage(i));
       },
       1);
+  return poses;
 }
 
-// Where the rig is by the images of sensors that have a pose: by that of the
-// model, else by the image that agrees with the most points.
-std::optional<Rigid3> FrameResector::RigFromWorld(const Frame& frame) const {
-  const int frame_idx = scene_.images[frame.image_idxs.front()].frame_idx;
-  if (model_.rig_from_world[frame_idx]) return model_.rig_from_world[frame_idx];
+// The pose of a frame in the model; otherwise that of its calibrated image with
+// the most inliers.
+std::optional<Rigid3> FindRigFromWorld(const ResectionInput& input,
+                                       const Frame& frame,
+                                       const SensorPoses& sensor_from_rig,
+                                       const std::vector<UnitPose>& images) {
+  const Scene& scene = input.scene;
+  const int frame_idx = scene.images[frame.image_idxs.front()].frame_idx;
+  if (input.model.rig_from_world[frame_idx]) {
+    return input.model.rig_from_world[frame_idx];
+  }
   std::optional<Rigid3> rig_from_world;
-  int most = 0;
+  int max_num_inliers = 0;
   for (const int image_idx : frame.image_idxs) {
-    const UnitPose& single = single_[image_idx];
-    const auto& sensor =
-        result_.estimate.sensor_from_rig[scene_.images[image_idx].sensor_idx];
-    if (!sensor || !single.unit_from_world || single.num_inliers <= most) {
+    const UnitPose& image = images[image_idx];
+    const auto& sensor = sensor_from_rig[scene.images[image_idx].sensor_idx];
+    if (!sensor || !image.unit_from_world ||
+        image.num_inliers <= max_num_inliers) {
       continue;
     }
-    most = single.num_inliers;
-    rig_from_world = sensor->Inverse() * *single.unit_from_world;
+    max_num_inliers = image.num_inliers;
+    rig_from_world = sensor->Inverse() * *image.unit_from_world;
   }
   return rig_from_world;
 }
 
-bool FrameResector::PlaceSensor(int sensor_idx) {
+// One estimate of sensor_from_rig per frame that has poses of both.
+std::vector<Rigid3> FindSensorPoses(const ResectionInput& input, int sensor_idx,
+                                    const SensorPoses& sensor_from_rig,
+                                    const std::vector<UnitPose>& images) {
+  const Scene& scene = input.scene;
   std::vector<Rigid3> poses;
-  for (const Frame& frame : scene_.frames) {
-    if (frame.rig_idx != scene_.sensors[sensor_idx].rig_idx) continue;
+  for (const Frame& frame : scene.frames) {
+    if (frame.rig_idx != scene.sensors[sensor_idx].rig_idx) continue;
     for (const int image_idx : frame.image_idxs) {
-      const auto& cam_from_world = single_[image_idx].unit_from_world;
-      if (scene_.images[image_idx].sensor_idx != sensor_idx) continue;
+      const auto& cam_from_world = images[image_idx].unit_from_world;
+      if (scene.images[image_idx].sensor_idx != sensor_idx) continue;
       if (!cam_from_world) continue;
-      const auto rig_from_world = RigFromWorld(frame);
+      const auto rig_from_world =
+          FindRigFromWorld(input, frame, sensor_from_rig, images);
       if (!rig_from_world) continue;
       poses.push_back(*cam_from_world * rig_from_world->Inverse());
     }
   }
-  if (poses.empty()) return false;
-  result_.estimate.sensor_from_rig[sensor_idx] = TypicalPose(poses);
-  result_.sensors.push_back({sensor_idx, static_cast<int>(poses.size())});
-  return true;
+  return poses;
+}
+
+// Completes the rig extrinsics: known ones first, then, as long as another
+// sensor can be connected to those before, by resection.
+std::vector<PlacedSensor> CalibrateSensors(const ResectionInput& input,
+                                           SensorPoses* sensor_from_rig) {
+  std::vector<int> unknown;
+  for (size_t i = 0; i < sensor_from_rig->size(); ++i) {
+    std::optional<Rigid3>& pose = (*sensor_from_rig)[i];
+    if (pose) continue;
+    pose = input.scene.sensors[i].sensor_from_rig;
+    if (!pose) unknown.push_back(static_cast<int>(i));
+  }
+  std::vector<PlacedSensor> placed;
+  if (unknown.empty()) return placed;
+  const std::vector<UnitPose> images =
+      ResectSingleImages(input, *sensor_from_rig);
+  for (bool has_changed = true; has_changed;) {
+    has_changed = false;
+    for (const int sensor_idx : unknown) {
+      if ((*sensor_from_rig)[sensor_idx]) continue;
+      const std::vector<Rigid3> poses =
+          FindSensorPoses(input, sensor_idx, *sensor_from_rig, images);
+      if (poses.empty()) continue;
+      (*sensor_from_rig)[sensor_idx] = TypicalPose(poses);
+      placed.push_back({sensor_idx, static_cast<int>(poses.size())});
+      has_changed = true;
+    }
+  }
+  return placed;
 }
 
 // ------------------------------------------------------------------- frames
 
-void FrameResector::PlaceFrames() {
-  for (size_t i = 0; i < scene_.frames.size(); ++i) {
-    if (!model_.rig_from_world[i]) {
-      result_.frames.push_back({static_cast<int>(i)});
-    }
+// Resects one frame; returns its pose if it is registered.
+std::optional<Rigid3> ResectFrame(const ResectionInput& input,
+                                  const SensorPoses& sensor_from_rig,
+                                  ResectedFrame* frame) {
+  const Scene& scene = input.scene;
+  std::vector<CameraPoints> cameras;
+  for (const int image_idx : scene.frames[frame->frame_idx].image_idxs) {
+    const auto& sensor = sensor_from_rig[scene.images[image_idx].sensor_idx];
+    if (sensor) cameras.push_back(CollectPoints(input, image_idx, *sensor));
   }
-  ParallelFor(
-      result_.frames.size(), context_.num_threads,
-      [&](size_t i) {
-        ResectedFrame& frame = result_.frames[i];
-        std::vector<CameraPoints> cameras;
-        for (const int image_idx : scene_.frames[frame.frame_idx].image_idxs) {
-          const auto& sensor =
-              result_.estimate
-                  .sensor_from_rig[scene_.images[image_idx].sensor_idx];
-          if (sensor) cameras.push_back(PointsOf(image_idx, *sensor));
-        }
-        const UnitPose pose =
-            Resect(cameras, 2 * static_cast<uint64_t>(frame.frame_idx) + 1);
-        frame.num_images = static_cast<int>(cameras.size());
-        frame.num_keypoints = pose.num_keypoints;
-        frame.num_inliers = pose.num_inliers;
-        frame.is_added = pose.unit_from_world.has_value();
-        result_.estimate.rig_from_world[frame.frame_idx] = pose.unit_from_world;
-      },
-      1,
-      [&](size_t num_done) {
-        context_.ReportProgress("resection", num_done, result_.frames.size());
-      });
+  const UnitPose pose =
+      ResectUnit(input, cameras, StreamOfFrame(frame->frame_idx));
+  frame->num_images = static_cast<int>(cameras.size());
+  frame->num_keypoints = pose.num_keypoints;
+  frame->num_inliers = pose.num_inliers;
+  frame->is_added = pose.unit_from_world.has_value();
+  return pose.unit_from_world;
 }
 
 }  // namespace
@@ -228,8 +223,33 @@ ResectionResult ResectFrames(const Scene& scene, const Bearings& bearings,
                              const Context& context) {
   MGSFM_CHECK_EQ(model.rig_from_world.size(), scene.frames.size());
   MGSFM_CHECK_EQ(model.sensor_from_rig.size(), scene.sensors.size());
-  return FrameResector(scene, bearings, view_graph, model, options, context)
-      .Run();
+  const ResectionInput input{
+      scene,
+      bearings,
+      model,
+      options,
+      context,
+      MatchUnregisteredImages(scene, view_graph, model, context.num_threads)};
+  ResectionResult result;
+  result.estimate = model;
+  result.sensors = CalibrateSensors(input, &result.estimate.sensor_from_rig);
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (!model.rig_from_world[i]) {
+      result.frames.push_back({static_cast<int>(i)});
+    }
+  }
+  ParallelFor(
+      result.frames.size(), context.num_threads,
+      [&](size_t i) {
+        ResectedFrame& frame = result.frames[i];
+        result.estimate.rig_from_world[frame.frame_idx] =
+            ResectFrame(input, result.estimate.sensor_from_rig, &frame);
+      },
+      1,
+      [&](size_t num_done) {
+        context.ReportProgress("resection", num_done, result.frames.size());
+      });
+  return result;
 }
 
 }  // namespace mgsfm

@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// "." for images in no folder.
+// "." for images that are in no folder.
 std::string FolderOf(const std::string& image_name) {
   const size_t slash = image_name.rfind('/');
   return slash == std::string::npos ? "." : image_name.substr(0, slash);
@@ -27,13 +27,13 @@ const CameraModelInfo& ModelOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
 }
 
-// The finite number that the text is; `what` names it.
+// Parses a finite number; `what` names it in errors.
 double ParseNumber(const std::string& text, const std::string& what) {
   std::istringstream stream(text);
   double number = 0.0;
   if (!(stream >> number) || !(stream >> std::ws).eof() ||
       !std::isfinite(number)) {
-    throw Error(what + ": '" + text + "' is no number");
+    throw Error(what + ": '" + text + "' is not a number");
   }
   return number;
 }
@@ -57,9 +57,10 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
       FindCameraModel(std::string_view(options.camera_model));
   if (model == nullptr) {
     throw Error(
-        "--ImageReader.camera_model: there is no camera model '" +
+        "ImageReader.camera_model: there is no camera model '" +
         options.camera_model +
-        "'; PINHOLE, SIMPLE_RADIAL, OPENCV and OPENCV_FISHEYE are some");
+        "'; use PINHOLE, SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE or another of "
+        "COLMAP's models");
   }
   Camera camera{CameraId(0), model->id, 0, 0, {}, false};
   if (options.camera_params.empty()) return camera;
@@ -68,11 +69,11 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
   for (std::string text; std::getline(stream, text, ',');) {
     texts.push_back(text);
   }
-  SetParams(texts, "--ImageReader.camera_params", &camera);
+  SetParams(texts, "ImageReader.camera_params", &camera);
   return camera;
 }
 
-// `folder MODEL width height params...`; a folder may have blanks.
+// `folder MODEL width height params...`; the folder may contain blanks.
 std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
                                                const std::string& what) {
   std::istringstream stream(line);
@@ -84,7 +85,7 @@ std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
   const auto model = std::find_if(words.begin(), words.end(), is_model);
   if (model == words.begin() || words.end() - model < 3) {
     throw Error(what +
-                ": must be `folder MODEL width height params...`, with one of "
+                ": expected `folder MODEL width height params...` with one of "
                 "COLMAP's camera models");
   }
   std::string folder = line.substr(0, line.find(" " + *model));
@@ -105,8 +106,7 @@ std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   if (path.empty()) return cameras;
   std::ifstream file(path);
   if (!file) {
-    throw Error("cannot read '" + path +
-                "' (--ImageReader.camera_params_path)");
+    throw Error("cannot read '" + path + "' (ImageReader.camera_params_path)");
   }
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
@@ -116,13 +116,13 @@ std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
     const std::string what = path + ", line " + std::to_string(number);
     auto [folder, camera] = ParseCameraLine(line, what);
     if (!cameras.emplace(folder, std::move(camera)).second) {
-      throw Error(what + ": the folder '" + folder + "' is there twice");
+      throw Error(what + ": duplicate folder '" + folder + "'");
     }
   }
   return cameras;
 }
 
-// Without distortion, with the principal point in the middle.
+// No distortion; the principal point is the image center.
 std::vector<double> DefaultParams(const CameraModelInfo& model, int width,
                                   int height, double focal_length_px) {
   std::vector<double> params(static_cast<size_t>(model.num_params), 0.0);
@@ -132,7 +132,7 @@ std::vector<double> DefaultParams(const CameraModelInfo& model, int width,
   }
   params[model.principal_point_idxs[0]] = 0.5 * width;
   params[model.principal_point_idxs[1]] = 0.5 * height;
-  // For these models, zero does not mean no distortion, or is singular.
+  // In these models zero is singular or does not mean no distortion.
   if (model.id == CameraModelId::kFov) params.back() = 1e-2;
   if (model.id == CameraModelId::kEucm) params.back() = 1.0;
   return params;
@@ -151,7 +151,7 @@ CameraAssignment::CameraAssignment(const ImageReaderOptions& options,
           options.single_camera_per_image >
       1) {
     throw Error(
-        "only one of --ImageReader.single_camera, single_camera_per_folder and "
+        "only one of ImageReader.single_camera, single_camera_per_folder and "
         "single_camera_per_image can be set");
   }
   if (options.single_camera) mode_ = Mode::kSingle;
@@ -173,8 +173,8 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
                                     const Context& context) const {
   if (mode_ == Mode::kSingle) {
     throw Error(
-        "--ImageReader.camera_params_path tells a camera for each folder, "
-        "--ImageReader.single_camera one for all; leave out one of them");
+        "ImageReader.camera_params_path specifies one camera per folder, "
+        "ImageReader.single_camera one for all images; set only one of them");
   }
   std::set<std::string> folders;
   for (const std::string& name : image_names) {
@@ -188,8 +188,8 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
   }
   for (const auto& [folder, camera] : camera_of_folder_) {
     if (folders.count(folder) > 0) continue;
-    context.Warning("there are no images in the folder '" + folder +
-                    "' that '" + options_.camera_params_path + "' names");
+    context.Warning("'" + options_.camera_params_path + "' names the folder '" +
+                    folder + "', which has no images");
   }
 }
 
@@ -229,7 +229,7 @@ CameraAssignment::Result CameraAssignment::Find(
   const auto of_key = camera_of_key_.find(KeyOf(image_name));
   const bool is_new =
       of_image == camera_of_image_.end() && of_key == camera_of_key_.end();
-  Result result{template_, is_new, ""};
+  Result result{template_, is_new, std::nullopt};
   if (of_image != camera_of_image_.end()) {
     result.camera = of_image->second;
   } else if (!is_new) {
@@ -239,10 +239,10 @@ CameraAssignment::Result CameraAssignment::Find(
   }
   const Camera& camera = result.camera;
   if (camera.width_px != width || camera.height_px != height) {
-    result.problem =
-        "has " + SizeText(width, height) + " pixels, but its camera " +
-        SizeText(camera.width_px, camera.height_px) +
-        "; remove it, or use --ImageReader.single_camera_per_image 1";
+    result.problem = "has " + SizeText(width, height) +
+                     " pixels, but its camera has " +
+                     SizeText(camera.width_px, camera.height_px) +
+                     "; remove it or set ImageReader.single_camera_per_image";
   }
   return result;
 }

@@ -13,13 +13,12 @@
 
 namespace mgsfm {
 
-// Which camera each image has, and the cameras themselves; see
-// ImageReaderOptions.
+// Assigns cameras to images; see ImageReaderOptions.
 class CameraAssignment {
  public:
-  // `structure` tells the cameras of images that are in the database already.
-  // Throws Error for bad options and for a bad file of cameras, which must have
-  // all folders of `image_names`.
+  // `structure` holds the cameras of the images in the database. Throws Error
+  // for bad options and for a bad camera_params_path, which must contain all
+  // folders of `image_names`.
   CameraAssignment(const ImageReaderOptions& options,
                    const DatabaseContents& structure,
                    const std::vector<std::string>& image_names,
@@ -27,8 +26,8 @@ class CameraAssignment {
 
   struct Result {
     Camera camera;
-    bool is_new = false;  // Add must tell its id, if it is used
-    std::string problem;  // why the image does not fit it, else ""
+    bool is_new = false;                 // call Add with its id if it is used
+    std::optional<std::string> problem;  // why the image does not fit
   };
   Result Find(const std::string& image_name, int width, int height,
               std::optional<double> focal_length_px) const;
@@ -46,8 +45,8 @@ class CameraAssignment {
   ImageReaderOptions options_;
   Mode mode_ = Mode::kPerFolder;
   Camera template_{CameraId(0), CameraModelId::kSimpleRadial, 0, 0, {}, false};
-  std::map<std::string, Camera> camera_of_folder_;  // in the file
-  std::map<std::string, Camera> camera_of_image_;   // in the database
+  std::map<std::string, Camera> camera_of_folder_;  // of camera_params_path
+  std::map<std::string, Camera> camera_of_image_;   // of the database
   std::map<std::string, Camera> camera_of_key_;
 };
 

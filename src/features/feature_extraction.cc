@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <set>
 #include <system_error>
 
@@ -22,15 +23,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Enough for all threads to go on while one large image holds up the order.
+// Keeps all threads busy while one large image delays the order.
 constexpr size_t kImagesInFlightPerThread = 4;
-// Of an image, while its features are extracted; see BuildScaleSpace.
+// Peak memory of ExtractSift. The scale space takes 9 levels of 16 bytes per
+// pixel with default options; the rest is for the image itself and gradients.
 constexpr size_t kBytesPerPixel = 200;
 
-// What the threads make of an image file; `problem` says why it is refused.
+// Features and tags of one image file, or the reason for its rejection.
 struct ExtractedImage {
   std::string name;
-  std::string problem;
+  std::optional<std::string> problem;
   int width = 0;
   int height = 0;
   ImageTags tags;
@@ -39,8 +41,7 @@ struct ExtractedImage {
 };
 
 [[noreturn]] void ThrowFolderError(const std::string& image_path) {
-  throw Error("there is no folder '" + image_path +
-              "' (--image_path); check the path");
+  throw Error("there is no image folder '" + image_path + "'; check the path");
 }
 
 bool IsHidden(const fs::path& path) {
@@ -62,7 +63,7 @@ std::vector<std::string> ListFolder(const std::string& image_path) {
   return names;
 }
 
-// Sorted, each once.
+// Sorted names without duplicates.
 std::vector<std::string> FindImages(const std::string& image_path,
                                     const std::string& list_path) {
   std::error_code ignored;
@@ -73,14 +74,13 @@ std::vector<std::string> FindImages(const std::string& image_path,
   names.erase(std::unique(names.begin(), names.end()), names.end());
   if (names.empty()) {
     throw Error(list_path.empty()
-                    ? "there are no images in '" + image_path +
-                          "' (--image_path)"
-                    : "'" + list_path + "' (--image_list_path) names no image");
+                    ? "there are no images in '" + image_path + "'"
+                    : "'" + list_path + "' (image_list_path) names no image");
   }
   return names;
 }
 
-// Half of the machine's.
+// Half of the memory of the machine.
 size_t MemoryLimit() {
   const long num_pages = sysconf(_SC_PHYS_PAGES);
   const long page_size = sysconf(_SC_PAGESIZE);
@@ -95,7 +95,7 @@ size_t MemoryOf(const GrayImage& image, int max_image_size) {
                              kBytesPerPixel);
 }
 
-// Reads images and extracts their features, for several threads.
+// Reads images and extracts their features. Thread-safe.
 class ImageExtractor {
  public:
   ImageExtractor(const std::string& image_path,
@@ -109,7 +109,7 @@ class ImageExtractor {
       camera_mask_ = ReadMask(path);
       if (!camera_mask_) throw Error("does not exist");
     } catch (const Error& error) {
-      throw Error("mask '" + path + "' (--ImageReader.camera_mask_path) " +
+      throw Error("mask '" + path + "' (ImageReader.camera_mask_path) " +
                   error.what());
     }
   }
@@ -137,7 +137,7 @@ class ImageExtractor {
   }
 
  private:
-  // `has_mask` tells whether mask_path has one, be it good or bad.
+  // Sets `has_mask` if mask_path has a mask of the image, valid or not.
   std::vector<GrayImage> MasksOf(const GrayImage& image,
                                  const std::string& name, bool* has_mask) const;
   static void CheckSize(const GrayImage& image, const GrayImage& mask,
@@ -155,9 +155,9 @@ void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
   if (mask.rows() == image.rows() && mask.cols() == image.cols()) return;
   throw Error("has " + std::to_string(image.cols()) + " x " +
               std::to_string(image.rows()) + " pixels, but its mask '" + path +
-              "' " + std::to_string(mask.cols()) + " x " +
+              "' has " + std::to_string(mask.cols()) + " x " +
               std::to_string(mask.rows()) +
-              "; give a mask of the size of the image");
+              "; use a mask of the size of the image");
 }
 
 std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
@@ -204,7 +204,7 @@ void ImageExtractor::ApplyMask(const GrayImage& mask, Features* features) {
   features->descriptors.conservativeResize(num_kept, Eigen::NoChange);
 }
 
-// Adds images to the database.
+// Writes features, cameras and priors to the database.
 class FeatureWriter {
  public:
   FeatureWriter(const ImageReaderOptions& options,
@@ -219,17 +219,17 @@ class FeatureWriter {
     }
   }
 
-  // Of the names, those whose features are not all there.
+  // The names without keypoints or descriptors in the database.
   std::vector<std::string> NamesToExtract(
       const std::vector<std::string>& names) const;
-  // In one transaction; warns of those that are refused.
+  // Writes in one transaction and warns of rejected images.
   void Write(const std::vector<ExtractedImage>& images,
              FeatureExtractionSummary* summary);
 
  private:
   void WriteImage(const ExtractedImage& image, CameraId camera_id);
-  // Why the image is refused, else "".
-  std::string TryToWrite(const ExtractedImage& image);
+  // Returns the reason if the image is rejected.
+  std::optional<std::string> TryToWrite(const ExtractedImage& image);
   void Warn(const std::string& name, const std::string& problem) const {
     context_.Warning("image '" + name + "' " + problem);
   }
@@ -260,17 +260,18 @@ std::vector<std::string> FeatureWriter::NamesToExtract(
   return missing;
 }
 
-std::string FeatureWriter::TryToWrite(const ExtractedImage& image) {
-  if (!image.problem.empty()) return image.problem;
+std::optional<std::string> FeatureWriter::TryToWrite(
+    const ExtractedImage& image) {
+  if (image.problem) return image.problem;
   CameraAssignment::Result found = cameras_.Find(
       image.name, image.width, image.height, image.tags.focal_length_px);
-  if (!found.problem.empty()) return found.problem;
+  if (found.problem) return found.problem;
   if (found.is_new) {
     found.camera.id = database_->AddCamera(found.camera);
     cameras_.Add(image.name, found.camera);
   }
   WriteImage(image, found.camera.id);
-  return "";
+  return std::nullopt;
 }
 
 void FeatureWriter::WriteImage(const ExtractedImage& image,
@@ -294,10 +295,10 @@ void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
                           FeatureExtractionSummary* summary) {
   DatabaseTransaction transaction(database_);
   for (const ExtractedImage& image : images) {
-    const std::string problem = TryToWrite(image);
-    if (!problem.empty()) {
-      Warn(image.name, "is left out: it " + problem);
-      ++summary->num_refused;
+    const std::optional<std::string> problem = TryToWrite(image);
+    if (problem) {
+      Warn(image.name, "is rejected: it " + *problem);
+      ++summary->num_rejected;
       continue;
     }
     const size_t num_features = image.features.keypoints.size();
@@ -341,13 +342,14 @@ FeatureExtractionSummary ExtractFeatures(
     }
   }
   if (!options.reader.mask_path.empty() && !missing.empty() && !has_mask) {
-    context.Warning("no image has a mask in '" + options.reader.mask_path +
-                    "' (--ImageReader.mask_path); the mask of a/b.jpg is "
-                    "a/b.jpg.png");
+    context.Warning(
+        "no image has a mask in '" + options.reader.mask_path +
+        "' (ImageReader.mask_path); the mask of a/b.jpg must be named "
+        "a/b.jpg.png");
   }
   if (summary.num_present + summary.num_extracted == 0) {
     throw Error("none of the " + std::to_string(names.size()) + " files in '" +
-                image_path + "' can be used; see the warnings");
+                image_path + "' can be used; the warnings give the reasons");
   }
   summary.seconds = timer.Seconds();
   return summary;

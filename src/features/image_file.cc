@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr const char* kCopyAgain = "; copy it again from where it was made";
+constexpr const char* kCopyAgain = "; copy it again from its source";
 
 std::vector<uint8_t> ReadBytes(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
@@ -31,10 +31,10 @@ bool IsJpeg(const std::vector<uint8_t>& file) {
          file[2] == 0xff;
 }
 
-// Does the image go on to its end marker? The decoder would make up what is
-// missing. A file is a sequence of markers 0xff m, most followed by a segment
-// whose length is told (ITU-T T.81, annex B); after the segment of marker 0xda
-// comes coded data, in which 0xff is followed by 0 or by a restart marker.
+// Whether the file contains the end marker; decoders silently fill in missing
+// data. A file is a sequence of markers 0xff m, most of them followed by a
+// segment with its length (ITU-T T.81, annex B). The segment of marker 0xda is
+// followed by coded data, in which 0xff precedes 0 or a restart marker.
 bool IsCompleteJpeg(const std::vector<uint8_t>& file) {
   size_t i = 2;
   while (i + 1 < file.size()) {
@@ -60,8 +60,8 @@ bool IsPng(const std::vector<uint8_t>& file) {
          std::memcmp(file.data(), kSignature, sizeof(kSignature)) == 0;
 }
 
-// Does it go on to its last chunk? A file is the signature and chunks: length
-// (most significant byte first), type, data, and 4 bytes of checksum.
+// Whether the file contains the last chunk. A file is the signature followed by
+// chunks: length (big-endian), type, data and 4 bytes of checksum.
 bool IsCompletePng(const std::vector<uint8_t>& file) {
   size_t i = 8;
   while (i + 12 <= file.size()) {
@@ -73,7 +73,7 @@ bool IsCompletePng(const std::vector<uint8_t>& file) {
   return false;
 }
 
-// The brightest pixel of what has more than 8 bits becomes 255.
+// Scales images of more than 8 bits such that the brightest pixel is 255.
 cv::Mat To8Bits(const cv::Mat& image) {
   if (image.depth() == CV_8U) return image;
   double max = 0.0;
@@ -98,8 +98,8 @@ GrayImage Decode(const std::vector<uint8_t>& file) {
   }
   if (image.empty() || image.channels() != 1) {
     throw Error(
-        "is no image of a known format, or damaged; remove it or convert it "
-        "to JPEG or PNG");
+        "is damaged or not an image of a supported format; remove it or "
+        "convert it to JPEG or PNG");
   }
   GrayImage gray(image.rows, image.cols);
   for (int y = 0; y < image.rows; ++y) {
@@ -113,7 +113,8 @@ GrayImage Decode(const std::vector<uint8_t>& file) {
 
 ImageFile ReadImageFile(const std::filesystem::path& path) {
   if (!std::filesystem::exists(path)) throw Error("does not exist");
-  if (!std::filesystem::is_regular_file(path)) throw Error("is no file");
+  if (!std::filesystem::is_regular_file(path))
+    throw Error("is not a regular file");
   const std::vector<uint8_t> bytes = ReadBytes(path);
   ImageFile file;
   file.gray = Decode(bytes);

@@ -7,19 +7,20 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/features/sift.h"
+#include "features/sift.h"
 
 namespace mgsfm {
 
-// What an image says of itself (EXIF).
+// Metadata of an image (EXIF).
 struct ImageTags {
   std::optional<double> focal_length_px;
-  // Latitude and longitude in degrees, altitude in metres, 0 if not told.
+  // Latitude and longitude in degrees, altitude in metres. As in COLMAP, a
+  // missing altitude is 0.
   std::optional<Eigen::Vector3d> position_wgs84;
 };
 
-// `file` is the content of an image file of that size; nothing for what is
-// damaged or makes no sense.
+// Reads the metadata of an image file with the content `file`. Damaged or
+// implausible values are nullopt.
 ImageTags ReadTags(const std::vector<uint8_t>& file, int width, int height);
 
 struct ImageFile {
@@ -27,13 +28,14 @@ struct ImageFile {
   ImageTags tags;
 };
 
-// These throw Error without a name: "is truncated; ...".
+// Both throw Error with a message that continues the name of the file: "is
+// truncated; ...".
 ImageFile ReadImageFile(const std::filesystem::path& path);
-// Nullopt if there is no such file.
+// nullopt if there is no such file.
 std::optional<GrayImage> ReadMask(const std::filesystem::path& path);
 
-// While it lives, the libraries that decode images use one thread each and
-// write no messages of their own.
+// During its lifetime, the libraries that decode images use one thread and
+// print no messages.
 class QuietImageLibraries {
  public:
   QuietImageLibraries();

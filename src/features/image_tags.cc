@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kFilmDiagonalMm = 43.26661530556787;  // 24 x 36 mm
 
-// A number of a tag; nullopt if there is none, or none that is finite.
+// A finite component of a tag.
 std::optional<double> NumberOf(const Exiv2::ExifData& tags,
                                const std::string& name, int component = 0) {
   const auto tag = tags.findKey(Exiv2::ExifKey(name));
@@ -27,7 +27,7 @@ std::optional<double> PositiveNumberOf(const Exiv2::ExifData& tags,
   return number && *number > 0.0 ? number : std::nullopt;
 }
 
-// Of Exif.Photo.FocalPlaneResolutionUnit.
+// Values of Exif.Photo.FocalPlaneResolutionUnit: inch, cm, mm, um.
 std::optional<double> MillimetresOfUnit(double unit) {
   switch (static_cast<int>(unit)) {
     case 2:
@@ -51,18 +51,18 @@ std::optional<double> FocalLengthPx(const Exiv2::ExifData& tags, int width,
   const auto focal_mm = PositiveNumberOf(tags, "Exif.Photo.FocalLength");
   const auto resolution =
       PositiveNumberOf(tags, "Exif.Photo.FocalPlaneXResolution");
-  // Inches by default.
+  // The default unit is the inch.
   const auto unit_mm = MillimetresOfUnit(
       NumberOf(tags, "Exif.Photo.FocalPlaneResolutionUnit").value_or(2.0));
   if (!focal_mm || !resolution || !unit_mm) return std::nullopt;
-  // The resolution is that of the image as it was taken.
+  // The resolution refers to the original, which may have been resized.
   const double taken_width =
       PositiveNumberOf(tags, "Exif.Photo.PixelXDimension").value_or(width);
   return *focal_mm * *resolution / *unit_mm * width / taken_width;
 }
 
-// Degrees, minutes and seconds; `negative` is the name of the other half of
-// the globe.
+// An angle in degrees, minutes and seconds; the hemisphere `negative` (S or W)
+// negates it.
 std::optional<double> AngleDeg(const Exiv2::ExifData& tags,
                                const std::string& name, char negative) {
   double angle = 0.0;
@@ -97,7 +97,7 @@ std::optional<Eigen::Vector3d> PositionWgs84(const Exiv2::ExifData& tags) {
 }  // namespace
 
 ImageTags ReadTags(const std::vector<uint8_t>& file, int width, int height) {
-  // Parts of Exiv2 are not made for several threads; this takes little time.
+  // Exiv2 is not thread-safe; parsing tags takes little time.
   static std::mutex mutex;
   const std::lock_guard<std::mutex> lock(mutex);
   try {
@@ -107,7 +107,7 @@ ImageTags ReadTags(const std::vector<uint8_t>& file, int width, int height) {
     const Exiv2::ExifData& tags = image->exifData();
     return {FocalLengthPx(tags, width, height), PositionWgs84(tags)};
   } catch (const Exiv2::AnyError&) {
-    return {};  // of a format without tags, or damaged ones
+    return {};  // a format without tags, or damaged tags
   }
 }
 

@@ -7,13 +7,13 @@
 
 namespace mgsfm {
 
-// Keeps what several threads use together below a limit; one alone may go
-// beyond.
+// Bounds the memory that several threads use together. A single thread may
+// exceed the bound.
 class MemoryBudget {
  public:
   explicit MemoryBudget(size_t num_bytes) : limit_(num_bytes) {}
 
-  // Holds a part of the budget, once it is there, until the end of its scope.
+  // Waits for its share of the budget and holds it until the end of its scope.
   class Share {
    public:
     Share(MemoryBudget* budget, size_t num_bytes)

@@ -15,8 +15,8 @@
 
 namespace mgsfm {
 
-// Results of produce(0), produce(1), ... made by several threads and taken by
-// one in this order. At most `max_in_flight` are begun and not yet taken.
+// Computes produce(0), produce(1), ... in several threads; one thread takes the
+// results in this order. At most `max_in_flight` are started and not yet taken.
 template <class Result>
 class OrderedPipeline {
  public:
@@ -29,7 +29,7 @@ class OrderedPipeline {
     }
   }
 
-  // Begins nothing more and waits for what is begun.
+  // Starts no more and waits for those in progress.
   ~OrderedPipeline() {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -41,8 +41,8 @@ class OrderedPipeline {
   OrderedPipeline(const OrderedPipeline&) = delete;
   OrderedPipeline& operator=(const OrderedPipeline&) = delete;
 
-  // All that come next and are ready; waits for the first, but not for long, so
-  // there may be none. Rethrows what produce() threw.
+  // Takes all results that are next in order and ready. Waits for the first one
+  // for a short time, so there may be none. Rethrows exceptions of produce().
   std::vector<Result> Take() {
     constexpr std::chrono::milliseconds kMaxWait(100);
     std::unique_lock<std::mutex> lock(mutex_);
@@ -102,7 +102,7 @@ class OrderedPipeline {
   const std::function<Result(size_t)> produce_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<Slot> slots_;  // [0] is the first that is not taken
+  std::deque<Slot> slots_;  // the first one is the next to take
   size_t next_ = 0;
   size_t num_taken_ = 0;
   std::vector<std::thread> workers_;

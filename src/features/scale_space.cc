@@ -9,20 +9,21 @@
 namespace mgsfm {
 namespace {
 
+// Base blur and assumed blur of the input image, in pixels (Lowe, sec. 3.3).
 constexpr double kBaseSigma = 1.6;
-// What lens and sensor blur, in pixels of the image.
 constexpr double kImageSigma = 0.5;
-// Smaller images have no neighbourhood worth describing.
+// The descriptor window, at least 19 px wide, is mostly outside smaller images.
 constexpr int kMinOctaveSize = 8;
-// Pixels need less contrast than the refined extremum, which lies above them.
+// Pixels need less contrast than the refined extremum, which exceeds theirs.
+// These values are those of VLFeat, which COLMAP uses.
 constexpr float kPixelThresholdFactor = 0.8f;
 constexpr int kMaxRefinementSteps = 5;
-constexpr double kMaxStep = 0.6;    // beyond, the next pixel is nearer
-constexpr double kMaxOffset = 1.5;  // beyond, the quadratic means nothing
+constexpr double kMaxStep = 0.6;    // beyond it the next pixel is nearer
+constexpr double kMaxOffset = 1.5;  // beyond it the quadratic is invalid
 
 using DogTriple = std::array<const cv::Mat*, 3>;
 
-// Pixel 2 i is pixel i; those between are the mean of their neighbours.
+// Pixel 2 i is pixel i; pixels in between are the mean of their neighbors.
 cv::Mat DoubleSize(const cv::Mat& image) {
   cv::Mat doubled(2 * image.rows, 2 * image.cols, CV_32F);
   for (int y = 0; y < doubled.rows; ++y) {
@@ -50,7 +51,7 @@ cv::Mat HalveSize(const cv::Mat& image) {
   return halved;
 }
 
-// From blur `sigma1` to `sigma2`.
+// Increases the blur from `sigma1` to `sigma2`.
 cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
   const double sigma = std::sqrt(sigma2 * sigma2 - sigma1 * sigma1);
   cv::Mat blurred;
@@ -59,7 +60,8 @@ cv::Mat Blur(const cv::Mat& image, double sigma1, double sigma2) {
   return blurred;
 }
 
-// Is the value of D at `center` above all its neighbours, with sign -1 below?
+// Whether D at `center` exceeds that of all neighbors (sign 1) or is below it
+// (sign -1).
 bool IsExtremum(const std::array<const float*, 3>& center, ptrdiff_t stride,
                 float sign) {
   const float value = sign * center[1][0];
@@ -110,7 +112,7 @@ bool IsEdge(const Eigen::Matrix3d& hessian, double edge_threshold) {
   return !(determinant > 0.0) || trace * trace >= limit * determinant;
 }
 
-// The extremum near a pixel; false if there is none worth keeping.
+// Refines the extremum near a pixel; false if it is rejected.
 bool Refine(const DogTriple& dogs, int x, int y, const SiftOptions& options,
             ScaleSpacePoint* point) {
   const int width = dogs[1]->cols;
@@ -170,8 +172,8 @@ void DetectExtrema(const DogTriple& dogs, int octave_idx, int level,
   }
 }
 
-// Blurs, detects, and leaves the levels that are needed in the end. Returns the
-// level from which the next octave is made.
+// Blurs, detects, and keeps the levels that descriptors need. Returns the level
+// from which the next octave is made.
 cv::Mat ProcessOctave(const cv::Mat& base, const SiftOptions& options,
                       ScaleSpace* space) {
   const int resolution = options.octave_resolution;

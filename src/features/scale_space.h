@@ -4,21 +4,21 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "mgsfm/features/sift.h"
+#include "features/sift.h"
 
 namespace mgsfm {
 
-// The image at ever coarser scales. Coordinates in an octave have the centre of
-// the first pixel at 0; pixel x of octave o is at 2^o x in the image, where the
-// first octave, -1, is the image at twice its size.
+// The image at one range of scales. The center of the first pixel of an octave
+// is 0; pixel x of octave o is at 2^o x in the image. The first octave, -1, is
+// the image at twice its size.
 struct Octave {
   int index = -1;
-  // Blurred by LevelSigma(k); only 1 to octave_resolution, which features are
-  // described at, are kept.
+  // Level k is blurred by LevelSigma(k). Only levels 1 to octave_resolution, at
+  // which features are described, are kept.
   std::vector<cv::Mat> levels;
 };
 
-// In pixels of the octave; `level` may be between two.
+// Blur of a level, which may be fractional, in pixels of the octave.
 double LevelSigma(double level, int octave_resolution);
 
 // An extremum over position and scale of the difference of Gaussians
@@ -28,7 +28,7 @@ struct ScaleSpacePoint {
   float y = 0.0f;
   float sigma = 0.0f;
   float contrast = 0.0f;  // |D| there
-  int octave_idx = 0;     // position in ScaleSpace::octaves
+  int octave_idx = 0;     // index in ScaleSpace::octaves
   int level = 1;
 };
 
@@ -37,12 +37,13 @@ struct ScaleSpace {
   std::vector<ScaleSpacePoint> points;
 };
 
-// `image` has floats in [0, 1]. A point is a pixel whose D is larger, or
-// smaller, than that of its 26 neighbours, and then refined by Newton's method
-// on the quadratic through these. It must have |D| > peak_threshold and
+// `image` holds floats in [0, 1]. Candidates are pixels whose D is larger, or
+// smaller, than that of all 26 neighbors. They are refined by at most 5 Newton
+// steps on the quadratic through the neighbors and kept if |D| > peak_threshold
+// and
 //   trace(H)^2 / det(H) < (edge_threshold + 1)^2 / edge_threshold
-// for the Hessian H of D in the image plane. As D is needed at three scales
-// only at a time, memory peaks at (octave_resolution + 3 + 3) * 16 bytes per
+// for the Hessian H of D in the image plane. Only three scales of D are in
+// memory at a time, which peaks at (octave_resolution + 3 + 3) * 16 bytes per
 // pixel of the image.
 ScaleSpace BuildScaleSpace(const cv::Mat& image, const SiftOptions& options);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/features/sift.h"
+#include "features/sift.h"
 
 #include <algorithm>
 #include <cmath>
@@ -18,9 +18,9 @@ struct PreparedImage {
   float scale_y = 1.0f;
 };
 
-// Scaled down if it is too large.
+// Converts to floats and downscales to max_image_size.
 PreparedImage PrepareImage(const GrayImage& image, const SiftOptions& options) {
-  // OpenCV has no matrix of constant data; nothing is written to it.
+  // cv::Mat cannot refer to const data; it is only read.
   const cv::Mat original(static_cast<int>(image.rows()),
                          static_cast<int>(image.cols()), CV_8U,
                          const_cast<uint8_t*>(image.data()));
@@ -41,14 +41,14 @@ PreparedImage PrepareImage(const GrayImage& image, const SiftOptions& options) {
   return prepared;
 }
 
-// A point with one of its orientations.
+// A point and one of its orientations.
 struct OrientedPoint {
   const ScaleSpacePoint* point;
   float orientation_rad;
   float scale;  // in pixels of the prepared image
 };
 
-// In the order of detection, then by height of the peak.
+// In the order of detection, then of descending peaks.
 std::vector<OrientedPoint> FindOrientations(const ScaleSpace& space,
                                             const SiftOptions& options,
                                             GradientDescriber* describer) {
@@ -64,7 +64,7 @@ std::vector<OrientedPoint> FindOrientations(const ScaleSpace& space,
   return oriented;
 }
 
-// Sorts by descending scale and drops what is too much.
+// Sorts by descending scale and keeps the first `max_num`.
 void SelectLargest(int max_num, std::vector<OrientedPoint>* oriented) {
   std::stable_sort(oriented->begin(), oriented->end(),
                    [](const OrientedPoint& a, const OrientedPoint& b) {

@@ -10,18 +10,20 @@ namespace {
 
 constexpr float kTwoPi = 6.283185307179586f;
 
+// Lowe, sec. 5; the smoothing is VLFeat's.
 constexpr int kNumOrientationBins = 36;
 constexpr int kNumSmoothings = 6;
 constexpr float kMinPeakRatio = 0.8f;
 constexpr float kOrientationWindow = 1.5f;  // sigmas
 
+// Lowe, sec. 6; the cell size is VLFeat's.
 constexpr int kNumCells = 4;  // in each direction
 constexpr int kNumDirections = 8;
 constexpr float kCellSize = 3.0f;     // sigmas
 constexpr float kWindowSigma = 2.0f;  // cells
 constexpr float kMaxElement = 0.2f;
 
-// The pixels from which a gradient can be taken.
+// A range of pixels that have a gradient.
 struct PixelRange {
   int begin;
   int end;
@@ -38,7 +40,7 @@ size_t Area(const PixelRange& rows, const PixelRange& columns) {
          static_cast<size_t>(std::max(0, columns.end - columns.begin));
 }
 
-// Narrows the range of x to where |offset + slope x| < limit.
+// Restricts the range of x to |offset + slope x| < limit.
 void Narrow(float offset, float slope, float limit, PixelRange* range) {
   constexpr float kMinSlope = 1e-6f;
   if (std::abs(slope) < kMinSlope) {
@@ -68,7 +70,7 @@ OrientationHistogram Smooth(OrientationHistogram histogram) {
   return histogram;
 }
 
-// Height and angle of the peaks.
+// Heights and angles of the peaks.
 std::vector<std::pair<float, float>> FindPeaks(const OrientationHistogram& h) {
   const float threshold = kMinPeakRatio * *std::max_element(h.begin(), h.end());
   std::vector<std::pair<float, float>> peaks;
@@ -76,7 +78,7 @@ std::vector<std::pair<float, float>> FindPeaks(const OrientationHistogram& h) {
     const float before = h[(k + kNumOrientationBins - 1) % kNumOrientationBins];
     const float after = h[(k + 1) % kNumOrientationBins];
     if (h[k] < threshold || h[k] <= before || h[k] <= after) continue;
-    // The vertex of the parabola through the three.
+    // Vertex of the parabola through the three bins.
     const float offset =
         0.5f * (before - after) / (before + after - 2.0f * h[k]);
     const float bin = static_cast<float>(k) + offset;
@@ -86,7 +88,8 @@ std::vector<std::pair<float, float>> FindPeaks(const OrientationHistogram& h) {
   return peaks;
 }
 
-// With a margin of one cell on each side, so that no gradient needs a check.
+// Histogram with a margin of one cell on each side, so that no gradient needs a
+// bounds check.
 class CellHistogram {
  public:
   // Column and row are in [0, kNumCells + 1), counted from the margin;
@@ -117,7 +120,7 @@ class CellHistogram {
       for (int c = 1; c <= kNumCells; ++c) {
         const float* bin = &bins_[(r * kRowSize + c) * kColumnSize];
         std::copy(bin, bin + kNumDirections, out);
-        out[0] += bin[kNumDirections];  // a full turn
+        out[0] += bin[kNumDirections];  // 2 pi is 0
         out += kNumDirections;
       }
     }
@@ -239,8 +242,8 @@ void GradientDescriber::GatherCells(const cv::Mat& level,
   const float cells_per_pixel = 1.0f / (kCellSize * point.sigma);
   const float c = std::cos(orientation_rad) * cells_per_pixel;
   const float s = std::sin(orientation_rad) * cells_per_pixel;
-  // From the centre to where a gradient still has a part in the last cells, up
-  // to rounding.
+  // Distance from the center up to which gradients contribute to the outermost
+  // cells, up to rounding.
   const float reach = 0.5f * (kNumCells + 1) - 1e-3f;
   const float radius = std::sqrt(2.0f) * reach / cells_per_pixel;
   const float center = 0.5f * (kNumCells + 1);  // one more for the margin
@@ -272,13 +275,13 @@ SiftDescriptor GradientDescriber::Describe(const cv::Mat& level,
                                            float orientation_rad) {
   GatherCells(level, point, orientation_rad);
   gradients_.ComputePolar();
-  // Orientations are at most half a bin outside of [0, 2 pi).
+  // Orientations exceed [0, 2 pi) by at most half a bin.
   const float bins_per_radian = kNumDirections / kTwoPi;
   for (size_t i = 0; i < gradients_.size; ++i) {
-    float turn = orientation_rad - gradients_.angle[i];
-    turn += turn < 0.0f ? kTwoPi : 0.0f;
-    turn -= turn >= kTwoPi ? kTwoPi : 0.0f;
-    gradients_.angle[i] = std::max(0.0f, turn) * bins_per_radian;
+    float angle = orientation_rad - gradients_.angle[i];
+    angle += angle < 0.0f ? kTwoPi : 0.0f;
+    angle -= angle >= kTwoPi ? kTwoPi : 0.0f;
+    gradients_.angle[i] = std::max(0.0f, angle) * bins_per_radian;
     gradients_.length[i] *= gradients_.weight[i];
   }
   CellHistogram histogram;

@@ -11,44 +11,44 @@ namespace mgsfm {
 
 using SiftDescriptor = std::array<float, 128>;
 
-// Describes points by the gradients around them. Reuses its memory, so each
-// thread has one of its own. Angles are in radians, from x to y (clockwise, as
-// y points down).
+// Orientations and descriptors of points from the image gradients around them.
+// Reuses its memory; use one per thread. Angles are in radians from x to y
+// (clockwise, as y points down).
 class GradientDescriber {
  public:
-  // Directions that prevail around the point: peaks of a histogram of 36 bins
-  // that have at least 0.8 of the highest; at most `max_num`, the highest
-  // first. Gradients are weighted by their length and a Gaussian of 1.5 sigma.
+  // Dominant orientations: peaks of the histogram of gradient directions (36
+  // bins) of at least 0.8 of the highest peak; at most `max_num`, the highest
+  // first. Gradients are weighted by magnitude and a Gaussian of 1.5 sigma.
   std::vector<float> FindOrientations(const cv::Mat& level,
                                       const ScaleSpacePoint& point,
                                       int max_num);
 
-  // Histograms of 8 directions in 4 x 4 cells of 3 sigma, turned by the
-  // orientation, each gradient shared between the nearest bins in x, y and
-  // angle, and weighted by a Gaussian of 2 cells. L2-normalised, clipped at
-  // 0.2, and normalised again. Rows, columns, then directions, which run from
-  // y to x, as Lowe's do.
+  // Histograms of 8 directions in 4 x 4 cells of 3 sigma, rotated by the
+  // orientation. Gradients are interpolated between the nearest bins in x, y
+  // and angle and weighted by a Gaussian of 2 cells. The descriptor is
+  // L2-normalized, clipped at 0.2 and normalized again. Order: rows, columns,
+  // directions; these run from y to x, like Lowe's.
   SiftDescriptor Describe(const cv::Mat& level, const ScaleSpacePoint& point,
                           float orientation_rad);
 
  private:
-  // Gradients of some pixels, as arrays of which the first `size` are in use.
+  // Gradients of pixels; the first `size` elements of the arrays are valid.
   struct Gradients {
     size_t size = 0;
-    std::vector<float> dx, dy;       // of the grey value
-    std::vector<float> weight;       // of the Gaussian
-    std::vector<float> column, row;  // in cells, of the descriptor
+    std::vector<float> dx, dy;       // derivatives of the gray value
+    std::vector<float> weight;       // Gaussian
+    std::vector<float> column, row;  // position in cells of the descriptor
     std::vector<float> length, angle;
 
-    // Room for so many; none is in use.
+    // Makes room for `capacity` gradients and sets size to 0.
     void Reserve(size_t capacity);
     void ComputePolar();
   };
-  // Appends those of pixels `begin` to `end` of a row, weighted by the Gaussian
+  // Appends the gradients of pixels [begin, end) of row y with the weight
   // exp(factor |pixel - point|^2).
   void AppendRow(const cv::Mat& level, const ScaleSpacePoint& point,
                  float factor, int y, int begin, int end);
-  // Of one dimension, for pixels `begin` to `end`.
+  // The factor of that weight which depends on x, for pixels [begin, end).
   void ComputeColumnWeights(float center, float factor, int begin, int end);
   void GatherCells(const cv::Mat& level, const ScaleSpacePoint& point,
                    float orientation_rad);

@@ -14,10 +14,13 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int kSampleSize = 3;
-constexpr double kLossScale = 0.5;  // of max_error, among the samples
+// Loss scales relative to max_error. Errors of inliers are at most 1, so a
+// scale of 0.5 keeps them in the quadratic range and downweights those near the
+// bound. The lower bound avoids a degenerate loss for exact data.
+constexpr double kLossScale = 0.5;
 constexpr double kMinLossScale = 0.02;
 
-// A camera at the place that the unit's pose gives it.
+// A camera at its pose in the world.
 struct PlacedCamera {
   Matrix3d cam_from_unit;
   Matrix3d unit_from_world;
@@ -124,7 +127,7 @@ class AbsolutePoseRansac {
     return cameras_.back();
   }
 
-  // Whether the pose is the best so far.
+  // Returns whether the pose is the best so far.
   bool Try(const Rigid3& unit_from_world) {
     const PoseScore score = ScoreAbsolutePose(cameras_, unit_from_world);
     if (!(score.cost < score_.cost)) return false;
@@ -133,7 +136,7 @@ class AbsolutePoseRansac {
     return true;
   }
 
-  // Whether a better pose was found.
+  // Returns whether a better pose was found.
   bool Sample() {
     const CameraPoints& camera = DrawCamera();
     const auto sample = DrawSample<kSampleSize>(camera.size(), random_);
@@ -178,7 +181,7 @@ class AbsolutePoseRansac {
   const std::vector<CameraPoints>& cameras_;
   Random* random_;
   size_t num_rays_ = 0;
-  size_t num_to_draw_ = 0;  // rays of cameras that have enough of them
+  size_t num_to_draw_ = 0;  // rays of cameras with at least kSampleSize rays
   std::optional<Rigid3> best_;
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};
 };

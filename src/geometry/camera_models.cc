@@ -12,7 +12,7 @@
 namespace mgsfm {
 namespace {
 
-// Calls function with an object of the model's type.
+// Calls `function` with an object of the type of the model.
 template <class Function>
 auto Dispatch(CameraModelId model, const Function& function) {
   switch (model) {
@@ -74,7 +74,7 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
   });
 }
 
-// For hot loops: everything that a model calls is inlined.
+// For hot loops: all calls of the model are inlined.
 template <class Model>
 [[gnu::flatten]] bool Project(const double* params, const double* point_in_cam,
                               double* pixel) {

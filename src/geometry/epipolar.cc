@@ -29,8 +29,8 @@ bool IsInlierOf(const EpipolarPose& pose, const Eigen::Vector3d& ray1,
          terms.IsInFront(ray2, max_error_rad);
 }
 
-// Both motions of one of the two unit vectors u with |H u| = 1 that are normal
-// to v2 and, with it, span a plane that H moves rigidly.
+// The two motions for a unit vector u normal to v2 with |H u| = 1. There are
+// two such vectors; each spans a plane with v2 on which H is rigid.
 void AppendPlanarMotions(const Eigen::Matrix3d& H, const Eigen::Vector3d& v2,
                          const Eigen::Vector3d& u,
                          std::vector<PlanarMotion>* motions) {
@@ -76,7 +76,7 @@ std::vector<PlanarMotion> DecomposeHomography(const Eigen::Matrix3d& homography,
       homography, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Eigen::Vector3d sigma = svd.singularValues();
   if (!(sigma(2) > 1e-9 * sigma(0))) return {};
-  // det(R + t n^T) = 1 + t . R n > 0 as both cameras are on one side.
+  // det(R + t n^T) = 1 + t . R n > 0 because both cameras are on the same side.
   const double sign = homography.determinant() > 0.0 ? 1.0 : -1.0;
   const Eigen::Matrix3d H = homography * (sign / sigma(1));
   if (sigma(0) / sigma(2) - 1.0 <= rotation_tolerance) {

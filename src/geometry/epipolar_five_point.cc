@@ -9,7 +9,7 @@
 namespace mgsfm {
 namespace {
 
-// Polynomials in x, y, z by their coefficients, of the monomials
+// Coefficients of polynomials in x, y, z for the monomials
 //   linear:    x y z 1
 //   quadratic: x2 xy y2 xz yz z2 x y z 1
 //   cubic:     x3 x2y xy2 y3 x2z xyz y2z xz2 yz2 z3, then the quadratic ones.
@@ -17,7 +17,7 @@ using Linear = Eigen::Matrix<double, 4, 1>;
 using Quadratic = Eigen::Matrix<double, 10, 1>;
 using Cubic = Eigen::Matrix<double, 20, 1>;
 
-// Where the product of two monomials is.
+// The index of the product of two monomials.
 constexpr int kQuadraticOf[4][4] = {
     {0, 1, 3, 6}, {1, 2, 4, 7}, {3, 4, 5, 8}, {6, 7, 8, 9}};
 constexpr int kCubicOf[10][4] = {
@@ -45,7 +45,7 @@ struct LinearMatrix {
   }
 };
 
-// E = x E1 + y E2 + z E3 + E4, all solutions of the five linear equations.
+// E = x E1 + y E2 + z E3 + E4, the null space of the five linear constraints.
 LinearMatrix EssentialsThroughMatches(
     const std::array<Eigen::Vector3d, 5>& rays1,
     const std::array<Eigen::Vector3d, 5>& rays2) {
@@ -55,7 +55,7 @@ LinearMatrix EssentialsThroughMatches(
       constraints.block<3, 1>(3 * row, i) = rays2[i](row) * rays1[i];
     }
   }
-  // The last columns of Q span what is orthogonal to the constraints.
+  // The last columns of Q span the orthogonal complement of the constraints.
   const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 5>> qr(constraints);
   Eigen::Matrix<double, 9, 4> null_space;
   null_space << Eigen::Matrix<double, 5, 4>::Zero(),
@@ -81,7 +81,7 @@ Quadratic Minor(const LinearMatrix& E, int col1, int col2) {
 
 // The rows det E = 0 and E E^T E - trace(E E^T) / 2 E = 0.
 Eigen::Matrix<double, 10, 20> EssentialConstraints(const LinearMatrix& E) {
-  Quadratic products[3][3];  // E E^T, less half of its trace on the diagonal
+  Quadratic products[3][3];  // E E^T - trace(E E^T) / 2 I
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j <= i; ++j) {
       products[i][j].setZero();
@@ -113,8 +113,8 @@ Eigen::Matrix<double, 10, 20> EssentialConstraints(const LinearMatrix& E) {
   return constraints;
 }
 
-// Multiplication by x of the quadratic monomials, modulo the constraints: its
-// eigenvectors are the monomials' values at the solutions.
+// Multiplication of the quadratic monomials by x modulo the constraints. The
+// eigenvectors contain the values of the monomials at the solutions.
 Eigen::Matrix<double, 10, 10> ActionMatrix(
     const Eigen::Matrix<double, 10, 20>& constraints) {
   const Eigen::Matrix<double, 10, 10> cubic_of_quadratic =
@@ -149,7 +149,7 @@ int SolveFivePoint(const std::array<Eigen::Vector3d, 5>& rays1,
     if (std::abs(eigenvalue.imag()) > 1e-9 * (1.0 + std::abs(eigenvalue))) {
       continue;
     }
-    // The coefficients of E1 .. E4, up to scale.
+    // The coefficients of E1 to E4, up to scale.
     const Linear coefficients = solver.eigenvectors().col(i).real().tail<4>();
     Eigen::Matrix3d& essential = (*essentials)[num_solutions];
     for (int k = 0; k < 9; ++k) {

@@ -14,8 +14,8 @@ namespace {
 constexpr int kWidth = 4;
 typedef double Four __attribute__((vector_size(8 * kWidth)));
 
-// The components of the rays of four matches; lanes without a match have a
-// weight of 0.
+// The components of the rays of four matches. Lanes without a match have weight
+// 0.
 struct FourMatches {
   Four f1[3], f2[3];
   Four weight;
@@ -40,8 +40,8 @@ MGSFM_INLINE void Cross(const Four* a, const Four* b, Four* c) {
   c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-// Sampson errors r and their gradients, as SampsonAngle has them. Where one is
-// not defined it is 0, and so is the weight.
+// Sampson errors r and their gradients as in SampsonAngle. Undefined errors
+// have value 0 and weight 0.
 MGSFM_INLINE void ComputeErrors(const EpipolarPose& pose,
                                 const Eigen::Matrix<double, 3, 2>& basis,
                                 FourMatches* m, Four* error, Four* gradient) {

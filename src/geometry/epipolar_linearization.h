@@ -30,17 +30,17 @@ class LogSum {
   double sum_ = 0.0;
 };
 
-// Sums over all matches of the Cauchy-weighted Sampson errors and their
-// gradients by the five degrees of freedom of a pose.
+// The normal equations of the Cauchy-weighted Sampson errors of all matches
+// over the five degrees of freedom of a pose.
 struct PoseSums {
   Eigen::Matrix<double, 5, 5> hessian;
   Eigen::Matrix<double, 5, 1> gradient;
   double cost;
 };
 
-// Four matches at a time. Compiled for any x86-64 and for those with AVX2 and
-// FMA, so results of two kinds of processor may differ by rounding. The columns
-// of `basis` are normal to the direction of the pose.
+// Processes four matches at a time. Compiled with and without AVX2 and FMA, so
+// results of different processors may differ by rounding. The columns of
+// `basis` are normal to the direction of the pose.
 PoseSums SumSampsonTerms(const RayMatches& matches, const EpipolarPose& pose,
                          const Eigen::Matrix<double, 3, 2>& basis,
                          double loss_scale);

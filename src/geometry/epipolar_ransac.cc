@@ -11,8 +11,8 @@ namespace {
 
 constexpr int kNumLocalIterations = 5;
 
-// The truncated squared Sampson errors without regard to the side, given up
-// above `max_cost`. |E| = sqrt 2.
+// The truncated squared Sampson errors without the test for the front of the
+// cameras. Stops above `max_cost`. |E| = sqrt 2.
 double ScoreEssential(const RayMatches& matches, const Eigen::Matrix3d& E,
                       double max_error, double max_cost) {
   const double max_squared_error = max_error * max_error;
@@ -43,7 +43,7 @@ PoseRefinementOptions LocalOptions(const RansacOptions& options) {
   return local;
 }
 
-// Keeps the refined model if its score is better.
+// Keeps the refined model if its score improves.
 void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
                      Scored<Rigid3>* best) {
   RayMatches inliers;
@@ -74,7 +74,7 @@ void OptimizeLocally(const RayMatches& matches, const RansacOptions& options,
   if (score.cost < best->score.cost) *best = {refined, score};
 }
 
-// The best of the sample's poses if it is better than `best`.
+// The best pose of the sample, if it is better than `best`.
 std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
                                                const RansacOptions& options,
                                                double best_cost,
@@ -89,7 +89,7 @@ std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
   const int num_essentials = SolveFivePoint(rays1, rays2, &essentials);
   std::optional<Scored<Rigid3>> best;
   for (int i = 0; i < num_essentials; ++i) {
-    // The side can only make the cost larger.
+    // The test for the front of the cameras can only increase the cost.
     if (ScoreEssential(matches, essentials[i], options.max_error_rad,
                        best_cost) >= best_cost) {
       continue;
@@ -106,8 +106,8 @@ std::optional<Scored<Rigid3>> BestOfPoseSample(const RayMatches& matches,
   return best;
 }
 
-// The rotation that takes the bisector and the plane of two rays to those of
-// their matches.
+// The rotation that maps the bisector and the plane of two rays to those of the
+// matching rays.
 std::optional<Scored<Eigen::Quaterniond>> BestOfRotationSample(
     const RayMatches& matches, const RansacOptions& options, double best_cost,
     Random* random) {
@@ -121,7 +121,7 @@ std::optional<Scored<Eigen::Quaterniond>> BestOfRotationSample(
   };
   const Eigen::Quaterniond rotation(
       Eigen::Matrix3d(axes(matches.rays2) * axes(matches.rays1).transpose()));
-  // Equal or opposite rays have no axes.
+  // The axes are undefined for equal or opposite rays.
   if (!(std::abs(rotation.norm() - 1.0) < 1e-6)) return std::nullopt;
   const Scored<Eigen::Quaterniond> scored{
       rotation.normalized(),

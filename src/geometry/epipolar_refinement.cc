@@ -17,11 +17,13 @@ using Basis = Eigen::Matrix<double, 3, 2>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
+// Relative to the diagonal of the normal equations. The start is close to
+// Gauss-Newton. Above the upper bound no step decreases the cost.
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;
 
-// Columns normal to the unit vector t and to each other.
+// Orthonormal columns normal to the unit vector t.
 Basis TangentBasis(const Eigen::Vector3d& t) {
   Basis basis;
   basis.col(0) = t.unitOrthogonal();
@@ -29,7 +31,7 @@ Basis TangentBasis(const Eigen::Vector3d& t) {
   return basis;
 }
 
-// Sampson error and its gradient by the perturbation of the pose.
+// Sampson error and its gradient w.r.t. the perturbation of the pose.
 double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
                     const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2,
                     Vector5d* gradient) {
@@ -41,7 +43,7 @@ double SampsonTerms(const EpipolarPose& pose, const Basis& basis,
   const double inv_s = 1.0 / m.s;
   const double inv_sqrt_s = std::sqrt(inv_s);
   const double r = m.e * inv_sqrt_s;
-  // r = e s^(-1/2), and s itself holds -2 e^2.
+  // r = e s^(-1/2), and s contains -2 e^2.
   const double by_e = inv_sqrt_s * (1.0 + 2.0 * r * r);
   const double by_s = r * inv_s;
   const Eigen::Vector3d& t = pose.direction;
@@ -100,8 +102,8 @@ NormalEquations<3> LinearizeRotation(const RayMatches& matches,
   return equations;
 }
 
-// The one Levenberg-Marquardt loop. linearize(x) gives the NormalEquations at
-// x, perturb(x, step) moves x.
+// Levenberg-Marquardt. linearize(x) returns the NormalEquations at x, and
+// perturb(x, step) applies a step.
 template <class X, class Linearize, class Perturb>
 SolveSummary Minimize(const PoseRefinementOptions& options,
                       const Linearize& linearize, const Perturb& perturb,
@@ -110,7 +112,7 @@ SolveSummary Minimize(const PoseRefinementOptions& options,
   auto equations = linearize(*x);
   summary.initial_cost = summary.final_cost = equations.cost;
   if (!std::isfinite(equations.cost)) {
-    summary.message = "the cost is not finite at the start";
+    summary.message = "the initial cost is not finite";
     return summary;
   }
   summary.termination = Termination::kMaxIterations;
@@ -206,7 +208,7 @@ Eigen::Vector3d FitDirection(const RayMatches& matches,
         (rotation * matches.rays1[i]).cross(matches.rays2[i]);
     normals.noalias() += normal * normal.transpose();
   }
-  // Eigenvalues rise.
+  // Eigenvalues are in ascending order.
   return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normals)
       .eigenvectors()
       .col(0);

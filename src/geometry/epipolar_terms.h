@@ -7,20 +7,19 @@
 
 namespace mgsfm::internal {
 
-// A relative pose as the loops over matches use it.
+// A relative pose in the form used by loops over matches.
 struct EpipolarPose {
   Eigen::Matrix3d rotation;
   Eigen::Vector3d direction;  // unit
 };
 
-// The products of one match that all of its errors are made of; names as in
-// mgsfm/geometry/epipolar.h.
+// Intermediate quantities of one match, named as in geometry/epipolar.h.
 struct EpipolarTerms {
   Eigen::Vector3d a;  // R f1
   double ta;          // t . a
   double tf;          // t . f2
   double e;           // f2 . (t x a)
-  double s;           // squared norm of the gradient of e by both rays
+  double s;           // squared norm of the gradient of e w.r.t. both rays
 
   EpipolarTerms(const EpipolarPose& pose, const Eigen::Vector3d& ray1,
                 const Eigen::Vector3d& ray2)
@@ -30,11 +29,12 @@ struct EpipolarTerms {
         e(pose.direction.dot(a.cross(ray2))),
         s(2.0 - ta * ta - tf * tf - 2.0 * e * e) {}
 
-  // Below this both rays lie on the baseline and the error is undefined.
+  // For smaller values both rays lie on the baseline to 1e-7 rad, and the error
+  // is undefined.
   static constexpr double kMinSquaredGradient = 1e-14;
   bool IsDefined() const { return s > kMinSquaredGradient; }
 
-  // r^2; compares without dividing.
+  // r^2 <= max_squared_error, without a division.
   bool IsWithin(double max_squared_error) const {
     return e * e <= max_squared_error * s || !IsDefined();
   }
@@ -43,7 +43,7 @@ struct EpipolarTerms {
   bool IsInFront(const Eigen::Vector3d& ray2, double tolerance) const {
     const double sin_a = std::sqrt(std::max(0.0, 1.0 - ta * ta));
     const double sin_f = std::sqrt(std::max(0.0, 1.0 - tf * tf));
-    // At the epipoles noise may move a ray across the baseline.
+    // Near the epipoles noise can move a ray across the baseline.
     const bool same_side =
         a.dot(ray2) > ta * tf || std::min(sin_a, sin_f) < tolerance;
     return same_side && sin_a * tf - ta * sin_f >= -tolerance;

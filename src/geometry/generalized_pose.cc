@@ -15,12 +15,13 @@ namespace {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kSampleSize = 6;
-constexpr double kLossScale = 0.5;  // of max_error
-// Lengths tried for a guess, each from another match.
+constexpr double kLossScale = 0.5;  // relative to max_error
+// Number of lengths tested for a guess, each from a different match.
 constexpr int kNumLengthsOfGuess = 20;
-// Centres nearer than this, over their distances to the units, coincide.
+// Centres coincide if their distance is below this fraction of their distances
+// to the origins of the units.
 constexpr double kMinRelativeBaseline = 1e-6;
-// Of all matches; no other pose explains more.
+// Inlier ratio above which no other pose can have more inliers.
 constexpr double kMajority = 0.5;
 
 Rigid3 CameraMotion(const UnitMatches& pair, const Rigid3& unit2_from_unit1) {
@@ -36,8 +37,8 @@ bool HasBaseline(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   return cam2_from_cam1.translation.norm() > kMinRelativeBaseline * size;
 }
 
-// A line of poses, over the length s of the translation of one pair:
-// unit2_from_unit1 = (rotation, offset + s direction).
+// A one-parameter family of poses over the length s of the translation of a
+// pair: unit2_from_unit1 = (rotation, offset + s direction).
 struct PoseLine {
   Eigen::Quaterniond rotation;
   Eigen::Vector3d offset;
@@ -60,7 +61,8 @@ struct PoseLine {
     return {rotation, offset + length * direction};
   }
 
-  // Where a match meets the epipolar constraint, which is linear in the length.
+  // The length for which a match satisfies the epipolar constraint, which is
+  // linear in the length.
   std::optional<double> LengthOf(const UnitMatches& pair, size_t match) const {
     const Rigid3 start = CameraMotion(pair, At(0.0));
     const Eigen::Vector3d normal =
@@ -73,8 +75,8 @@ struct PoseLine {
   }
 };
 
-// Error of a match over its bound and the gradient by the step of the unit's
-// pose. t of the pair of cameras may have any length.
+// The error of a match divided by its bound, and the gradient w.r.t. the step
+// of the pose of the unit. t of the pair of cameras may have any length.
 double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
                     const Rigid3& cam2_from_cam1, size_t match,
                     Vector6d* gradient) {
@@ -84,7 +86,7 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   const double ta = t.dot(a), tf = t.dot(f), tt = t.squaredNorm();
   const Eigen::Vector3d normal = a.cross(f);
   const double e = t.dot(normal);
-  // Grows with |t|^2 as e^2 does, so the length of t does not matter.
+  // Proportional to |t|^2 like e^2, so the length of t cancels.
   const double s = 2.0 * tt - ta * ta - tf * tf - 2.0 * e * e;
   if (!(s > 1e-14 * tt)) {
     gradient->setZero();
@@ -99,7 +101,8 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   const double by_s = -0.5 * e / s * by_e;
   const Eigen::Vector3d by_turn = by_e * e_by_turn + by_s * s_by_turn;
   const Eigen::Vector3d by_t = by_e * normal + by_s * s_by_t;
-  // In the axes of the unit: the cameras turn with it, and their centres move.
+  // In the axes of the unit: its rotation rotates the cameras and moves their
+  // centres.
   const Eigen::Quaterniond unit_from_cam =
       pair.cam2_from_unit2.rotation.conjugate();
   const Eigen::Vector3d arm =
@@ -173,7 +176,7 @@ class UnitPoseRansac {
     return static_cast<double>(score_.num_inliers) / num_matches_;
   }
 
-  // Of all matches one, of any pair but `other_than`.
+  // Draws one of all matches except those of pair `other_than`.
   struct Drawn {
     size_t pair;
     size_t match;
@@ -192,7 +195,7 @@ class UnitPoseRansac {
     return std::nullopt;
   }
 
-  // Whether the pose is the best so far.
+  // Returns whether the pose is the best so far.
   bool Try(const Rigid3& unit2_from_unit1) {
     const PoseScore score = ScoreUnitPose(pairs_, unit2_from_unit1);
     if (!(score.cost < score_.cost)) return false;
@@ -223,7 +226,7 @@ class UnitPoseRansac {
     if (is_better) OptimizeLocally();
   }
 
-  // Whether a better pose was found.
+  // Returns whether a better pose was found.
   bool Sample() {
     const auto drawn = Draw(pairs_.size());
     if (!drawn || pairs_[drawn->pair].rays.size() < 5) return false;

@@ -14,11 +14,11 @@
 
 namespace mgsfm {
 
-// The relative pose of two rigid units, each a set of cameras at known places
-// in it, from the matches of all pairs of their cameras at once. Unlike that of
-// two cameras, it has a length, in the unit of the places.
+// The generalized relative pose of two rigid units, each a set of cameras with
+// known poses in the unit, from the matches of all pairs of their cameras.
+// Unlike for two single cameras, the length of the translation is observable.
 
-// Matches of a camera of unit 1 with one of unit 2.
+// Matches between a camera of unit 1 and a camera of unit 2.
 struct UnitMatches {
   Rigid3 cam1_from_unit1;
   Rigid3 cam2_from_unit2;
@@ -26,40 +26,39 @@ struct UnitMatches {
   double max_error_rad = 2e-3;
 };
 
-// Unknown: unit2_from_unit1 = (R, t), with full length of t. For a pair of
-// cameras it gives
+// Unknown: unit2_from_unit1 = (R, t) including the length of t. The relative
+// pose of a pair of cameras is
 //   cam2_from_cam1 = cam2_from_unit2 (R, t) cam1_from_unit1^-1,
-// whose errors are those of epipolar.h, over max_error of the pair. Where the
-// centres of both cameras coincide it is that of a rotation.
+// with the errors r of epipolar.h divided by max_error of the pair. If the
+// centres of both cameras coincide, r is the error of a pure rotation.
 
-// The sum over all matches of min(r^2, 1); matches that are not in front of
-// both cameras count 1.
+// The truncated cost sum min(r^2, 1) over all matches. Matches that are not in
+// front of both cameras contribute 1.
 PoseScore ScoreUnitPose(const std::vector<UnitMatches>& pairs,
                         const Rigid3& unit2_from_unit1);
 
-// Which of the matches of a pair agree.
+// The inliers among the matches of a pair.
 Mask FindUnitInliers(const UnitMatches& pair, const Rigid3& unit2_from_unit1);
 
 // Minimises sum_i c^2 / 2 log(1 + r_i^2 / c^2), c = 1/2, over R and t by
 // Levenberg-Marquardt, where r is the Sampson error; a step is
 //   R <- Exp(delta[0:3]) R,  t <- t + delta[3:6].
-// Stops when the cost falls by less than 1e-6 of itself, or after 10
-// iterations. Directions of t that no match determines stay where they are.
-// kFailure with fewer than 6 matches. Cost per iteration: one pass over the
-// matches.
+// Stops when the relative decrease of the cost is below 1e-6, or after 10
+// iterations. Components of t that no match determines do not change. kFailure
+// for fewer than 6 matches. Cost: one pass over the matches per iteration.
 SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
                             Rigid3* unit2_from_unit1);
 
-// LO-RANSAC with samples of five matches of one pair of cameras, which give a
-// pose up to the length of the translation between these two, and a match of
-// any other pair, which gives the length (Clipp, Kim, Frahm, Pollefeys,
-// Hartley: Robust 6DOF motion estimation for non-overlapping, multi-camera
-// systems, WACV 2008). Pairs are drawn with their numbers of matches as
-// weights. Starts from `guesses`: relative poses of pairs (index of the pair,
-// cam2_from_cam1 with |t| = 1), of which only the length is sought. If one of
-// them explains half of all matches nothing is sampled, as no other pose
-// explains more. max_error_rad of the options has no effect. nullopt if no
-// sample was of use, as with fewer than two pairs that have matches.
+// LO-RANSAC on samples of five matches of one pair of cameras, which determine
+// the pose up to the length of their baseline, and one match of another pair,
+// which determines the length (Clipp, Kim, Frahm, Pollefeys, Hartley: Robust
+// 6DOF motion estimation for non-overlapping, multi-camera systems, WACV 2008).
+// Pairs are drawn with probability proportional to their number of matches.
+// `guesses` are initial relative poses of pairs (index of the pair,
+// cam2_from_cam1 with |t| = 1), for which only the length is estimated. No
+// samples are drawn if a guess explains half of all matches, because no other
+// pose can explain more. max_error_rad of the options is ignored. nullopt if no
+// sample yields a pose, e.g. if fewer than two pairs have matches.
 struct PairPose {
   size_t pair = 0;
   Rigid3 cam2_from_cam1;

@@ -8,7 +8,7 @@
 namespace mgsfm {
 namespace {
 
-// The ellipsoid of WGS84.
+// The WGS84 ellipsoid.
 constexpr double kSemiMajorAxis_m = 6378137.0;
 constexpr double kFlattening = 1.0 / 298.257223563;
 

@@ -5,9 +5,9 @@
 
 namespace mgsfm {
 
-// Latitude and longitude (degrees) and height above the WGS84 ellipsoid
-// (metres), in metres east, north and up of a point that is given alike, on the
-// plane that touches the ellipsoid there.
+// Converts latitude and longitude (degrees) and height above the WGS84
+// ellipsoid (metres) to the local east-north-up frame (metres) of an origin in
+// the same coordinates.
 Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
                             const Eigen::Vector3d& origin);
 

@@ -6,12 +6,13 @@
 
 namespace mgsfm {
 
-// The unit vector m that minimises sum_i min(angle(m, v_i), a) over unit
-// vectors v_i, of which less than half may be anything. a: three medians of the
-// angles, at least 1e-6. It starts at the sample (of up to 100, evenly spread)
-// with the least median angle to all; re-weighted means follow until m moves by
-// less than 1e-9, or 50 times. Must not be empty. O(samples) for each start and
-// mean.
+// A robust mean direction: the unit vector m that minimises
+// sum_i min(angle(m, v_i), a) over unit vectors v_i with less than half
+// outliers, where a is three times the median angle, at least 1e-6 rad. The
+// initial m is the sample, among 100 evenly spaced ones, with the smallest
+// median angle to all others. Reweighted means follow until m moves by less
+// than 1e-9, at most 50 times. `v` must not be empty. O(samples) per initial
+// candidate and per mean.
 Eigen::Vector3d RobustMeanDirection(
     const std::vector<Eigen::Vector3d>& directions);
 

@@ -13,12 +13,13 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int kMaxNumNewtonSteps = 5;
-// Of the squared distances between the points.
+// Relative to the largest squared distance between the points.
 constexpr double kMaxRelativeResidual = 1e-9;
-// Roots that coincide come out as pairs with such an imaginary part.
+// Rounding gives a root of multiplicity m an imaginary part of about eps^(1/m),
+// 1e-4 for m = 4. Newton steps polish the accepted roots.
 constexpr double kMaxImaginaryPart = 1e-3;
 
-// Polynomials by their coefficients, the constant first.
+// The product of two polynomials in ascending order of coefficients.
 template <int kSize1, int kSize2>
 Eigen::Matrix<double, kSize1 + kSize2 - 1, 1> Multiply(
     const Eigen::Matrix<double, kSize1, 1>& a,
@@ -31,8 +32,8 @@ Eigen::Matrix<double, kSize1 + kSize2 - 1, 1> Multiply(
   return product;
 }
 
-// The real roots above zero, from the eigenvalues of the companion matrix.
-// Returns their number.
+// The positive real roots by the eigenvalues of the companion matrix. Returns
+// their number.
 int PositiveRoots(const Eigen::Matrix<double, 5, 1>& polynomial,
                   std::array<double, 4>* roots) {
   int degree = 4;
@@ -59,8 +60,8 @@ int PositiveRoots(const Eigen::Matrix<double, 5, 1>& polynomial,
   return num_roots;
 }
 
-// Three rays from one centre to points at known distances of each other. The
-// unknowns are the lengths s along the rays:
+// Three rays from one centre to points with known distances between each other.
+// The unknowns are the depths s along the rays:
 //   s_i^2 + s_j^2 - 2 s_i s_j cos_ij = d_ij^2 .
 class ThreeRays {
  public:
@@ -70,11 +71,11 @@ class ThreeRays {
         cosine_(rays[1].dot(rays[2]), rays[0].dot(rays[2]),
                 rays[0].dot(rays[1])) {}
 
-  // Up to four; returns their number.
+  // Computes up to four solutions and returns their number.
   int Solve(std::array<Vector3d, 4>* lengths) const;
 
  private:
-  // Opposite of each point.
+  // The squared length of the side opposite to each point.
   static Vector3d Squared(const std::array<Vector3d, 3>& points) {
     return {(points[1] - points[2]).squaredNorm(),
             (points[0] - points[2]).squaredNorm(),
@@ -88,11 +89,11 @@ class ThreeRays {
   const Vector3d cosine_;
 };
 
-// With s_1 = u s_0 and s_2 = v s_0, and B(v) = 1 + v^2 - 2 v cos_02 in which
-// s_0^2 B = d_02^2, the two other equations over the second are
+// Let s_1 = u s_0, s_2 = v s_0 and B(v) = 1 + v^2 - 2 v cos_02, so that
+// s_0^2 B = d_02^2. Dividing the other two equations by this one gives
 //   u^2 + v^2 - 2 u v cos_12 = (d_12 / d_02)^2 B,
 //   1 + u^2 - 2 u cos_01     = (d_01 / d_02)^2 B .
-// Their difference is linear in u, u = N(v) / D(v), and the last becomes
+// Their difference is linear in u, so u = N(v) / D(v), and the last one becomes
 //   N^2 - 2 cos_01 N D + (1 - (d_01 / d_02)^2 B) D^2 = 0 .
 int ThreeRays::Solve(std::array<Vector3d, 4>* lengths) const {
   if (!(squared_.minCoeff() > 1e-18 * squared_.maxCoeff())) return 0;
@@ -117,7 +118,8 @@ int ThreeRays::Solve(std::array<Vector3d, 4>* lengths) const {
       Append(numerator / denominator, v, lengths, &num_lengths);
       continue;
     }
-    // Both are near zero: from the last equation, which is quadratic.
+    // Numerator and denominator are near zero: solve the last equation, which
+    // is quadratic in u.
     const double by_v = b[0] + v * (b[1] + v * b[2]);
     const double discriminant = cosine_[2] * cosine_[2] - 1.0 + ratio2 * by_v;
     const double root = std::sqrt(std::max(0.0, discriminant));
@@ -127,7 +129,7 @@ int ThreeRays::Solve(std::array<Vector3d, 4>* lengths) const {
   return num_lengths;
 }
 
-// Unless it is none, or there already.
+// Appends a solution unless it is invalid or already present.
 void ThreeRays::Append(double u, double v, std::array<Vector3d, 4>* lengths,
                        int* num_lengths) const {
   const double by_v = 1.0 + v * v - 2.0 * v * cosine_[1];
@@ -164,7 +166,7 @@ bool ThreeRays::Polish(Vector3d* s) const {
   }
 }
 
-// Axes of a triangle; false if its corners are on a line.
+// The axes of a triangle. Returns false for collinear corners.
 bool TriangleAxes(const std::array<Vector3d, 3>& points, Matrix3d* axes) {
   const Vector3d x = (points[1] - points[0]).normalized();
   const Vector3d side = points[2] - points[0];

@@ -10,8 +10,7 @@
 
 namespace mgsfm {
 
-// Of a pose that is turned from the left by the first three unknowns, and whose
-// translation the others are added to.
+// Normal equations over the update R <- Exp(delta[0:3]) R, t <- t + delta[3:6].
 struct PoseEquations {
   Eigen::Matrix<double, 6, 6> hessian = Eigen::Matrix<double, 6, 6>::Zero();
   Eigen::Matrix<double, 6, 1> gradient = Eigen::Matrix<double, 6, 1>::Zero();
@@ -21,13 +20,13 @@ struct PoseEquations {
 struct PoseStepOptions {
   int max_num_iterations = 10;
   double relative_cost_tolerance = 1e-6;
-  double ridge = 1e-9;  // of the largest diagonal element, added to all
+  double ridge = 1e-9;  // times the largest diagonal element, added to all
 };
 
-// Levenberg-Marquardt over one pose: damping starts at 1e-4, falls to a tenth
-// with a step that does not raise the cost and grows tenfold with any other.
-// Ends when a step lowers the cost by at most relative_cost_tolerance of it.
-// Linearize(pose) gives PoseEquations.
+// Levenberg-Marquardt for a single pose. Damping starts at 1e-4, decreases
+// tenfold after a step that does not increase the cost and increases tenfold
+// otherwise. Stops when the relative decrease of the cost is at most
+// relative_cost_tolerance. Linearize(pose) returns PoseEquations.
 template <class Linearize>
 SolveSummary MinimizeOverPose(const PoseStepOptions& options,
                               const Linearize& linearize, Rigid3* pose) {

@@ -10,22 +10,22 @@
 
 namespace mgsfm {
 
-// What all random sample consensus has in common.
+// Common parts of the RANSAC estimators.
 
 struct RansacOptions {
   double max_error_rad = 2e-3;
-  double confidence = 0.9999;  // of having drawn one sample without outliers
+  double confidence = 0.9999;  // probability of an outlier-free sample
   int min_num_trials = 20;
   int max_num_trials = 5000;
 };
 
-// Trials n after which a sample of `sample_size` inliers was drawn with the
-// wanted confidence, 1 - (1 - inlier_ratio^sample_size)^n >= confidence, within
-// the limits of the options.
+// The number of trials n for the confidence of drawing a sample of
+// `sample_size` inliers, 1 - (1 - inlier_ratio^sample_size)^n >= confidence,
+// within the limits of the options.
 int RequiredNumTrials(const RansacOptions& options, double inlier_ratio,
                       int sample_size);
 
-// Different positions below `size`, which is at least kSize.
+// Distinct indices below `size`, which must be at least kSize.
 template <size_t kSize>
 std::array<size_t, kSize> DrawSample(size_t size, Random* random) {
   std::array<size_t, kSize> sample;

@@ -6,7 +6,7 @@
 namespace mgsfm {
 namespace {
 
-// Below this angle series are more accurate than the closed forms.
+// Below this angle the series are more accurate than the closed forms.
 constexpr double kSmallAngle = 1e-4;
 
 }  // namespace
@@ -64,6 +64,8 @@ Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
 }
 
 Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q) {
+  // Rounding of a normalised quaternion changes its squared norm by a few
+  // 1e-16.
   constexpr double kRounding = 1e-14;
   return std::abs(q.squaredNorm() - 1.0) <= kRounding ? q : q.normalized();
 }

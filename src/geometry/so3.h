@@ -6,16 +6,16 @@
 
 namespace mgsfm {
 
-// Rotations are unit quaternions; tangent vectors are angle-axis vectors in
+// Rotations are unit quaternions. Tangent vectors are angle-axis vectors in
 // radians.
 
-// The matrix [v]_x with [v]_x w = v x w.
+// The cross product matrix, [v]_x w = v x w.
 Eigen::Matrix3d CrossMatrix(const Eigen::Vector3d& v);
 
 // Exponential map: the rotation by |omega| radians about omega.
 Eigen::Quaterniond ExpSO3(const Eigen::Vector3d& omega);
 
-// Logarithm with norm in [0, pi]: ExpSO3(LogSO3(q)) is q as a rotation.
+// Logarithm with norm in [0, pi]: ExpSO3(LogSO3(q)) is the same rotation as q.
 Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
 
 // Right Jacobian: Exp(omega + d) = Exp(omega) Exp(Jr(omega) d) + O(|d|^2), and
@@ -23,8 +23,9 @@ Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
 Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega);
 Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega);
 
-// q at length one, which must not be zero. As it is if its length is one up to
-// rounding, so that a rotation that was written is read with the same bits.
+// Normalises q, which must not be zero. Quaternions of unit length up to
+// rounding are returned unchanged, so that rotations survive file I/O bit by
+// bit.
 Eigen::Quaterniond ToUnitQuaternion(const Eigen::Quaterniond& q);
 
 // Geodesic distance in [0, pi], radians.

@@ -17,6 +17,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// Bounds the cost for long tracks. If half of the rays are inliers, a pair of
+// inliers is missed with probability 0.75^60 < 1e-7.
 constexpr int kMaxNumHypotheses = 60;
 
 Vector3d Mean(const std::vector<Vector3d>& vectors) {
@@ -40,8 +42,9 @@ struct NormalEquations {
   }
 
   std::optional<Vector3d> Solve() const {
-    // With unit trace 2 the determinant is at least about the least eigenvalue,
-    // which is a^2 / 4 for two lines at the small angle a.
+    // For a matrix with trace 2 the determinant is about the smallest
+    // eigenvalue, which is a^2 / 4 for two lines at a small angle a; a = 1e-6
+    // rad here.
     constexpr double kMinDeterminant = 0.25e-12;
     const Matrix3d scaled = lhs / sum_weights;
     if (!(scaled.determinant() > kMinDeterminant)) return std::nullopt;
@@ -60,8 +63,8 @@ int NumInFront(const std::vector<Vector3d>& centers,
   return num_in_front;
 }
 
-// Squared chord between the ray and the unit vector to the point: at most 4,
-// monotonic in the angle on all of [0, pi].
+// Squared chord between the ray and the unit vector to the point: monotonic in
+// the angle on [0, pi], at most 4.
 double SquaredChord(const Vector3d& center, const Vector3d& ray,
                     const Vector3d& point) {
   const Vector3d to_point = point - center;
@@ -92,7 +95,7 @@ class RobustTriangulator {
   void TryAllHypotheses();
   void TryHypothesis(size_t i, size_t j);
   double Score(const Vector3d& point) const;
-  // One step of the least squares of angles over the inliers of the best.
+  // One least-squares step on the angles of the inliers of the best point.
   void Refine();
   std::optional<RobustTriangulation> Finish() const;
 
@@ -210,7 +213,7 @@ std::optional<Vector3d> TriangulateTwoRays(const Vector3d& center1,
                                            const Vector3d& ray1,
                                            const Vector3d& center2,
                                            const Vector3d& ray2) {
-  // Feet of the common perpendicular: center + depth * ray on both lines.
+  // End points of the common perpendicular: center + depth * ray on both lines.
   const Vector3d baseline = center2 - center1;
   const Vector3d normal = ray1.cross(ray2);
   const double sin2 = normal.squaredNorm();
@@ -226,7 +229,7 @@ std::optional<Vector3d> TriangulateL1(const std::vector<Vector3d>& centers,
   MGSFM_CHECK_EQ(centers.size(), rays.size());
   if (rays.size() < 2) return std::nullopt;
   constexpr int kMaxNumIterations = 50;
-  constexpr double kMinSine = 1e-6;  // smooths the norm at zero
+  constexpr double kMinSine = 1e-6;  // regularises the norm at zero
   const Vector3d origin = Mean(centers);
   const std::vector<Vector3d> local = Shifted(centers, origin);
   auto point = SolveLeastSquares(local, rays);
@@ -283,7 +286,7 @@ double MaxTriangulationAngle(const std::vector<Vector3d>& centers,
     const double distance = direction.norm();
     if (distance > 0.0) directions.push_back(direction / distance);
   }
-  // Of unit vectors, the chord grows with the angle.
+  // The chord between unit vectors increases with the angle.
   const double enough_chord = 2.0 * std::sin(0.5 * std::min(enough_rad, kPi));
   const double enough_chord2 = enough_chord * enough_chord;
   double max_chord2 = 0.0;

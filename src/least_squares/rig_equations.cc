@@ -59,7 +59,7 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
     }
   }
   if (num_unknowns > 0) {
-    solver_.Analyze(matrix_, SparseCholesky::Order::kGiven);
+    solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
   }
 }
 

@@ -118,7 +118,8 @@ class RigEquationsBase : public DampedProblem {
   Eigen::VectorXd residual_;  // of the reduced system, if iterative
 };
 
-// The equations for one type of residual; see residuals.h.
+// The equations of one residual type R of residuals.h. The passes are compiled
+// once, in rig_equations_passes.cc.
 template <class R>
 class RigEquations : public RigEquationsBase {
  public:
@@ -126,67 +127,17 @@ class RigEquations : public RigEquationsBase {
 
   // is_far_off: see starts_far_off in rig_solver.h.
   RigEquations(const Problem& problem, ReducedSolver solver,
-               const Context& context, bool is_far_off = false)
-      : RigEquationsBase(problem, ImagesOf(problem), solver, is_far_off,
-                         context) {
-    measured_.reserve(R::kDim * problem.observations.size());
-    for (const uint32_t o : structure_.observation_order) {
-      const double* values = R::Measured(problem.observations[o]);
-      measured_.insert(measured_.end(), values, values + R::kDim);
-    }
-    structure_.observation_order = {};
-    if (!structure_.is_iterative) return;
-    int num_params = 0;
-    for (const RigProblemBase::Camera& camera : problem.cameras) {
-      num_params =
-          std::max(num_params, static_cast<int>(camera.free_params.size()));
-    }
-    kept_size_ = 3 + R::kDim * (3 + num_params);
-    kept_.resize(kept_size_ * problem.observations.size());
-  }
+               const Context& context, bool is_far_off = false);
 
  protected:
-  double CostOfChunk(const ChunkRanges& chunk) const override {
-    double cost = 0.0;
-    for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-      cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, poses_, p,
-                             points_[p].data());
-    }
-    return cost;
-  }
-
+  double CostOfChunk(const ChunkRanges& chunk) const override;
   bool LinearizeChunk(const ChunkRanges& chunk,
-                      ChunkWorkspace* workspace) override {
-    const auto function =
-        structure_.pose_size == 6
-            ? (HasAvx2() ? LinearizeChunkAvx2<R, 6> : LinearizeChunkAny<R, 6>)
-            : (HasAvx2() ? LinearizeChunkAvx2<R, 3> : LinearizeChunkAny<R, 3>);
-    return function(Input(), chunk, Output(), workspace);
-  }
-
-  StepSums StepChunk(const ChunkRanges& chunk) override {
-    const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
-    const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                               trial_poses_, step_length_};
-    return function(Input(), step, chunk, &trial_points_);
-  }
-
+                      ChunkWorkspace* workspace) override;
+  StepSums StepChunk(const ChunkRanges& chunk) override;
   void MultiplyChunk(const ChunkRanges& chunk,
-                     ChunkWorkspace* workspace) override {
-    const auto function =
-        structure_.pose_size == 6
-            ? (HasAvx2() ? MultiplyChunkAvx2<R, 6> : MultiplyChunkAny<R, 6>)
-            : (HasAvx2() ? MultiplyChunkAvx2<R, 3> : MultiplyChunkAny<R, 3>);
-    function(Input(), Output(), steps_, chunk, workspace);
-  }
+                     ChunkWorkspace* workspace) override;
 
  private:
-  static std::vector<int> ImagesOf(const Problem& problem) {
-    std::vector<int> images;
-    images.reserve(problem.observations.size());
-    for (const auto& o : problem.observations) images.push_back(o.image);
-    return images;
-  }
   PassInput<R> Input() const {
     return {problem_, structure_, measured_,  poses_,
             points_,  lambda_,    is_far_off_};
@@ -199,5 +150,8 @@ class RigEquations : public RigEquationsBase {
   std::vector<double> kept_;
   size_t kept_size_ = 0;
 };
+
+extern template class RigEquations<PixelResidual>;
+extern template class RigEquations<RayResidual>;
 
 }  // namespace mgsfm

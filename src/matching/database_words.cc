@@ -12,10 +12,11 @@
 namespace mgsfm::internal {
 namespace {
 
-// Images in memory at a time.
+// Number of images in memory at a time; 67 MB of descriptors at 8192
+// features each.
 constexpr size_t kChunkSize = 64;
 
-// The largest features of an image, in the order of the database.
+// The largest features of an image, in their order in the database.
 struct LargestFeatures {
   std::vector<FeatureKeypoint> keypoints;
   std::vector<uint8_t> descriptors;
@@ -49,7 +50,8 @@ LargestFeatures ReadLargest(const FeatureDatabase& database, const Image& image,
   return features;
 }
 
-// The same number of descriptors of each image that has so many.
+// Samples the same number of descriptors from each image, or all if it has
+// fewer.
 std::vector<uint8_t> SampleDescriptors(const FeatureDatabase& database,
                                        const Scene& scene,
                                        const VocabularyOptions& options,
@@ -60,7 +62,7 @@ std::vector<uint8_t> SampleDescriptors(const FeatureDatabase& database,
       1, static_cast<size_t>(options.max_num_descriptors) / num_images);
   std::vector<uint8_t> samples;
   for (size_t i = 0; i < num_images; ++i) {
-    context.ReportProgress("vocabulary: reading", i, num_images);
+    context.ReportProgress("reading descriptors", i, num_images);
     const LargestFeatures features =
         ReadLargest(database, scene.images[i], max_num_features);
     std::vector<size_t> order(features.keypoints.size());
@@ -75,7 +77,7 @@ std::vector<uint8_t> SampleDescriptors(const FeatureDatabase& database,
       samples.insert(samples.end(), row, row + DescriptorView::kDim);
     }
   }
-  context.ReportProgress("vocabulary: reading", num_images, num_images);
+  context.ReportProgress("reading descriptors", num_images, num_images);
   return samples;
 }
 
@@ -86,7 +88,7 @@ WordImage MakeWordImage(const Vocabulary& vocabulary,
       std::hypot(static_cast<double>(camera.width_px), camera.height_px));
   for (size_t i = 0; i < features.keypoints.size(); ++i) {
     const FeatureKeypoint& keypoint = features.keypoints[i];
-    constexpr float kMinScalePx = 1e-3f;  // of keypoints without scale
+    constexpr float kMinScalePx = 1e-3f;  // keypoints may have no scale
     image.features.push_back(
         {vocabulary.FindWord(features.View().Row(i)), keypoint.x_px,
          keypoint.y_px, std::log2(std::max(keypoint.ScalePx(), kMinScalePx)),
@@ -127,7 +129,7 @@ ImageWords FindImageWords(const FeatureDatabase& database, const Scene& scene,
               vocabulary, chunk[k], scene.cameras[image.camera_idx]);
         },
         1);
-    context.ReportProgress("vocabulary: words", end, words.images.size());
+    context.ReportProgress("assigning visual words", end, words.images.size());
   }
   return words;
 }

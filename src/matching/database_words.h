@@ -3,21 +3,21 @@
 
 #include <vector>
 
+#include "matching/vocabulary.h"
+#include "matching/word_index.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/matching/vocabulary.h"
-#include "mgsfm/matching/word_index.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm::internal {
 
 struct ImageWords {
   int num_words = 0;
-  std::vector<WordImage> images;  // of the scene
+  std::vector<WordImage> images;  // per image of the scene
 };
 
-// Makes a vocabulary of a sample of all descriptors and finds the words of the
-// max_num_features largest features of each image (-1: of all).
+// Trains a vocabulary on a sample of the descriptors and assigns words to the
+// max_num_features largest features of each image (-1: to all features).
 ImageWords FindImageWords(const FeatureDatabase& database, const Scene& scene,
                           const VocabularyOptions& options,
                           int max_num_features, const Context& context);

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <functional>
 
+#include "matching/nearest_two.h"
 #include "matching/rough_matching.h"
 
 namespace mgsfm {
@@ -13,9 +14,10 @@ namespace {
 using internal::RoughDecision;
 using State = internal::RoughDecision::State;
 
+// Descriptors have a norm of 512 up to the rounding of their elements.
 constexpr double kSquaredNorm = 512.0 * 512.0;
 
-// Whether a descriptor accepts its nearest.
+// Whether a descriptor accepts its nearest neighbour.
 class Acceptance {
  public:
   explicit Acceptance(const DescriptorMatchingOptions& options)
@@ -35,8 +37,8 @@ class Acceptance {
   const double max_distance_;
 };
 
-// Settles what is unsure in `decisions` by exact dot products with `others`.
-// `needs(i)` tells those that can still be of use.
+// Replaces unsure decisions by those of exact dot products with `others`, or by
+// a rejection where `needs(i)` says that no match can depend on them.
 void SettleUnsure(DescriptorView descriptors, DescriptorView others,
                   const Acceptance& accepts,
                   const std::function<bool(size_t)>& needs,
@@ -46,7 +48,7 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
   for (size_t i = 0; i < decisions->size(); ++i) {
     if ((*decisions)[i].state != State::kUnsure) continue;
     if (!needs(i)) {
-      (*decisions)[i] = {State::kRejects, -1};
+      (*decisions)[i] = {State::kRejects, std::nullopt};
       continue;
     }
     unsure.push_back(i);
@@ -58,14 +60,17 @@ void SettleUnsure(DescriptorView descriptors, DescriptorView others,
                  &nearest_of_others);
   for (size_t k = 0; k < unsure.size(); ++k) {
     const TwoNearest& two = nearest[k];
-    const bool accepted =
-        two.best_idx >= 0 && accepts(two.best_dot, two.second_dot);
+    if (two.best_idx == TwoNearest::kNone) {
+      (*decisions)[unsure[k]] = {State::kRejects, std::nullopt};
+      continue;
+    }
+    const bool accepted = accepts(two.best_dot, two.second_dot);
     (*decisions)[unsure[k]] = {accepted ? State::kAccepts : State::kRejects,
                                two.best_idx};
   }
 }
 
-// What the descriptors accept, with nothing unsure that a match could need.
+// The decisions of all descriptors; none that a match depends on is unsure.
 internal::RoughDecisions DecideAll(DescriptorView descriptors1,
                                    DescriptorView descriptors2,
                                    const DescriptorMatchingOptions& options) {
@@ -77,13 +82,13 @@ internal::RoughDecisions DecideAll(DescriptorView descriptors1,
     decisions->of_2.resize(descriptors2.size);
   }
   auto& [of_1, of_2] = *decisions;
-  // With cross check, a descriptor that surely has no partner is not needed.
+  // With cross_check, a match also depends on the decision of the partner.
   const auto may_pair = [&](const std::vector<RoughDecision>& others,
                             const RoughDecision& decision, size_t i) {
-    if (!options.cross_check || decision.best_idx < 0) return true;
-    const RoughDecision& other = others[decision.best_idx];
+    if (!options.cross_check || !decision.best_idx) return true;
+    const RoughDecision& other = others[*decision.best_idx];
     return other.state != State::kRejects &&
-           (other.best_idx < 0 || other.best_idx == static_cast<int32_t>(i));
+           (!other.best_idx || *other.best_idx == static_cast<int32_t>(i));
   };
   SettleUnsure(
       descriptors1, descriptors2, accepts,
@@ -112,14 +117,14 @@ std::vector<Match> MatchDescriptors(DescriptorView descriptors1,
     const RoughDecision& decision = decisions.of_1[i];
     if (decision.state != State::kAccepts) continue;
     if (options.cross_check) {
-      const RoughDecision& back = decisions.of_2[decision.best_idx];
+      const RoughDecision& back = decisions.of_2[*decision.best_idx];
       if (back.state != State::kAccepts ||
-          back.best_idx != static_cast<int32_t>(i)) {
+          *back.best_idx != static_cast<int32_t>(i)) {
         continue;
       }
     }
     matches.push_back(
-        {static_cast<uint32_t>(i), static_cast<uint32_t>(decision.best_idx)});
+        {static_cast<uint32_t>(i), static_cast<uint32_t>(*decision.best_idx)});
   }
   return matches;
 }

@@ -29,7 +29,7 @@ void MultiplyPortable(const int16_t* rows, const int16_t* columns,
   }
 }
 
-// Without branches, so that compilers make vector code of the inner loop.
+// Free of branches, so that compilers vectorize the inner loop.
 inline __attribute__((always_inline)) void UpdateTopTwo(
     const int32_t* __restrict tile, int first_row, int block,
     TopTwoLanes* __restrict of_rows, TopTwoLanes* __restrict of_columns) {
@@ -58,14 +58,14 @@ void UpdatePortable(const int32_t* tile, int first_row, int block,
 
 #if defined(__x86_64__)
 
-// A group of dimensions.
+// One group of dimensions.
 int32_t LoadGroup(const void* values) {
   int32_t group;
   std::memcpy(&group, values, sizeof(group));
   return group;
 }
 
-// Half of the rows at a time, as there are 16 registers.
+// One half of the rows at a time fits into the 16 registers.
 void MultiplySse2(const int16_t* rows, const int16_t* columns, int32_t* tile) {
   constexpr int kNumRows = kTileRows / 2;
   for (int half = 0; half < 2; ++half) {
@@ -118,8 +118,7 @@ __attribute__((target("avx2"))) void MultiplyAvx2(const int16_t* rows,
   }
 }
 
-// Four products are added to two sums of 16 bits, without sign, that together
-// are below 2^16.
+// Adds four products to two unsigned 16-bit sums, whose total is below 2^16.
 __attribute__((target("avx2"))) void MultiplyRoughAvx2(const uint8_t* rows,
                                                        const int8_t* columns,
                                                        int32_t* tile) {

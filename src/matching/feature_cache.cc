@@ -19,20 +19,21 @@ DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
     throw Error("database '" + database.path() + "': image '" + image.name +
                 "' has " + std::to_string(num_keypoints) + " keypoints but " +
                 std::to_string(num_rows) +
-                " descriptors; run feature_extractor");
+                " descriptors; extract its features again");
   }
   if (num_rows > 0 &&
       static_cast<size_t>(descriptors.cols()) != DescriptorView::kDim) {
     throw Error("database '" + database.path() + "': image '" + image.name +
                 "' has descriptors of " + std::to_string(descriptors.cols()) +
-                " bytes; only SIFT, of 128 bytes, can be matched");
+                " bytes; only SIFT descriptors (128 bytes) can be matched");
   }
   return descriptors;
 }
 
 size_t ImageFeatures::NumBytes() const {
-  return keypoints_px.size() * (sizeof(Eigen::Vector2f) +
-                                sizeof(Eigen::Vector3d) + DescriptorView::kDim);
+  return keypoints_px.size() *
+         (sizeof(Eigen::Vector2f) + sizeof(std::optional<Eigen::Vector3d>) +
+          DescriptorView::kDim);
 }
 
 bool FeatureCache::HasRoomFor(int image_idx) const {
@@ -89,10 +90,8 @@ void FeatureCache::ComputeRays(const Context& context) {
             scene_.cameras[scene_.images[image_idx].camera_idx];
         features->rays.reserve(features->keypoints_px.size());
         for (const Eigen::Vector2f& keypoint : features->keypoints_px) {
-          features->rays.push_back(RayFromPixel(camera.model,
-                                                camera.params.data(),
-                                                keypoint.cast<double>())
-                                       .value_or(Eigen::Vector3d::Zero()));
+          features->rays.push_back(RayFromPixel(
+              camera.model, camera.params.data(), keypoint.cast<double>()));
         }
       },
       1);

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <map>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -13,16 +14,16 @@
 
 namespace mgsfm::internal {
 
-// The descriptors of an image. Throws Error, naming it, unless there is a SIFT
-// descriptor for each keypoint.
+// Reads the descriptors of an image. Throws Error, naming the image, unless
+// there is one SIFT descriptor per keypoint.
 DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
                                      const Image& image, size_t num_keypoints);
 
 struct ImageFeatures {
   std::vector<Eigen::Vector2f> keypoints_px;
-  std::vector<Eigen::Vector3d> rays;
+  std::vector<std::optional<Eigen::Vector3d>> rays;  // see VerificationView
   DescriptorMatrix descriptors;
-  size_t last_batch = 0;  // that used it
+  size_t last_batch = 0;  // the last one that used it
 
   DescriptorView Descriptors() const {
     return {descriptors.data(), static_cast<size_t>(descriptors.rows())};
@@ -33,8 +34,8 @@ struct ImageFeatures {
   size_t NumBytes() const;
 };
 
-// Features of images in memory, up to a bound that one batch may exceed by an
-// image. Those not used for longest make room. Reading is for one thread.
+// Least-recently-used cache of image features. Its size is bounded, but a batch
+// may exceed the bound by one image. Not thread-safe except for Get.
 class FeatureCache {
  public:
   FeatureCache(const FeatureDatabase& database, const Scene& scene,
@@ -45,10 +46,10 @@ class FeatureCache {
     ++batch_;
     num_batch_bytes_ = 0;
   }
-  // Whether the image is of the batch, or may be added to it.
+  // Whether the image is in the batch or may be added to it.
   bool HasRoomFor(int image_idx) const;
   void AddToBatch(int image_idx);
-  // After all were added.
+  // Call it after all images of the batch were added.
   void ComputeRays(const Context& context);
 
   const ImageFeatures& Get(int image_idx) const {

@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <cstdlib>
+#include <optional>
 
 #include "base/parallel.h"
 #include "matching/pair_lists.h"
-#include "mgsfm/matching/pair_selection.h"
+#include "matching/pair_selection.h"
 
 namespace mgsfm {
 namespace {
 
-// Of the most similar pair of images of two frames; others are not looked at.
+// Minimum similarity of an image pair relative to the most similar pair of its
+// two frames; less similar pairs are skipped to save time.
 constexpr float kMinRelativeSimilarity = 0.25f;
-// Fewer words are at consistent places by chance.
+// Image pairs with fewer consistent words are rejected. Unrelated images in
+// tests/matching/vocabulary_test.cc have at most this many by chance.
 constexpr int kMinConsistentWords = 6;
 
-// A frame, by its place.
+// A frame by its index in a sequence.
 struct Place {
   size_t sequence = 0;
-  int position = 0;
+  int frame = 0;
   std::vector<int> images;
 };
 
@@ -37,8 +40,8 @@ class FrameRetrieval {
     for (size_t s = 0; s < sequences.size(); ++s) {
       for (int i = 0; i < sequences[s].num_frames(); ++i) {
         Place place{s, i, {}};
-        for (const int image : sequences[s].images[i]) {
-          if (image >= 0) place.images.push_back(image);
+        for (const std::optional<int>& image : sequences[s].images[i]) {
+          if (image) place.images.push_back(*image);
         }
         if (i % options.period == 0) queries_.push_back(places_.size());
         places_.push_back(std::move(place));
@@ -69,8 +72,7 @@ class FrameRetrieval {
  private:
   bool IsCandidate(const Place& query, const Place& place) const {
     return query.sequence != place.sequence ||
-           std::abs(query.position - place.position) >=
-               options_.min_frame_distance;
+           std::abs(query.frame - place.frame) >= options_.min_frame_distance;
   }
 
   std::vector<Candidate> MostSimilar(
@@ -98,7 +100,7 @@ class FrameRetrieval {
     return candidates;
   }
 
-  // Proposes pairs of images of the two frames.
+  // Selects image pairs of the two frames.
   void Compare(const Place& query,
                const std::vector<std::vector<float>>& similarities,
                Candidate* candidate) const {
@@ -135,7 +137,7 @@ class FrameRetrieval {
         candidates);
   }
 
-  // Those with the largest values, of equal ones the first.
+  // Keeps the candidates with the largest values, the first of equal ones.
   template <class Value>
   static void KeepFirst(int num_kept, const Value& value,
                         std::vector<Candidate>* candidates) {

@@ -20,7 +20,7 @@ std::string Trim(const std::string& line) {
   return line.substr(begin, line.find_last_not_of(kBlanks) - begin + 1);
 }
 
-// The lines of a file, trimmed, without comments.
+// Reads trimmed lines and skips comments.
 class LineReader {
  public:
   LineReader(std::istream& text, const std::string& source)
@@ -53,7 +53,7 @@ class ImageNames {
     }
   }
 
-  // The positions in the order of the line.
+  // The image indices in the order of the line.
   std::pair<int, int> Split(const std::string& line,
                             const LineReader& reader) const {
     std::optional<std::pair<int, int>> found;
@@ -65,13 +65,14 @@ class ImageNames {
         continue;
       }
       if (found) {
-        reader.Fail("'" + line + "' can be read as two different pairs");
+        reader.Fail("'" + line +
+                    "' is ambiguous: it names two different pairs");
       }
       found = {*first, *second};
     }
     if (!found) {
       reader.Fail("'" + line +
-                  "' is not a pair of images of the database; names are "
+                  "' does not name two images of the database; names are "
                   "relative to the image folder");
     }
     if (found->first == found->second) {
@@ -103,7 +104,7 @@ Match ParseMatch(const std::string& line, const LineReader& reader) {
   if (first_result.ec != std::errc() ||
       first_result.ptr != line.data() + blank ||
       second_result.ec != std::errc() || second_result.ptr != end) {
-    reader.Fail("'" + line + "' is not a match, two numbers of keypoints");
+    reader.Fail("'" + line + "' is not a match, that is, two keypoint indices");
   }
   return match;
 }
@@ -137,7 +138,7 @@ std::vector<ListedMatches> ReadMatchList(
     const auto [image1, image2] = names.Split(line, reader);
     const auto [entry, is_new] =
         matches_of_pair.try_emplace(internal::MakePair(image1, image2));
-    if (!is_new) reader.Fail("the pair '" + line + "' comes a second time");
+    if (!is_new) reader.Fail("duplicate pair '" + line + "'");
     while (reader.Next(&line) && !line.empty()) {
       Match match = ParseMatch(line, reader);
       if (image1 > image2) std::swap(match.keypoint_idx1, match.keypoint_idx2);

@@ -10,8 +10,11 @@
 #include "matching/database_words.h"
 #include "matching/match_list.h"
 #include "matching/pair_lists.h"
+#include "matching/pair_matching.h"
+#include "matching/pair_selection.h"
 #include "matching/scene_pairs.h"
 #include "matching/unit_verification.h"
+#include "matching/vocabulary.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 
@@ -24,7 +27,7 @@ PairMatchingSummary operator+(const PairMatchingSummary& a,
           a.num_verified + b.num_verified};
 }
 
-// Runs a matcher on lists of pairs and reports on them.
+// Matches lists of pairs and logs the totals.
 class Run {
  public:
   Run(FeatureDatabase* database, const Scene& scene,
@@ -36,27 +39,26 @@ class Run {
         context_(context) {}
 
   void Match(const ImagePairList& pairs, const char* stage,
-             const ProgressSpan& span = {}) {
+             std::optional<ProgressSpan> span = std::nullopt) {
     summary_ = summary_ + matcher_.Run(pairs, stage, span);
   }
 
-  // Verifies rigid units as wholes, where the rig is known, after all pairs
-  // were matched.
+  // Joint verification of the pairs of frames; all pairs must be matched.
   void VerifyUnits(const ImagePairList& pairs) {
     if (!options_.rig_verification.rig_verification) return;
     const internal::UnitVerificationSummary units =
         internal::VerifyUnitsOfPairs(pairs, scene_, options_, database_,
                                      context_);
     if (units.num_frame_pairs == 0) return;
-    context_.Info("rig verification: of " +
-                  std::to_string(units.num_frame_pairs) + " pairs of frames, " +
-                  std::to_string(units.num_changed) +
-                  " pairs of images got the motion of the rig, " +
-                  std::to_string(units.num_gained) + " of them new, " +
-                  std::to_string(units.num_rejected) + " were rejected");
+    context_.Info(
+        "rig verification of " + std::to_string(units.num_frame_pairs) +
+        " frame pairs: " + std::to_string(units.num_changed) +
+        " image pairs follow the rig motion, " +
+        std::to_string(units.num_gained) + " of them not verified before, " +
+        std::to_string(units.num_rejected) + " rejected");
   }
 
-  // Logs what was done; `name` names the pairs.
+  // Logs the totals under `name`.
   PairMatchingSummary Finish(const std::string& name) const {
     const size_t num_new = summary_.num_pairs - summary_.num_done;
     const double seconds = std::max(timer_.Seconds(), 1e-3);
@@ -64,7 +66,7 @@ class Run {
         name + ": " + std::to_string(summary_.num_verified) + " of " +
         std::to_string(summary_.num_pairs) + " pairs verified, " +
         std::to_string(summary_.num_done) + " were in the database, " +
-        std::to_string(std::lround(num_new / seconds)) + " new ones a second");
+        std::to_string(std::lround(num_new / seconds)) + " new pairs/s");
     return summary_;
   }
 
@@ -94,7 +96,7 @@ ImagePairList Join(const ImagePairList& pairs, const ImagePairList& others) {
   return all;
 }
 
-// The pairs that two blocks of images, or one, make.
+// All pairs of images of two blocks, which may be the same.
 ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
   ImagePairList pairs;
   for (int i = begin1; i < end1; ++i) {
@@ -117,7 +119,7 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
   return RetrievePairs(sequences, words.images, index, options, context);
 }
 
-// In metres, or the unit of the database.
+// In metres for WGS84 positions, otherwise in the unit of the database.
 std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
     const FeatureDatabase& database, const Scene& scene, bool is_gps) {
   using CoordinateSystem = PosePriorRow::CoordinateSystem;
@@ -137,7 +139,7 @@ std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
   return positions;
 }
 
-// Throws Error before anything is written.
+// Throws Error if a match refers to a missing keypoint.
 void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
                         const std::vector<ListedMatches>& lists) {
   std::vector<std::optional<size_t>> num_keypoints(scene.images.size());
@@ -155,7 +157,7 @@ void CheckListedMatches(const FeatureDatabase& database, const Scene& scene,
   }
 }
 
-// Writes those whose pair has no row yet.
+// Writes the lists whose pair has no row yet.
 void WriteListedMatches(const Scene& scene,
                         const std::vector<ListedMatches>& lists,
                         MatchListType type, FeatureDatabase* database) {
@@ -217,13 +219,14 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
           sequences, options.pairs,
           [&](const auto& pair) { return run.matcher().IsVerified(pair); }),
       done);
-  run.Match(overlapping, "matching of cameras that overlap");
+  run.Match(overlapping, "matching of overlapping cameras");
   PairMatchingSummary summary = run.Finish("sequential matching");
   done = Join(done, overlapping);
   if (!options.loop_detection) {
     run.VerifyUnits(done);
     return summary;
   }
+  // Nearer frames are matched already, up to the overlap.
   const FrameRetrievalOptions retrieval{
       options.loop_detection_period, options.loop_detection_num_images,
       options.loop_detection_num_images_after_verification,
@@ -267,8 +270,8 @@ PairMatchingSummary MatchSpatially(FeatureDatabase* database,
   if (std::none_of(positions.begin(), positions.end(),
                    [](const auto& position) { return position.has_value(); })) {
     throw Error("database '" + database->path() +
-                "' has no positions of images (pose_priors), which the images "
-                "had in their EXIF data; use another matcher");
+                "' has no position priors (table pose_priors), which come from "
+                "the GPS tags of the images; use another matcher");
   }
   Run run(database, scene, matching, context);
   const ImagePairList pairs = SpatialPairs(scene, positions, options, context);

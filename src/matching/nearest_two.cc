@@ -7,9 +7,9 @@ namespace mgsfm {
 namespace internal {
 namespace {
 
-// Rows that are multiplied with a block of columns while both are in the cache.
+// Rows multiplied with one block of columns while both are in the L1 cache.
 constexpr int kPanelRows = 16 * kTileRows;
-// Rows and columns whose positions fit into one code.
+// Rows and blocks of columns whose positions fit into one code.
 constexpr int kCellRows = 4 * kPanelRows;
 constexpr int kCellBlocks = kMaxNumPositions;
 static_assert(kCellRows <= kMaxNumPositions);
@@ -33,8 +33,8 @@ void EnterLanes(const TopTwoLanes& lanes, const EnterCode& enter) {
   }
 }
 
-// A part of the matrix of dot products whose rows and columns have positions
-// that fit into codes.
+// A submatrix of the dot products, small enough that its positions fit into
+// codes.
 template <class Row, class Column>
 class Cell {
  public:
@@ -46,7 +46,7 @@ class Cell {
         of_rows_(kCellRows),
         of_columns_(kCellBlocks) {}
 
-  // The cell whose first row and block of columns are given.
+  // Computes the cell that starts at this row and block of columns.
   void Multiply(const std::vector<Row>& rows,
                 const std::vector<Column>& columns, int first_row,
                 int first_block) {
@@ -107,7 +107,7 @@ class Cell {
     functions_.update(tile_, row, block, &of_rows_[row], &of_columns_[block]);
   }
 
-  // Rows and columns that only fill up a tile must not be found.
+  // Padding rows and columns must not be found.
   void MaskPadding(int num_rows, int num_columns) {
     for (int r = 0; r < kTileRows; ++r) {
       for (int c = 0; c < kTileColumns; ++c) {
@@ -125,8 +125,8 @@ class Cell {
   int first_block_ = 0;
   int num_cell_rows_ = 0;
   int num_cell_blocks_ = 0;
-  std::vector<TopTwoLanes> of_rows_;     // of the cell
-  std::vector<TopTwoLanes> of_columns_;  // per block of the cell
+  std::vector<TopTwoLanes> of_rows_;     // per row of the cell
+  std::vector<TopTwoLanes> of_columns_;  // per block of columns
   alignas(64) int32_t tile_[kTileRows * kTileColumns];
 };
 

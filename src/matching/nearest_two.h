@@ -8,10 +8,31 @@
 #include "matching/dot_tiles.h"
 #include "mgsfm/matching/descriptor_matching.h"
 
-namespace mgsfm::internal {
+namespace mgsfm {
 
-// Enters all dot products of num_rows rows and num_columns columns, packed as
-// `functions` wants them, into the nearest of both, which are cleared.
+// The nearest neighbour of a descriptor in another image, that is, the one with
+// the largest dot product (the first of equal ones), and the second largest dot
+// product. Dense ints, as the kernel fills one per descriptor: dot products are
+// non-negative, so kNone compares below all of them.
+struct TwoNearest {
+  static constexpr int32_t kNone = -1;
+  int32_t best_idx = kNone;
+  int32_t best_dot = kNone;
+  int32_t second_dot = kNone;
+};
+
+// Exact two nearest neighbours of all descriptors of both images: all dot
+// products in integer arithmetic, 128 |1| |2| multiplications. They are
+// computed in tiles that stay in registers and cache and serve both directions.
+// Uses AVX2 where available, with the same result.
+void FindTwoNearest(DescriptorView descriptors1, DescriptorView descriptors2,
+                    std::vector<TwoNearest>* nearest_of_1,
+                    std::vector<TwoNearest>* nearest_of_2);
+
+namespace internal {
+
+// The same for descriptors packed in the layout of `functions`. Overwrites the
+// outputs.
 template <class Row, class Column>
 void FindTwoNearestOfPacked(const TileFunctions<Row, Column>& functions,
                             const std::vector<Row>& rows, size_t num_rows,
@@ -20,7 +41,7 @@ void FindTwoNearestOfPacked(const TileFunctions<Row, Column>& functions,
                             std::vector<TwoNearest>* nearest_of_rows,
                             std::vector<TwoNearest>* nearest_of_columns);
 
-// Rows one after the other, filled up with zeros to whole tiles.
+// Contiguous rows, padded with zeros to whole tiles.
 template <class Row>
 std::vector<Row> PackRows(DescriptorView descriptors) {
   const size_t num_tiles = (descriptors.size + kTileRows - 1) / kTileRows;
@@ -29,8 +50,8 @@ std::vector<Row> PackRows(DescriptorView descriptors) {
   return rows;
 }
 
-// Columns in blocks, likewise; value(i, k) is dimension k of descriptor i.
-// Factors stay zero.
+// Columns in blocks, padded in the same way; value(i, k) is dimension k of
+// descriptor i. The factors are left zero.
 template <class Functions, class Column, class Value>
 std::vector<Column> PackColumns(size_t size, const Value& value) {
   constexpr size_t kGroupSize = Functions::kGroupSize;
@@ -49,4 +70,5 @@ std::vector<Column> PackColumns(size_t size, const Value& value) {
   return blocks;
 }
 
-}  // namespace mgsfm::internal
+}  // namespace internal
+}  // namespace mgsfm

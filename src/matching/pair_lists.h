@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "mgsfm/matching/pair_selection.h"
+#include "matching/pair_selection.h"
 
 namespace mgsfm::internal {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/pair_matching.h"
+#include "matching/pair_matching.h"
 
 #include <algorithm>
 #include <string>
@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-// What an interrupted run loses at most: seconds.
+// Bounds what an interrupted run loses to seconds of work.
 constexpr size_t kMaxBatchSize = 256;
 
 }  // namespace
@@ -57,22 +57,23 @@ bool PairMatcher::IsVerified(const ImageIdxPair& pair) const {
 
 PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
                                      std::string_view stage,
-                                     const ProgressSpan& span) {
+                                     std::optional<ProgressSpan> span) {
   ImagePairList todo;
   for (const ImageIdxPair& pair : pairs) {
     if (num_inliers_.count(pair) == 0) todo.push_back(pair);
   }
   const size_t num_done = pairs.size() - todo.size();
-  const size_t total = span.total > 0 ? span.total : pairs.size();
+  const ProgressSpan progress = span.value_or(ProgressSpan{0, pairs.size()});
   const auto report = [&](size_t num_new) {
-    context_.ReportProgress(stage, span.num_before + num_done + num_new, total);
+    context_.ReportProgress(stage, progress.num_before + num_done + num_new,
+                            progress.total);
   };
   report(0);
   for (size_t next = 0; next < todo.size();) {
     const size_t begin = next;
     const std::vector<ImageIdxPair> batch = NextBatch(todo, &next);
     std::vector<Result> results(batch.size());
-    // The database is read by this thread only.
+    // The database is not thread-safe.
     for (size_t i = 0; i < batch.size(); ++i) {
       results[i].has_new_matches = matched_.count(batch[i]) == 0;
       if (results[i].has_new_matches) continue;
@@ -90,8 +91,9 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
     Write(batch, results);
     report(next);
     context_.Debug(std::string(stage) + ": " +
-                   std::to_string(span.num_before + num_done + next) + " of " +
-                   std::to_string(total) + " pairs in the database");
+                   std::to_string(progress.num_before + num_done + next) +
+                   " of " + std::to_string(progress.total) +
+                   " pairs in the database");
   }
   PairMatchingSummary summary{pairs.size(), num_done, 0};
   for (const ImageIdxPair& pair : pairs) {
@@ -100,7 +102,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
   return summary;
 }
 
-// As many pairs as have room in the cache together.
+// As many pairs as fit into the cache together.
 std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
                                                  size_t* next) {
   std::vector<ImageIdxPair> batch;

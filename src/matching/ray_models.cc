@@ -13,12 +13,17 @@
 namespace mgsfm::internal {
 namespace {
 
+// Reweighting steps of the local optimization; each uses the inliers and
+// weights of the model before.
 constexpr int kNumLocalSteps = 2;
+// Lower bound of the denominators of Sampson errors, which are of order one for
+// F of unit norm, except at an epipole.
+constexpr double kMinDenominator = 1e-14;
 
 using Vector9d = Eigen::Matrix<double, 9, 1>;
 using Matrix9d = Eigen::Matrix<double, 9, 9>;
 
-// Row-major, as the rows of the linear systems are built.
+// Row-major, like the coefficients of EpipolarRow.
 Eigen::Matrix3d ToMatrix(const Vector9d& m) {
   return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(
       m.data());
@@ -35,7 +40,7 @@ Vector9d EpipolarRow(const Eigen::Vector3d& ray1, const Eigen::Vector3d& ray2) {
   return row;
 }
 
-// e and s of r^2 = e^2 / s.
+// Numerator and denominator of r^2 = e^2 / s.
 struct FundamentalTerms {
   double e;
   double s;
@@ -47,10 +52,11 @@ struct FundamentalTerms {
     s = line2.squaredNorm() + (F.transpose() * ray2).squaredNorm() -
         2.0 * e * e;
   }
-  double SquaredError() const { return e * e / std::max(s, 1e-14); }
+  double SquaredError() const { return e * e / std::max(s, kMinDenominator); }
 };
 
-// Real roots of c[0] + c[1] x + c[2] x^2 + c[3] x^3.
+// Real roots of c[0] + c[1] x + c[2] x^2 + c[3] x^3 (Press et al.: Numerical
+// Recipes, 5.6); none if the polynomial is not cubic. Returns their number.
 int SolveCubic(const std::array<double, 4>& c, std::array<double, 3>* roots) {
   const double scale = std::abs(c[0]) + std::abs(c[1]) + std::abs(c[2]);
   if (std::abs(c[3]) <= 1e-12 * scale || c[3] == 0.0) return 0;
@@ -59,7 +65,7 @@ int SolveCubic(const std::array<double, 4>& c, std::array<double, 3>* roots) {
   const double r = (2.0 * a * a * a - 9.0 * a * b + 27.0 * d) / 54.0;
   if (r * r < q * q * q) {
     const double angle = std::acos(r / std::sqrt(q * q * q));
-    constexpr double kThird = 2.0943951023931953;  // of a turn
+    constexpr double kThird = 2.0943951023931953;  // 2 pi / 3
     for (int k = 0; k < 3; ++k) {
       (*roots)[k] =
           -2.0 * std::sqrt(q) * std::cos(angle / 3.0 + k * kThird) - a / 3.0;
@@ -84,7 +90,7 @@ struct FundamentalProblem {
         .SquaredError();
   }
 
-  // x F1 + (1 - x) F2 with det = 0, F1 and F2 spanning the kernel.
+  // x F1 + (1 - x) F2 of determinant 0; F1 and F2 span the kernel.
   int Solve(const std::array<size_t, 7>& sample,
             std::array<Model, 3>* models) const {
     Eigen::Matrix<double, 7, 9> rows;
@@ -98,7 +104,8 @@ struct FundamentalProblem {
     const Eigen::Matrix<double, 9, Eigen::Dynamic> kernel = lu.kernel();
     const Eigen::Matrix3d F1 = ToMatrix(kernel.col(0).normalized());
     const Eigen::Matrix3d F2 = ToMatrix(kernel.col(1).normalized());
-    // The cubic through four of its values.
+    // Interpolate the cubic det(x) from det(0), det(1), det(-1) and its leading
+    // coefficient det(F1 - F2).
     const auto det = [&](double x) -> double {
       return (x * F1 + (1.0 - x) * F2).determinant();
     };
@@ -114,7 +121,8 @@ struct FundamentalProblem {
     return num_roots;
   }
 
-  // Least squares of e / sqrt(s) with s of the step before, then rank 2.
+  // Least squares of e / sqrt(s) with s of the previous step, then projection
+  // to rank 2.
   std::optional<Model> Refine(const Model& start) const {
     Model F = start;
     for (int step = 0; step < kNumLocalSteps; ++step) {
@@ -125,7 +133,7 @@ struct FundamentalProblem {
         if (terms.SquaredError() > max_squared_error) continue;
         const Vector9d row = EpipolarRow(matches.rays1[i], matches.rays2[i]);
         A.selfadjointView<Eigen::Lower>().rankUpdate(
-            row, 1.0 / std::max(terms.s, 1e-14));
+            row, 1.0 / std::max(terms.s, kMinDenominator));
         ++num_inliers;
       }
       if (num_inliers < 8) return std::nullopt;
@@ -147,7 +155,7 @@ struct HomographyProblem {
   const RayMatches& matches;
   double max_squared_error;
 
-  // The basis of three rays in which the fourth is (1, 1, 1), of each image.
+  // In each image, the basis of three rays in which the fourth is (1, 1, 1).
   int Solve(const std::array<size_t, 4>& sample,
             std::array<Model, 3>* models) const {
     const auto basis = [&](const std::vector<Eigen::Vector3d>& rays) {
@@ -191,7 +199,7 @@ struct HomographyProblem {
     return sum;
   }
 
-  // The two components of H f1 normal to f2.
+  // The two components of H f1 orthogonal to f2 vanish.
   static void AddEquations(const Eigen::Vector3d& ray1,
                            const Eigen::Vector3d& ray2, double weight,
                            Matrix9d* A) {
@@ -297,7 +305,8 @@ double HomographyTest::SquaredError(const Eigen::Vector3d& ray1,
                                     const Eigen::Vector3d& ray2) const {
   const double forward = ((H_ * ray1).normalized() - ray2).squaredNorm();
   const double backward = ((inverse_ * ray2).normalized() - ray1).squaredNorm();
-  // In this order a singular H, whose inverse is not finite, has no inliers.
+  // std::max(NaN, x) is NaN: a singular H, whose inverse is not finite, has no
+  // inliers.
   return std::max(backward, forward);
 }
 

@@ -10,14 +10,15 @@
 namespace mgsfm::internal {
 namespace {
 
-// c is (b * kMultiplier + 64) / 128, at most 62.
+// c = (b * kMultiplier + 64) / 128 is at most 62, below the limit of 64 of the
+// kernel.
 constexpr int kMultiplier = 31;
-// Sums of 16 bits.
+// Largest 16-bit sum.
 constexpr double kMaxRoughDot = 65535.0;
-// Factors of 15 bits.
+// Largest 15-bit factor.
 constexpr double kMaxFactor = 32767.0;
-// Of a dot product: rounded factors and divisions. It is below 2^16 times half
-// of 2^-kFactorBits, and one.
+// Bound on the rounding errors of a dot product: a rounded factor causes less
+// than 2^16 * 2^-kFactorBits / 2 = 8, the division less than 1.
 constexpr double kMargin = 10.0;
 
 int8_t RoundedValue(uint8_t value) {
@@ -30,7 +31,7 @@ int32_t ExactDot(const uint8_t* a, const uint8_t* b) {
   return sum;
 }
 
-// Of a rounded descriptor of image 2; names as in the header.
+// Decomposition of a descriptor of image 2, named as in the header.
 struct Rounding {
   double length_c = 0.0;
   double s = 0.0;
@@ -57,8 +58,8 @@ Rounding RoundingOf(const uint8_t* b) {
   return rounding;
 }
 
-// Bounds on the exact dot products of those whose rough one is at most, or at
-// least, y; over a set of descriptors, by the largest of what they have.
+// Upper (lower) bound on the exact dot product if the approximate one is at
+// most (at least) y. For a set of descriptors, a, m and h are the maxima.
 struct Bounds {
   double a = 0.0;  // |a|
   double m = 0.0;
@@ -66,7 +67,7 @@ struct Bounds {
 
   double Upper(double y) const {
     if (m == 0.0) return a * h + kMargin;
-    // The bound rises up to the angle whose tangent is h / m.
+    // The bound increases up to the angle whose tangent is h / m.
     const double along = std::min(y / m, a * m / std::hypot(m, h));
     return m * along + h * Across(along) + kMargin;
   }
@@ -83,17 +84,19 @@ struct Bounds {
 RoughDecision Decide(const TwoNearest& rough, int32_t best_dot,
                      const Bounds& bounds, const AcceptanceTest& accepts) {
   using State = RoughDecision::State;
-  if (rough.best_idx < 0) return {State::kRejects, -1};
+  if (rough.best_idx == TwoNearest::kNone) {
+    return {State::kRejects, std::nullopt};
+  }
   double max_second = 0.0, min_second = 0.0;
   if (rough.second_dot >= 0) {
     max_second = std::max(0.0, bounds.Upper(rough.second_dot));
     min_second = std::max(0.0, bounds.Lower(rough.second_dot));
     if (best_dot <= max_second) {
-      // The nearest may be another one.
+      // Another descriptor may be the nearest.
       const bool may_accept =
           accepts(static_cast<int32_t>(std::ceil(max_second)),
                   std::min<double>(best_dot, min_second));
-      return {may_accept ? State::kUnsure : State::kRejects, -1};
+      return {may_accept ? State::kUnsure : State::kRejects, std::nullopt};
     }
   }
   if (!accepts(best_dot, min_second)) return {State::kRejects, rough.best_idx};
@@ -152,7 +155,9 @@ std::optional<RoughDecisions> DecideRoughly(DescriptorView descriptors1,
   decisions.of_1.resize(descriptors1.size);
   decisions.of_2.resize(descriptors2.size);
   const auto exact_dot = [&](int32_t i, int32_t j) {
-    if (i < 0 || j < 0) return -1;
+    if (i == TwoNearest::kNone || j == TwoNearest::kNone) {
+      return TwoNearest::kNone;
+    }
     return ExactDot(descriptors1.Row(i), descriptors2.Row(j));
   };
   for (size_t i = 0; i < descriptors1.size; ++i) {

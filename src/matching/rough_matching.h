@@ -9,16 +9,16 @@
 
 namespace mgsfm::internal {
 
-// What can be said of a descriptor i without knowing all dot products exactly.
+// The decision of a descriptor about its nearest neighbour in the other image,
+// as far as approximate dot products determine it.
 struct RoughDecision {
   enum class State {
-    kRejects,  // it accepts no descriptor of the other image
-    kAccepts,  // it accepts best_idx
-    kUnsure,
+    kRejects,  // accepts no descriptor
+    kAccepts,  // accepts best_idx
+    kUnsure,   // needs exact dot products
   };
   State state = State::kUnsure;
-  // The nearest, where that is sure; -1 otherwise.
-  int32_t best_idx = -1;
+  std::optional<int32_t> best_idx;  // the nearest neighbour, if it is certain
 };
 
 struct RoughDecisions {
@@ -26,19 +26,20 @@ struct RoughDecisions {
   std::vector<RoughDecision> of_2;
 };
 
-// Whether descriptors accept their nearest if those have these dot products;
-// falls with the second.
+// Whether a descriptor with these largest dot products accepts its nearest
+// neighbour. Must not become true as second_dot increases.
 using AcceptanceTest = std::function<bool(int32_t best_dot, double second_dot)>;
 
-// Decides most descriptors by dot products of the bytes a of image 1 with the
-// bytes b of image 2 rounded to multiples of about 4, which take half the time.
-// With b = s c + h (c the rounded one, s = b.c / c.c, so that h is normal to
-// c), m = s |c| and y = s a.c, only the part of `a` normal to c meets h:
+// Decides most descriptors by dot products of descriptors a of image 1 with
+// descriptors b of image 2 rounded to multiples of about 4, in half the time of
+// exact ones. Write b = s c + h with c the rounded descriptor and
+// s = b.c / c.c, so that h is orthogonal to c. With m = s |c| and y = s a.c,
+// only the component of a orthogonal to c contributes to a.h:
 //   | a.b - y | = | a.h | <= |h| sqrt(|a|^2 - (y / m)^2).
-// These are strict bounds on the exact dot products, so every decision is the
-// one that exact ones lead to.
-// nullopt if the processor has no fast arithmetic for it, or if the norms are
-// not those of SIFT, so that sums of 16 bits could overflow.
+// These bounds are strict, so every decision equals that of exact dot products.
+//
+// Returns nullopt if the processor lacks AVX2 or if the norms exceed those of
+// SIFT, so that 16-bit sums could overflow.
 std::optional<RoughDecisions> DecideRoughly(DescriptorView descriptors1,
                                             DescriptorView descriptors2,
                                             const AcceptanceTest& accepts);

@@ -6,6 +6,7 @@
 
 #include "matching/pair_lists.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/random.h"
 
 namespace mgsfm::internal {
 
@@ -48,13 +49,26 @@ void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
         match.keypoint_idx2 < num_keypoints2) {
       continue;
     }
-    throw Error("the matches of '" + image_name1 + "' and '" + image_name2 +
-                "' name keypoint " + std::to_string(match.keypoint_idx1) +
-                " of " + std::to_string(num_keypoints1) + " and " +
-                std::to_string(match.keypoint_idx2) + " of " +
-                std::to_string(num_keypoints2) +
-                "; they are not of these features, remove them");
+    throw Error("a match of images '" + image_name1 + "' and '" + image_name2 +
+                "' refers to keypoints " + std::to_string(match.keypoint_idx1) +
+                " and " + std::to_string(match.keypoint_idx2) +
+                ", but the images have " + std::to_string(num_keypoints1) +
+                " and " + std::to_string(num_keypoints2) +
+                "; remove these matches, they belong to other features");
   }
+}
+
+uint64_t PairSeed(const std::string& image_name1,
+                  const std::string& image_name2, uint64_t random_seed) {
+  // FNV-1a with the constants of the 64-bit variant.
+  uint64_t hash = 0xcbf29ce484222325ull;
+  const auto add = [&](unsigned char byte) {
+    hash = (hash ^ byte) * 0x100000001b3ull;
+  };
+  for (const char c : image_name1) add(static_cast<unsigned char>(c));
+  add(0);
+  for (const char c : image_name2) add(static_cast<unsigned char>(c));
+  return Random(random_seed, hash).NextBits();
 }
 
 TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
@@ -67,6 +81,7 @@ TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
                          verified.H,
                          std::nullopt,
                          verified.matches};
+  // COLMAP's format has no missing translation; zero means no direction.
   if (verified.relative_pose) {
     row.cam2_from_cam1 =
         Rigid3{verified.relative_pose->cam2_from_cam1,

@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "matching/pair_selection.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/matching/pair_selection.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm::internal {
 
-// From rows of a database to positions in the scene made of it, and back.
-// Whatever depends on the order of the two images of a pair uses that of the
-// scene, by name, so that ids do not matter.
+// Conversion between rows of a database and indices into its scene. The two
+// images of a pair are in the order of the scene, which is by name, so that
+// results do not depend on ids.
 
 class ImageIdxs {
  public:
@@ -27,15 +28,19 @@ class ImageIdxs {
   std::map<ImageId, int> idxs_;
 };
 
-// In the order of the scene, sorted.
+// In the order of the scene, sorted by keypoint indices.
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair);
 
-// Throws Error, naming the images, if a match is of no keypoint.
+// Throws Error, naming the images, if a match refers to a missing keypoint.
 void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,
                   size_t num_keypoints2, const std::string& image_name1,
                   const std::string& image_name2);
+
+// Seed of a pair that depends on names only, not on ids or order of work.
+uint64_t PairSeed(const std::string& image_name1,
+                  const std::string& image_name2, uint64_t random_seed);
 
 TwoViewGeometryRow MakeTwoViewRow(const Scene& scene, const ImageIdxPair& pair,
                                   const ImagePair& verified);

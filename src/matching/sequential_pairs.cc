@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "matching/pair_lists.h"
-#include "mgsfm/matching/pair_selection.h"
+#include "matching/pair_selection.h"
 
 namespace mgsfm {
 namespace {
@@ -15,11 +16,11 @@ std::string Folder(const std::string& image_name) {
   return slash == std::string::npos ? "" : image_name.substr(0, slash);
 }
 
-// Distances, in frames, at which images are matched; ascending.
+// Frame distances at which images are matched, ascending.
 std::vector<int> FrameDistances(const SequentialPairOptions& options) {
   std::vector<int> distances;
   for (int d = 1; d <= options.overlap; ++d) distances.push_back(d);
-  constexpr int kMaxExponent = 30;
+  constexpr int kMaxExponent = 30;  // 2^30 fits into an int
   if (options.quadratic_overlap) {
     for (int k = 0; k < std::min(options.overlap, kMaxExponent); ++k) {
       if ((1 << k) > options.overlap) distances.push_back(1 << k);
@@ -35,7 +36,7 @@ std::vector<int> SensorPairDistances(const SequentialPairOptions& options) {
   return distances;
 }
 
-// Evenly over all frames, with the first.
+// Indices of frames spaced evenly, including the first.
 std::vector<int> ProbeFrames(const FrameSequence& sequence,
                              const SequentialPairOptions& options) {
   const int num_probes =
@@ -48,8 +49,8 @@ std::vector<int> ProbeFrames(const FrameSequence& sequence,
   return frames;
 }
 
-// Calls visit(slot1, slot2, pair) for the images of different sensors in two
-// frames; in one frame, each pair of sensors once.
+// Calls visit(slot1, slot2, pair) for all images of different sensors in two
+// frames. Within one frame, each pair of sensors is visited once.
 template <class Visit>
 void ForEachSensorPair(const FrameSequence& sequence, int frame1, int frame2,
                        const Visit& visit) {
@@ -57,16 +58,16 @@ void ForEachSensorPair(const FrameSequence& sequence, int frame1, int frame2,
   for (int slot1 = 0; slot1 < sequence.num_slots; ++slot1) {
     for (int slot2 = 0; slot2 < sequence.num_slots; ++slot2) {
       if (slot1 == slot2 || (frame1 == frame2 && slot1 > slot2)) continue;
-      const int image1 = sequence.images[frame1][slot1];
-      const int image2 = sequence.images[frame2][slot2];
-      if (image1 < 0 || image2 < 0) continue;
-      visit(slot1, slot2, internal::MakePair(image1, image2));
+      const std::optional<int> image1 = sequence.images[frame1][slot1];
+      const std::optional<int> image2 = sequence.images[frame2][slot2];
+      if (!image1 || !image2) continue;
+      visit(slot1, slot2, internal::MakePair(*image1, *image2));
     }
   }
 }
 
-// For every pair of sensors at a distance, how many probes there were and how
-// many of them were verified.
+// Number of probes and of verified probes per pair of sensors, for one frame
+// distance.
 class SensorOverlap {
  public:
   SensorOverlap(int num_slots, double min_ratio)
@@ -81,7 +82,7 @@ class SensorOverlap {
   }
   bool Overlaps(int slot1, int slot2) const {
     const Count& count = counts_[slot1 * num_slots_ + slot2];
-    // Sensors that no probe frame has an image of are not judged.
+    // Sensors without image in the probe frames may overlap.
     if (count.num_probes == 0) return true;
     return count.num_verified > 0 &&
            count.num_verified >= min_ratio_ * count.num_probes;
@@ -100,14 +101,15 @@ class SensorOverlap {
 }  // namespace
 
 std::vector<FrameSequence> MakeFrameSequences(const Scene& scene) {
-  // By rig or folder; only one of the two tells sequences apart.
-  std::map<std::pair<int, std::string>, std::vector<int>> frames_of_key;
+  // The key is the rig for rigs of several sensors, otherwise the folder.
+  using Key = std::pair<std::optional<int>, std::string>;
+  std::map<Key, std::vector<int>> frames_of_key;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const Frame& frame = scene.frames[i];
     const bool is_single = scene.rigs[frame.rig_idx].sensor_idxs.size() == 1;
     const std::string& image_name = scene.images[frame.image_idxs.front()].name;
-    frames_of_key[is_single ? std::make_pair(-1, Folder(image_name))
-                            : std::make_pair(frame.rig_idx, std::string())]
+    frames_of_key[is_single ? Key(std::nullopt, Folder(image_name))
+                            : Key(frame.rig_idx, "")]
         .push_back(static_cast<int>(i));
   }
   std::vector<FrameSequence> sequences;
@@ -116,14 +118,13 @@ std::vector<FrameSequence> MakeFrameSequences(const Scene& scene) {
       return scene.frames[a].name < scene.frames[b].name;
     });
     FrameSequence sequence;
-    const bool is_single = key.first < 0;
-    if (!is_single) {
+    if (key.first) {
       sequence.num_slots =
-          static_cast<int>(scene.rigs[key.first].sensor_idxs.size());
+          static_cast<int>(scene.rigs[*key.first].sensor_idxs.size());
     }
     for (const int frame_idx : frame_idxs) {
-      std::vector<int>& images = sequence.images.emplace_back(
-          std::vector<int>(sequence.num_slots, -1));
+      std::vector<std::optional<int>>& images =
+          sequence.images.emplace_back(sequence.num_slots);
       for (const int image_idx : scene.frames[frame_idx].image_idxs) {
         const Image& image = scene.images[image_idx];
         const std::vector<int>& sensors =
@@ -148,10 +149,10 @@ ImagePairList SameSensorPairs(const std::vector<FrameSequence>& sequences,
       for (const int distance : distances) {
         if (frame + distance >= sequence.num_frames()) break;
         for (int slot = 0; slot < sequence.num_slots; ++slot) {
-          const int image1 = sequence.images[frame][slot];
-          const int image2 = sequence.images[frame + distance][slot];
-          if (image1 < 0 || image2 < 0) continue;
-          pairs.push_back(internal::MakePair(image1, image2));
+          const auto& image1 = sequence.images[frame][slot];
+          const auto& image2 = sequence.images[frame + distance][slot];
+          if (!image1 || !image2) continue;
+          pairs.push_back(internal::MakePair(*image1, *image2));
         }
       }
     }

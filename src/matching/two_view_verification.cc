@@ -16,13 +16,18 @@
 namespace mgsfm {
 namespace {
 
+// A sample of two inliers at an inlier ratio of 0.2 is found with probability
+// 1 - (1 - 0.2^2)^200 = 0.9997.
 constexpr int kMaxNumRotationTrials = 200;
-// Share of a homography's inliers that a rotation must explain alone.
+// Minimum ratio of rotation inliers to homography inliers of a PANORAMIC pair.
+// A rotation is a homography, so the ratio is 1 without parallax, up to noise.
 constexpr double kMinRotationRatio = 0.95;
-constexpr int kNumPolishIterations = 10;
-constexpr double kPolishCostTolerance = 1e-4;
-// Inliers on which a homography is estimated; more do not change whether it
-// explains them.
+// Refinement of the pose on its inliers stops early: it decides which matches
+// are inliers, and the mapper refines the pose again.
+constexpr int kNumRefinementIterations = 10;
+constexpr double kRefinementCostTolerance = 1e-4;
+// Number of inliers on which a homography is estimated. The standard error of
+// an inlier ratio of 0.8 from 256 samples is 0.025.
 constexpr size_t kMaxNumHomographyMatches = 256;
 
 bool IsPinhole(const Camera& camera) {
@@ -30,7 +35,7 @@ bool IsPinhole(const Camera& camera) {
          camera.model == CameraModelId::kPinhole;
 }
 
-// A pinhole with some distortion, for which F in pixels nearly holds.
+// A pinhole with moderate distortion, for which F in pixels nearly holds.
 bool IsPerspective(const Camera& camera) {
   switch (camera.model) {
     case CameraModelId::kSimplePinhole:
@@ -45,7 +50,8 @@ bool IsPerspective(const Camera& camera) {
   }
 }
 
-// The part of the intrinsics that is linear in pixels, where there is one.
+// Calibration matrix of a perspective camera without its distortion; identity
+// for other models.
 Eigen::Matrix3d LinearPart(const Camera& camera) {
   Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
   if (!IsPerspective(camera)) return K;
@@ -63,7 +69,7 @@ double RadiansPerPixel(const Camera& camera1, const Camera& camera2) {
          0.5 / PixelsPerRadian(camera2.model, camera2.params.data());
 }
 
-// x2^T A x1 in pixels of what is f2^T A f1 on rays, and likewise x2 ~ A x1.
+// Conversion from rays, f2^T F f1 = 0 and f2 ~ H f1, to pixels.
 Eigen::Matrix3d FundamentalInPixels(const Eigen::Matrix3d& F,
                                     const Eigen::Matrix3d& K1,
                                     const Eigen::Matrix3d& K2) {
@@ -128,19 +134,18 @@ class PairVerifier {
           .normalized();
     };
     rays_.Reserve(matches_.size());
-    positions_.reserve(matches_.size());
+    match_idxs_.reserve(matches_.size());
     for (size_t i = 0; i < matches_.size(); ++i) {
       const auto [idx1, idx2] = matches_[i];
       if (!is_calibrated) {
         rays_.Add(linear_ray(inverse_K1, (*view1_.keypoints_px)[idx1]),
                   linear_ray(inverse_K2, (*view2_.keypoints_px)[idx2]));
-      } else if ((*view1_.rays)[idx1].squaredNorm() > 0.5 &&
-                 (*view2_.rays)[idx2].squaredNorm() > 0.5) {
-        rays_.Add((*view1_.rays)[idx1], (*view2_.rays)[idx2]);
+      } else if ((*view1_.rays)[idx1] && (*view2_.rays)[idx2]) {
+        rays_.Add(*(*view1_.rays)[idx1], *(*view2_.rays)[idx2]);
       } else {
         continue;
       }
-      positions_.push_back(i);
+      match_idxs_.push_back(i);
     }
   }
 
@@ -156,7 +161,7 @@ class PairVerifier {
                options_.min_inlier_ratio * static_cast<double>(matches_.size());
   }
 
-  // Pairs with fewer inliers are given up anyway.
+  // Pairs with a smaller inlier ratio are rejected anyway.
   void LimitTrials() {
     const double min_ratio =
         std::min(1.0, MinInlierRatio() * static_cast<double>(matches_.size()) /
@@ -188,7 +193,7 @@ class PairVerifier {
     pair_.config = config;
     pair_.matches.reserve(inliers.size());
     for (const size_t i : inliers) {
-      pair_.matches.push_back(matches_[positions_[i]]);
+      pair_.matches.push_back(matches_[match_idxs_[i]]);
     }
   }
 
@@ -198,7 +203,6 @@ class PairVerifier {
     });
   }
 
-  // Of a rotation alone.
   std::vector<size_t> InliersOfRotation(const Eigen::Quaterniond& rotation) {
     return Inliers([&](const auto& ray1, const auto& ray2) {
       return IsRotationInlier(rotation, ray1, ray2, max_error_);
@@ -212,12 +216,12 @@ class PairVerifier {
     return EstimateRotation(rays_, ransac, random_);
   }
 
-  // The pose after more steps on its inliers, if that has as many.
-  void Polish(Rigid3* pose, std::vector<size_t>* inliers) const {
+  // Refines the pose on its inliers; keeps the result if it has as many.
+  void RefinePose(Rigid3* pose, std::vector<size_t>* inliers) const {
     PoseRefinementOptions refinement;
     refinement.loss_scale_rad = 0.25 * max_error_;
-    refinement.max_num_iterations = kNumPolishIterations;
-    refinement.relative_cost_tolerance = kPolishCostTolerance;
+    refinement.max_num_iterations = kNumRefinementIterations;
+    refinement.relative_cost_tolerance = kRefinementCostTolerance;
     Rigid3 refined = *pose;
     if (!RefineRelativePose(RaysOf(*inliers), refinement, &refined)
              .IsUsable()) {
@@ -230,7 +234,7 @@ class PairVerifier {
   }
 
   // The homography is estimated on inliers only, so few trials find one that
-  // explains enough of them.
+  // explains the ratio in question.
   std::vector<size_t> InliersOfHomography(const std::vector<size_t>& inliers,
                                           std::optional<Eigen::Matrix3d>* H) {
     RansacOptions ransac = ransac_;
@@ -262,9 +266,9 @@ class PairVerifier {
     auto pose = EstimateRelativePose(rays_, ransac_, random_);
     if (pose) {
       inliers = InliersOf(*pose);
-      Polish(&*pose, &inliers);
+      RefinePose(&*pose, &inliers);
     }
-    // Samples of matches without parallax may be degenerate.
+    // Without parallax, five-point samples are degenerate.
     std::optional<Eigen::Quaterniond> rotation;
     if (!HasEnough(inliers.size())) {
       rotation = EstimateRotationOnly();
@@ -327,10 +331,10 @@ class PairVerifier {
   Random* random_;
   const Eigen::Matrix3d K1_;
   const Eigen::Matrix3d K2_;
-  const double max_error_;  // radians
+  const double max_error_;  // in radians
   RansacOptions ransac_;
   RayMatches rays_;
-  std::vector<size_t> positions_;  // in matches_
+  std::vector<size_t> match_idxs_;  // of rays_ in matches_
   ImagePair pair_;
 };
 
@@ -341,19 +345,6 @@ ImagePair VerifyPair(const VerificationView& view1,
                      const std::vector<Match>& matches,
                      const TwoViewGeometryOptions& options, Random random) {
   return PairVerifier(view1, view2, matches, options, &random).Verify();
-}
-
-uint64_t PairSeed(const std::string& image_name1,
-                  const std::string& image_name2, uint64_t random_seed) {
-  // FNV-1a.
-  uint64_t hash = 0xcbf29ce484222325ull;
-  const auto add = [&](unsigned char byte) {
-    hash = (hash ^ byte) * 0x100000001b3ull;
-  };
-  for (const char c : image_name1) add(static_cast<unsigned char>(c));
-  add(0);
-  for (const char c : image_name2) add(static_cast<unsigned char>(c));
-  return Random(random_seed, hash).NextBits();
 }
 
 }  // namespace mgsfm

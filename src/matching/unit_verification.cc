@@ -8,14 +8,16 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "matching/rig_verification.h"
 #include "matching/scene_pairs.h"
 
 namespace mgsfm::internal {
 namespace {
 
-// Pairs of frames in memory at a time.
+// Pairs of frames in memory at a time. The feature cache bounds the memory;
+// this bounds the time between two checks for an interruption.
 constexpr size_t kMaxBatchSize = 64;
-// Different from those that pairs of images use.
+// VerifyImages uses the default stream of the same seed.
 constexpr uint64_t kRandomStream = 1;
 
 struct FramePair {
@@ -55,7 +57,7 @@ std::vector<Match> Swapped(std::vector<Match> matches) {
   return matches;
 }
 
-// The same with 1 and 2 exchanged.
+// The two-view geometry with images 1 and 2 exchanged.
 ImagePair Swapped(ImagePair pair) {
   if (pair.F) pair.F->transposeInPlace();
   if (pair.E) pair.E->transposeInPlace();
@@ -109,9 +111,9 @@ class UnitPass {
     bool was_verified = false;
     std::optional<ImagePair> changed;
   };
-  using MatchLists = std::vector<std::vector<Match>>;  // of a pair of frames
+  using MatchLists = std::vector<std::vector<Match>>;  // per image pair
 
-  // As many as have room in the cache.
+  // As many frame pairs as fit into the cache.
   void ReadBatch(const std::vector<FramePair>& groups, size_t* next) {
     inputs_.clear();
     cache_.StartBatch();
@@ -137,7 +139,7 @@ class UnitPass {
     cache_.ComputeRays(context_);
   }
 
-  // Whether the first image of the pair is one of the second frame.
+  // Whether the first image of the pair belongs to the second frame.
   bool IsSwapped(const ImageIdxPair& pair) const {
     return scene_.images[pair.image_idx1].frame_idx >
            scene_.images[pair.image_idx2].frame_idx;
@@ -180,7 +182,7 @@ class UnitPass {
     const Image& first = scene_.images[group.pairs.front().image_idx1];
     const Image& second = scene_.images[group.pairs.front().image_idx2];
     std::vector<std::optional<ImagePair>> changed = VerifyUnits(
-        std::move(unit),
+        unit,
         group.is_one_frame ? std::optional<Rigid3>(Rigid3()) : std::nullopt,
         options_.two_view_geometry, options_.rig_verification,
         Random(PairSeed(first.name, second.name, context_.random_seed),
@@ -207,8 +209,8 @@ class UnitPass {
     }
   }
 
-  // All at once: what a sequence of frames learns from its first pairs must not
-  // depend on where a run was interrupted.
+  // One transaction: sequential matching learns from the pairs verified so far,
+  // which must not depend on where an earlier run was interrupted.
   void Write() {
     DatabaseTransaction transaction(database_);
     for (const Result& result : results_) {
@@ -224,7 +226,7 @@ class UnitPass {
   const Context& context_;
   FeatureCache cache_;
   std::vector<MatchLists> inputs_;  // of the batch
-  std::vector<Result> results_;     // that change
+  std::vector<Result> results_;     // changed pairs only
   UnitVerificationSummary summary_;
 };
 

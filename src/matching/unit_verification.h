@@ -5,15 +5,15 @@
 #include <vector>
 
 #include "matching/feature_cache.h"
+#include "matching/pair_selection.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/matching/pair_matching.h"
-#include "mgsfm/matching/pair_selection.h"
+#include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm::internal {
 
-// VerifyPair for images of a database, with the seed of their names.
+// VerifyPair for two images of a database, seeded by their names.
 ImagePair VerifyImages(const Scene& scene, const ImageIdxPair& pair,
                        const ImageFeatures& features1,
                        const ImageFeatures& features2,
@@ -23,15 +23,15 @@ ImagePair VerifyImages(const Scene& scene, const ImageIdxPair& pair,
 
 struct UnitVerificationSummary {
   size_t num_frame_pairs = 0;
-  size_t num_changed = 0;   // pairs of images that get the motion of the rig
-  size_t num_gained = 0;    // of them, not verified by themselves
-  size_t num_rejected = 0;  // verified by themselves
+  size_t num_changed = 0;   // image pairs that take the rig motion
+  size_t num_gained = 0;    // of these, not verified by VerifyPair
+  size_t num_rejected = 0;  // verified by VerifyPair, but not by the rig
 };
 
-// VerifyUnits for the frames of the pairs, all of which are matched, where the
-// poses of their cameras in the rig are known and there are two pairs or more
-// of two frames. Pairs that it changes are written over. Starts from the
-// matches, so that it gives the same when it is run again, or was interrupted.
+// Runs VerifyUnits on all pairs of frames with known rig extrinsics and at
+// least two matched image pairs, and overwrites the two-view geometries that
+// change. Starts from the matches, so that running it again, or after an
+// interruption, gives the same result.
 UnitVerificationSummary VerifyUnitsOfPairs(const ImagePairList& pairs,
                                            const Scene& scene,
                                            const PairMatchingOptions& options,

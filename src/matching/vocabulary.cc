@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/vocabulary.h"
+#include "matching/vocabulary.h"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,9 @@ namespace mgsfm {
 namespace {
 
 constexpr size_t kDim = DescriptorView::kDim;
+// Lower bound, so that a word stands for several features rather than one.
 constexpr size_t kMinSamplesPerWord = 8;
+// Samples per unit of parallel work.
 constexpr size_t kBlockSize = 256;
 
 using WideDescriptor = std::array<int16_t, kDim>;
@@ -38,7 +40,7 @@ int Vocabulary::FindNearest(const int16_t* descriptor, const int16_t* centers,
   int nearest = 0;
   int32_t least = std::numeric_limits<int32_t>::max();
   for (int i = 0; i < num_centers; ++i) {
-    // The squared distance but for the descriptor's own norm.
+    // The squared distance up to the norm of the descriptor.
     const int32_t distance =
         squared_norms[i] -
         2 * Dot(descriptor, centers + static_cast<size_t>(i) * kDim);
@@ -63,7 +65,7 @@ int Vocabulary::FindWord(const uint8_t* descriptor) const {
   return nodes_[node].word;
 }
 
-// Makes the tree level by level: k-means runs on all nodes of a level at once,
+// Trains the tree level by level. K-means runs on all nodes of a level at once,
 // in parallel over their samples.
 class VocabularyTrainer {
  public:
@@ -99,7 +101,7 @@ class VocabularyTrainer {
   }
 
  private:
-  // The samples of a node: order_[begin] to order_[end - 1].
+  // A node and its samples order_[begin] to order_[end - 1].
   struct Cluster {
     int node;
     size_t begin;
@@ -140,7 +142,7 @@ class VocabularyTrainer {
     return children;
   }
 
-  // Different samples as the first centres.
+  // Initial centres are distinct random samples.
   void Initialize(const Cluster& cluster) {
     Vocabulary::Node& node = tree_.nodes_[cluster.node];
     node.num_children = NumChildren(cluster);
@@ -158,7 +160,7 @@ class VocabularyTrainer {
     }
   }
 
-  // True if a sample has a new centre.
+  // Assigns samples to centres. Returns whether an assignment changed.
   bool Assign(const std::vector<Cluster>& clusters, bool is_first) {
     std::vector<Cluster> blocks;
     for (const Cluster& cluster : clusters) {
@@ -183,7 +185,7 @@ class VocabularyTrainer {
     return has_changed;
   }
 
-  // Means of integers, rounded; a centre without samples stays.
+  // Rounded means of integers. A centre without samples is unchanged.
   void UpdateCenters(const Cluster& cluster) {
     const Vocabulary::Node& node = tree_.nodes_[cluster.node];
     std::vector<int64_t> sums(static_cast<size_t>(node.num_children) * kDim, 0);
@@ -207,8 +209,8 @@ class VocabularyTrainer {
     }
   }
 
-  // Sorts the samples by child. Equal samples cannot be split: the node becomes
-  // a leaf then.
+  // Sorts the samples by child. A node whose samples all have the same centre
+  // becomes a leaf.
   void AddChildren(const Cluster& cluster, std::vector<Cluster>* children) {
     const auto begin =
         order_.begin() + static_cast<std::ptrdiff_t>(cluster.begin);
@@ -228,7 +230,7 @@ class VocabularyTrainer {
       while (child_end < cluster.end && child_of_[order_[child_end]] == child) {
         ++child_end;
       }
-      // Without samples it is a leaf all the same.
+      // A child without samples becomes a leaf.
       children->push_back({node.first_child + child, child_begin, child_end});
       child_begin = child_end;
     }
@@ -239,7 +241,7 @@ class VocabularyTrainer {
   const Context& context_;
   const size_t samples_per_word_;
   std::vector<size_t> order_;
-  std::vector<int> child_of_;  // per sample, within its node
+  std::vector<int> child_of_;  // per sample, relative to first_child
   std::vector<int> new_child_ = std::vector<int>(child_of_.size());
   Vocabulary tree_;
 };

@@ -7,7 +7,8 @@
 namespace mgsfm::internal {
 namespace {
 
-// Enough to meet one of the 70 % and more of matches that agree.
+// At the default ratio of 0.7 all 20 samples are outliers with a probability of
+// 0.3^20 < 1e-10.
 constexpr int kNumTrials = 20;
 
 bool IsInBorder(const Camera& camera, const Eigen::Vector2f& point,

@@ -7,9 +7,10 @@
 
 namespace mgsfm::internal {
 
-// Whether matches, inliers of some geometry, are those of a frame or caption
-// that was put into both images: enough of them lie at the borders of both
-// images, and enough of these are shifted by the same vector, to max_error.
+// Whether the inliers of a two-view geometry are those of a watermark, that is,
+// a frame or caption inserted into both images: at least
+// watermark_min_inlier_ratio of them lie at the border of both images and share
+// one translation, up to max_error.
 bool IsWatermark(const VerificationView& view1, const VerificationView& view2,
                  const std::vector<Match>& inliers,
                  const TwoViewGeometryOptions& options, Random* random);

@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/word_index.h"
+#include "matching/word_index.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 namespace mgsfm {
 namespace {
 
-// Features of a word in both images, of which each pair may be the same point.
+// A word is rare if at most this many pairs of its features in the two images
+// may be corresponding points.
 constexpr size_t kMaxNumPairsOfWord = 4;
+// Bounds the quadratic cost of spatial verification.
 constexpr size_t kMaxNumPairs = 256;
-constexpr float kMaxDistance = 0.05f;  // of the diagonal
+// A similarity only approximates the change of perspective; see word_index.h.
+constexpr float kMaxDistance = 0.05f;  // relative to the diagonal
 constexpr float kMaxLog2Scale = 1.0f;
-constexpr float kMaxTurn = 0.5236f;  // 30 degrees
+constexpr float kMaxRotationRad = 0.5236f;  // 30 degrees
 
-// Calls visit(word, begin, end) for each run of features with one word.
+// Calls visit(word, begin, end) for the range of features of each word.
 template <class Visit>
 void ForEachWord(const std::vector<WordFeature>& features, const Visit& visit) {
   for (size_t begin = 0, end = 0; begin < features.size(); begin = end) {
@@ -33,7 +37,7 @@ struct FeaturePair {
   float Log2Scale() const {
     return feature2->log2_scale - feature1->log2_scale;
   }
-  float Turn() const {
+  float RotationRad() const {
     return feature2->orientation_rad - feature1->orientation_rad;
   }
 };
@@ -56,7 +60,7 @@ std::vector<FeaturePair> PairsOfWords(const WordImage& image1,
     }
   });
   if (pairs.size() <= kMaxNumPairs) return pairs;
-  // Evenly from all.
+  // Select pairs at equal spacing.
   std::vector<FeaturePair> selected(kMaxNumPairs);
   for (size_t i = 0; i < kMaxNumPairs; ++i) {
     selected[i] = pairs[i * pairs.size() / kMaxNumPairs];
@@ -64,16 +68,16 @@ std::vector<FeaturePair> PairsOfWords(const WordImage& image1,
   return selected;
 }
 
-// The similarity of the image plane that a pair of features gives.
+// The similarity of the image plane that maps feature1 to feature2.
 class Similarity {
  public:
   Similarity(const FeaturePair& pair, float max_distance)
       : log2_scale_(pair.Log2Scale()),
-        turn_(pair.Turn()),
+        rotation_rad_(pair.RotationRad()),
         max_squared_distance_(max_distance * max_distance) {
     const float scale = std::exp2(log2_scale_);
-    cos_ = scale * std::cos(turn_);
-    sin_ = scale * std::sin(turn_);
+    cos_ = scale * std::cos(rotation_rad_);
+    sin_ = scale * std::sin(rotation_rad_);
     x_ = pair.feature2->x_px - RotatedX(*pair.feature1);
     y_ = pair.feature2->y_px - RotatedY(*pair.feature1);
   }
@@ -84,7 +88,8 @@ class Similarity {
     if (!(x * x + y * y <= max_squared_distance_)) return false;
     if (std::abs(pair.Log2Scale() - log2_scale_) > kMaxLog2Scale) return false;
     constexpr float kTwoPi = 6.2831853f;
-    return std::abs(std::remainder(pair.Turn() - turn_, kTwoPi)) <= kMaxTurn;
+    return std::abs(std::remainder(pair.RotationRad() - rotation_rad_,
+                                   kTwoPi)) <= kMaxRotationRad;
   }
 
  private:
@@ -96,7 +101,7 @@ class Similarity {
   }
 
   float log2_scale_;
-  float turn_;
+  float rotation_rad_;
   float max_squared_distance_;
   float cos_, sin_;
   float x_, y_;
@@ -153,7 +158,8 @@ int CountConsistentWords(const WordImage& image1, const WordImage& image2) {
   int most = 0;
   for (const FeaturePair& start : pairs) {
     const Similarity similarity(start, kMaxDistance * image2.diagonal_px);
-    int num_words = 0, last_word = -1;
+    int num_words = 0;
+    std::optional<int> last_word;
     for (const FeaturePair& pair : pairs) {
       const int word = pair.feature1->word;
       if (word == last_word || !similarity.Agrees(pair)) continue;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "math/graph.h"
 
+#include <optional>
+
 #include "math/union_find.h"
 
 namespace mgsfm {
@@ -9,15 +11,15 @@ ConnectedComponents FindConnectedComponents(
     int num_nodes, const std::vector<GraphEdge>& edges) {
   UnionFind sets(num_nodes);
   for (const GraphEdge& edge : edges) sets.Union(edge.node1, edge.node2);
-  ConnectedComponents parts;
-  parts.component.resize(num_nodes);
-  std::vector<int> part_of_root(num_nodes, -1);
+  ConnectedComponents components;
+  components.component.resize(num_nodes);
+  std::vector<std::optional<int>> component_of_root(num_nodes);
   for (int node = 0; node < num_nodes; ++node) {
-    int& part = part_of_root[sets.Find(node)];
-    if (part < 0) part = parts.num_components++;
-    parts.component[node] = part;
+    std::optional<int>& component = component_of_root[sets.Find(node)];
+    if (!component) component = components.num_components++;
+    components.component[node] = *component;
   }
-  return parts;
+  return components;
 }
 
 }  // namespace mgsfm

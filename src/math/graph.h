@@ -5,8 +5,8 @@
 
 namespace mgsfm {
 
-// Undirected graphs on nodes 0 .. num_nodes - 1, given as lists of edges.
-// Parallel edges and loops are allowed.
+// Undirected graphs are lists of edges between the nodes 0 .. num_nodes - 1.
+// Parallel edges and self-loops are allowed.
 
 struct GraphEdge {
   int node1 = 0;
@@ -14,8 +14,8 @@ struct GraphEdge {
   double weight = 1.0;
 };
 
-// Per node: which connected part it is in. Parts are numbered by their first
-// node.
+// The connected component of each node. Components are numbered in the order of
+// their first nodes.
 struct ConnectedComponents {
   std::vector<int> component;
   int num_components = 0;

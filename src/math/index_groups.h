@@ -6,14 +6,15 @@
 
 namespace mgsfm {
 
-// Groups of positions in one array: group g holds items[begin[g]] to
-// items[begin[g + 1] - 1], ascending.
+// Groups of array indices: the ascending indices of group g are items[begin[g]]
+// to items[begin[g + 1] - 1].
 struct IndexGroups {
   std::vector<size_t> begin = {0};
   std::vector<int> items;
 };
 
-// Groups the positions of `keys` by key; negative keys are left out. Linear.
+// Groups the indices of `keys` by key. Items with negative keys are excluded.
+// O(keys + num_keys).
 IndexGroups GroupByKey(const std::vector<int>& keys, size_t num_keys);
 
 }  // namespace mgsfm

@@ -9,10 +9,11 @@
 namespace mgsfm {
 namespace {
 
-// A tile of the product is kept in registers: 12 of the 16 that AVX2 has.
+// A tile of the product fills 12 of the 16 AVX2 registers.
 constexpr int kTileRows = 8;
 constexpr int kTileColumns = 6;
-// With more columns it pays to copy the rows of a tile side by side.
+// Products with more columns reuse a tile often enough to amortise copying its
+// rows to contiguous memory.
 constexpr int kMaxColumnsUncopied = 2 * kTileColumns;
 
 #if defined(__GNUC__)
@@ -52,8 +53,8 @@ struct Tile {
   Lanes4 lanes[kTileColumns][2];
 };
 
-// The product of 8 rows, `stride` from column to column, and 6 rows of B, which
-// lie side by side for each column.
+// The product of 8 rows with distance `stride` between columns and 6 rows of B
+// that are contiguous for each column.
 MGSFM_ALWAYS_INLINE void ComputeTile(const double* rows, int stride,
                                      const double* b, int k, Tile* tile) {
   Lanes4 sums[kTileColumns][2];
@@ -78,7 +79,7 @@ MGSFM_ALWAYS_INLINE void ComputeTile(const double* rows, int stride,
   }
 }
 
-// Subtracts the tile at (i, j) of m x n.
+// Subtracts the tile at (i, j) of an m x n product.
 MGSFM_ALWAYS_INLINE void SubtractTile(const Tile& tile, int i, int j, int m,
                                       int n, const PanelTarget& target) {
   const int num_rows = std::min(kTileRows, m - i);
@@ -107,7 +108,7 @@ MGSFM_ALWAYS_INLINE void SubtractTile(const Tile& tile, int i, int j, int m,
   }
 }
 
-// For each six rows their columns one after the other; zeros where rows end.
+// Packs strips of six rows column by column and pads the last strip with zeros.
 MGSFM_ALWAYS_INLINE void CopySixes(const PanelView& B, int n, int k,
                                    double* to) {
   for (int j = 0; j < n; j += kTileColumns) {
@@ -148,7 +149,7 @@ MGSFM_ALWAYS_INLINE void SubtractProductBody(const PanelView& A, int m, int n,
   }
 }
 
-// In strips of six columns, each from those before it.
+// Processes strips of six columns; each strip is updated by all strips before.
 MGSFM_ALWAYS_INLINE bool FactorizePanelBody(int num_rows, int width, int stride,
                                             double* values, double* left,
                                             double* right) {

@@ -6,19 +6,18 @@
 
 namespace mgsfm {
 
-// The dense inner loops of supernodal_factor.h, for matrices that are stored
-// column by column. They are our own, not those of BLAS, as several threads
-// need them at a time (not every BLAS allows that), and as blocks of a few
-// columns are common.
+// Dense kernels of supernodal_factor.h on column-major matrices. They replace
+// BLAS because several threads call them concurrently, which not every BLAS
+// supports, and because blocks of a few columns are common.
 
-// A matrix within a larger one.
+// A block of a larger matrix.
 struct PanelView {
   const double* values;
-  int stride;  // from column to column
+  int stride;  // between columns
 };
 
-// Where a product is subtracted: entry (i, j) from row rows[i] of column
-// columns[j], or from row i of column j where there are no lists.
+// The destination of a product: entry (i, j) is subtracted from entry
+// (rows[i], columns[j]), or from entry (i, j) if the lists are null.
 struct PanelTarget {
   double* values;
   int stride;
@@ -26,18 +25,19 @@ struct PanelTarget {
   const int* columns = nullptr;
 };
 
-// Memory of one thread.
+// Workspace of one thread.
 struct PanelScratch {
   std::vector<double> left, right;
 };
 
-// target -= A B^T, A of m and B of n <= m rows and k columns. B is the top of
-// A; of the target, entries over the diagonal of A B^T may get any value.
+// target -= A B^T, where A is m x k and B, the first n <= m rows of A, is n x
+// k. Target entries above the diagonal of A B^T have unspecified values
+// afterwards.
 void SubtractProduct(const PanelView& A, int m, int n, int k,
                      const PanelTarget& target, PanelScratch* scratch);
 
-// The Cholesky factor L of the square on top of a panel takes its place, and
-// what is below is multiplied by L^-T. False if a pivot is not positive.
+// Factorises the square at the top of a panel in place, S = L L^T, and
+// multiplies the rows below by L^-T. Returns false if a pivot is not positive.
 bool FactorizePanel(int num_rows, int width, int stride, double* values,
                     PanelScratch* scratch);
 

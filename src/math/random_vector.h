@@ -7,7 +7,8 @@
 
 namespace mgsfm {
 
-// Independent standard normal coordinates; its direction is uniform.
+// A vector of independent standard normal coordinates. Its direction is
+// uniformly distributed.
 inline Eigen::Vector3d NormalVector(Random* random) {
   return {random->Normal(), random->Normal(), random->Normal()};
 }

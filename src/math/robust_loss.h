@@ -5,10 +5,10 @@
 
 namespace mgsfm {
 
-// Robust costs rho(s) of a squared residual norm s = |r|^2, all with
-// rho(0) = 0 and rho'(0) = 1, such that a cost is sum_k rho(|r_k|^2) / 2 and
-// its iteratively re-weighted least squares has weights rho'(|r_k|^2). The
-// scale a is the residual at which a cost begins to differ from s.
+// Robust loss functions rho(s) of a squared residual norm s = |r|^2 with
+// rho(0) = 0 and rho'(0) = 1. The cost is sum_k rho(|r_k|^2) / 2, and
+// iteratively reweighted least squares uses the weights rho'(|r_k|^2). The
+// scale a is the residual norm around which rho(s) departs from s.
 enum class RobustLossType {
   kTrivial,      // s
   kHuber,        // s up to a^2, then 2 a sqrt(s) - a^2

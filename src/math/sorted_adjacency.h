@@ -9,11 +9,11 @@
 
 namespace mgsfm {
 
-// The neighbours of each node of an undirected graph, sorted, in flat arrays.
+// The sorted neighbours of each node of an undirected graph in flat arrays.
 class SortedAdjacency {
  public:
-  // for_each_edge(visit) calls visit(node1, node2) for all edges, the same ones
-  // each time it is called.
+  // for_each_edge(visit) calls visit(node1, node2) for all edges. It is called
+  // twice and must visit the same edges.
   template <class ForEachEdge>
   SortedAdjacency(size_t num_nodes, const ForEachEdge& for_each_edge)
       : offsets_(num_nodes + 1, 0) {
@@ -41,7 +41,7 @@ class SortedAdjacency {
     return neighbours_.data() + offsets_[node + 1];
   }
 
-  // How many nodes are neighbours of both; not more than `enough` are counted.
+  // The number of common neighbours of a and b. Counting stops at `enough`.
   uint32_t NumCommonNeighbours(uint32_t a, uint32_t b,
                                uint32_t enough = UINT32_MAX) const {
     uint32_t num_common = 0;

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Edges at each node in flat arrays, in the order of `forest`.
+// The edges incident to each node in flat arrays, in the order of `forest`.
 struct Adjacency {
   std::vector<int> offsets;
   std::vector<int> edges;
@@ -74,9 +74,9 @@ std::vector<ForestStep> WalkForest(int num_nodes,
   steps.reserve(num_nodes);
   for (const int root : NodesByDegree(num_nodes, adjacency)) {
     if (visited[root]) continue;
-    visited[root] = 1;
+    visited[root] = true;
     size_t next = steps.size();
-    steps.push_back({root, -1, -1});
+    steps.push_back({root, std::nullopt});
     for (; next < steps.size(); ++next) {
       const int node = steps[next].node;
       for (int i = adjacency.offsets[node]; i < adjacency.offsets[node + 1];
@@ -84,36 +84,37 @@ std::vector<ForestStep> WalkForest(int num_nodes,
         const GraphEdge& edge = edges[adjacency.edges[i]];
         const int other = edge.node1 == node ? edge.node2 : edge.node1;
         if (visited[other]) continue;
-        visited[other] = 1;
-        steps.push_back({other, node, adjacency.edges[i]});
+        visited[other] = true;
+        steps.push_back({other, ParentEdge{node, adjacency.edges[i]}});
       }
     }
   }
   return steps;
 }
 
-ForestWays::ForestWays(int num_nodes, const std::vector<GraphEdge>& edges,
-                       const std::vector<double>& lengths)
-    : parent_(num_nodes, -1), depth_(num_nodes, 0), way_(num_nodes, 0.0) {
+TreePathLengths::TreePathLengths(int num_nodes,
+                                 const std::vector<GraphEdge>& edges,
+                                 const std::vector<double>& lengths)
+    : parent_(num_nodes), depth_(num_nodes, 0), length_(num_nodes, 0.0) {
   MGSFM_CHECK_EQ(edges.size(), lengths.size());
   const std::vector<int> forest = MaximumSpanningForest(num_nodes, edges);
   for (const ForestStep& step : WalkForest(num_nodes, edges, forest)) {
-    if (step.edge < 0) continue;
-    parent_[step.node] = step.parent;
-    depth_[step.node] = depth_[step.parent] + 1;
-    way_[step.node] = lengths[step.edge];
+    if (!step.from) continue;
+    parent_[step.node] = step.from->parent;
+    depth_[step.node] = depth_[step.from->parent] + 1;
+    length_[step.node] = lengths[step.from->edge];
   }
 }
 
-double ForestWays::Between(int a, int b) const {
-  double way = 0.0;
+double TreePathLengths::Between(int a, int b) const {
+  double length = 0.0;
   while (a != b) {
     if (depth_[a] < depth_[b]) std::swap(a, b);
-    if (parent_[a] < 0) return way;
-    way += way_[a];
-    a = parent_[a];
+    if (!parent_[a]) return length;
+    length += length_[a];
+    a = *parent_[a];
   }
-  return way;
+  return length;
 }
 
 }  // namespace mgsfm

@@ -11,7 +11,7 @@
 #include "math/supernodal_factor.h"
 #include "mgsfm/base/error.h"
 
-// Of OpenMP, whose header not every compiler brings.
+// Declared here because not every compiler provides the header of OpenMP.
 // NOLINTBEGIN(readability-identifier-naming)
 extern "C" {
 int omp_get_max_active_levels();
@@ -22,10 +22,9 @@ void omp_set_max_active_levels(int levels);
 namespace mgsfm {
 namespace {
 
-// CHOLMOD starts four OpenMP threads for loops of microseconds, whatever the
-// machine has and Context::num_threads says; waiting for each other they take
-// the processors that our own threads need. While this exists, the calling
-// thread starts none.
+// CHOLMOD starts four OpenMP threads for loops of microseconds, regardless of
+// Context::num_threads, and their busy waiting competes with our own threads.
+// This guard disables OpenMP threads of the calling thread.
 class WithoutOpenMpThreads {
  public:
   WithoutOpenMpThreads() : levels_(omp_get_max_active_levels()) {
@@ -39,7 +38,7 @@ class WithoutOpenMpThreads {
   const int levels_;
 };
 
-// CHOLMOD's view of the lower triangle of a matrix; nothing is copied.
+// A CHOLMOD view of the lower triangle of a matrix, without copying.
 cholmod_sparse ViewLower(const Eigen::SparseMatrix<double>& H) {
   MGSFM_CHECK_EQ(H.rows(), H.cols());
   MGSFM_CHECK(H.isCompressed());
@@ -80,8 +79,8 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
   cholmod_start(&common);
   common.print = 0;
   common.supernodal = CHOLMOD_SIMPLICIAL;
-  // Its own strategy goes by the fill of single numbers; a row here may stand
-  // for a block, so that dissection would hardly ever be tried.
+  // CHOLMOD's default strategy tries dissection based on scalar fill. A row may
+  // represent a block here, for which it would hardly ever be tried.
   constexpr int kMethods[] = {CHOLMOD_AMD, CHOLMOD_METIS, CHOLMOD_NESDIS};
   common.nmethods = 0;
   for (const int method : kMethods) {
@@ -97,7 +96,7 @@ EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H) {
     cholmod_free_factor(&factor, &common);
   }
   cholmod_finish(&common);
-  MGSFM_CHECK_MSG(!result.order.empty(), "CHOLMOD: ordering");
+  MGSFM_CHECK_MSG(!result.order.empty(), "CHOLMOD ordering failed");
   return result;
 }
 
@@ -124,8 +123,8 @@ struct SparseCholesky::Impl {
     supernodal.reset();
   }
 
-  // CHOLMOD's own numeric factorisation has one thread, so it is left for
-  // factors so sparse that supernodes do not pay.
+  // CHOLMOD's numeric factorisation is single-threaded. It is used only for
+  // factors that are too sparse to benefit from supernodes.
   bool FactorizeSupernodes(const Eigen::SparseMatrix<double>& H) {
     if (factor->xtype == CHOLMOD_PATTERN &&
         !cholmod_change_factor(CHOLMOD_REAL, 1, 1, 1, 1, factor, &common)) {
@@ -144,10 +143,10 @@ struct SparseCholesky::Impl {
 
   cholmod_common common;
   cholmod_factor* factor = nullptr;
-  std::optional<SupernodalFactor> supernodal;  // if the factor is
+  std::optional<SupernodalFactor> supernodal;  // for supernodal factors
   Eigen::Index num_non_zeros = 0;
   bool is_factorized = false;
-  // Kept between solves, so that these do not allocate.
+  // Kept between solves to avoid allocations.
   cholmod_dense* solution = nullptr;
   cholmod_dense* workspace_y = nullptr;
   cholmod_dense* workspace_e = nullptr;
@@ -164,15 +163,16 @@ void SparseCholesky::Analyze(const Eigen::SparseMatrix<double>& H,
   MGSFM_CHECK_GT(H.rows(), 0);
   cholmod_sparse view = ViewLower(H);
   impl_->FreeFactor();
-  // 0: CHOLMOD's own strategy.
-  impl_->common.nmethods = order == Order::kGiven ? 1 : 0;
-  // A given order is one of FindEliminationOrder, which is postordered; with
-  // one of its own CHOLMOD would permute all values for each factor.
-  impl_->common.postorder = order != Order::kGiven;
+  // 0 selects CHOLMOD's default strategy.
+  impl_->common.nmethods = order == Order::kNatural ? 1 : 0;
+  // The natural order results from FindEliminationOrder and is postordered.
+  // Otherwise CHOLMOD would permute all values in every factorisation.
+  impl_->common.postorder = order != Order::kNatural;
   impl_->common.method[0].ordering =
-      order == Order::kGiven ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
+      order == Order::kNatural ? CHOLMOD_NATURAL : CHOLMOD_GIVEN;
   impl_->factor = cholmod_analyze(&view, &impl_->common);
-  MGSFM_CHECK_MSG(impl_->factor != nullptr, "CHOLMOD: symbolic factorisation");
+  MGSFM_CHECK_MSG(impl_->factor != nullptr,
+                  "CHOLMOD symbolic factorisation failed");
   if (impl_->factor->is_super) impl_->supernodal.emplace(*impl_->factor, H);
   impl_->num_non_zeros = H.nonZeros();
   impl_->is_factorized = false;
@@ -186,7 +186,7 @@ bool SparseCholesky::Factorize(const Eigen::SparseMatrix<double>& H) {
   const WithoutOpenMpThreads serial;
   impl_->is_factorized = impl_->supernodal ? impl_->FactorizeSupernodes(H)
                                            : impl_->FactorizeSimplicial(H);
-  // Also catches values that are not finite.
+  // Also detects values that are not finite.
   if (impl_->is_factorized) {
     const double condition = ReciprocalCondition();
     impl_->is_factorized = std::isfinite(condition) && condition > 0.0;
@@ -211,7 +211,7 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
   const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &view, nullptr,
                                 &impl_->solution, nullptr, &impl_->workspace_y,
                                 &impl_->workspace_e, &impl_->common);
-  MGSFM_CHECK_MSG(ok, "CHOLMOD: solve");
+  MGSFM_CHECK_MSG(ok, "CHOLMOD solve failed");
   X = Eigen::Map<const Eigen::MatrixXd>(
       static_cast<const double*>(impl_->solution->x), B.rows(), B.cols());
 }

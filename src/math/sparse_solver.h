@@ -8,30 +8,30 @@
 
 namespace mgsfm {
 
-// An order of the unknowns that keeps a Cholesky factor sparse, by the better
-// of minimum degree and nested dissection, and what it costs.
+// A fill-reducing elimination order, the better of minimum degree and nested
+// dissection, and the cost of the Cholesky factorisation.
 struct EliminationOrder {
   std::vector<int> order;  // order[0] is eliminated first
   double num_factor_entries = 0.0;
   double num_flops = 0.0;
 };
 
-// H must be compressed; its values do not matter. Only its lower triangle,
-// diagonal included, is read.
+// Uses the sparsity pattern of the lower triangle of H, including the diagonal.
+// H must be compressed.
 EliminationOrder FindEliminationOrder(const Eigen::SparseMatrix<double>& H);
 
-// Solves H X = B for a sparse, symmetric positive definite H and any number of
-// right-hand sides by Cholesky factorisation (CHOLMOD; Chen et al. 2008,
-// ACM TOMS 887; factors that are not very sparse by several threads). Only the
-// lower triangle of H, diagonal included, is read. Results do not depend on the
-// number of threads.
+// Solves H X = B for a sparse symmetric positive definite H and any number of
+// right-hand sides by Cholesky factorisation (CHOLMOD, Chen et al. 2008, ACM
+// TOMS 887; supernodal factors use several threads). Only the lower triangle of
+// H, including the diagonal, is read. Results do not depend on the number of
+// threads.
 //
 //   SparseCholesky solver;
-//   solver.Analyze(H);                      // once per sparsity pattern
-//   if (!solver.Factorize(H)) ...           // once per values
-//   solver.Solve(B, X);                     // as often as needed
+//   solver.Analyze(H);               // once per sparsity pattern
+//   if (!solver.Factorize(H)) ...    // whenever the values change
+//   solver.Solve(B, X);              // any number of times
 //
-// One object must not be used by several threads at a time.
+// Objects are not thread-safe.
 class SparseCholesky {
  public:
   explicit SparseCholesky(int num_threads = 1);
@@ -41,24 +41,23 @@ class SparseCholesky {
 
   enum class Order {
     kFillReducing,
-    kGiven,  // that of the rows; for a matrix that is ordered well already
+    kNatural,  // the order of the rows, for matrices that are already ordered
   };
 
   // Ordering and symbolic factorisation. H must be compressed and not empty.
   void Analyze(const Eigen::SparseMatrix<double>& H,
                Order order = Order::kFillReducing);
 
-  // Numeric factorisation of a matrix with the pattern given to Analyze().
-  // False if H is not positive definite to working precision or not finite;
+  // Numeric factorisation of a matrix with the pattern passed to Analyze().
+  // Returns false if H is not finite or not numerically positive definite;
   // Solve() must not be called then.
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H);
 
-  // The square of the ratio of the smallest and the largest diagonal element
-  // of the factor: an upper bound on the reciprocal condition number of H, near
-  // zero when H is close to singular. O(n).
+  // The squared ratio of the smallest to the largest diagonal element of the
+  // factor: an upper bound on the reciprocal condition number of H. O(n).
   double ReciprocalCondition() const;
 
-  // X = H^-1 B. X must have the size of B; it may be B.
+  // X = H^-1 B. X must have the size of B and may alias it.
   void Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
              Eigen::Ref<Eigen::MatrixXd> X) const;
 
@@ -67,11 +66,11 @@ class SparseCholesky {
   std::unique_ptr<Impl> impl_;
 };
 
-// A linear least-squares operator on a sparse matrix of full column rank, with
-// one factorisation of A^T A. Fits the ADMM of l1_admm.h.
+// The least-squares operator of a sparse matrix A of full column rank, with one
+// factorisation of A^T A. Implements the Operator concept of l1_admm.h.
 class SparseLeastSquares {
  public:
-  // Takes A and factorises; IsPositiveDefinite() says whether that worked.
+  // Factorises A^T A; IsPositiveDefinite() returns whether that succeeded.
   explicit SparseLeastSquares(Eigen::SparseMatrix<double> A,
                               int num_threads = 1);
 

@@ -5,14 +5,14 @@
 
 namespace mgsfm {
 
-// The value below which a fraction q in [0, 1] of the values lies (nearest
-// rank); `values` must not be empty. O(n).
+// The q-quantile of the values by nearest rank, q in [0, 1]. `values` must not
+// be empty. O(n).
 double Quantile(std::vector<double> values, double q);
 
 // Quantile(values, 0.5).
 double Median(std::vector<double> values);
 
-// Standard deviation of each coordinate of 3-vectors with normal, isotropic
+// The standard deviation of each coordinate of 3-vectors with isotropic normal
 // noise and some outliers, from the median of their norms.
 double RobustSigmaOfNorms3(std::vector<double> norms);
 

@@ -16,9 +16,10 @@
 namespace mgsfm {
 namespace {
 
-// Wide enough for fast products, narrow enough that threads hardly wait.
+// Wide panels give efficient products; narrow panels reduce waiting between
+// threads.
 constexpr int kPanelWidth = 96;
-// No subtree has more of the work than this part, so that threads end alike.
+// Upper bound on the share of the work in one subtree, for load balancing.
 constexpr double kLargestSubtree = 1.0 / 16.0;
 
 }  // namespace
@@ -128,7 +129,7 @@ void SupernodalFactor::ListUpdates() {
 void SupernodalFactor::ChooseSubtrees() {
   const int size = NumSupernodes();
   std::vector<int> parent(size, -1);
-  std::vector<double> work(size, 0.0);  // of the subtree
+  std::vector<double> work(size, 0.0);  // per subtree
   std::vector<std::vector<int>> children(size);
   std::priority_queue<std::pair<double, int>> roots;
   double all_work = 0.0;
@@ -156,7 +157,7 @@ void SupernodalFactor::ChooseSubtrees() {
   for (; !roots.empty(); roots.pop()) {
     task_of_root[-roots.top().second] = num_tasks++;
   }
-  // Of all supernodes, from the roots down.
+  // Propagate the tasks from the roots to all supernodes.
   std::vector<int>& task = task_of_root;
   for (int s = size - 1; s >= 0; --s) {
     if (!is_above[s] && task[s] < 0) task[s] = task[parent[s]];
@@ -207,7 +208,7 @@ class SupernodalRun {
   }
 
  private:
-  // Columns of the supernode from the first row of the panel on.
+  // Columns of the supernode, starting at the first row of the panel.
   struct Target {
     double* values;
     int num_rows;

@@ -11,33 +11,32 @@
 
 namespace mgsfm {
 
-// The numeric part of a sparse Cholesky factorisation P H P^T = L L^T, over the
-// supernodes that CHOLMOD's analysis found: columns of L with the same rows,
-// stored as dense matrices.
+// The numeric phase of a sparse Cholesky factorisation P H P^T = L L^T on the
+// supernodes of CHOLMOD's symbolic analysis. A supernode is a set of columns of
+// L with the same rows, stored as a dense matrix.
 //
-// Supernodes are cut into panels of some columns. A panel is the work of one
-// thread (left-looking):
+// Supernodes are split into panels of columns. One thread computes a panel by a
+// left-looking update:
 //
-//   X = entries of H; X -= L_K L_K^T for all panels K before it that have rows
-//   in its columns; L = X with its square on top factorised.
+//   X = entries of H; X -= L_K L_K^T for all previous panels K with rows in its
+//   columns; L = X with its top square factorised.
 //
-// Updates come in ascending order, whatever thread made K, so that the factor
-// does not depend on the number of threads. Subtrees of the elimination tree
-// need nothing from each other and are done first, each by one thread; the
-// panels above them follow in order, where a thread that needs a panel still in
-// work waits for it. As at most num_threads - 1 panels are in work elsewhere,
-// waits are short also where one dense supernode is all there is.
-// Cost: that of the factorisation; memory: the rows of a panel in each thread,
-// and for an order that is not the given one, two numbers for each entry of H.
+// Updates are applied in ascending order, so the factor does not depend on the
+// number of threads. Independent subtrees of the elimination tree come first,
+// each on one thread. The panels above them follow in order; a thread waits for
+// panels that others are still computing. At most num_threads - 1 panels are in
+// progress elsewhere, so waits are short even for a single dense supernode.
+// Cost: the flops of the factorisation. Memory: the rows of a panel per thread
+// and, unless P is the identity, two numbers per entry of H.
 class SupernodalFactor {
  public:
-  // `symbolic` is a supernodal factor by cholmod_analyze() of the lower
-  // triangle of H.
+  // `symbolic` is the supernodal factor that cholmod_analyze() returns for the
+  // lower triangle of H.
   SupernodalFactor(const cholmod_factor& symbolic,
                    const Eigen::SparseMatrix<double>& H);
 
-  // Fills the values of the factor that was analysed, which must have memory
-  // for them. False if H is not positive definite to working precision.
+  // Computes the values of the analysed factor, which must be allocated.
+  // Returns false if H is not numerically positive definite.
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H,
                                int num_threads, cholmod_factor* factor);
 
@@ -46,10 +45,10 @@ class SupernodalFactor {
 
   struct Panel {
     int supernode = 0;
-    int offset = 0;  // of its first column in the supernode
+    int offset = 0;  // first column, relative to the supernode
     int width = 0;
   };
-  // Rows [first, last) of a supernode are columns of a panel.
+  // Rows [first, last) of a supernode correspond to columns of a panel.
   struct Update {
     int supernode = 0;
     int first = 0;
@@ -57,8 +56,8 @@ class SupernodalFactor {
   };
 
   struct Workspace {
-    std::vector<int> position;         // of a row in the panel
-    std::vector<int> update_position;  // of a row of an update
+    std::vector<int> position;         // index of a row in the panel
+    std::vector<int> update_position;  // the same for the rows of an update
     PanelScratch scratch;
   };
 
@@ -75,14 +74,14 @@ class SupernodalFactor {
     return static_cast<int>(first_column_.size()) - 1;
   }
 
-  std::vector<int> first_column_;  // of each supernode, and the end
-  std::vector<int> row_begin_;     // in rows_
+  std::vector<int> first_column_;  // per supernode, plus the end
+  std::vector<int> row_begin_;     // index into rows_, per supernode
   std::vector<int> rows_;
   std::vector<size_t> value_begin_;
   std::vector<int> supernode_of_column_;
 
-  // Lower triangle of P H P^T: rows by column, and where in the values of H;
-  // empty if P is the identity.
+  // Lower triangle of P H P^T: rows by column and their indices into the values
+  // of H. Empty if P is the identity.
   std::vector<int> column_begin_;
   std::vector<int> entry_row_;
   std::vector<int> entry_source_;
@@ -92,11 +91,11 @@ class SupernodalFactor {
   std::vector<size_t> update_begin_;  // per panel
   std::vector<Update> updates_;       // ascending by supernode
   int max_num_rows_ = 0;
-  // Panels that one thread does in a row: of the subtrees, largest first, then
-  // those above.
+  // Panels that one thread computes in sequence: one task per subtree, largest
+  // first, then one task per panel above the subtrees.
   std::vector<size_t> task_begin_;
   std::vector<int> task_panels_;
-  std::vector<Workspace> workspaces_;  // of the threads
+  std::vector<Workspace> workspaces_;  // per thread
 };
 
 }  // namespace mgsfm

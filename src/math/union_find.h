@@ -8,8 +8,8 @@
 
 namespace mgsfm {
 
-// Disjoint sets of 0 .. size - 1 in two flat arrays: union by size with path
-// halving, no recursion; practically O(1) an operation.
+// Disjoint-set forest over 0 .. size - 1 with union by size and path halving.
+// Operations take amortised near-constant time.
 class UnionFind {
  public:
   explicit UnionFind(size_t size) : parent_(size), size_(size, 1) {
@@ -18,7 +18,7 @@ class UnionFind {
 
   size_t size() const { return parent_.size(); }
 
-  // The representative of the set of x.
+  // The representative of the set that contains x.
   size_t Find(size_t x) {
     while (parent_[x] != x) {
       parent_[x] = parent_[parent_[x]];
@@ -27,7 +27,7 @@ class UnionFind {
     return x;
   }
 
-  // Joins two sets; false if they were one already.
+  // Merges two sets. Returns false if they are the same set.
   bool Union(size_t x, size_t y) {
     x = Find(x);
     y = Find(y);

@@ -11,7 +11,7 @@ namespace {
 // Half is the breakdown point of a majority vote; a third keeps a margin.
 constexpr double kMaxRejectedShare = 1.0 / 3.0;
 
-ForestWays PathsThroughSkeleton(
+TreePathLengths PathsThroughSkeleton(
     const FramePairIndex& index, const ViewGraph& view_graph,
     const Mask& is_in_skeleton,
     const std::function<double(size_t)>& length_of_pair) {

@@ -46,7 +46,7 @@ class DriftBound {
   double Of(const FramePairIndex::FramePair& frames) const;
 
  private:
-  ForestWays paths_;
+  TreePathLengths paths_;
   Model model_;
 };
 

@@ -12,8 +12,9 @@
 
 namespace mgsfm {
 
-// Tracks of the matches of the pairs in use that the model does not contradict.
-// Valid as long as scene, view graph, options and context.
+// Makes the source of candidate tracks for bundle adjustment: tracks of the
+// matches of used pairs that agree with a model. The source refers to `scene`,
+// `view_graph`, `options` and `context`, which must outlive it.
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
                                     Mask pair_is_used,

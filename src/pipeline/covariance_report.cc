@@ -56,9 +56,10 @@ std::string Line(const CovarianceResult& covariances, bool is_sensor, int idx,
 std::string CovariancesToCsv(const Scene& scene,
                              const CovarianceResult& covariances) {
   std::string csv =
-      "kind,name,sigma_turn_x_deg,sigma_turn_y_deg,sigma_turn_z_deg,"
-      "sigma_shift_x,sigma_shift_y,sigma_shift_z,"
-      "num_unobservable_turns,num_unobservable_shifts";
+      "kind,name,sigma_rotation_x_deg,sigma_rotation_y_deg,sigma_rotation_z_"
+      "deg,"
+      "sigma_translation_x,sigma_translation_y,sigma_translation_z,"
+      "num_unobservable_rotations,num_unobservable_translations";
   for (int i = 0; i < 6; ++i) {
     for (int j = i; j < 6; ++j) {
       csv += ",c" + std::to_string(i) + std::to_string(j);
@@ -84,11 +85,10 @@ std::string DescribeUnobservable(const Scene& scene,
       const int count = CountUnobservable(covariances, true,
                                           static_cast<int>(i), is_rotation);
       if (count == 0) continue;
-      text +=
-          (text.empty() ? "" : "; ") + std::string("camera '") +
-          scene.sensors[i].name + "': " + std::to_string(count) + " of 3 " +
-          (is_rotation ? "axes of its rotation" : "directions of its place") +
-          " in the rig";
+      text += (text.empty() ? "" : "; ") + std::string("camera '") +
+              scene.sensors[i].name + "': " + std::to_string(count) + " of 3 " +
+              "directions of its " +
+              (is_rotation ? "rotation" : "translation") + " in the rig";
     }
   }
   return text.empty() ? text : "not observable: " + text;

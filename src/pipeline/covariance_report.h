@@ -8,15 +8,16 @@
 
 namespace mgsfm {
 
-// One line for each sensor and frame with a covariance, after a line with the
-// names of the columns: kind (sensor, frame), name, the standard deviations of
-// turns (deg) and shifts about and along the axes of mgsfm/bundle/covariance.h,
-// how many directions of turns and shifts are not observable, and the upper
-// triangle of the covariance, row by row (rad, unit of length).
+// A line of column names, then one line per sensor and frame with a covariance:
+// kind (sensor or frame), name, the standard deviations of the rotation (deg)
+// and the translation in the coordinates of mgsfm/bundle/covariance.h, the
+// number of unobservable directions of both, and the upper triangle of the
+// covariance, row by row (rad, unit of length).
 std::string CovariancesToCsv(const Scene& scene,
                              const CovarianceResult& covariances);
 
-// What is not observable of sensors, in a sentence; "" if all is.
+// One sentence that names the unobservable directions of sensors, or "" if
+// there are none.
 std::string DescribeUnobservable(const Scene& scene,
                                  const CovarianceResult& covariances);
 

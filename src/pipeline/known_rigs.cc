@@ -19,20 +19,21 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// The thresholds separate gross mistakes, such as an inverted pose, from an
+// inaccurate calibration, which the mapper accepts.
 constexpr size_t kMinNumFrames = 5;
 constexpr double kMaxRotationDeg = 10.0;
 constexpr double kMinMeanDirection = 0.9;
 constexpr double kMaxDirectionDeg = 45.0;
-constexpr size_t kMinNumTurns = 10;
-constexpr double kMinTurnDeg = 5.0;
-// The sine of half of the angle between the axes.
-constexpr double kMaxAxisError = 0.25;
+constexpr size_t kMinNumMotions = 10;
+constexpr double kMinRotationDeg = 5.0;
+constexpr double kMaxAxisError = 0.25;  // sine of half of the angle
 
 constexpr const char* kRemedy =
-    "; correct it (poses are cam_from_rig, not rig_from_cam), or leave out the "
-    "pose of one to have it estimated";
+    "; correct it (poses are cam_from_rig, not rig_from_cam), or remove the "
+    "pose of one camera to estimate it";
 
-// Two sensors of one rig, by position.
+// Indices of two sensors of one rig.
 using SensorPair = std::pair<int, int>;
 
 struct FrameSamples {
@@ -40,8 +41,8 @@ struct FrameSamples {
   std::vector<Vector3d> directions;  // of cam2_from_cam1
 };
 
-// How one sensor turned from one frame to another.
-struct Turn {
+// The rotation of one sensor from one frame to another.
+struct SensorMotion {
   int frame1 = 0;  // < frame2
   int frame2 = 0;
   int sensor = 0;
@@ -50,143 +51,147 @@ struct Turn {
   std::pair<int, int> Frames() const { return {frame1, frame2}; }
 };
 
-// Also where half of the pairs are wrong, a right rig has a small one.
+// Small for a correct rig, even if half of the pairs are wrong.
 double LowerQuartile(std::vector<double> values) {
   const auto nth = values.begin() + values.size() / 4;
   std::nth_element(values.begin(), nth, values.end());
   return *nth;
 }
 
-class RigComparison {
- public:
-  RigComparison(const Scene& scene, const ViewGraph& view_graph)
-      : scene_(scene) {
-    for (const ImagePair& pair : view_graph.pairs) {
-      if (pair.relative_pose) AddPair(pair);
-    }
-    AddTurns();
-  }
-
-  void Check() const {
-    for (const auto& [sensors, samples] : frame_samples_) {
-      if (samples.rotation_errors_deg.size() < kMinNumFrames) continue;
-      const double error_deg = LowerQuartile(samples.rotation_errors_deg);
-      if (error_deg > kMaxRotationDeg) {
-        Throw(sensors, "rotation", error_deg,
-              samples.rotation_errors_deg.size());
-      }
-      CheckDirections(sensors, samples.directions);
-    }
-    for (const auto& [sensors, errors] : turn_errors_) {
-      if (errors.size() < kMinNumTurns) continue;
-      const double error = LowerQuartile(errors);
-      if (error > kMaxAxisError) {
-        Throw(sensors, "rotation",
-              RadToDeg(2.0 * std::asin(std::min(1.0, error))), errors.size());
-      }
-    }
-  }
-
- private:
-  void AddPair(const ImagePair& pair);
-  void AddTurns();
-  void CheckDirections(const SensorPair& sensors,
-                       const std::vector<Vector3d>& directions) const;
-  [[noreturn]] void Throw(const SensorPair& sensors, const char* what,
-                          double error_deg, size_t num_samples) const;
-
-  // Of two different sensors of one rig whose poses are both given.
-  bool AreGiven(int sensor1, int sensor2) const {
-    const Sensor& a = scene_.sensors[sensor1];
-    const Sensor& b = scene_.sensors[sensor2];
-    return sensor1 != sensor2 && a.rig_idx == b.rig_idx && a.sensor_from_rig &&
-           b.sensor_from_rig;
-  }
-  Rigid3 Given(const SensorPair& sensors) const {
-    return *scene_.sensors[sensors.second].sensor_from_rig *
-           scene_.sensors[sensors.first].sensor_from_rig->Inverse();
-  }
-
-  const Scene& scene_;
-  std::map<SensorPair, FrameSamples> frame_samples_;
-  std::vector<Turn> turns_;
-  std::map<SensorPair, std::vector<double>> turn_errors_;  // of axes
+// Deviations of the measurements from the known poses, per pair of sensors.
+struct RigDeviations {
+  std::map<SensorPair, FrameSamples> frame_samples;       // within frames
+  std::map<SensorPair, std::vector<double>> axis_errors;  // between frames
 };
 
-void RigComparison::AddPair(const ImagePair& pair) {
-  const Image& image1 = scene_.images[pair.image_idx1];
-  const Image& image2 = scene_.images[pair.image_idx2];
-  const RelativePose& pose = *pair.relative_pose;
-  if (image1.frame_idx != image2.frame_idx) {
-    if (image1.sensor_idx != image2.sensor_idx) return;
-    const bool is_forward = image1.frame_idx < image2.frame_idx;
-    turns_.push_back(
-        {std::min(image1.frame_idx, image2.frame_idx),
-         std::max(image1.frame_idx, image2.frame_idx), image1.sensor_idx,
-         is_forward ? pose.cam2_from_cam1 : pose.cam2_from_cam1.conjugate()});
-    return;
-  }
-  if (!AreGiven(image1.sensor_idx, image2.sensor_idx)) return;
-  const SensorPair sensors(image1.sensor_idx, image2.sensor_idx);
-  FrameSamples& samples = frame_samples_[sensors];
-  samples.rotation_errors_deg.push_back(
-      RadToDeg(AngleBetween(Given(sensors).rotation, pose.cam2_from_cam1)));
+// Whether two different sensors of one rig both have known poses.
+bool AreKnown(const Scene& scene, int sensor1, int sensor2) {
+  const Sensor& a = scene.sensors[sensor1];
+  const Sensor& b = scene.sensors[sensor2];
+  return sensor1 != sensor2 && a.rig_idx == b.rig_idx && a.sensor_from_rig &&
+         b.sensor_from_rig;
+}
+
+Rigid3 KnownRelativePose(const Scene& scene, const SensorPair& sensors) {
+  return *scene.sensors[sensors.second].sensor_from_rig *
+         scene.sensors[sensors.first].sensor_from_rig->Inverse();
+}
+
+void AddSampleWithinFrame(const Scene& scene, const SensorPair& sensors,
+                          const RelativePose& pose, RigDeviations* deviations) {
+  FrameSamples& samples = deviations->frame_samples[sensors];
+  samples.rotation_errors_deg.push_back(RadToDeg(AngleBetween(
+      KnownRelativePose(scene, sensors).rotation, pose.cam2_from_cam1)));
   if (pose.translation_direction) {
     samples.directions.push_back(*pose.translation_direction);
   }
 }
 
-void RigComparison::AddTurns() {
-  std::sort(turns_.begin(), turns_.end(), [](const Turn& a, const Turn& b) {
-    return std::tie(a.frame1, a.frame2, a.sensor) <
-           std::tie(b.frame1, b.frame2, b.sensor);
-  });
-  for (auto a = turns_.begin(); a != turns_.end(); ++a) {
-    const double turn = AngleBetween(a->rotation, Quaterniond::Identity());
-    if (turn < DegToRad(kMinTurnDeg)) continue;
-    for (auto b = a + 1; b != turns_.end() && b->Frames() == a->Frames(); ++b) {
-      if (!AreGiven(a->sensor, b->sensor)) continue;
+SensorMotion MotionOf(const Image& image1, const Image& image2,
+                      const RelativePose& pose) {
+  const bool is_forward = image1.frame_idx < image2.frame_idx;
+  return {std::min(image1.frame_idx, image2.frame_idx),
+          std::max(image1.frame_idx, image2.frame_idx), image1.sensor_idx,
+          is_forward ? pose.cam2_from_cam1 : pose.cam2_from_cam1.conjugate()};
+}
+
+// Compares the motions of every two known sensors between the same frames. The
+// angle between two rotations, relative to twice their angle, is the sine of
+// half of the angle between their axes.
+void CompareMotions(const Scene& scene, std::vector<SensorMotion> motions,
+                    RigDeviations* deviations) {
+  std::sort(motions.begin(), motions.end(),
+            [](const SensorMotion& a, const SensorMotion& b) {
+              return std::tie(a.frame1, a.frame2, a.sensor) <
+                     std::tie(b.frame1, b.frame2, b.sensor);
+            });
+  for (auto a = motions.begin(); a != motions.end(); ++a) {
+    const double angle = AngleBetween(a->rotation, Quaterniond::Identity());
+    if (angle < DegToRad(kMinRotationDeg)) continue;
+    for (auto b = a + 1; b != motions.end() && b->Frames() == a->Frames();
+         ++b) {
+      if (!AreKnown(scene, a->sensor, b->sensor)) continue;
       const SensorPair sensors(a->sensor, b->sensor);
-      const Quaterniond b_from_a = Given(sensors).rotation;
-      turn_errors_[sensors].push_back(
+      const Quaterniond b_from_a = KnownRelativePose(scene, sensors).rotation;
+      deviations->axis_errors[sensors].push_back(
           AngleBetween(b_from_a * a->rotation * b_from_a.conjugate(),
                        b->rotation) /
-          (2.0 * turn));
+          (2.0 * angle));
     }
   }
 }
 
-void RigComparison::CheckDirections(
-    const SensorPair& sensors, const std::vector<Vector3d>& directions) const {
-  const Vector3d given = Given(sensors).translation;
-  if (directions.size() < kMinNumFrames || given.isZero(0.0)) return;
-  Vector3d mean = Vector3d::Zero();
-  for (const Vector3d& direction : directions) mean += direction;
-  mean /= static_cast<double>(directions.size());
-  if (mean.norm() < kMinMeanDirection) return;
-  const double error_deg = RadToDeg(AngleBetween(given, mean));
-  if (error_deg > kMaxDirectionDeg) {
-    Throw(sensors, "direction of the translation", error_deg,
-          directions.size());
+RigDeviations MeasureDeviations(const Scene& scene,
+                                const ViewGraph& view_graph) {
+  RigDeviations deviations;
+  std::vector<SensorMotion> motions;
+  for (const ImagePair& pair : view_graph.pairs) {
+    if (!pair.relative_pose) continue;
+    const Image& image1 = scene.images[pair.image_idx1];
+    const Image& image2 = scene.images[pair.image_idx2];
+    if (image1.frame_idx != image2.frame_idx) {
+      if (image1.sensor_idx != image2.sensor_idx) continue;
+      motions.push_back(MotionOf(image1, image2, *pair.relative_pose));
+    } else if (AreKnown(scene, image1.sensor_idx, image2.sensor_idx)) {
+      AddSampleWithinFrame(scene, {image1.sensor_idx, image2.sensor_idx},
+                           *pair.relative_pose, &deviations);
+    }
   }
+  CompareMotions(scene, std::move(motions), &deviations);
+  return deviations;
 }
 
-void RigComparison::Throw(const SensorPair& sensors, const char* what,
-                          double error_deg, size_t num_samples) const {
+[[noreturn]] void ThrowContradiction(const Scene& scene,
+                                     const SensorPair& sensors,
+                                     const char* quantity, double error_deg,
+                                     size_t num_samples) {
   char number[32];
   std::snprintf(number, sizeof(number), "%.1f", error_deg);
-  throw Error("the given " + std::string(what) + " between the cameras '" +
-              scene_.sensors[sensors.first].name + "' and '" +
-              scene_.sensors[sensors.second].name +
+  throw Error("the known " + std::string(quantity) + " between the cameras '" +
+              scene.sensors[sensors.first].name + "' and '" +
+              scene.sensors[sensors.second].name +
               "' of a rig contradicts the matches of " +
               std::to_string(num_samples) + " frames by " + number + " deg" +
               kRemedy);
 }
 
+void CheckDirections(const Scene& scene, const SensorPair& sensors,
+                     const std::vector<Vector3d>& directions) {
+  const Vector3d known = KnownRelativePose(scene, sensors).translation;
+  if (directions.size() < kMinNumFrames || known.isZero(0.0)) return;
+  Vector3d mean = Vector3d::Zero();
+  for (const Vector3d& direction : directions) mean += direction;
+  mean /= static_cast<double>(directions.size());
+  if (mean.norm() < kMinMeanDirection) return;
+  const double error_deg = RadToDeg(AngleBetween(known, mean));
+  if (error_deg > kMaxDirectionDeg) {
+    ThrowContradiction(scene, sensors, "direction of the translation",
+                       error_deg, directions.size());
+  }
+}
+
 }  // namespace
 
 void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph) {
-  RigComparison(scene, view_graph).Check();
+  const RigDeviations deviations = MeasureDeviations(scene, view_graph);
+  for (const auto& [sensors, samples] : deviations.frame_samples) {
+    const size_t num_frames = samples.rotation_errors_deg.size();
+    if (num_frames < kMinNumFrames) continue;
+    const double error_deg = LowerQuartile(samples.rotation_errors_deg);
+    if (error_deg > kMaxRotationDeg) {
+      ThrowContradiction(scene, sensors, "rotation", error_deg, num_frames);
+    }
+    CheckDirections(scene, sensors, samples.directions);
+  }
+  for (const auto& [sensors, errors] : deviations.axis_errors) {
+    if (errors.size() < kMinNumMotions) continue;
+    const double error = LowerQuartile(errors);
+    if (error > kMaxAxisError) {
+      ThrowContradiction(scene, sensors, "rotation",
+                         RadToDeg(2.0 * std::asin(std::min(1.0, error))),
+                         errors.size());
+    }
+  }
 }
 
 }  // namespace mgsfm

@@ -6,17 +6,20 @@
 
 namespace mgsfm {
 
-// Compares given poses of sensors with the relative poses of image pairs, and
-// throws Error, naming both sensors, if these contradict each other:
-// - the relative rotation of two sensors within a frame, by more than 10
+// Compares the known poses of sensors in their rigs with the relative poses of
+// image pairs. Throws Error, naming both sensors, if they contradict each
+// other:
+// - the relative rotation of two sensors within a frame differs by more than 10
 //   degrees in three quarters of at least 5 frames;
-// - its direction of translation likewise, by more than 45 degrees from the
-//   mean of the measured directions, if these agree among each other (their
-//   mean is longer than 0.9);
-// - the turns of two sensors from one frame to another, of at least 5 degrees,
-//   by more than half of the turn in three quarters of at least 10 frame pairs.
-// A rig that the images cannot tell of passes. Linear in the number of pairs,
-// but for sorting.
+// - so does the direction of their relative translation, by more than 45
+// degrees
+//   from the mean measured direction, provided that the measurements agree (the
+//   mean of the unit vectors is longer than 0.9);
+// - the rotations of two sensors between the same two frames, of at least 5
+//   degrees, differ by more than half of the rotation in three quarters of at
+//   least 10 pairs of frames.
+// A rig that the images do not constrain passes. Cost: linear in the number of
+// pairs, except for sorting.
 void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph);
 
 }  // namespace mgsfm

@@ -154,13 +154,13 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
   return unregistered;
 }
 
-// All after the focal lengths.
+// The stages after the calibration of focal lengths, which replaces the cameras
+// of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const PositionStep& estimate_positions,
                            const Scene& scene, const ViewGraph& view_graph,
-                           const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors,
-                           const GravityPriors& gravity,
-                           const Reconstruction* start) {
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
   MapperResult result;
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
@@ -171,16 +171,18 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   });
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
-  if (start != nullptr) {
-    ExtendModel(scene, bearings, verified.estimate, *start, options, context,
-                priors, gravity, &result);
+  if (input.existing_model) {
+    ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
+                options, context, input.position_priors, input.gravity_priors,
+                &result);
     return result;
   }
 
   RotationResult rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return AverageRotations(scene, verified.estimate,
-                                options.rotation_averaging, context, gravity);
+                                options.rotation_averaging, context,
+                                input.gravity_priors);
       });
   result.rotation = std::move(rotation.summary);
 
@@ -189,11 +191,11 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     if (num_frames[part] < options.min_num_frames) continue;
     context.Info("part " + std::to_string(part) + ": " +
                  std::to_string(num_frames[part]) + " frames");
-    MapperModel model =
-        ReconstructPart(estimate_positions, scene, bearings, verified.estimate,
-                        SelectPart(scene, verified.estimate, rotation.estimate,
-                                   static_cast<int>(part)),
-                        priors, gravity, options, context);
+    MapperModel model = ReconstructPart(
+        estimate_positions, scene, bearings, verified.estimate,
+        SelectPart(scene, verified.estimate, rotation.estimate,
+                   static_cast<int>(part)),
+        input.position_priors, input.gravity_priors, options, context);
     model.num_frames_in_component = num_frames[part];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {
@@ -224,7 +226,7 @@ void LogFocalLengths(const Scene& scene,
     if (estimate.estimated_px) {
       std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
                     *estimate.estimated_px, estimate.prior_px,
-                    *estimate.estimated_px * estimate.sigma);
+                    *estimate.estimated_px * *estimate.sigma);
       context.Info(camera + numbers);
     } else {
       std::snprintf(numbers, sizeof(numbers),
@@ -243,8 +245,8 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
         continue;
       }
-      check.relative_sigma =
-          std::max(check.relative_sigma.value_or(0.0), estimate.sigma);
+      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
+                                      estimate.sigma.value_or(0.0));
       if (!check.message.empty()) continue;
       check.message =
           "a refined focal length is not to be trusted: " + estimate.message;
@@ -255,39 +257,33 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
 
 }  // namespace
 
-MapperResult RunMapper(const Scene& scene, const ViewGraph& view_graph,
-                       const MapperOptions& options, const Context& context,
-                       const PositionPriors& priors,
-                       const GravityPriors& gravity,
-                       const Reconstruction* start) {
-  return RunMapperWith(EstimatePositions, scene, view_graph, options, context,
-                       priors, gravity, start);
+MapperResult RunMapper(const MapperInput& input, const MapperOptions& options,
+                       const Context& context) {
+  return RunMapperWith(EstimatePositions, input, options, context);
 }
 
 MapperResult RunMapperWith(const PositionStep& estimate_positions,
-                           const Scene& scene, const ViewGraph& view_graph,
-                           const MapperOptions& options, const Context& context,
-                           const PositionPriors& priors,
-                           const GravityPriors& gravity,
-                           const Reconstruction* start) {
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
+  const Scene& scene = input.scene;
   if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(estimate_positions, scene, view_graph, options,
-                         context, priors, gravity, start);
+    return MapCalibrated(estimate_positions, scene, input.view_graph, input,
+                         options, context);
   }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
       Timed("focal lengths", context, &times, [&] {
-        return CalibrateFocalLengths(scene, view_graph, options.focal_lengths,
-                                     context);
+        return CalibrateFocalLengths(scene, input.view_graph,
+                                     options.focal_lengths, context);
       });
   LogFocalLengths(scene, focal_lengths.estimates, context);
   const ViewGraph uncalibrated =
-      DropCalibratedGeometry(scene, focal_lengths, view_graph);
+      DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
   Scene calibrated = scene;
   calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result =
-      MapCalibrated(estimate_positions, calibrated, uncalibrated, options,
-                    context, priors, gravity, start);
+  MapperResult result = MapCalibrated(estimate_positions, calibrated,
+                                      uncalibrated, input, options, context);
   for (MapperModel& model : result.models) {
     DoubtFocalLengths(focal_lengths.estimates, context, &model);
   }

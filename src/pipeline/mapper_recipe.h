@@ -16,10 +16,9 @@ using PositionStep = std::function<PositionResult(
     const Context& context)>;
 
 // RunMapper() with another step, for methods to compare with.
-[[nodiscard]] MapperResult RunMapperWith(
-    const PositionStep& estimate_positions, const Scene& scene,
-    const ViewGraph& view_graph, const MapperOptions& options,
-    const Context& context, const PositionPriors& priors,
-    const GravityPriors& gravity, const Reconstruction* start);
+[[nodiscard]] MapperResult RunMapperWith(const PositionStep& estimate_positions,
+                                         const MapperInput& input,
+                                         const MapperOptions& options,
+                                         const Context& context);
 
 }  // namespace mgsfm

@@ -16,85 +16,31 @@
 namespace mgsfm {
 namespace {
 
-class FrameAdder {
- public:
-  FrameAdder(const Scene& scene, const Bearings& bearings,
-             const ViewGraph& view_graph, const Reconstruction& start,
-             const CandidateSource& candidates, const MapperOptions& options,
-             const Context& context)
-      : scene_(scene),
-        bearings_(bearings),
-        view_graph_(view_graph),
-        start_(start),
-        candidates_(candidates),
-        options_(options),
-        context_(context),
-        model_(start) {}
-
-  // Passes until one adds nothing.
-  Reconstruction Run() {
-    while (AddPass()) RefineLastPass();
-    return model_;
-  }
-
-  const ExtensionSummary& summary() const { return summary_; }
-  // The frames that could not be added.
-  const std::vector<ResectedFrame>& left() const { return left_; }
-
- private:
-  bool AddPass();
-  void RefineLastPass();
-  // Positions of the points that frames of the last pass see.
-  std::vector<size_t> PointsOfLastPass() const;
-
-  const Scene& scene_;
-  const Bearings& bearings_;
-  const ViewGraph& view_graph_;
-  const Reconstruction& start_;
-  const CandidateSource& candidates_;
-  const MapperOptions& options_;
-  const Context& context_;
-  Reconstruction model_;
-  Mask is_of_last_pass_;  // per frame
-  std::vector<ResectedFrame> left_;
-  ExtensionSummary summary_;
+// The fixed input of all passes.
+struct PassInput {
+  const Scene& scene;
+  const Bearings& bearings;
+  const ViewGraph& view_graph;
+  const Reconstruction& start;
+  const CandidateSource& candidates;
+  const MapperOptions& options;
+  const Context& context;
 };
 
-// Whether anything was added.
-bool FrameAdder::AddPass() {
-  ResectionResult result = ResectFrames(scene_, bearings_, view_graph_, model_,
-                                        options_.extension.resection, context_);
-  const int pass = summary_.num_passes + 1;
-  int num_added = 0;
-  left_.clear();
-  is_of_last_pass_.assign(scene_.frames.size(), false);
-  for (const ResectedFrame& frame : result.frames) {
-    if (!frame.is_added) {
-      left_.push_back(frame);
-      continue;
-    }
-    ++num_added;
-    is_of_last_pass_[frame.frame_idx] = true;
-    summary_.added_frames.push_back({pass, frame});
-  }
-  if (num_added == 0 && result.sensors.empty()) return false;
-  summary_.num_passes = pass;
-  summary_.placed_sensors.insert(summary_.placed_sensors.end(),
-                                 result.sensors.begin(), result.sensors.end());
-  context_.Info("pass " + std::to_string(pass) + ": " +
-                std::to_string(num_added) + " frames added, " +
-                std::to_string(left_.size()) + " left");
-  model_ = TriangulateCandidates(scene_, candidates_, result.estimate,
-                                 options_.bundle_adjustment, context_);
-  return true;
-}
+struct ExtendedModel {
+  Reconstruction model;
+  ExtensionSummary summary;
+  std::vector<ResectedFrame> rejected;  // frames that could not be added
+};
 
-std::vector<size_t> FrameAdder::PointsOfLastPass() const {
+// Indices of the points that frames of the mask observe.
+std::vector<size_t> PointsSeenBy(const Mask& frame_is_new, const Scene& scene,
+                                 const Reconstruction& model) {
   std::vector<size_t> point_idxs;
-  for (size_t i = 0; i < model_.points.size(); ++i) {
-    const std::vector<Observation>& track = model_.points[i].track;
-    if (std::any_of(track.begin(), track.end(), [this](const Observation& o) {
-          return is_of_last_pass_[scene_.images[o.image_idx].frame_idx];
+  for (size_t i = 0; i < model.points.size(); ++i) {
+    const std::vector<Observation>& track = model.points[i].track;
+    if (std::any_of(track.begin(), track.end(), [&](const Observation& o) {
+          return frame_is_new[scene.images[o.image_idx].frame_idx];
         })) {
       point_idxs.push_back(i);
     }
@@ -102,87 +48,128 @@ std::vector<size_t> FrameAdder::PointsOfLastPass() const {
   return point_idxs;
 }
 
-// With all other frames, all sensors of the given model and intrinsics held.
-void FrameAdder::RefineLastPass() {
-  FixedPoses held;
-  for (const char is_of_last_pass : is_of_last_pass_) {
-    held.frames.push_back(!is_of_last_pass);
+// Refines the new frames and their points. All other frames, the sensors of the
+// existing model and all intrinsics are fixed.
+void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
+                     Reconstruction* model) {
+  FixedPoses fixed;
+  for (const bool is_new : frame_is_new) fixed.frames.push_back(!is_new);
+  for (const auto& pose : input.start.sensor_from_rig) {
+    fixed.sensors.push_back(pose.has_value());
   }
-  for (const auto& pose : start_.sensor_from_rig) {
-    held.sensors.push_back(pose.has_value());
-  }
-  BundleAdjustmentOptions options = options_.bundle_adjustment;
+  BundleAdjustmentOptions options = input.options.bundle_adjustment;
   options.refine_focal_length = RefineMode::kNo;
   options.refine_principal_point = false;
   options.refine_extra_params = RefineMode::kNo;
 
-  const std::vector<size_t> point_idxs = PointsOfLastPass();
-  Reconstruction part{
-      model_.cameras, model_.sensor_from_rig, model_.rig_from_world, {}};
-  for (const size_t i : point_idxs) part.points.push_back(model_.points[i]);
-  if (part.points.empty()) return;
+  const std::vector<size_t> point_idxs =
+      PointsSeenBy(frame_is_new, input.scene, *model);
+  if (point_idxs.empty()) return;
+  Reconstruction seen{
+      model->cameras, model->sensor_from_rig, model->rig_from_world, {}};
+  for (const size_t i : point_idxs) seen.points.push_back(model->points[i]);
   const BundleResult result =
-      AdjustBundle(scene_, part, options, context_, {}, held);
-  model_.sensor_from_rig = result.estimate.sensor_from_rig;
-  model_.rig_from_world = result.estimate.rig_from_world;
+      AdjustBundle(input.scene, seen, options, input.context, {}, fixed);
+  model->sensor_from_rig = result.estimate.sensor_from_rig;
+  model->rig_from_world = result.estimate.rig_from_world;
   for (size_t k = 0; k < point_idxs.size(); ++k) {
-    model_.points[point_idxs[k]] = result.estimate.points[k];
+    model->points[point_idxs[k]] = result.estimate.points[k];
   }
 }
 
-FixedPoses HoldAllOf(const Reconstruction& model) {
-  FixedPoses held;
+// Resects the frames without a pose. Returns the mask of the frames that were
+// added, or nullopt if neither a frame nor a sensor was.
+std::optional<Mask> AddPass(const PassInput& input, ExtendedModel* extended) {
+  const ResectionResult result = ResectFrames(
+      input.scene, input.bearings, input.view_graph, extended->model,
+      input.options.extension.resection, input.context);
+  ExtensionSummary& summary = extended->summary;
+  const int pass = summary.num_passes + 1;
+  Mask frame_is_new(input.scene.frames.size());
+  extended->rejected.clear();
+  for (const ResectedFrame& frame : result.frames) {
+    if (!frame.is_added) {
+      extended->rejected.push_back(frame);
+      continue;
+    }
+    frame_is_new[frame.frame_idx] = true;
+    summary.added_frames.push_back({pass, frame});
+  }
+  const size_t num_added = frame_is_new.Count();
+  if (num_added == 0 && result.sensors.empty()) return std::nullopt;
+  summary.num_passes = pass;
+  summary.placed_sensors.insert(summary.placed_sensors.end(),
+                                result.sensors.begin(), result.sensors.end());
+  input.context.Info("pass " + std::to_string(pass) + ": " +
+                     std::to_string(num_added) + " frames added, " +
+                     std::to_string(extended->rejected.size()) + " left");
+  extended->model =
+      TriangulateCandidates(input.scene, input.candidates, result.estimate,
+                            input.options.bundle_adjustment, input.context);
+  return frame_is_new;
+}
+
+ExtendedModel AddFrames(const PassInput& input) {
+  ExtendedModel extended{input.start, {}, {}};
+  while (const std::optional<Mask> frame_is_new = AddPass(input, &extended)) {
+    RefineNewFrames(input, *frame_is_new, &extended.model);
+  }
+  return extended;
+}
+
+FixedPoses FixAllOf(const Reconstruction& model) {
+  FixedPoses fixed;
   for (const auto& pose : model.rig_from_world) {
-    held.frames.push_back(pose.has_value());
+    fixed.frames.push_back(pose.has_value());
   }
   for (const auto& pose : model.sensor_from_rig) {
-    held.sensors.push_back(pose.has_value());
+    fixed.sensors.push_back(pose.has_value());
   }
-  return held;
+  return fixed;
 }
 
-bool HasGivenLength(const Sensor& sensor) {
+bool HasKnownLength(const Sensor& sensor) {
   return sensor.sensor_from_rig &&
          !sensor.sensor_from_rig->translation.isZero(0.0);
 }
 
-// Whether given poses of sensors determine the unit of length of the model.
+// Whether known poses of sensors determine the unit of length of the model.
 bool IsMetric(const Scene& scene, const Reconstruction& start) {
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
-    if (start.sensor_from_rig[i] && HasGivenLength(scene.sensors[i])) {
+    if (start.sensor_from_rig[i] && HasKnownLength(scene.sensors[i])) {
       return true;
     }
   }
   return false;
 }
 
-// A given rig that is not in the model may have another unit of length. Then
-// its frames would hardly fit, and bend the model. So its sensors are placed as
-// if nothing was given, and given lengths become those that they have there.
-// nullopt if there is no such rig.
-std::optional<Scene> AdaptGivenLengths(const Scene& scene,
+// A known rig that is new to the model may have another unit of length, and its
+// frames would then deform the model. Its sensors are therefore calibrated as
+// if they were unknown, and the known lengths are scaled to the unit of the
+// model. nullopt if no length differs.
+std::optional<Scene> AdaptKnownLengths(const Scene& scene,
                                        const Bearings& bearings,
                                        const ViewGraph& view_graph,
                                        const Reconstruction& start,
                                        const ResectionOptions& options,
                                        const Context& context) {
-  constexpr double kMaxFactor = 1.1;  // of errors of the lengths
-  Scene without = scene;
+  constexpr double kMaxFactor = 1.1;  // errors of lengths stay below 10 %
+  Scene uncalibrated = scene;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     const int ref_idx = scene.rigs[scene.sensors[i].rig_idx].ref_sensor_idx;
     if (start.sensor_from_rig[ref_idx]) continue;
-    if (!HasGivenLength(scene.sensors[i])) continue;
-    without.sensors[i].sensor_from_rig.reset();
+    if (!HasKnownLength(scene.sensors[i])) continue;
+    uncalibrated.sensors[i].sensor_from_rig.reset();
   }
   std::vector<std::vector<double>> factors(scene.rigs.size());
   const ResectionResult placed =
-      ResectFrames(without, bearings, view_graph, start, options, context);
+      ResectFrames(uncalibrated, bearings, view_graph, start, options, context);
   for (const PlacedSensor& sensor : placed.sensors) {
-    const Sensor& given = scene.sensors[sensor.sensor_idx];
-    if (!HasGivenLength(given)) continue;
-    factors[given.rig_idx].push_back(
+    const Sensor& known = scene.sensors[sensor.sensor_idx];
+    if (!HasKnownLength(known)) continue;
+    factors[known.rig_idx].push_back(
         placed.estimate.sensor_from_rig[sensor.sensor_idx]->translation.norm() /
-        given.sensor_from_rig->translation.norm());
+        known.sensor_from_rig->translation.norm());
   }
   std::optional<Scene> adapted;
   for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
@@ -195,43 +182,46 @@ std::optional<Scene> AdaptGivenLengths(const Scene& scene,
       auto& pose = adapted->sensors[sensor_idx].sensor_from_rig;
       if (pose) pose->translation *= factor;
     }
-    context.Warning("the given lengths in the rig of camera '" +
-                    scene.sensors[rig.ref_sensor_idx].name + "' are " +
-                    std::to_string(factor) +
-                    " times as long in the model, whose unit is kept");
+    context.Warning(
+        "the known lengths in the rig of camera '" +
+        scene.sensors[rig.ref_sensor_idx].name + "' are " +
+        std::to_string(factor) +
+        " times as long in the model, whose unit of length is kept");
   }
   return adapted;
 }
 
-bool HasNewGivenRig(const Scene& scene, const Reconstruction& start) {
+bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
   return std::any_of(
       scene.sensors.begin(), scene.sensors.end(), [&](const Sensor& sensor) {
         const int ref_idx = scene.rigs[sensor.rig_idx].ref_sensor_idx;
-        return HasGivenLength(sensor) && !start.sensor_from_rig[ref_idx];
+        return HasKnownLength(sensor) && !start.sensor_from_rig[ref_idx];
       });
 }
 
-std::string WhyNotAdded(const ResectedFrame& frame,
-                        const ResectionOptions& options) {
+std::string ReasonForRejection(const ResectedFrame& frame,
+                               const ResectionOptions& options) {
   if (frame.num_images == 0) {
-    return "the poses of its cameras in the rig are not known, as no image of "
-           "them sees enough points of the model";
+    return "the poses of its cameras in the rig are unknown, because none of "
+           "their images sees enough points of the model";
   }
   const std::string num_keypoints = std::to_string(frame.num_keypoints);
   if (frame.num_keypoints < options.abs_pose_min_num_inliers) {
     return "only " + num_keypoints +
-           " of its keypoints are matched to points of the model";
+           " of its keypoints match points of the model";
   }
   return "only " + std::to_string(frame.num_inliers) + " of its " +
-         num_keypoints + " keypoints that see points agree on its pose";
+         num_keypoints + " matched keypoints agree on its pose";
 }
 
-void ListUnregistered(const Scene& scene, const FrameAdder& adder,
+void ListUnregistered(const Scene& scene,
+                      const std::vector<ResectedFrame>& rejected,
                       const MapperOptions& options, const Context& context,
                       const MapperModel& model, MapperResult* result) {
   std::vector<std::string> reasons(scene.frames.size());
-  for (const ResectedFrame& frame : adder.left()) {
-    reasons[frame.frame_idx] = WhyNotAdded(frame, options.extension.resection);
+  for (const ResectedFrame& frame : rejected) {
+    reasons[frame.frame_idx] =
+        ReasonForRejection(frame, options.extension.resection);
   }
   for (const DroppedFrame& frame : model.bundle.dropped_frames) {
     reasons[frame.frame_idx] = frame.reason;
@@ -252,8 +242,24 @@ void WarnOfSensors(const Scene& scene, const Reconstruction& model,
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     if (model.sensor_from_rig[i]) continue;
     context.Warning("the images of camera '" + scene.sensors[i].name +
-                    "' are not in the model, as too few of them see enough of "
-                    "its points to tell where the camera is in its rig");
+                    "' are not in the model: too few of them see enough "
+                    "points to calibrate the camera in its rig");
+  }
+}
+
+// Position priors and a soft rig would move frames that are to be fixed.
+void CheckExtensionOptions(const MapperOptions& options,
+                           const PositionPriors& priors) {
+  if (!options.extension.fix_existing_frames) return;
+  if (!priors.IsEmpty()) {
+    throw Error(
+        "Mapper.fix_existing_frames fixes the existing model, but position "
+        "priors would move it; use one of them");
+  }
+  if (options.soft_rig.method != SoftRig::kNone) {
+    throw Error(
+        "Mapper.fix_existing_frames fixes images, but SoftRig.method would "
+        "move them; use one of them");
   }
 }
 
@@ -272,13 +278,13 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
     rotation.is_observable =
         model->reconstruction.sensor_from_rig[i].has_value();
     if (scene.IsReference(static_cast<int>(i))) {
-      rotation.message = "the reference";
+      rotation.message = "reference sensor";
     } else if (num_frames[i] > 0) {
-      rotation.message = "from resections of single images";
+      rotation.message = "estimated by resection of single images";
     } else if (start.sensor_from_rig[i]) {
-      rotation.message = "from the given model";
+      rotation.message = "taken from the existing model";
     } else if (rotation.is_observable) {
-      rotation.message = "given";
+      rotation.message = "known";
     } else {
       rotation.message = "no image sees enough points of the model";
     }
@@ -290,50 +296,41 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
   }
 }
 
-void ExtendModel(const Scene& given_scene, const Bearings& bearings,
+void ExtendModel(const Scene& input_scene, const Bearings& bearings,
                  const ViewGraph& view_graph, const Reconstruction& start,
                  const MapperOptions& options, const Context& context,
                  const PositionPriors& priors, const GravityPriors& gravity,
                  MapperResult* result) {
+  CheckExtensionOptions(options, priors);
   std::optional<Scene> adapted;
-  if (HasNewGivenRig(given_scene, start)) {
-    adapted = AdaptGivenLengths(given_scene, bearings, view_graph, start,
+  if (HasNewKnownRig(input_scene, start)) {
+    adapted = AdaptKnownLengths(input_scene, bearings, view_graph, start,
                                 options.extension.resection, context);
   }
-  const Scene& scene = adapted ? *adapted : given_scene;
+  const Scene& scene = adapted ? *adapted : input_scene;
   const bool are_fixed = options.extension.fix_existing_frames;
-  if (are_fixed && !priors.IsEmpty()) {
-    throw Error(
-        "--Mapper.fix_existing_frames holds the model where it is, and "
-        "measured positions would move it; leave one of them out");
-  }
-  if (are_fixed && options.soft_rig.method != SoftRig::kNone) {
-    throw Error(
-        "--Mapper.fix_existing_frames holds images where they are, and "
-        "--SoftRig.method would move them; leave one of them out");
-  }
   MapperModel model;
   AdjustmentInput input{scene, view_graph, priors, gravity};
   input.pair_is_used.assign(view_graph.pairs.size(), true);
   input.is_metric = IsMetric(scene, start);
   input.start = &start;
-  if (are_fixed) input.held = HoldAllOf(start);
+  if (are_fixed) input.held = FixAllOf(start);
   const CandidateSource candidates = MakeCandidateSource(
       scene, view_graph, input.pair_is_used, options, context);
-  FrameAdder adder(scene, bearings, view_graph, start, candidates, options,
-                   context);
-  Reconstruction initial =
-      Timed("resection", context, &model.times, [&] { return adder.Run(); });
-  model.extension = adder.summary();
+  const PassInput passes{scene,      bearings, view_graph, start,
+                         candidates, options,  context};
+  ExtendedModel extended = Timed("resection", context, &model.times,
+                                 [&] { return AddFrames(passes); });
+  model.extension = std::move(extended.summary);
   model.extension->frames_are_fixed = are_fixed;
   model.extension->num_existing_frames = static_cast<int>(std::count_if(
       start.rig_from_world.begin(), start.rig_from_world.end(),
       [](const std::optional<Rigid3>& pose) { return pose.has_value(); }));
   model.num_frames_in_component = static_cast<int>(scene.frames.size());
-  AdjustModel(input, options, context, std::move(initial), &model);
+  AdjustModel(input, options, context, std::move(extended.model), &model);
   DescribeSensors(scene, start, model.extension->placed_sensors, &model,
                   result);
-  ListUnregistered(scene, adder, options, context, model, result);
+  ListUnregistered(scene, extended.rejected, options, context, model, result);
   WarnOfSensors(scene, model.reconstruction, context);
   if (!model.reconstruction.points.empty()) {
     result->models.push_back(std::move(model));

@@ -12,19 +12,19 @@
 
 namespace mgsfm {
 
-// What mgsfm/pipeline/extension.h says; `view_graph` has relative poses and
-// inlier matches. Adds the model, the reasons of frames that could not be
-// added, and the sensors' part of the summary of rotations to the result.
-// Throws Error if frames are to be fixed and measured positions, or poses of
-// single images, to be estimated, which would move them.
+// Extends `start` as mgsfm/pipeline/model_extension.h describes. `view_graph`
+// has relative poses and inlier matches. Adds to the result the model, the
+// reason for every frame that could not be added, and the sensors' part of the
+// summary of rotations. Throws Error if frames are to be fixed although
+// position priors or a soft rig would move them.
 void ExtendModel(const Scene& scene, const Bearings& bearings,
                  const ViewGraph& view_graph, const Reconstruction& start,
                  const MapperOptions& options, const Context& context,
                  const PositionPriors& priors, const GravityPriors& gravity,
                  MapperResult* result);
 
-// Says of each sensor where its pose comes from, in the summaries that the
-// report is made of.
+// States for each sensor where its pose comes from, in the summaries that enter
+// the report.
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,
                      MapperModel* model, MapperResult* result);

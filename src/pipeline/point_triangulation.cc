@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/candidates.h"
@@ -10,17 +11,20 @@
 
 namespace mgsfm {
 
-MapperResult TriangulatePoints(const Scene& scene, const ViewGraph& view_graph,
-                               const Reconstruction& start,
+MapperResult TriangulatePoints(const MapperInput& input,
                                const MapperOptions& options,
                                const Context& context) {
+  MGSFM_CHECK_MSG(input.existing_model.has_value(),
+                  "the poses of an existing model are required");
+  const Scene& scene = input.scene;
+  const Reconstruction& start = *input.existing_model;
   MapperResult result;
   MapperModel model;
   const ViewGraphResult verified =
       Timed("view graph", context, &result.times, [&] {
         return EstimateViewGraph(scene,
                                  ComputeBearings(scene, context.num_threads),
-                                 view_graph, options.view_graph, context);
+                                 input.view_graph, options.view_graph, context);
       });
   result.view_graph = verified.summary;
   const CandidateSource candidates = MakeCandidateSource(

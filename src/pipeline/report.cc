@@ -26,7 +26,7 @@ Json ToJson(const SolveSummary& summary) {
           {"message", summary.message}};
 }
 
-// A value of each stage.
+// One value per stage.
 Json ToJson(const std::vector<StageTime>& times, double StageTime::*value) {
   Json json = Json::object();
   for (const StageTime& time : times) json[time.stage] = time.*value;
@@ -77,7 +77,7 @@ Json ToJson(const Scene& scene,
         {{"camera_id", scene.cameras[estimate.camera_idx].id.value()},
          {"prior_px", estimate.prior_px},
          {"estimated_px", ToJson(estimate.estimated_px)},
-         {"relative_sigma", estimate.sigma},
+         {"relative_sigma", ToJson(estimate.sigma)},
          {"num_pairs", estimate.num_pairs},
          {"message", estimate.message}});
   }
@@ -264,15 +264,15 @@ Json SensorSigmaToJson(const MapperModel& model, int sensor_idx) {
   if (!model.covariances || !model.covariances->is_usable) return nullptr;
   const auto& covariance = model.covariances->sensors[sensor_idx];
   if (!covariance) return nullptr;
-  Json turns = Json::array(), shifts = Json::array();
+  Json rotations_deg = Json::array(), translations = Json::array();
   for (int i = 0; i < 3; ++i) {
-    turns.push_back(RadToDeg(std::sqrt((*covariance)(i, i))));
-    shifts.push_back(std::sqrt((*covariance)(3 + i, 3 + i)));
+    rotations_deg.push_back(RadToDeg(std::sqrt((*covariance)(i, i))));
+    translations.push_back(std::sqrt((*covariance)(3 + i, 3 + i)));
   }
-  return {{"rotations_deg", turns}, {"shifts", shifts}};
+  return {{"rotations_deg", rotations_deg}, {"translations", translations}};
 }
 
-// What covariances are relative to, and what is not observable.
+// The gauge of the covariances, and the directions that are not observable.
 Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
   Json json = {{"is_usable", covariances.is_usable},
                {"sigma_px", covariances.sigma_px},
@@ -302,7 +302,7 @@ Json ToJson(const Scene& scene, const ExtensionSummary& summary) {
   return json;
 }
 
-// The calibrated rigs of one model, with what is known of each sensor.
+// The calibrated rigs of one model, and how each sensor was determined.
 Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
                 const MapperModel& model) {
   Json rigs = Json::array();
@@ -310,7 +310,8 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
     Json sensors = Json::array();
     for (const int sensor_idx : rig.sensor_idxs) {
       const Sensor& sensor = scene.sensors[sensor_idx];
-      const SensorRotationSummary& internal = rotation.sensors[sensor_idx];
+      const SensorRotationSummary& sensor_rotation =
+          rotation.sensors[sensor_idx];
       const SensorTranslationSummary& translation =
           model.translation.sensors[sensor_idx];
       const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
@@ -321,10 +322,11 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
            {"was_known", sensor.sensor_from_rig.has_value()},
            {"sensor_from_rig", pose ? ToJson(*pose) : Json(nullptr)},
            {"rotation",
-            {{"is_observable", internal.is_observable},
-             {"num_samples", internal.num_samples},
-             {"median_deviation_deg", ToJson(internal.median_deviation_deg)},
-             {"message", internal.message}}},
+            {{"is_observable", sensor_rotation.is_observable},
+             {"num_samples", sensor_rotation.num_samples},
+             {"median_deviation_deg",
+              ToJson(sensor_rotation.median_deviation_deg)},
+             {"message", sensor_rotation.message}}},
            {"translation",
             {{"is_observable", translation.is_observable},
              {"message", translation.message}}},
@@ -346,12 +348,14 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   for (size_t i = 0; i < scene.images.size(); ++i) {
     num_images += reconstruction.IsRegistered(scene, static_cast<int>(i));
   }
-  size_t num_observations = 0;
+  size_t num_observations = 0, num_errors = 0;
   double sum_errors_px = 0.0;
   for (const Point3D& point : reconstruction.points) {
     const auto length = static_cast<double>(point.track.size());
     num_observations += point.track.size();
-    sum_errors_px += point.error_px * length;
+    if (!point.error_px) continue;
+    num_errors += point.track.size();
+    sum_errors_px += *point.error_px * length;
   }
   Json json = {
       {"num_frames", num_frames},
@@ -360,9 +364,8 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
       {"num_points", reconstruction.points.size()},
       {"num_observations", num_observations},
       {"mean_reprojection_error_px",
-       num_observations > 0
-           ? Json(sum_errors_px / static_cast<double>(num_observations))
-           : Json(nullptr)},
+       num_errors > 0 ? Json(sum_errors_px / static_cast<double>(num_errors))
+                      : Json(nullptr)},
       {"rigs", RigsToJson(scene, rotation, model)}};
   if (model.extension) {
     json["extension"] = ToJson(scene, *model.extension);

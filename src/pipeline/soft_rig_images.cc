@@ -13,17 +13,17 @@ namespace {
 void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
                const Context& context) {
   char text[256];
-  std::snprintf(
-      text, sizeof(text),
-      "': deviations of images rms %.4g deg and %.4g, at most %.4g deg and "
-      "%.4g%s; errors %.3f px, %.3f px before",
-      RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
-      RadToDeg(sensor.max_rotation_rad), sensor.max_position,
-      sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
-      sensor.mean_error_before_px);
+  std::snprintf(text, sizeof(text),
+                "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
+                "and %.4g%s; "
+                "reprojection errors %.3f px, before %.3f px",
+                RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
+                RadToDeg(sensor.max_rotation_rad), sensor.max_position,
+                sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
+                sensor.mean_error_before_px);
   std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + text;
   if (sensor.time_offset_s) {
-    std::snprintf(text, sizeof(text), "; late by %.6f s +- %.6f s",
+    std::snprintf(text, sizeof(text), "; time offset %.6f s +- %.6f s",
                   *sensor.time_offset_s, *sensor.time_offset_sigma_s);
     line += text;
   }
@@ -49,11 +49,11 @@ bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
     LogSensor(scene, sensor, context);
   }
   if (!summary.is_usable) {
-    context.Warning("images stay where their rig has them: " + summary.message);
+    context.Warning("images keep the poses of their rig: " + summary.message);
   } else if (!summary.has_converged) {
     context.Warning(
-        "how far images are from their rig is still changing; raise "
-        "--SoftRig.max_num_rounds");
+        "the deviations of images from their rig have not converged; increase "
+        "SoftRig.max_num_rounds");
   }
   const bool is_usable = summary.is_usable;
   model->reconstruction = std::move(result.estimate);

@@ -9,8 +9,8 @@
 
 namespace mgsfm {
 
-// Gives the images of an adjusted model poses of their own, and says in the log
-// how rigid the cameras were. Whether it could be done.
+// Estimates individual poses for the images of an adjusted model, and logs how
+// far the cameras deviate from a rigid rig. Returns whether it succeeded.
 bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
                             const CandidateSource& candidates,
                             const MapperOptions& options,

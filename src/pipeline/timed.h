@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// Runs a stage, logs and notes its time.
+// Runs a stage, and logs and records its time.
 template <class Function>
 auto Timed(const char* stage, const Context& context,
            std::vector<StageTime>* times, const Function& function) {

@@ -16,8 +16,6 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kFirstScaleRad = DegToRad(20.0);
-constexpr double kScaleDecay = 0.7;
 constexpr double kScaleInSigmas = 3.0;
 // Residuals of a mere chain of edges are zero, whatever their errors.
 constexpr double kMinSigmaRatio = 0.1;
@@ -39,10 +37,8 @@ void GravityWeighting::AdjustScale(const std::vector<double>& angles,
   const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
   const double target = kScaleInSigmas * sigma;
-  const double next = scale_ > 0.0 ? kScaleDecay * scale_
-                                   : std::max(kFirstScaleRad, 2.0 * target);
-  is_final_ = edges_are_final && next <= target;
-  scale_ = std::max(next, target);
+  scale_rad_ = scale_.Next(target);
+  is_final_ = edges_are_final && scale_.IsAtTarget();
 }
 
 const GravityValues& GravityWeighting::Next(
@@ -55,7 +51,7 @@ const GravityValues& GravityWeighting::Next(
   if (!is_final_) {
     AdjustScale(Norms(values_.residuals), edge_norms, edges_are_final);
   }
-  const RobustLoss loss = {RobustLossType::kGemanMcClure, scale_};
+  const RobustLoss loss = {RobustLossType::kGemanMcClure, scale_rad_};
   values_.weights.clear();
   for (const Vector3d& residual : values_.residuals) {
     values_.weights.push_back(

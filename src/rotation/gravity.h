@@ -3,6 +3,8 @@
 
 #include <vector>
 
+#include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "rotation/rotation_equations.h"
 #include "rotation/rotation_problem.h"
 
@@ -32,7 +34,8 @@ class GravityWeighting {
 
   const RotationProblem& problem_;
   bool is_final_;
-  double scale_ = 0.0;
+  AnnealedScale scale_ = AnnealedScale(DegToRad(20.0), 0.7);
+  double scale_rad_ = 0.0;
   double variance_ratio_ = 0.0;
   GravityValues values_;
 };

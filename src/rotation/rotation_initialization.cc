@@ -107,9 +107,9 @@ void InitializeNodes(const RotationProblem& problem, double max_error_rad,
       MaximumSpanningForest(problem.num_nodes, edges);
   state->nodes.assign(problem.num_nodes, Quaterniond::Identity());
   for (const ForestStep& step : WalkForest(problem.num_nodes, edges, forest)) {
-    if (step.parent < 0) continue;
-    const NodeRotation& r = merged[step.edge];
-    const Quaterniond& parent = state->nodes[step.parent];
+    if (!step.from) continue;
+    const NodeRotation& r = merged[step.from->edge];
+    const Quaterniond& parent = state->nodes[step.from->parent];
     state->nodes[step.node] = step.node == r.high
                                   ? r.high_from_low * parent
                                   : r.high_from_low.conjugate() * parent;

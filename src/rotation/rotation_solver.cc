@@ -20,9 +20,7 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-constexpr double kFirstScaleRad = DegToRad(5.0);
 constexpr double kSmallestScaleRad = DegToRad(0.05);
-constexpr double kScaleDecay = 0.7;
 constexpr double kScaleInSigmas = 6.0;
 constexpr double kL1StepToleranceRad = DegToRad(0.05);
 // Keeps the equations regular where all edges of a node are outliers.
@@ -129,12 +127,10 @@ RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
   if (!is_final_) {
     const double sigma = norms.empty() ? 0.0 : RobustSigmaOfNorms3(norms);
     const double target = std::max(kSmallestScaleRad, kScaleInSigmas * sigma);
-    const double next = scale_ > 0.0 ? kScaleDecay * scale_
-                                     : std::max(kFirstScaleRad, 2.0 * target);
-    is_final_ = next <= target;
-    scale_ = std::max(next, target);
+    scale_rad_ = scale_.Next(target);
+    is_final_ = scale_.IsAtTarget();
   }
-  return {RobustLossType::kGemanMcClure, scale_};
+  return {RobustLossType::kGemanMcClure, scale_rad_};
 }
 
 SolveSummary AverageL1(const RotationProblem& problem,

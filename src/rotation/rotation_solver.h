@@ -3,7 +3,9 @@
 
 #include <vector>
 
+#include "geometry/so3.h"
 #include "math/robust_loss.h"
+#include "math/robust_scale.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/summary.h"
 #include "mgsfm/rotation/rotation_averaging.h"
@@ -21,10 +23,11 @@ class RobustScaleSchedule {
   // The loss for the next iteration, given all norms of the residuals, radians.
   RobustLoss Next(const std::vector<double>& norms);
   bool IsFinal() const { return is_final_; }
-  double scale_rad() const { return scale_; }
+  double scale_rad() const { return scale_rad_; }
 
  private:
-  double scale_ = 0.0;
+  AnnealedScale scale_ = AnnealedScale(DegToRad(5.0), 0.7);
+  double scale_rad_ = 0.0;
   bool is_final_ = false;
 };
 

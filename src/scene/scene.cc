@@ -107,22 +107,28 @@ Scene SeparateImages(Scene scene) {
   return scene;
 }
 
+KeypointRays ComputeKeypointRays(
+    const Camera& camera, const std::vector<Eigen::Vector2f>& keypoints_px) {
+  KeypointRays rays;
+  rays.rays.reserve(keypoints_px.size());
+  rays.is_valid.reserve(keypoints_px.size());
+  for (const Eigen::Vector2f& keypoint_px : keypoints_px) {
+    rays.Append(RayFromPixel(camera.model, camera.params.data(),
+                             keypoint_px.cast<double>()));
+  }
+  return rays;
+}
+
 Bearings ComputeBearings(const Scene& scene, const std::vector<Camera>& cameras,
                          int num_threads) {
   Bearings bearings;
-  bearings.rays.resize(scene.images.size());
+  bearings.images.resize(scene.images.size());
   ParallelFor(
       scene.images.size(), num_threads,
       [&](size_t image_idx) {
         const Image& image = scene.images[image_idx];
-        const Camera& camera = cameras[image.camera_idx];
-        std::vector<Eigen::Vector3d>& rays = bearings.rays[image_idx];
-        rays.reserve(image.keypoints_px.size());
-        for (const Eigen::Vector2f& keypoint_px : image.keypoints_px) {
-          rays.push_back(RayFromPixel(camera.model, camera.params.data(),
-                                      keypoint_px.cast<double>())
-                             .value_or(Eigen::Vector3d::Zero()));
-        }
+        bearings.images[image_idx] =
+            ComputeKeypointRays(cameras[image.camera_idx], image.keypoints_px);
       },
       1);
   return bearings;

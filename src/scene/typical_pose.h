@@ -7,10 +7,10 @@
 
 namespace mgsfm {
 
-// The pose that most of several estimates of one pose agree with: the rotation
-// with the least sum of angles to the others, and the medians of the
-// coordinates of the translations. Of more than 200 poses, every so many-th has
-// a say in the rotation. At least one pose is needed.
+// A robust average of several estimates of one pose: the rotation with the
+// smallest sum of angles to the others, and the coordinate-wise median of the
+// translations. The rotation uses an evenly spaced subset of at most 200 poses,
+// which bounds the cost to 200^2 angles. `poses` must not be empty.
 Rigid3 TypicalPose(const std::vector<Rigid3>& poses);
 
 }  // namespace mgsfm

@@ -7,7 +7,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kMaxNumCells = 1 << 22;
+constexpr double kMaxNumCells = 1 << 22;  // bounds memory to some 10 MB
 
 }  // namespace
 

@@ -7,25 +7,24 @@
 
 namespace mgsfm {
 
-// Items by the square cells of a plane that they touch, in flat arrays.
+// Items grouped by the square cells of a plane that they touch, in flat arrays.
 class CellGrid {
  public:
-  // Covers the box; cells are larger than asked for where there would be too
-  // many.
+  // Covers the box. Cells are larger than requested if there would be too many.
   CellGrid(const Eigen::Vector2d& min, const Eigen::Vector2d& max,
            double cell_size_m);
 
-  // Puts each item into the cell of its position.
+  // Assigns each item to the cell of its position.
   static CellGrid OfPoints(const std::vector<Eigen::Vector2d>& positions,
                            double cell_size_m);
 
-  // Replaces all items: (cell, item), in the order in which cells list them.
+  // Replaces all items by (cell, item) pairs. Cells keep their order.
   void Fill(const std::vector<std::pair<int, int>>& cells_and_items);
 
   double cell_size_m() const { return cell_size_m_; }
   int num_columns() const { return num_columns_; }
   int num_rows() const { return num_rows_; }
-  // Outside of the grid, that of the nearest cell.
+  // The nearest cell for points outside the grid.
   int Column(double x) const { return Clamp(x - min_.x(), num_columns_); }
   int Row(double y) const { return Clamp(y - min_.y(), num_rows_); }
   int Cell(int column, int row) const { return row * num_columns_ + column; }

@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// The cells of a grid that a ray passes, in order (Amanatides and Woo, A fast
+// Visits the cells of a grid along a ray in order (Amanatides and Woo, A fast
 // voxel traversal algorithm for ray tracing, 1987).
 class CellWalk {
  public:
@@ -45,7 +45,9 @@ class CellWalk {
 
   bool IsInside() const { return is_inside_; }
   int Cell() const { return grid_.Cell(cell_[0], cell_[1]); }
-  double Entry() const { return entry_; }  // distance where the cell begins
+  double Entry() const {
+    return entry_;
+  }  // distance to the entry point of the cell
 
   void Next() {
     const int axis = next_[0] < next_[1] ? 0 : 1;

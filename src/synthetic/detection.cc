@@ -9,11 +9,11 @@
 namespace mgsfm {
 namespace {
 
-// Features are not found at more grazing angles, as cosine of the angle to the
-// normal.
+// The smallest cosine of the angle between viewing direction and normal at
+// which features are detected.
 constexpr double kMinCosToNormal = 0.06;
 
-// One number per image and point, so that it depends on nothing else.
+// One random number per image and point, independent of all other items.
 Random RandomOfFeature(uint64_t seed, Effect effect, const Exposure& exposure,
                        int identity) {
   const uint64_t of_image = RandomOf(seed, effect, exposure.Key()).NextBits();

@@ -10,44 +10,45 @@
 
 namespace mgsfm {
 
-// An image to be taken.
+// One image of the simulation.
 struct Exposure {
-  int camera;  // of the rig
-  int frame;   // of the drive
+  int camera;  // index in the rig
+  int frame;   // index in the drive
   double time_s;
   Rigid3 cam_from_world;
 
-  // Tells images apart independently of which others there are.
+  // Identifies an image independently of the presence of other images.
   uint64_t Key() const { return static_cast<uint64_t>(frame) * 64 + camera; }
 };
 
-// The features of an image: first those of points, by point, then those on
-// vehicles, then clutter. `identities` is ascending: the index of a world
-// point; beyond these, a point of a vehicle; or kClutter.
+// The features of an image: world points in ascending order, then points on
+// vehicles, then clutter. The ascending `identities` are indices of world
+// points, larger numbers for points of vehicles, or kClutter.
 constexpr int kClutter = std::numeric_limits<int>::max();
 
 struct Features {
   std::vector<int> identities;
   std::vector<Eigen::Vector2f> keypoints_px;
-  std::vector<Eigen::Vector3d> rays;  // of the keypoints as they are written
+  std::vector<Eigen::Vector3d>
+      rays;  // of the keypoints after rounding to float
 
   size_t size() const { return identities.size(); }
 };
 
 class Detector {
  public:
-  // All arguments must stay alive. Without `vehicles` there are none.
+  // All arguments must outlive this object. `vehicles` may be null.
   Detector(const SimulationOptions& options,
            const std::vector<SimulatedCamera>& rig, const World& world,
            const Vehicles* vehicles);
 
   Features Detect(const Exposure& exposure) const;
 
-  // The vehicle of an identity; -1 if it is none of a vehicle.
+  // The vehicle of an identity; -1 for world points and clutter.
   int VehicleOf(int identity) const;
 
-  // The feature at a pixel, as far as it can be seen there. Also how wrong
-  // pairs get features of their own.
+  // Appends a feature at a pixel if the camera model has a ray for it. Also
+  // used to create the features of wrong pairs.
   bool Append(int camera, int identity, const Eigen::Vector2d& pixel,
               Features* features) const;
 
@@ -73,7 +74,8 @@ class Detector {
   const std::vector<SimulatedCamera>& rig_;
   const World& world_;
   const Vehicles* vehicles_;
-  std::vector<int> vehicle_offsets_;  // identity of the first point of each
+  std::vector<int>
+      vehicle_offsets_;  // identity of the first point of each vehicle
 };
 
 }  // namespace mgsfm

@@ -32,7 +32,8 @@ std::vector<Rigid3> MakePath(const SimulationOptions& options) {
     rig_from_world.push_back(
         Rigid3::FromRotationAndCenter(world_from_rig.conjugate(), center));
     if (options.path != PathPreset::kStanding) {
-      // The chord of the turn to the next frame, so that loops close exactly.
+      // The step is the chord of the arc between frames, so that loops close
+      // exactly.
       const double half_turn =
           options.path == PathPreset::kLoop ? 0.5 * loop_turn : 0.0;
       center +=
@@ -56,13 +57,13 @@ void SetTimes(const SimulationOptions& options,
   if (timestamps_s.size() != num_poses) {
     throw Error("the trajectory has " + std::to_string(num_poses) +
                 " poses, but " + std::to_string(timestamps_s.size()) +
-                " times; give one time for each pose, or none");
+                " timestamps; provide one timestamp per pose, or none");
   }
   for (size_t i = 1; i < num_poses; ++i) {
     if (!(timestamps_s[i] > timestamps_s[i - 1])) {
-      throw Error("the time of pose " + std::to_string(i) +
-                  " of the trajectory is not after that of the pose before it; "
-                  "sort the poses by time");
+      throw Error("the timestamp of pose " + std::to_string(i) +
+                  " of the trajectory does not exceed the previous one; sort "
+                  "the poses by time");
     }
   }
   drive->times_s = timestamps_s;

@@ -8,14 +8,14 @@
 
 namespace mgsfm {
 
-// How the rig moves: poses at increasing times, and which of them are frames.
+// The motion of the rig: poses at increasing times, some of which are frames.
 struct Drive {
   std::vector<Rigid3> rig_from_world;
   std::vector<double> times_s;
   std::vector<int> pose_of_frame;
-  bool is_closed = false;  // the first frame comes after the last one again
+  bool is_closed = false;  // the first frame follows the last one
 
-  // With constant velocity between two poses and beyond the ends.
+  // Interpolates, and extrapolates beyond the ends, with constant velocity.
   Rigid3 PoseAt(double time_s) const;
   int num_frames() const { return static_cast<int>(pose_of_frame.size()); }
   const Rigid3& PoseOfFrame(int frame) const {
@@ -24,8 +24,8 @@ struct Drive {
   double TimeOfFrame(int frame) const { return times_s[pose_of_frame[frame]]; }
 };
 
-// The path of `input`, or else of `options`. Throws Error for times that do not
-// increase or do not fit the poses.
+// The drive along the trajectory of `input`, or of `options` if it has none.
+// Throws Error for times that do not increase or do not match the poses.
 Drive MakeDrive(const SimulationOptions& options, const SimulationInput& input);
 
 }  // namespace mgsfm

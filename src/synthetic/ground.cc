@@ -9,6 +9,7 @@
 namespace mgsfm {
 namespace {
 
+// Resolution of the height map and of the distance to the road.
 constexpr double kHeightCell_m = 4.0;
 constexpr double kDistanceCell_m = 1.0;
 constexpr double kMargin_m = 1e-9;
@@ -22,7 +23,7 @@ std::vector<Eigen::Vector2d> Positions(const Road& road) {
   return positions;
 }
 
-// The smallest t in [begin, end] with a t^2 + b t + c = 0.
+// The smallest root of a t^2 + b t + c in [begin, end].
 std::optional<double> FirstRoot(double a, double b, double c, double begin,
                                 double end) {
   const double discriminant = b * b - 4.0 * a * c;
@@ -102,8 +103,8 @@ double Ground::RoadDistanceAt(const Eigen::Vector2d& position) const {
   return road_distances_.Interpolate(position);
 }
 
-// Over a cell the height of the ray above the ground is a quadratic function
-// of the distance along the ray.
+// Within a cell, the height of a ray above the ground is quadratic in the
+// distance along the ray.
 std::optional<double> Ground::MeetCell(int cell, const Eigen::Vector3d& origin,
                                        const Eigen::Vector3d& direction,
                                        double begin_m, double end_m) const {
@@ -128,7 +129,7 @@ std::optional<double> Ground::MeetCell(int cell, const Eigen::Vector3d& origin,
 std::optional<double> Ground::Cast(const Eigen::Vector3d& origin,
                                    const Eigen::Vector3d& direction,
                                    double max_distance_m) const {
-  // There is nothing to look for above the highest ground.
+  // Skip the part of the ray above the highest ground.
   double skipped = 0.0;
   if (origin.z() > max_height_m_) {
     if (direction.z() >= 0.0) return std::nullopt;
@@ -142,7 +143,7 @@ std::optional<double> Ground::Cast(const Eigen::Vector3d& origin,
     const int cell = walk.Cell();
     const double begin = walk.Entry();
     walk.Next();
-    // The margin, so that rounding leaves no gap between cells.
+    // The margin avoids gaps between cells due to rounding.
     const auto rest = MeetCell(cell, start, direction, begin - kMargin_m,
                                std::min(walk.Entry(), max_rest) + kMargin_m);
     if (rest) return skipped + *rest;

@@ -10,8 +10,9 @@
 
 namespace mgsfm {
 
-// The ground around a road in its level frame: a height at each corner of a
-// square grid, a mean of those of the near nodes, bilinear in between.
+// The ground around a road in its level frame: a height map on a square grid
+// with bilinear interpolation. Heights average those of nearby nodes of the
+// road.
 class Ground {
  public:
   // Covers the box.
@@ -19,11 +20,13 @@ class Ground {
          const Eigen::Vector2d& max);
 
   double HeightAt(const Eigen::Vector2d& position) const;
-  // From the middle of the road, as far as kMaxRoadDistance_m; bilinear.
+  // Distance to the centre line of the road, at most kMaxRoadDistance_m;
+  // bilinear.
   double RoadDistanceAt(const Eigen::Vector2d& position) const;
   static constexpr double kMaxRoadDistance_m = 8.0;
 
-  // Where a ray of unit direction, which begins above the ground, meets it.
+  // The distance at which a ray of unit direction that starts above the ground
+  // intersects it.
   std::optional<double> Cast(const Eigen::Vector3d& origin,
                              const Eigen::Vector3d& direction,
                              double max_distance_m) const;

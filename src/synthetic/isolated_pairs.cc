@@ -15,12 +15,14 @@
 namespace mgsfm {
 namespace {
 
+// Range of the number of matches, as stated in the help of the option.
 constexpr int kMinNumMatches = 15, kMaxNumMatches = 60;
-// Features are taken for a match if they are so near to the epipolar line, in
+// Features match if their distance to the epipolar line is at most this many
 // standard deviations of the noise.
 constexpr double kMaxError_sigma = 1.5;
-constexpr int kNumTrials = 50;
-// Images are unrelated if they share less than this part of what pairs need.
+constexpr int kNumTrials = 50;  // motions tried for a pair
+// Images are unrelated if their number of common points is below this fraction
+// of the minimum number of matches.
 constexpr double kUnrelatedShare = 0.34;
 
 Eigen::Vector3d RandomNormal(Random* random, double x, double y, double z) {
@@ -86,7 +88,8 @@ class IsolatedPairMaker {
   const PairMaker& maker_;
   const std::vector<PairPlan>& plans_;
   Photographs& photographs_;
-  std::vector<size_t> num_features_;  // of each image, without those added here
+  std::vector<size_t>
+      num_features_;  // per image, excluding features added here
   std::set<std::pair<int, int>> made_;
 };
 
@@ -104,7 +107,7 @@ std::optional<PairPlan> IsolatedPairMaker::FindUnrelated(Random* random) const {
   return plan;
 }
 
-// A drive of a few metres, mostly ahead or back, with a slight turn.
+// A motion of a few metres, mostly forward or backward, with a slight turn.
 Rigid3 IsolatedPairMaker::RandomPose(const PairPlan& plan,
                                      Random* random) const {
   const Eigen::Vector3d turn = DegToRad(1.0) * RandomNormal(random, 2, 6, 2);
@@ -156,7 +159,7 @@ std::vector<Match> IsolatedPairMaker::MakeMatches(const PairPlan& plan,
   return matches;
 }
 
-// A feature of image 2 that fits but for noise; -1 if there is none.
+// A feature of image 2 that fits up to noise; -1 if there is none.
 int IsolatedPairMaker::FindFitting(const PairPlan& plan, const Rigid3& pose,
                                    const Eigen::Vector3d& ray1,
                                    const Mask& is_taken, Random* random) const {
@@ -176,7 +179,7 @@ int IsolatedPairMaker::FindFitting(const PairPlan& plan, const Rigid3& pose,
   return fitting[random->Index(static_cast<uint32_t>(fitting.size()))];
 }
 
-// -1 if the point is not in the image.
+// Returns -1 if the point is outside the image.
 int IsolatedPairMaker::AddFitting(const PairPlan& plan,
                                   const Eigen::Vector3d& point_in_cam2,
                                   Random* random) {

@@ -7,10 +7,10 @@
 
 namespace mgsfm {
 
-// Verified pairs of images that have nothing in common and are not in `plans`,
-// up to `num_pairs`. Their matches follow a plausible motion; they join
-// features that happen to fit and, for the rest, new ones, which are appended.
-// `maker` refers to the same photographs.
+// Verified pairs of images of unrelated places that are not in `plans`, at most
+// `num_pairs`. Their matches are consistent with a plausible motion. They
+// connect features that fit by chance, and new features appended to the images.
+// `maker` must refer to the same photographs.
 std::vector<MadePair> MakeIsolatedPairs(const SimulationOptions& options,
                                         const std::vector<SimulatedCamera>& rig,
                                         const Detector& detector,

@@ -14,12 +14,12 @@
 namespace mgsfm {
 namespace {
 
-// A pair without motion has no epipolar geometry.
+// Baselines below this length have no epipolar geometry.
 constexpr double kMinBaseline_m = 1e-9;
-// A rotation alone that explains so many of the matches makes a pair planar or
-// panoramic, as in COLMAP.
+// A pair is planar or panoramic if a pure rotation explains this fraction of
+// its matches, the default of COLMAP (max_H_inlier_ratio).
 constexpr double kPanoramicShare = 0.8;
-// So near to the epipolar line are outliers that are made to lie on it.
+// Maximum distance of epipolar outliers to the epipolar line.
 constexpr double kEpipolarOutlierError_px = 2.0;
 
 bool HasBaseline(const Rigid3& cam2_from_cam1) {
@@ -87,8 +87,8 @@ uint64_t PairMaker::KeyOf(int image1, int image2) const {
          photographs_.exposures[image2].Key();
 }
 
-// Of what the matches show: of one image with the true world, or with the world
-// moved such that the copy lies on the original.
+// The relative pose consistent with the matches: the true one, or for duplicate
+// structures that in a world in which the copy coincides with the original.
 Rigid3 PairMaker::RelativePose(const PairPlan& plan) const {
   const Rigid3& cam1_from_world =
       photographs_.exposures[plan.image1].cam_from_world;
@@ -102,7 +102,7 @@ Rigid3 PairMaker::RelativePose(const PairPlan& plan) const {
              : cam2_from_world * copy_from_original * cam1_from_world.Inverse();
 }
 
-// What an identity is matched by; -1 if it is of no interest.
+// The key by which an identity is matched; -1 if it is not matched.
 int PairMaker::AppearanceOf(int identity, int duplicate, bool is_copy) const {
   if (duplicate < 0) return identity;
   if (identity >= static_cast<int>(world_.points.size())) return -1;
@@ -136,8 +136,8 @@ std::vector<Match> PairMaker::Correspondences(const PairPlan& plan) const {
   return matches;
 }
 
-// Each keypoint is matched at most once, as matchers have it that check both
-// ways: wrong ones are drawn from those that no right match has.
+// Each keypoint has at most one match, as with cross-checked matching. Wrong
+// matches therefore use keypoints without a correct match.
 void PairMaker::AddMismatches(const PairPlan& plan,
                               std::vector<Match>* matches) const {
   if (options_.mismatch_ratio == 0.0) return;
@@ -197,7 +197,7 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   }
 }
 
-// Just enough matches, all wrong, with any pose.
+// The minimum number of matches, all wrong, with a random relative pose.
 std::optional<MadePair> PairMaker::MakeRandomPair(
     const PairPlan& plan, std::vector<Match> matches) const {
   Random random(RandomOf(options_.random_seed, Effect::kRandomPairs,
@@ -281,8 +281,8 @@ std::optional<PairMaker::Hypothesis> PairMaker::MotionOfVehicle(
                     Inliers(pose, image1, image2, matches)};
 }
 
-// The hypothesis is what estimation would find without noise; with noise, the
-// best fit to the inliers.
+// The estimated relative pose: the hypothesis without noise, otherwise the best
+// fit to the inliers.
 Rigid3 PairMaker::Estimate(int image1, int image2,
                            const Hypothesis& hypothesis) const {
   Rigid3 pose = hypothesis.cam2_from_cam1;

@@ -14,17 +14,17 @@ struct MadePair {
   std::vector<Match> raw_matches;
 };
 
-// Matches and verifies images: from what both show, with mismatches and
-// outliers, to what passes for verified, with an estimate of the relative pose.
+// Simulates matching and two-view verification: matches of common points,
+// mismatches and outliers, verified matches and the estimated relative pose.
 class PairMaker {
  public:
-  // All arguments must stay alive.
+  // All arguments must outlive this object.
   PairMaker(const SimulationOptions& options,
             const std::vector<SimulatedCamera>& rig, const World& world,
             const Vehicles* vehicles, const Detector& detector,
             const Photographs& photographs);
 
-  // nullopt if too little is in common, or too little of it passes.
+  // nullopt if there are too few common points or verified matches.
   std::optional<MadePair> Make(const PairPlan& plan) const;
 
   // The same for matches that follow a relative pose of any kind.
@@ -32,7 +32,7 @@ class PairMaker {
                                  const Rigid3& cam2_from_cam1,
                                  std::vector<Match> raw_matches) const;
 
-  // As an angle, for both images alike.
+  // Converts pixels to an angle, averaged over both images.
   double ErrorInRadians(int image1, int image2, double error_px) const;
 
  private:

@@ -10,10 +10,10 @@
 namespace mgsfm {
 namespace {
 
-// A place is visited again within this distance, after at least so much way.
+// A place is revisited within this distance after at least this path length.
 constexpr double kLoopRadius_m = 25.0;
-constexpr double kMinLoopWay_m = 60.0;
-// Each image of a copy is matched with so many images of the original.
+constexpr double kMinLoopLength_m = 60.0;
+// Maximum number of images of the original matched with an image of the copy.
 constexpr int kMaxNumOriginals = 6;
 
 std::vector<std::vector<int>> ImagesOfFrames(
@@ -38,7 +38,7 @@ PairPlan Ordered(int image1, int image2) {
   return {std::min(image1, image2), std::max(image1, image2)};
 }
 
-// Earlier frames of the same place, as positions in the drive.
+// Earlier frames of the same place, as indices into the drive.
 class LoopFinder {
  public:
   LoopFinder(const Drive& drive, const World& world)
@@ -52,7 +52,7 @@ class LoopFinder {
   std::vector<int> EarlierFrames(int frame) const {
     std::vector<int> frames;
     grid_.ForEachNear(positions_[frame], kLoopRadius_m, [&](int other) {
-      if (ways_[frame] - ways_[other] > kMinLoopWay_m &&
+      if (ways_[frame] - ways_[other] > kMinLoopLength_m &&
           (positions_[frame] - positions_[other]).norm() < kLoopRadius_m) {
         frames.push_back(other);
       }
@@ -77,7 +77,7 @@ class LoopFinder {
   std::vector<double> ways_;
 };
 
-// The partners with the most in common, as (number, image), best first.
+// The images with the most common points, as (number, image), best first.
 std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
                                       int max_num) {
   std::sort(partners.begin(), partners.end(), [](const auto& a, const auto& b) {
@@ -127,7 +127,7 @@ void PlanLoops(const SimulationOptions& options, const Drive& drive,
   }
 }
 
-// The images of a duplicated structure: what each sees of it, by appearance.
+// The points of a duplicate structure that each image observes, by appearance.
 struct View {
   int image;
   std::vector<int> appearances;
@@ -176,7 +176,7 @@ int NumCommon(const std::vector<int>& sorted1,
   return num_common;
 }
 
-// Of one structure, the pair with the most in common first.
+// The pairs of one structure, those with the most common points first.
 std::vector<std::pair<int, PairPlan>> RankedPairs(
     const SimulationOptions& options, const Views& views, int duplicate,
     const std::vector<PairPlan>& plans) {
@@ -228,15 +228,12 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
                                     const Drive& drive,
                                     const std::vector<Exposure>& exposures) {
   const int max_gap = options.num_matched_frames;
-  int max_gap_across = options.num_matched_frames_across < 0
-                           ? max_gap
-                           : options.num_matched_frames_across;
-  if (!options.match_different_sensors) max_gap_across = -1;
+  const int max_gap_across = options.num_matched_frames_across;
   const std::vector<std::vector<int>> images = ImagesOfFrames(drive, exposures);
   const int num_frames = drive.num_frames();
   std::vector<PairPlan> plans;
   for (int frame = 0; frame < num_frames; ++frame) {
-    for (int gap = 0; gap <= std::max(max_gap, max_gap_across); ++gap) {
+    for (int gap = 0; gap <= max_gap; ++gap) {
       int other_frame = frame + gap;
       if (other_frame >= num_frames) {
         if (!drive.is_closed || 2 * gap > num_frames) break;
@@ -245,9 +242,9 @@ std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
       for (const int i : images[frame]) {
         for (const int j : images[other_frame]) {
           const bool is_same = exposures[i].camera == exposures[j].camera;
-          if (i != j && gap <= (is_same ? max_gap : max_gap_across)) {
-            plans.push_back(Ordered(i, j));
-          }
+          const bool is_matched = is_same || (options.match_different_sensors &&
+                                              gap <= max_gap_across);
+          if (i != j && is_matched) plans.push_back(Ordered(i, j));
         }
       }
     }
@@ -279,7 +276,7 @@ std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,
   for (size_t i = 0; i < views.size(); ++i) {
     const auto ranked =
         RankedPairs(options, views[i], static_cast<int>(i), plans);
-    // What one structure falls short of, the others make up for.
+    // Remaining structures compensate for those with too few pairs.
     const size_t num_structures = views.size() - i;
     const size_t num_wanted =
         (num_pairs - duplicated.size() + num_structures - 1) / num_structures;

@@ -8,12 +8,12 @@
 
 namespace mgsfm {
 
-// Two images to be matched; image1 < image2.
+// A pair of images to match, image1 < image2.
 struct PairPlan {
   int image1;
   int image2;
-  // If one of them is taken for the other's place: which structure, and
-  // whether it is image 1 that sees the copy.
+  // For pairs that match a copy to its original: the duplicate structure, and
+  // whether image 1 observes the copy.
   int duplicate = -1;
   bool first_sees_copy = false;
 
@@ -22,30 +22,30 @@ struct PairPlan {
   }
 };
 
-// What has been photographed so far: images by position in the scene.
+// The images and features simulated so far, by image index of the scene.
 struct Photographs {
   std::vector<Exposure> exposures;
   std::vector<Features> features;
 };
 
-// The number of points that both images show.
+// The number of points observed in both images.
 int NumCommonPoints(const Features& features1, const Features& features2,
                     int num_points);
 
-// The plans for neighbours in time; depends only on which images there are.
+// The pairs of temporal neighbours. Depends only on which images exist.
 std::vector<PairPlan> PlanNeighbors(const SimulationOptions& options,
                                     const Drive& drive,
                                     const std::vector<Exposure>& exposures);
 
-// The same, and places that the drive visits again. Sorted.
+// Temporal neighbours and pairs of revisited places, sorted.
 std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
                                 const Drive& drive, const World& world,
                                 const Photographs& photographs,
                                 const Context& context);
 
-// Pairs of images of originals with images of copies, at most `num_pairs` of
-// them, about equally many for each structure: those with the most in common.
-// None of `plans` is among them. Sorted.
+// Pairs of an image of an original structure and an image of its copy, at most
+// `num_pairs`, about equally many per structure, those with the most points in
+// common. Excludes `plans`. Sorted.
 std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,
                                           const World& world,
                                           const Photographs& photographs,

@@ -8,9 +8,10 @@
 namespace mgsfm {
 namespace {
 
+// Errors of outliers, as stated in the help of prior_outlier_ratio.
 constexpr double kMinOutlier_m = 20.0;
 constexpr double kMaxOutlier_m = 200.0;
-// Sets these random numbers apart from those of other effects.
+// Separates these random numbers from those of other effects.
 constexpr uint64_t kStream = 0x6d656173;
 constexpr uint64_t kGravityStream = 0x67726176;
 

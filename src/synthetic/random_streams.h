@@ -7,8 +7,8 @@
 
 namespace mgsfm {
 
-// What is drawn at random. Each has numbers of its own, so that switching one
-// effect on leaves all others as they were.
+// The random streams, one per effect, so that enabling an effect does not
+// change the others.
 enum class Effect : uint64_t {
   kFacades,
   kStreetFurniture,
@@ -29,7 +29,7 @@ enum class Effect : uint64_t {
   kTextures,
 };
 
-// A seed for all items of an effect: Random(EffectSeed(...), item).
+// The seed of an effect, for use as Random(EffectSeed(...), item).
 inline uint64_t EffectSeed(uint64_t seed, Effect effect) {
   return Random(seed, static_cast<uint64_t>(effect) + 1).NextBits();
 }

@@ -17,15 +17,18 @@
 namespace mgsfm {
 namespace {
 
+// Rays end in the backdrop beyond this distance, where haze hides the surfaces.
 constexpr double kMaxDistance_m = 400.0;
-constexpr double kGroundMargin_m = 40.0;
-// Haze halves contrasts about every 0.7 times this.
+constexpr double kGroundMargin_m = 40.0;  // beyond all surfaces and the road
+// Length scale of haze; contrast halves every 0.7 times this distance.
 constexpr double kHaze_m = 250.0;
-// Images darken over so much before they end, lest their edge be a feature.
+// Width of the dark fade at the field-of-view boundary, which avoids features
+// on a sharp edge.
 constexpr double kFade_deg = 8.0;
+// Bounds the footprint of pixels on surfaces seen at grazing angles.
 constexpr double kMinIncidence = 0.08;
 
-// The box of all surfaces and the road.
+// The bounding box of all surfaces and the road.
 std::pair<Eigen::Vector2d, Eigen::Vector2d> GroundBox(
     const Road& road, const std::vector<Surface>& surfaces) {
   Eigen::Vector2d min = road.nodes().front().ground.head<2>(), max = min;
@@ -47,13 +50,13 @@ Ground MakeGround(const Road& road, const std::vector<Surface>& surfaces) {
   return Ground(road, min, max);
 }
 
-// A ray of an image and how bright it is; black where brightness is 0.
+// A ray of an image and its brightness; 0 is black.
 struct PixelRay {
   Eigen::Vector3f ray = Eigen::Vector3f::Zero();
   float brightness = 0.0f;
 };
 
-// For each pixel of a camera its samples, row by row.
+// The rays of all samples of the pixels of a camera in row-major order.
 struct CameraRays {
   int width_px = 0;
   int height_px = 0;
@@ -153,7 +156,7 @@ class StreetRenderer::Impl {
   }
 
  private:
-  // The first of both that a ray meets; nothing is the backdrop.
+  // The first intersection with ground or surfaces; none for the backdrop.
   struct Hit {
     std::optional<double> distance_m;
     std::optional<SurfaceHit> surface;

@@ -8,8 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// The pose of a camera that is turned in the rig by yaw (about the rig's y axis
-// that points down, so positive is to the right), then pitch and roll.
+// The pose of a camera rotated in the rig by yaw (about the y axis, which
+// points down, so positive angles turn right), then pitch and roll.
 Rigid3 MountedCamera(double yaw_deg, double pitch_deg, double roll_deg,
                      const Eigen::Vector3d& center_in_rig) {
   const Eigen::Quaterniond rig_from_sensor =

@@ -8,15 +8,17 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kCameraHeight_m = 1.65;
-// Another pass of the same street: as near as this, after so many nodes.
+constexpr double kCameraHeight_m = 1.65;  // as in KITTI
+// Criteria for a revisited street: maximum horizontal and vertical distance,
+// and minimum number of nodes between both passes.
 constexpr double kStreetWidth_m = 10.0;
 constexpr double kStoreyHeight_m = 4.0;
 constexpr int kMinRevisitNodes = 40;
+// Nodes on each side that determine the heading of the road.
 constexpr int kHeadingNodes = 3;
 constexpr double kGridCell_m = 10.0;
 
-// Up is opposite to the mean of the y axes of the reference camera.
+// The up direction is opposite to the mean y axis of the reference camera.
 Eigen::Quaterniond LevelFromWorld(const Drive& drive) {
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
   for (const Rigid3& rig_from_world : drive.rig_from_world) {
@@ -65,20 +67,21 @@ Road::Road(const Drive& drive, int extension_m)
 
 void Road::AddNodes(const std::vector<Eigen::Vector3d>& grounds,
                     const Eigen::Vector2d& default_heading) {
-  // Nodes of the drive itself, and the way at each pose.
+  // Nodes of the drive, and the arc length at each pose.
   std::vector<Eigen::Vector3d> driven = {grounds.front()};
-  double way = 0.0;
+  double arc_length = 0.0;
   for (size_t i = 0; i < grounds.size(); ++i) {
     if (i > 0) {
       const Eigen::Vector3d step = grounds[i] - grounds[i - 1];
       const double length = step.head<2>().norm();
       for (double next = static_cast<double>(driven.size());
-           next <= way + length; next += 1.0) {
-        driven.emplace_back(grounds[i - 1] + (next - way) / length * step);
+           next <= arc_length + length; next += 1.0) {
+        driven.emplace_back(grounds[i - 1] +
+                            (next - arc_length) / length * step);
       }
-      way += length;
+      arc_length += length;
     }
-    arc_of_pose_.push_back(way + extension_);
+    arc_of_pose_.push_back(arc_length + extension_);
   }
   const size_t span = std::min<size_t>(driven.size() - 1, 5);
   Eigen::Vector2d heading_begin = default_heading, heading_end = heading_begin;
@@ -109,8 +112,8 @@ void Road::SetHeadings() {
   for (int i = 0; i < num_nodes; ++i) {
     const RoadNode& before = nodes_[std::max(0, i - kHeadingNodes)];
     const RoadNode& after = nodes_[std::min(num_nodes - 1, i + kHeadingNodes)];
-    const Eigen::Vector2d way = (after.ground - before.ground).head<2>();
-    if (way.norm() > 1e-3) last = way.normalized();
+    const Eigen::Vector2d direction = (after.ground - before.ground).head<2>();
+    if (direction.norm() > 1e-3) last = direction.normalized();
     nodes_[i].heading = last;
   }
 }
@@ -128,7 +131,7 @@ void Road::FindRevisits() {
         return;
       }
       node.is_revisited = true;
-      // Beyond its ends nobody has looked for points.
+      // There are no points beyond the ends of the drive.
       const bool is_driven = j >= driven_begin() && j < driven_end();
       if (is_driven && node.heading.dot(earlier.heading) > min_same_direction) {
         node.is_repeated = true;

@@ -10,14 +10,13 @@
 
 namespace mgsfm {
 
-// The road below a drive, in a level frame: z is up, the unit is the metre.
-// Nodes follow each other at one metre; the road goes on beyond both ends of
-// the drive.
+// The road below a drive in a level frame with z up, in metres. Consecutive
+// nodes are one metre apart. The road extends beyond both ends of the drive.
 struct RoadNode {
   Eigen::Vector3d ground;
   Eigen::Vector2d heading = Eigen::Vector2d::UnitX();
-  // Whether the road was here before, and whether the drive itself was, in the
-  // same direction.
+  // Whether an earlier part of the road, or of the drive in the same direction,
+  // passes here.
   bool is_revisited = false;
   bool is_repeated = false;
 
@@ -32,15 +31,15 @@ class Road {
     return level_from_world_;
   }
   const std::vector<RoadNode>& nodes() const { return nodes_; }
-  // The nodes that the drive itself passes.
+  // The nodes passed by the drive.
   int driven_begin() const { return extension_; }
   int driven_end() const {
     return static_cast<int>(nodes_.size()) - extension_;
   }
-  // Whether any node is closer than that, horizontally.
+  // Whether the horizontal distance to any node is smaller.
   bool IsNear(const Eigen::Vector2d& position, double distance_m) const;
 
-  // Distance along the road, in nodes, where the drive is at that time.
+  // Arc length along the road, in nodes, of the drive at a time.
   double ArcAt(const Drive& drive, double time_s) const;
   // A pose on the road: origin on the ground, x to the left, y up, z ahead.
   Rigid3 WorldFromPlace(double arc_m, double left_m) const;

@@ -23,10 +23,11 @@
 namespace mgsfm {
 namespace {
 
-// About so many wrong pairs come from one duplicated structure.
+// Approximate number of wrong pairs per duplicate structure.
 constexpr double kPairsPerDuplicate = 30.0;
 
-// Positions of the cameras by name of their images, as scenes have them.
+// The cameras sorted by the names of their images, the canonical order of
+// scenes.
 std::vector<int> OrderByName(const std::vector<SimulatedCamera>& rig) {
   std::vector<int> order(rig.size());
   std::iota(order.begin(), order.end(), 0);
@@ -98,7 +99,7 @@ class Simulator {
   const Drive drive_;
   std::optional<World> world_;
   Photographs photographs_;
-  std::vector<int> drive_frames_;  // per frame of the scene, that of the drive
+  std::vector<int> drive_frames_;  // index in the drive, per frame of the scene
   std::vector<int> sensor_idxs_;   // per camera of the rig
   Simulation simulation_;
 };
@@ -217,7 +218,7 @@ std::vector<MadePair> Simulator::MakePairs(
   return pairs;
 }
 
-// The numbers of wrong pairs are shares of all pairs.
+// The numbers of wrong pairs are fractions of all pairs.
 void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
   std::vector<PairPlan> plans =
       PlanPairs(options_, drive_, *world_, photographs_, context_);
@@ -226,8 +227,8 @@ void Simulator::AddPairs(const PairMaker& maker, const Detector& detector) {
       options_.isolated_wrong_pair_ratio + options_.duplicated_pair_ratio;
   if (wrong_ratio >= 1.0) {
     throw Error(
-        "isolated_wrong_pair_ratio and duplicated_pair_ratio make all pairs "
-        "wrong; lower one of them");
+        "isolated_wrong_pair_ratio and duplicated_pair_ratio leave no correct "
+        "pairs; decrease one of them");
   }
   const double num_all =
       static_cast<double>(pairs.size()) / (1.0 - wrong_ratio);

@@ -11,9 +11,10 @@
 namespace mgsfm {
 namespace {
 
-// Facades keep so far from every way of the drive, and furniture so far.
+// Minimum distances of facades and street furniture to the path of the drive.
 constexpr double kFacadeClearance_m = 4.5;
 constexpr double kFurnitureClearance_m = 2.2;
+// Dimensions of the simulated street. They only need to be plausible.
 constexpr double kFoundation_m = 2.0;
 constexpr double kBuildingDepth_m = 8.0;
 constexpr double kGapProbability = 0.35;
@@ -31,7 +32,7 @@ class StreetBuilder {
   }
 
  private:
-  // A stretch of one house, or of none.
+  // A segment with one house, or a gap.
   struct Block {
     bool is_gap = true;
     double offset_m = 0.0;
@@ -89,7 +90,7 @@ void StreetBuilder::BuildFacades(int side) {
     if (block.is_gap) continue;
     const Eigen::Vector2d a = Beside(node, side, block.offset_m);
     const Eigen::Vector2d b = Beside(node + 1, side, block.offset_m);
-    // In narrow bends the inner side would turn back.
+    // The inner side of a narrow bend would fold back.
     if ((b - a).dot(nodes[i].heading) < 0.2) continue;
     const size_t num_before = surfaces_.size();
     AddWall(a, b, nodes[i].ground.z(), block.height_m, kFacadeClearance_m);
@@ -162,12 +163,13 @@ void StreetBuilder::AddCylinder(const Eigen::Vector2d& center, double radius_m,
   surfaces_.push_back({center, center, radius_m, bottom_m, top_m});
 }
 
+// Length of duplicate structures in metres, and how many fit along a road.
 constexpr int kMinBlockNodes = 18;
 constexpr int kMaxBlockNodes = 30;
 constexpr double kMinFacadeShare = 0.5;
 constexpr int kNodesPerDuplicate = 120;
 
-// The ends of a straight stretch of road, by nodes.
+// The first and last node of a straight segment of road.
 bool IsStraight(const Road& road, int begin, int size) {
   const std::vector<RoadNode>& nodes = road.nodes();
   const double min_cos = std::cos(DegToRad(6.0));
@@ -180,14 +182,14 @@ bool IsStraight(const Road& road, int begin, int size) {
   return true;
 }
 
-// Where the middle of a stretch is, with x ahead and y to the left.
+// The pose of the centre of a segment, with x forward and y to the left.
 Rigid3 LevelFromMiddle(const Road& road, int begin, int size) {
   const RoadNode& node = road.nodes()[begin + size / 2];
   const double yaw = std::atan2(node.heading.y(), node.heading.x());
   return {ExpSO3(yaw * Eigen::Vector3d::UnitZ()), node.ground};
 }
 
-// Of facades only.
+// Counts facades only.
 bool IsOfStretch(const Surface& surface, int begin, int size) {
   return surface.side != 0 && surface.node >= begin &&
          surface.node < begin + size;
@@ -213,14 +215,14 @@ Surface Transformed(const Rigid3& new_from_old, const Surface& old) {
   return surface;
 }
 
-// A stretch of road that a duplicate may use, once.
+// Segments of road for duplicate structures. Each is used at most once.
 class StretchFinder {
  public:
   StretchFinder(const Road& road, const std::vector<Surface>& surfaces)
       : road_(road), surfaces_(surfaces), is_used_(road.nodes().size(), 0) {}
 
-  // Begin of a free, straight stretch, mostly with facades if they are
-  // `needed`; -1 if none is found.
+  // The first node of a free straight segment, mostly with facades if they are
+  // `needed`; -1 if there is none.
   int Find(int size, bool is_facade_needed, Random* random) const {
     constexpr int kNumTrials = 200;
     const int num_begins = road_.driven_end() - road_.driven_begin() - size;
@@ -241,7 +243,7 @@ class StretchFinder {
     return -1;
   }
 
-  // Also keeps other duplicates at some distance.
+  // Also keeps a distance to other duplicate structures.
   void Use(int begin, int size) {
     constexpr int kDistance = 10;
     const int end = static_cast<int>(is_used_.size());
@@ -282,7 +284,7 @@ std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
     const int copy = finder.Find(size, false, &random);
     if (copy < 0) continue;
     finder.Use(copy, size);
-    // Not quite as far from the road, nor quite as parallel to it.
+    // Vary the distance and the angle to the road.
     const Rigid3 shift{
         ExpSO3(DegToRad(random.Uniform(-2.0, 2.0)) * Eigen::Vector3d::UnitZ()),
         {0.0, random.Uniform(-0.8, 0.8), 0.0}};
@@ -300,7 +302,8 @@ std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
       (*surfaces)[j].original_of = number;
       Surface surface =
           Transformed(duplicates.back().copy_from_original, (*surfaces)[j]);
-      // A bend of the road, or another, may be where the original has none.
+      // The road may bend, or another road may pass, where the facade of the
+      // original is.
       if (road.IsNear(0.5 * (surface.a + surface.b), kFacadeClearance_m)) {
         continue;
       }

@@ -12,9 +12,9 @@ namespace mgsfm {
 // Facades with gaps, parked cars, trees and poles along a road.
 std::vector<Surface> BuildStreet(const Road& road, uint64_t seed);
 
-// Puts copies of facades into other places, where they replace what was there.
-// Both places are straight and apart, and no place is used twice; there may be
-// too few to make `num_duplicates`.
+// Copies facades to other places, replacing existing surfaces. Both places are
+// straight and apart from each other, and no place is used twice. There may be
+// fewer than `num_duplicates` suitable places.
 std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
                                         uint64_t seed,
                                         std::vector<Surface>* surfaces);

@@ -14,8 +14,9 @@ using texture::Fraction;
 using texture::HashSeed;
 using texture::Place;
 
-// What is lower, from the ground, is a car and no house.
+// Walls below this height are cars, others are houses.
 constexpr double kMaxCarHeight_m = 2.0;
+// Cylinders are poles, trunks or crowns, by increasing radius.
 constexpr double kMaxPoleRadius_m = 0.15;
 constexpr double kMaxTrunkRadius_m = 0.5;
 
@@ -25,7 +26,7 @@ Color Mix(const Color& a, const Color& b, float share) {
 
 Color Gray(float level) { return Color::Constant(level); }
 
-// A muted colour, by chance.
+// A random muted colour.
 Color RandomColor(uint32_t bits, float darkest, float brightest, float tint) {
   const float level = darkest + (brightest - darkest) * Fraction(bits, 0);
   return Gray(level) + tint * (Color(Fraction(bits, 1), Fraction(bits, 2),
@@ -33,19 +34,19 @@ Color RandomColor(uint32_t bits, float darkest, float brightest, float tint) {
                                Gray(0.5f));
 }
 
-// By a sun that stands still.
+// Shading by a fixed sun.
 float Light(const Eigen::Vector3d& normal) {
   const Eigen::Vector3d sun(0.48, 0.36, 0.8);
   return static_cast<float>(0.78 + 0.22 * normal.dot(sun));
 }
 
-// Spots of several sizes: what features are found on.
+// Spots of several sizes, on which features are detected.
 float SpotsOfAllSizes(const Place& place, double largest_m, double smallest_m,
                       uint32_t seed) {
   float sum = 0.0f;
   uint32_t layer = 0;
   for (double size = largest_m; size >= smallest_m; size *= 0.47) {
-    // Turned, so that the cells of no two layers are parallel.
+    // Rotated, so that the cells of different layers are not parallel.
     const double turn = 0.6 * layer + 0.2;
     const double c = std::cos(turn), s = std::sin(turn);
     const Place turned{c * place.u_m - s * place.v_m,
@@ -209,12 +210,12 @@ Color StreetPainter::PaintGround(const Eigen::Vector3d& point,
 
 Color StreetPainter::PaintBackdrop(const Eigen::Vector3d& direction,
                                    double footprint_rad) const {
-  // On a cylinder, and on a plane high above.
+  // Hills on a cylinder, clouds on a plane above.
   const double level = std::max(direction.head<2>().norm(), 1e-6);
   const double azimuth = std::atan2(direction.y(), direction.x());
   const double slope = direction.z() / level;
   const uint32_t seed = HashSeed(seed_, 0xFFFF0001u);
-  // As a function on a circle, so that it closes.
+  // A function on a circle, so that the horizon is periodic.
   const Place around{3.0 * direction.x() / level, 3.0 * direction.y() / level,
                      footprint_rad};
   const double crest =

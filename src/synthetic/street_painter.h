@@ -10,34 +10,34 @@
 
 namespace mgsfm {
 
-// Colours are red, green and blue in [0, 1], as they are displayed.
+// Display colours: red, green and blue in [0, 1].
 using Color = Eigen::Vector3f;
 
-// What a street looks like: a colour for each point of its surfaces. Houses,
-// cars and trees differ by seeds of their own; nothing depends on the camera
-// but the size of the footprint of its pixels.
+// The appearance of a street: a colour for each point of its surfaces. Houses,
+// cars and trees have individual seeds. The camera affects only the footprint
+// of its pixels.
 class StreetPainter {
  public:
-  // `surfaces` and `ground` must stay alive.
+  // `surfaces` and `ground` must outlive this object.
   StreetPainter(const std::vector<Surface>& surfaces, const Ground& ground,
                 uint64_t seed);
 
   Color PaintSurface(const SurfaceHit& hit, const Eigen::Vector3d& point,
                      double footprint_m) const;
   Color PaintGround(const Eigen::Vector3d& point, double footprint_m) const;
-  // Sky and hills, at infinity.
+  // Sky and hills at infinity.
   Color PaintBackdrop(const Eigen::Vector3d& direction,
                       double footprint_rad) const;
 
  private:
   enum class Look { kHouse, kCar, kPole, kTrunk, kCrown };
 
-  // Pieces of a wall that follow each other have one coat of paint.
+  // Consecutive segments of a wall share one coat of paint.
   struct Coat {
     Look look;
     uint32_t seed;
-    double begin_m;   // of the piece, along the wall
-    double ground_m;  // where heights are 0
+    double begin_m;   // start of the segment along the wall
+    double ground_m;  // reference level of heights
   };
 
   Coat FirstCoat(const Surface& surface, uint32_t number) const;

@@ -11,20 +11,22 @@
 namespace mgsfm {
 namespace {
 
-// Points are also looked for from so far beyond both ends of the drive.
+// Points are also sampled from positions up to this distance beyond both ends
+// of the drive.
 constexpr int kMoreViewpoints_m = 15;
-// Rays of each camera at each metre, per feature that an image may have; on a
-// short drive more, for want of metres.
+// Rays per camera and metre, relative to the maximum number of features. Short
+// drives use more rays per metre.
 constexpr double kRaysPerFeature = 0.3;
 constexpr double kMinDrive_m = 30.0;
-// How likely a ray finds a feature on what it meets.
+// Probability that a ray finds a feature on a surface.
 constexpr double kGroundProbability = 0.3;
 constexpr double kSkylineProbability = 0.2;
+// The grazing view of the ground has no features beyond this distance.
 constexpr double kMaxGroundDistance_m = 40.0;
-// Facades are not flat.
+// Depth variation of facades.
 constexpr double kRelief_m = 0.12;
-// Points are recognised up to a factor nearer and farther, and up to an angle
-// from another side, which differ from point to point.
+// Limits of the change of distance (factor) and direction up to which points
+// are detectable. They vary between points.
 constexpr double kMinLogScale = 0.04, kMeanMoreLogScale = 0.2,
                  kMaxLogScale = 1.2;
 constexpr double kMinTurn_deg = 3.0, kMaxTurn_deg = 25.0;
@@ -65,7 +67,7 @@ class PointFinder {
               const std::vector<SimulatedCamera>& rig, const World& world)
       : options_(options), rig_(rig), world_(world) {}
 
-  // Appends copies behind their originals.
+  // Appends the points of copies after those of their originals.
   void Find(const Viewpoint& viewpoint, int num_rays, uint64_t stream,
             std::vector<WorldPoint>* points) const {
     Random random = RandomOf(options_.random_seed, Effect::kPoints, stream);
@@ -95,7 +97,7 @@ class PointFinder {
   const World& world_;
 };
 
-// Of the road at a node, which may go up or down.
+// The frame of the road at a node, including its slope.
 double PointFinder::GroundDistance(const Eigen::Vector3d& origin,
                                    const Eigen::Vector3d& direction,
                                    const RoadNode& node) const {
@@ -120,8 +122,8 @@ void PointFinder::SetRange(double distance_m, Random* random,
   point->min_cos_turn =
       std::cos(DegToRad(random->Uniform(kMinTurn_deg, kMaxTurn_deg)));
   const double mean = options_.repeatability;
-  const double spread = std::min(mean, 1.0 - mean);
-  point->repeatability = random->Uniform(mean - spread, mean + spread);
+  const double half_width = std::min(mean, 1.0 - mean);
+  point->repeatability = random->Uniform(mean - half_width, mean + half_width);
   point->strength = random->Uniform();
 }
 
@@ -173,7 +175,7 @@ void PointFinder::CastRay(const SimulatedCamera& camera,
   Add(point, surface, points);
 }
 
-// What is found on an original is on its copy as well, and nothing else is.
+// A copy has exactly the points of its original.
 void PointFinder::Add(const WorldPoint& point, const Surface* surface,
                       std::vector<WorldPoint>* points) const {
   if (surface != nullptr && surface->copy_of >= 0) return;

@@ -7,7 +7,7 @@
 
 namespace mgsfm {
 
-// The points of World::points, from its road and surfaces.
+// Generates World::points from its road and surfaces.
 std::vector<WorldPoint> FindStreetPoints(
     const SimulationOptions& options, const std::vector<SimulatedCamera>& rig,
     const Drive& drive, const World& world, const Context& context);

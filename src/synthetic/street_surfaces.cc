@@ -15,7 +15,7 @@ namespace {
 constexpr double kCell_m = 5.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Where a ray meets a surface, as distance; nothing if it passes it by.
+// The distance at which a ray intersects a surface; nullopt if it does not.
 std::optional<double> Meet(const Surface& surface,
                            const Eigen::Vector3d& origin,
                            const Eigen::Vector3d& direction) {

@@ -11,18 +11,18 @@
 
 namespace mgsfm {
 
-// What stands along a road, in its level frame: upright walls (facades, sides
-// of parked cars) and upright cylinders (poles, trunks, crowns of trees).
+// Surfaces along a road in its level frame: vertical walls (facades, sides of
+// parked cars) and vertical cylinders (poles, trunks and crowns of trees).
 struct Surface {
   Eigen::Vector2d a;  // end of a wall, centre of a cylinder
   Eigen::Vector2d b;  // other end of a wall
   double radius_m;    // of a cylinder; 0 for walls
   double bottom_m;
   double top_m;
-  // Of facades: where along the road, and on which side (1 left, -1 right).
+  // For facades: the position along the road and the side (1 left, -1 right).
   int node = -1;
   int side = 0;
-  // The duplicated block that it belongs to, as original or as copy.
+  // The duplicate structure of this surface, original or copy.
   int original_of = -1;
   int copy_of = -1;
 };
@@ -33,21 +33,21 @@ struct SurfaceHit {
   Eigen::Vector3d normal;
 };
 
-// A facade that stands at two places.
+// A duplicate structure: a facade that exists at two places.
 struct Duplicate {
   Rigid3 copy_from_original;  // in the level frame
 };
 
 class StreetSurfaces {
  public:
-  // Facades are built once where the drive passes several times, and leave all
-  // of its ways free; some have copies elsewhere, up to `num_duplicates`.
+  // Revisited places have one set of facades, which do not block any pass of
+  // the drive. At most `num_duplicates` facades are copied to other places.
   StreetSurfaces(const Road& road, int num_duplicates, uint64_t seed);
 
   const std::vector<Surface>& surfaces() const { return surfaces_; }
   const std::vector<Duplicate>& duplicates() const { return duplicates_; }
 
-  // The nearest surface that a ray of unit direction meets.
+  // The first surface that a ray of unit direction intersects.
   std::optional<SurfaceHit> Cast(const Eigen::Vector3d& origin,
                                  const Eigen::Vector3d& direction,
                                  double max_distance_m) const;

@@ -6,7 +6,7 @@
 namespace mgsfm::texture {
 namespace {
 
-// A position as cell and offset within it, in cells.
+// A position as cell index and offset, in units of cells.
 struct CellPlace {
   int32_t column, row;
   float x, y;
@@ -68,14 +68,14 @@ float Spots(const Place& place, double cell_m, float density, uint32_t seed) {
   const CellPlace at = CellOf(place.u_m / cell_m, place.v_m / cell_m);
   const uint32_t bits = HashCell(at.column, at.row, seed);
   if (Fraction(bits, 0) >= density) return 0.0f;
-  // Within the cell, so that neighbours need not be looked at.
+  // Spots lie within their cell, so neighbouring cells are irrelevant.
   const float radius = 0.12f + 0.26f * Fraction(bits, 1);
   const uint32_t more = HashSeed(bits, seed);
   const float room = 1.0f - 2.0f * radius;
   const float dx = at.x - radius - room * Fraction(more, 0);
   const float dy = at.y - radius - room * Fraction(more, 1);
   const double inside = cell_m * (radius - std::sqrt(dx * dx + dy * dy));
-  // About as often dark as bright, and never faint.
+  // Dark or bright with equal probability, never faint.
   const float level = 0.4f + 0.6f * Fraction(more, 2);
   return visible * Edge(inside, place.footprint_m) *
          (Fraction(more, 3) < 0.5f ? -level : level);
@@ -94,7 +94,7 @@ float Stones(const Place& place, double width_m, double height_m,
       width * std::min(shifted - column, column + 1.0 - shifted);
   const double inside_v =
       std::min(place.v_m - row * height_m, (row + 1.0) * height_m - place.v_m);
-  // Zero on the joints, so that stones blend there.
+  // Zero at the joints, so that stones blend there.
   const double inside = std::min(inside_u, inside_v);
   const auto full = static_cast<float>(
       std::clamp(inside / std::max(0.015, place.footprint_m), 0.0, 1.0));

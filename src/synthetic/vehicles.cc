@@ -9,7 +9,8 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kNumPoints = 300;
+constexpr int kNumPoints = 300;  // per vehicle
+// Plausible dimensions of a car and of traffic.
 constexpr double kWidth_m = 1.8, kHeight_m = 1.5, kLength_m = 4.4;
 constexpr double kLane_m = 3.5;
 constexpr double kOncomingSpeed_m_s = 10.0;
@@ -20,7 +21,7 @@ double Exponential(double mean, Random* random) {
   return -mean * std::log(1.0 - random->Uniform());
 }
 
-// On the four sides of a box.
+// Random points on the four sides of a box.
 VehiclePoint RandomPoint(Random* random) {
   VehiclePoint point;
   const double side = random->Uniform() < 0.5 ? -1.0 : 1.0;
@@ -58,7 +59,7 @@ Vehicles::Vehicles(const Road& road, const Drive& drive, uint64_t seed)
   with_stream([&](Random* r) { AddOncoming(r); });
 }
 
-// One after another in one place relative to the rig.
+// A sequence of vehicles in one lane and position relative to the rig.
 void Vehicles::AddCompanions(double min_ahead_m, double max_ahead_m,
                              double left_m, double mean_pause_s,
                              Random* random) {
@@ -67,7 +68,7 @@ void Vehicles::AddCompanions(double min_ahead_m, double max_ahead_m,
     const double duration_s = random->Uniform(6.0, 20.0);
     const double begin_m = random->Uniform(min_ahead_m, max_ahead_m);
     const double end_m = random->Uniform(min_ahead_m, max_ahead_m);
-    // At most 0.5 m/s faster or slower than the rig.
+    // The relative speed is at most 0.5 m/s.
     const double speed = (end_m - begin_m) / std::max(duration_s, 40.0);
     Add({time_s, time_s + duration_s, false, begin_m, speed, left_m, {}},
         random);

@@ -11,22 +11,22 @@
 
 namespace mgsfm {
 
-// A point on a vehicle, in the frame of the vehicle: x left, y up, z ahead,
-// origin on the ground below its middle.
+// A point in the frame of a vehicle: x left, y up, z forward, origin on the
+// ground below its centre.
 struct VehiclePoint {
   Eigen::Vector3d position;
   Eigen::Vector3d normal;
-  // As for WorldPoint.
+  // As in WorldPoint.
   double min_distance_m;
   double max_distance_m;
   double strength;
 };
 
-// Other vehicles on the road of a drive: ahead, behind and alongside at almost
-// the same speed for a while, and oncoming.
+// Other vehicles on the road of a drive: some accompany the rig at almost the
+// same speed for a while, others are oncoming.
 class Vehicles {
  public:
-  // `road` and `drive` must stay alive.
+  // `road` and `drive` must outlive this object.
   Vehicles(const Road& road, const Drive& drive, uint64_t seed);
 
   size_t size() const { return vehicles_.size(); }
@@ -44,9 +44,9 @@ class Vehicles {
     double begin_s;
     double end_s;
     bool is_oncoming;
-    double arc_m;      // at begin_s: oncoming along the road, else ahead of rig
-    double speed_m_s;  // likewise
-    double left_m;     // of the way of the rig
+    double arc_m;      // at begin_s; relative to the rig unless oncoming
+    double speed_m_s;  // relative to the rig unless oncoming
+    double left_m;     // lateral offset from the path of the rig
     std::vector<VehiclePoint> points;
   };
 

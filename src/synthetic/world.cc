@@ -14,9 +14,10 @@
 namespace mgsfm {
 namespace {
 
-// A surface this near to a point does not hide it: the point is on it.
+// A surface within this distance does not occlude a point, because the point
+// lies on it.
 constexpr double kSurfaceMargin_m = 0.5;
-constexpr double kSmallestReach_m = 12.5;
+constexpr double kSmallestReach_m = 12.5;  // finest level of PointIndex
 
 std::vector<WorldPoint> ScatterPoints(const SimulationOptions& options,
                                       const Drive& drive) {
@@ -85,7 +86,7 @@ World MakeWorld(const SimulationOptions& options,
   if (options.world == WorldPreset::kScatter) {
     if (num_duplicates > 0) {
       throw Error(
-          "duplicated_pair_ratio needs facades to duplicate; set world to "
+          "duplicated_pair_ratio requires facades; set world to "
           "street");
     }
     world.points = ScatterPoints(options, drive);

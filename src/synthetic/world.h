@@ -13,38 +13,38 @@
 
 namespace mgsfm {
 
-// A point that images have features of, and from where it is recognised.
+// A detectable point and the viewpoints from which it can be matched.
 struct WorldPoint {
   Eigen::Vector3d position;
-  // Unit, from the point to where it is seen best; recognised within an angle
-  // of that, and on the side of the normal.
+  // Unit vector from the point to its best viewpoint. The point is detectable
+  // within an angle of this direction, on the side of its normal.
   Eigen::Vector3d best_view = Eigen::Vector3d::Zero();
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();
   double min_cos_turn = -1.0;
-  // Between these distances, for a camera of kReferenceFocal.
+  // Range of distances for a camera with focal length kReferenceFocal.
   double min_distance_m = 0.0;
   double max_distance_m = 0.0;
   double repeatability = 1.0;
-  double strength = 0.0;  // the strongest become features
-  // The point it looks like: itself, or the original of a copy.
+  double strength = 0.0;  // the strongest points become features
+  // The point with the same appearance: itself, or the original of a copy.
   int appearance = -1;
-  int duplicate = -1;  // of World::copy_from_original, for both
+  int duplicate = -1;  // index into copy_from_original, for both
   bool is_copy = false;
 };
 
-constexpr double kReferenceFocal_px = 707.0912;
-// The road goes on for so long beyond both ends of the drive.
+constexpr double kReferenceFocal_px = 707.0912;  // KITTI sequences 04 to 12
+// Length of the road beyond each end of the drive.
 constexpr int kRoadExtension_m = 120;
 
-// Points by their reach, so that few have to be looked at.
+// An index of points by range of visibility, for fast lookup.
 class PointIndex {
  public:
   PointIndex() = default;
   PointIndex(const std::vector<WorldPoint>& points,
              const Eigen::Quaterniond& level_from_world);
 
-  // Calls function(point) for all that a camera there may recognise.
-  // `distance_scale` times a distance is that for the reference focal length.
+  // Calls function(point) for all points that may be detectable from a camera
+  // centre. `distance_scale` converts distances to the reference focal length.
   template <class Function>
   void ForEachNear(const Eigen::Vector2d& position_in_level,
                    double distance_scale, const Function& function) const {
@@ -67,18 +67,19 @@ struct World {
   Road road;
   std::optional<StreetSurfaces> surfaces;
   std::vector<WorldPoint> points;
-  std::vector<Rigid3> copy_from_original;  // of duplicates, in the world frame
+  std::vector<Rigid3>
+      copy_from_original;  // per duplicate structure, in the world frame
   PointIndex index;
-  bool distances_scale = false;  // with the focal length
+  bool distances_scale = false;  // distances scale with the focal length
 
-  // Whether a surface hides a point from a camera.
+  // Whether a surface occludes a point.
   bool IsHidden(const Eigen::Vector3d& point,
                 const Eigen::Vector3d& camera_center) const;
 };
 
-// The points of a street are found by rays from places along the drive, so
-// that every camera of the rig has about as many as it needs, each where the
-// ray meets the first surface.
+// Points of a street are the first intersections of rays from positions along
+// the drive, so that every camera of the rig observes about the required
+// number.
 World MakeWorld(const SimulationOptions& options,
                 const std::vector<SimulatedCamera>& rig, const Drive& drive,
                 int num_duplicates, const Context& context);

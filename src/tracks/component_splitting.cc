@@ -15,8 +15,8 @@ namespace {
 
 constexpr uint32_t kNone = MatchComponents::kNone;
 
-// Disjoint sets of nodes that never hold two keypoints of an image, except
-// those that are one point detected twice. Members are linked lists.
+// Disjoint sets of nodes without two keypoints of one image, except features
+// detected twice. Members are linked lists.
 class ConflictFreeSets {
  public:
   ConflictFreeSets(const Scene& scene, const Observation* observations,
@@ -39,7 +39,7 @@ class ConflictFreeSets {
     node_in_image_.assign(num_nodes > 0 ? local_image_.back() + 1 : 0, kNone);
   }
 
-  // Joins the sets of both nodes unless that makes a conflict.
+  // Joins the sets of both nodes unless this causes a conflict.
   void UnionIfConsistent(uint32_t a, uint32_t b) {
     uint32_t into = set_of_node_[a], from = set_of_node_[b];
     if (into == from) return;
@@ -84,14 +84,14 @@ class ConflictFreeSets {
   const Scene& scene_;
   const Observation* observations_;
   const double max_squared_distance_;
-  std::vector<uint32_t> set_of_node_;    // named by one of its nodes, the head
+  std::vector<uint32_t> set_of_node_;    // the head of its list
   std::vector<uint32_t> next_;           // in the list of its set
-  std::vector<uint32_t> last_, size_;    // of the sets, at their heads
-  std::vector<uint32_t> local_image_;    // images numbered within the component
+  std::vector<uint32_t> last_, size_;    // of a set, at its head
+  std::vector<uint32_t> local_image_;    // image index within the component
   std::vector<uint32_t> node_in_image_;  // scratch, kNone between calls
 };
 
-// Positions of the matches from the best supported to the least.
+// Indices of the matches in descending order of support.
 std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
                                      const ComponentMatch* matches,
                                      size_t num_matches) {
@@ -110,11 +110,11 @@ std::vector<uint32_t> OrderBySupport(const SortedAdjacency& adjacency,
   return order;
 }
 
-// For each node whether it is the one to stay of its set's keypoints in its
-// image: the one with the most matches within the set, then the first.
-Mask ChooseDuplicates(const Observation* observations, size_t num_nodes,
-                      const SortedAdjacency& adjacency,
-                      const std::vector<uint32_t>& set_of_node) {
+// For each node whether it represents its set in its image: it has the most
+// matches within the set, or is the first of equal ones.
+Mask ChooseRepresentatives(const Observation* observations, size_t num_nodes,
+                           const SortedAdjacency& adjacency,
+                           const std::vector<uint32_t>& set_of_node) {
   std::vector<uint32_t> degree(num_nodes, 0);
   for (uint32_t node = 0; node < num_nodes; ++node) {
     for (const uint32_t* i = adjacency.begin(node); i != adjacency.end(node);
@@ -122,27 +122,27 @@ Mask ChooseDuplicates(const Observation* observations, size_t num_nodes,
       degree[node] += set_of_node[*i] == set_of_node[node];
     }
   }
-  Mask stays(num_nodes, true);
+  Mask is_kept(num_nodes, true);
   for (uint32_t i = 0; i < num_nodes; ++i) {
     for (uint32_t j = i + 1; j < num_nodes && observations[j].image_idx ==
                                                   observations[i].image_idx;
          ++j) {
       if (set_of_node[i] != set_of_node[j]) continue;
-      stays[degree[j] > degree[i] ? i : j] = false;
+      is_kept[degree[j] > degree[i] ? i : j] = false;
     }
   }
-  return stays;
+  return is_kept;
 }
 
-// Nodes by set; sets by first node, each with at least two nodes.
+// The sets with at least two nodes, ordered by their first nodes.
 ObservationGroups GroupBySet(const Observation* observations,
                              const std::vector<uint32_t>& set_of_node,
-                             const Mask& stays) {
+                             const Mask& is_kept) {
   const size_t num_nodes = set_of_node.size();
   std::vector<uint32_t> first_node_of_set(num_nodes, kNone);
   std::vector<std::pair<uint32_t, uint32_t>> order;  // first of set, node
   for (uint32_t node = 0; node < num_nodes; ++node) {
-    if (!stays[node]) continue;
+    if (!is_kept[node]) continue;
     uint32_t& first_node = first_node_of_set[set_of_node[node]];
     if (first_node == kNone) first_node = node;
     order.emplace_back(first_node, node);
@@ -182,9 +182,9 @@ ObservationGroups SplitComponent(const Scene& scene,
   for (uint32_t node = 0; node < num_observations; ++node) {
     set_of_node[node] = sets.SetOf(node);
   }
-  return GroupBySet(
-      observations, set_of_node,
-      ChooseDuplicates(observations, num_observations, adjacency, set_of_node));
+  return GroupBySet(observations, set_of_node,
+                    ChooseRepresentatives(observations, num_observations,
+                                          adjacency, set_of_node));
 }
 
 }  // namespace mgsfm::internal

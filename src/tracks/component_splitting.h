@@ -7,9 +7,9 @@
 
 namespace mgsfm::internal {
 
-// Splits the sorted observations of a component into sets with at most one
-// keypoint of an image and at least two images each, as described at
-// EstablishTracks. Sets are ordered by their first observations.
+// Splits the sorted observations of a component into sets of at least two
+// images with at most one keypoint per image; see EstablishCandidates. Sets are
+// ordered by their first observations.
 ObservationGroups SplitComponent(const Scene& scene,
                                  const Observation* observations,
                                  size_t num_observations,

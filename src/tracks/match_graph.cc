@@ -10,7 +10,7 @@
 namespace mgsfm::internal {
 namespace {
 
-// Calls function(node1, node2, num_matches_of_the_pair) for all used matches.
+// Calls function(node1, node2, num_pair_matches) for all used matches.
 template <class Function>
 void ForEachMatch(const KeypointNodes& nodes, const ViewGraph& view_graph,
                   const MatchSelection& selection, const Function& function) {
@@ -31,7 +31,7 @@ void ForEachMatch(const KeypointNodes& nodes, const ViewGraph& view_graph,
   }
 }
 
-// Two neighbours in the sorted group of the same image.
+// Whether two observations of a sorted group are in one image.
 bool HasConflict(const ObservationGroups& groups, size_t group) {
   return std::adjacent_find(groups.begin(group), groups.end(group),
                             [](const Observation& a, const Observation& b) {
@@ -75,8 +75,8 @@ MatchComponents FindComponents(const KeypointNodes& nodes,
   MatchComponents components;
   components.component_of_node.assign(num_nodes, MatchComponents::kNone);
   components.position_of_node.assign(num_nodes, 0);
-  // Going by rising node, a component is numbered at its first observation and
-  // its group is filled in sorted order.
+  // Nodes are visited in ascending order, so that components are numbered by
+  // their first observations and groups are sorted.
   std::vector<uint32_t> component_of_root(num_nodes, MatchComponents::kNone);
   std::vector<uint32_t> num_filled;
   ObservationGroups& groups = components.groups;

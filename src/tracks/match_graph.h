@@ -13,8 +13,8 @@
 
 namespace mgsfm::internal {
 
-// Numbers all keypoints of a scene, image by image: the nodes of the graph of
-// matches. Their order is that of observations.
+// The nodes of the match graph: all keypoints of a scene, numbered image by
+// image, in the order of observations.
 class KeypointNodes {
  public:
   explicit KeypointNodes(const Scene& scene);
@@ -35,11 +35,12 @@ class KeypointNodes {
 
 // The connected components with at least two nodes.
 struct MatchComponents {
+  // Dense arrays over all keypoints need a plain integer for "none".
   static constexpr uint32_t kNone = UINT32_MAX;
 
   ObservationGroups groups;
   std::vector<uint32_t> component_of_node;  // kNone for unmatched keypoints
-  std::vector<uint32_t> position_of_node;   // in the group of its component
+  std::vector<uint32_t> position_of_node;   // within its group
   Mask has_conflict;                        // per component
 };
 
@@ -47,15 +48,15 @@ MatchComponents FindComponents(const KeypointNodes& nodes,
                                const ViewGraph& view_graph,
                                const MatchSelection& selection);
 
-// A match within a component, by positions in its group, first < second.
+// A match within a component, by positions in the group; first < second.
 struct ComponentMatch {
   uint32_t first;
   uint32_t second;
-  uint32_t num_pair_matches;  // of the pair of images that it belongs to
+  uint32_t num_pair_matches;  // number of matches of its image pair
 };
 
-// The matches of the components that have a conflict, in flat arrays: those of
-// component c are matches[offsets[c]] to matches[offsets[c + 1] - 1].
+// Matches of the components with conflicts: matches[offsets[c]] to
+// matches[offsets[c + 1] - 1] belong to component c.
 struct ConflictingMatches {
   std::vector<ComponentMatch> matches;
   std::vector<size_t> offsets;

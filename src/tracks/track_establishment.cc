@@ -19,7 +19,8 @@ namespace {
 using internal::ConflictingMatches;
 using internal::MatchComponents;
 
-// Sets without conflicts of all components, ordered by first observations.
+// Splits the components with conflicts; the result is ordered by first
+// observations.
 ObservationGroups MakeConflictFree(const Scene& scene,
                                    const MatchComponents& components,
                                    const ConflictingMatches& conflicting,
@@ -30,12 +31,12 @@ ObservationGroups MakeConflictFree(const Scene& scene,
   for (size_t i = 0; i < groups.size(); ++i) {
     if (components.has_conflict[i]) with_conflict.push_back(i);
   }
-  std::vector<ObservationGroups> parts(with_conflict.size());
+  std::vector<ObservationGroups> splits(with_conflict.size());
   ParallelFor(with_conflict.size(), context.num_threads, [&](size_t i) {
     context.CheckInterrupted();
     const size_t group = with_conflict[i];
     const size_t first_match = conflicting.offsets[group];
-    parts[i] = internal::SplitComponent(
+    splits[i] = internal::SplitComponent(
         scene, groups.begin(group), groups.length(group),
         conflicting.matches.data() + first_match,
         conflicting.offsets[group + 1] - first_match,
@@ -47,9 +48,9 @@ ObservationGroups MakeConflictFree(const Scene& scene,
     if (components.has_conflict[i]) continue;
     ranges.emplace_back(groups.begin(i), groups.end(i));
   }
-  for (const ObservationGroups& part : parts) {
-    for (size_t i = 0; i < part.size(); ++i) {
-      ranges.emplace_back(part.begin(i), part.end(i));
+  for (const ObservationGroups& split : splits) {
+    for (size_t i = 0; i < split.size(); ++i) {
+      ranges.emplace_back(split.begin(i), split.end(i));
     }
   }
   std::sort(ranges.begin(), ranges.end(),
@@ -89,16 +90,16 @@ JoinedMatches JoinMatches(const Scene& scene,
   return joined;
 }
 
-// The confirmed matches, and all that poor images have.
-MatchSelection SelectConfirmed(const ViewGraph& view_graph,
-                               const Mask& pair_is_used,
-                               const Mask& is_triplet_consistent,
-                               const Mask& is_poor) {
+// The triplet-consistent matches, and all matches of images with few tracks.
+MatchSelection SelectTripletConsistent(const ViewGraph& view_graph,
+                                       const Mask& pair_is_used,
+                                       const Mask& is_triplet_consistent,
+                                       const Mask& has_few_tracks) {
   MatchSelection selection{pair_is_used, is_triplet_consistent};
   size_t begin = 0;
   for (const ImagePair& pair : view_graph.pairs) {
     const size_t end = begin + pair.matches.size();
-    if (is_poor[pair.image_idx1] || is_poor[pair.image_idx2]) {
+    if (has_few_tracks[pair.image_idx1] || has_few_tracks[pair.image_idx2]) {
       selection.match_is_used.Fill(begin, end, true);
     }
     begin = end;
@@ -106,18 +107,18 @@ MatchSelection SelectConfirmed(const ViewGraph& view_graph,
   return selection;
 }
 
-// Images with fewer tracks than they should have.
-Mask FindPoorImages(const ObservationGroups& tracks, size_t num_images,
-                    const TrackOptions& options) {
+// Images with fewer than min_tracks_per_image tracks.
+Mask FindImagesWithFewTracks(const ObservationGroups& tracks, size_t num_images,
+                             const TrackOptions& options) {
   std::vector<int> num_tracks(num_images, 0);
   for (const Observation& observation : tracks.observations) {
     ++num_tracks[observation.image_idx];
   }
-  Mask is_poor;
+  Mask has_few_tracks;
   for (const int number : num_tracks) {
-    is_poor.push_back(number < options.min_tracks_per_image);
+    has_few_tracks.push_back(number < options.min_tracks_per_image);
   }
-  return is_poor;
+  return has_few_tracks;
 }
 
 }  // namespace
@@ -142,19 +143,24 @@ TrackResult EstablishTracks(const Scene& scene, const ViewGraph& view_graph,
   const Mask is_triplet_consistent = FindTripletConsistentMatches(
       view_graph, pair_is_used, context.num_threads);
   context.CheckInterrupted();
-  Mask is_poor(scene.images.size(), false);
+  Mask has_few_tracks(scene.images.size(), false);
   JoinedMatches joined;
   TrackResult result;
-  // What all images have of confirmed matches tells which of them need more.
+  // The first pass finds the images that need more than triplet-consistent
+  // matches.
   for (int pass = 0; pass < 2; ++pass) {
-    joined = JoinMatches(scene, nodes, view_graph,
-                         SelectConfirmed(view_graph, pair_is_used,
-                                         is_triplet_consistent, is_poor),
-                         options, context);
+    joined = JoinMatches(
+        scene, nodes, view_graph,
+        SelectTripletConsistent(view_graph, pair_is_used, is_triplet_consistent,
+                                has_few_tracks),
+        options, context);
     result.estimate =
         internal::SelectTracks(joined.candidates, scene.images.size(), options);
-    is_poor = FindPoorImages(result.estimate, scene.images.size(), options);
-    if (std::count(is_poor.begin(), is_poor.end(), char{true}) == 0) break;
+    has_few_tracks =
+        FindImagesWithFewTracks(result.estimate, scene.images.size(), options);
+    if (std::count(has_few_tracks.begin(), has_few_tracks.end(), char{true}) ==
+        0)
+      break;
   }
   TrackSummary& summary = result.summary;
   summary.num_components = joined.num_components;

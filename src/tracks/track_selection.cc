@@ -18,13 +18,13 @@ class Selection {
         is_selected_(candidates.size(), false),
         num_tracks_of_image_(num_images, 0) {}
 
-  // Selects the track if one of its images has fewer than `wanted`.
-  void SelectIfWanted(size_t track, int wanted) {
+  // Selects the track if one of its images has fewer than `num_wanted` tracks.
+  void SelectIfWanted(size_t track, int num_wanted) {
     if (is_selected_[track]) return;
     const Observation* begin = candidates_.begin(track);
     const Observation* end = candidates_.end(track);
     if (std::none_of(begin, end, [&](const Observation& observation) {
-          return num_tracks_of_image_[observation.image_idx] < wanted;
+          return num_tracks_of_image_[observation.image_idx] < num_wanted;
         })) {
       return;
     }

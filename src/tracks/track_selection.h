@@ -6,7 +6,8 @@
 
 namespace mgsfm::internal {
 
-// The tracks fit for averaging of the candidates, in their order.
+// Selects tracks by length such that every image has enough; see TrackOptions.
+// The order of the candidates is kept.
 ObservationGroups SelectTracks(const ObservationGroups& candidates,
                                size_t num_images, const TrackOptions& options);
 

@@ -354,10 +354,10 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
         !bearings.HasRay(pair.image_idx2, keypoint2)) {
       continue;
     }
-    collected.rays.rays1.emplace_back(
-        world_from_cam1 * bearings.rays[pair.image_idx1][keypoint1]);
-    collected.rays.rays2.emplace_back(
-        world_from_cam2 * bearings.rays[pair.image_idx2][keypoint2]);
+    collected.rays.rays1.emplace_back(world_from_cam1 *
+                                      bearings.Ray(pair.image_idx1, keypoint1));
+    collected.rays.rays2.emplace_back(world_from_cam2 *
+                                      bearings.Ray(pair.image_idx2, keypoint2));
     collected.used.push_back(match);
   }
   return collected;

@@ -151,10 +151,10 @@ Eigen::VectorXd ChainAlongForest(int num_pairs,
   Eigen::VectorXd log_scale = Eigen::VectorXd::Zero(num_pairs);
   const auto forest = MaximumSpanningForest(num_pairs, edges);
   for (const ForestStep& step : WalkForest(num_pairs, edges, forest)) {
-    if (step.edge < 0) continue;
-    const ScaleLink& link = links[step.edge];
+    if (!step.from) continue;
+    const ScaleLink& link = links[step.from->edge];
     const double sign = link.pair2 == step.node ? 1.0 : -1.0;
-    log_scale[step.node] = log_scale[step.parent] + sign * link.log_ratio;
+    log_scale[step.node] = log_scale[step.from->parent] + sign * link.log_ratio;
   }
   return log_scale;
 }

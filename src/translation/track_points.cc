@@ -140,7 +140,7 @@ TrackRays ComputeTrackRays(const PositionProblem& problem,
         }
         rays.has_ray[k] = true;
         rays.rays_in_world[k] = *problem.world_from_cam[o.image_idx] *
-                                bearings.rays[o.image_idx][keypoint_idx];
+                                bearings.Ray(o.image_idx, keypoint_idx);
       },
       4096);
   return rays;

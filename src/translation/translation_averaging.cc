@@ -15,7 +15,7 @@ TranslationResult AverageTranslations(
     const TranslationAveragingOptions& options, const Context& context) {
   MGSFM_CHECK_EQ(rotations.pair_is_inlier.size(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(rotations.rig_from_world.size(), scene.frames.size());
-  MGSFM_CHECK_EQ(bearings.rays.size(), scene.images.size());
+  MGSFM_CHECK_EQ(bearings.images.size(), scene.images.size());
   const PositionProblem problem = MakePositionProblem(scene, rotations);
   const TrackRays rays =
       ComputeTrackRays(problem, bearings, tracks, context.num_threads);

@@ -4,9 +4,10 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
-#include <limits>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -21,166 +22,145 @@ namespace {
 using internal::FocalEquations;
 using internal::FocalPair;
 
+// Six times the 5 degrees of freedom of an essential matrix.
 constexpr size_t kMinNumMatches = 30;
+// A single pair has one equation for a focal length, and its errors are not
+// checked by others.
 constexpr int kMinNumPairs = 3;
+// Grid of the initial search: 15 factors in geometric progression from 0.4 to
+// 2.5, each 1.14 times the one before. Gauss-Newton corrects a remaining error
+// of 7 %.
 constexpr int kNumFactors = 15;
 const double kMaxLogFactor = std::log(2.5);
+// An estimate outside of the searched range by more than a fifth diverged.
+constexpr double kMaxRelativeLogFactor = 1.2;
 constexpr int kNumPoseIterations = 5;
 constexpr int kMaxNumIterations = 20;
 constexpr int kMaxNumHalvings = 5;
+// Largest step of a log factor: the derivatives hold for about 20 %.
 constexpr double kMaxStep = 0.2;
+// A relative change of 1e-5 is 0.01 px at a focal length of 1000 px.
 constexpr double kMinStep = 1e-5;
 constexpr double kOutlierFactor = 3.0;
-// Median of |x| of a standard normal.
+// Median of |x| of a standard normal variable.
 constexpr double kMedianOfNormal = 0.6745;
+// Lower bound of the keypoint noise; keeps exact (simulated) data from
+// rejecting pairs and from zero variances.
 constexpr double kMinSigmaPx = 0.05;
+// Damping of poses, relative and absolute, which only acts on directions that
+// no match determines.
+constexpr double kPoseDamping = 1e-9;
+// Damping of log factors: one that no pair determines does not change.
+constexpr double kFactorDamping = 1e-6;
 
 const char* const kReason =
-    "the views of its pairs turn too little, or their axes stay parallel or in "
-    "one plane, which tells little of the focal length";
+    "the views of its pairs rotate too little, or their optical axes stay "
+    "parallel or in one plane, so that they hardly constrain the focal length";
 
-class FocalLengthCalibrator {
- public:
-  FocalLengthCalibrator(const Scene& scene, const ViewGraph& view_graph,
-                        const FocalLengthOptions& options,
-                        const Context& context)
-      : scene_(scene),
-        view_graph_(view_graph),
-        options_(options),
-        context_(context),
-        unknown_of_camera_(scene.cameras.size(), -1) {
-    result_.cameras = scene.cameras;
+// The unknown log factors s: one per camera without prior focal length.
+struct Unknowns {
+  std::vector<int> camera_idxs;               // per unknown
+  std::vector<std::optional<int>> of_camera;  // per camera
+
+  size_t size() const { return camera_idxs.size(); }
+
+  // Unknowns of both cameras of a pair; only the first is set if they are one
+  // camera.
+  std::array<std::optional<int>, 2> OfPair(const FocalPair& pair) const {
+    return {of_camera[pair.camera_idx1()],
+            pair.camera_idx1() == pair.camera_idx2()
+                ? std::nullopt
+                : of_camera[pair.camera_idx2()]};
   }
-
-  FocalLengthResult Run() {
-    ListUnknowns();
-    if (cameras_.empty()) return std::move(result_);
-    SelectPairs();
-    StartPairs();
-    for (size_t c = 0; c < cameras_.size(); ++c) SearchFactor(c);
-    Refine();
-    DropOutliers();
-    Refine();
-    Judge();
-    return std::move(result_);
-  }
-
- private:
-  // What all pairs say of s, with their poses eliminated.
-  struct Reduced {
-    Eigen::MatrixXd hessian;
-    Eigen::VectorXd gradient;
-    Eigen::MatrixXd outer;  // sum of gradient x gradient over pairs
-    std::vector<FocalEquations> of_pair;
-  };
-
-  void ListUnknowns();
-  void SelectPairs();
-  void StartPairs();
-  void SearchFactor(size_t unknown);
-  void Refine();
-  void DropOutliers();
-  void Judge();
-  std::string Verdict(size_t unknown, double sigma) const;
-  Reduced Reduce() const;
-  bool TryStep(const Reduced& reduced, const Eigen::VectorXd& step);
-  double SetFactors(const Eigen::VectorXd& s);
-  // The unknowns of a pair, -1: known; the second is -1 if they are the same.
-  std::pair<int, int> UnknownsOf(const FocalPair& pair) const {
-    const int a = unknown_of_camera_[pair.camera_idx1()];
-    const int b = unknown_of_camera_[pair.camera_idx2()];
-    return {a, pair.camera_idx1() == pair.camera_idx2() ? -1 : b};
-  }
-  double FactorOf(int camera_idx) const {
-    const int unknown = unknown_of_camera_[camera_idx];
-    return unknown < 0 ? 0.0 : s_[unknown];
-  }
-
-  const Scene& scene_;
-  const ViewGraph& view_graph_;
-  const FocalLengthOptions& options_;
-  const Context& context_;
-  std::vector<int> cameras_;  // of the unknowns
-  std::vector<int> unknown_of_camera_;
-  std::vector<FocalPair> pairs_;
-  Eigen::VectorXd s_;
-  FocalLengthResult result_;
 };
 
-void FocalLengthCalibrator::ListUnknowns() {
-  for (size_t i = 0; i < scene_.cameras.size(); ++i) {
-    const Camera& camera = scene_.cameras[i];
+// The value of an unknown; zero without one, as the factor is 1.
+double ValueOf(const Eigen::VectorXd& s, const std::optional<int>& unknown) {
+  return unknown ? s[*unknown] : 0.0;
+}
+
+Unknowns FindUnknowns(const Scene& scene) {
+  Unknowns unknowns;
+  unknowns.of_camera.resize(scene.cameras.size());
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    const Camera& camera = scene.cameras[i];
     const CameraModelInfo& info =
         *FindCameraModel(static_cast<int32_t>(camera.model));
     if (camera.has_prior_focal_length || info.focal_length_idxs.empty()) {
       continue;
     }
-    unknown_of_camera_[i] = static_cast<int>(cameras_.size());
-    cameras_.push_back(static_cast<int>(i));
-    FocalLengthEstimate estimate;
-    estimate.camera_idx = static_cast<int>(i);
-    estimate.prior_px = camera.params[info.focal_length_idxs.front()];
-    result_.estimates.push_back(estimate);
+    unknowns.of_camera[i] = static_cast<int>(unknowns.size());
+    unknowns.camera_idxs.push_back(static_cast<int>(i));
   }
-  s_ = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(cameras_.size()));
+  return unknowns;
 }
 
-void FocalLengthCalibrator::SelectPairs() {
-  std::vector<std::vector<size_t>> candidates(cameras_.size());
-  for (size_t i = 0; i < view_graph_.pairs.size(); ++i) {
-    const ImagePair& pair = view_graph_.pairs[i];
+// At most max_num_pairs pairs of each unknown, at equal spacing.
+std::vector<FocalPair> SelectPairs(const Scene& scene,
+                                   const ViewGraph& view_graph,
+                                   const Unknowns& unknowns,
+                                   int max_num_pairs) {
+  std::vector<std::vector<size_t>> candidates(unknowns.size());
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
     if (pair.matches.size() < kMinNumMatches ||
         pair.config == TwoViewConfig::kDegenerate ||
         pair.config == TwoViewConfig::kWatermark) {
       continue;
     }
     for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
-      const int c = unknown_of_camera_[scene_.images[image_idx].camera_idx];
-      if (c >= 0) candidates[c].push_back(i);
+      const auto& unknown =
+          unknowns.of_camera[scene.images[image_idx].camera_idx];
+      if (unknown) candidates[*unknown].push_back(i);
     }
   }
   std::set<size_t> selected;
   for (std::vector<size_t>& list : candidates) {
     list.erase(std::unique(list.begin(), list.end()), list.end());
     const size_t num_used =
-        std::min(list.size(), static_cast<size_t>(options_.max_num_pairs));
+        std::min(list.size(), static_cast<size_t>(max_num_pairs));
     for (size_t k = 0; k < num_used; ++k) {
       selected.insert(list[k * list.size() / num_used]);
     }
   }
-  for (const size_t i : selected) {
-    pairs_.emplace_back(scene_, view_graph_.pairs[i]);
-  }
+  std::vector<FocalPair> pairs;
+  for (const size_t i : selected)
+    pairs.emplace_back(scene, view_graph.pairs[i]);
+  return pairs;
 }
 
-void FocalLengthCalibrator::StartPairs() {
-  Mask has_start(pairs_.size());
-  ParallelFor(pairs_.size(), context_.num_threads, [&](size_t k) {
-    Random random(context_.random_seed, k);
-    pairs_[k].SetRays(0.0, 0.0);
-    has_start[k] = pairs_[k].Start(&random);
-    if (has_start[k]) pairs_[k].RefinePose(kNumPoseIterations);
+// Initializes the poses; drops pairs without.
+std::vector<FocalPair> InitializePairs(std::vector<FocalPair> pairs,
+                                       const Context& context) {
+  Mask has_pose(pairs.size());
+  ParallelFor(pairs.size(), context.num_threads, [&](size_t k) {
+    Random random(context.random_seed, k);
+    pairs[k].SetRays(0.0, 0.0);
+    has_pose[k] = pairs[k].Initialize(&random);
+    if (has_pose[k]) pairs[k].RefinePose(kNumPoseIterations);
   });
   std::vector<FocalPair> kept;
-  for (size_t k = 0; k < pairs_.size(); ++k) {
-    if (has_start[k]) kept.push_back(std::move(pairs_[k]));
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    if (has_pose[k]) kept.push_back(std::move(pairs[k]));
   }
-  pairs_ = std::move(kept);
+  return kept;
 }
 
-// Factors are visited outwards from one, each pose going on from that before.
-void FocalLengthCalibrator::SearchFactor(size_t unknown) {
-  const int c = static_cast<int>(unknown);
+// The log factor of one unknown with the lowest cost on the grid, by the pairs
+// that depend on no other unknown. Factors are visited outwards from one, and
+// each pose starts at that of the factor before.
+double SearchLogFactor(const std::vector<FocalPair>& pairs,
+                       const Unknowns& unknowns, int c, int num_threads) {
   constexpr int kMiddle = kNumFactors / 2;
-  std::vector<std::vector<double>> costs(pairs_.size());
-  ParallelFor(pairs_.size(), context_.num_threads, [&](size_t k) {
-    FocalPair pair = pairs_[k];
-    const int a = unknown_of_camera_[pair.camera_idx1()];
-    const int b = unknown_of_camera_[pair.camera_idx2()];
-    if ((a != c && b != c) || (a >= 0 && b >= 0 && a != b)) return;
+  std::vector<std::vector<double>> costs(pairs.size());
+  ParallelFor(pairs.size(), num_threads, [&](size_t k) {
+    FocalPair pair = pairs[k];
+    const std::optional<int> a = unknowns.of_camera[pair.camera_idx1()];
+    const std::optional<int> b = unknowns.of_camera[pair.camera_idx2()];
+    if ((a != c && b != c) || (a && b && a != b)) return;
     costs[k].resize(kNumFactors);
     for (const int direction : {1, -1}) {
-      pair.set_pose(pairs_[k].pose());
+      pair.set_pose(pairs[k].pose());
       for (int i = kMiddle; i >= 0 && i < kNumFactors; i += direction) {
         const double s = kMaxLogFactor * (i - kMiddle) / kMiddle;
         pair.SetRays(a == c ? s : 0.0, b == c ? s : 0.0);
@@ -193,38 +173,48 @@ void FocalLengthCalibrator::SearchFactor(size_t unknown) {
     for (size_t i = 0; i < of_pair.size(); ++i) sums[i] += of_pair[i];
   }
   const auto best = std::min_element(sums.begin(), sums.end()) - sums.begin();
-  if (sums[best] < sums[kMiddle]) {
-    s_[c] = kMaxLogFactor * static_cast<double>(best - kMiddle) / kMiddle;
-  }
+  if (!(sums[best] < sums[kMiddle])) return 0.0;
+  return kMaxLogFactor * static_cast<double>(best - kMiddle) / kMiddle;
 }
 
-double FocalLengthCalibrator::SetFactors(const Eigen::VectorXd& s) {
-  s_ = s;
-  std::vector<double> costs(pairs_.size());
-  ParallelFor(pairs_.size(), context_.num_threads, [&](size_t k) {
-    pairs_[k].SetRays(FactorOf(pairs_[k].camera_idx1()),
-                      FactorOf(pairs_[k].camera_idx2()));
-    costs[k] = pairs_[k].Cost();
+// Sets the rays of all pairs to the log factors and returns the total cost.
+double SetLogFactors(const Eigen::VectorXd& s, const Unknowns& unknowns,
+                     int num_threads, std::vector<FocalPair>* pairs) {
+  std::vector<double> costs(pairs->size());
+  ParallelFor(pairs->size(), num_threads, [&](size_t k) {
+    FocalPair& pair = (*pairs)[k];
+    pair.SetRays(ValueOf(s, unknowns.of_camera[pair.camera_idx1()]),
+                 ValueOf(s, unknowns.of_camera[pair.camera_idx2()]));
+    costs[k] = pair.Cost();
   });
   double sum = 0.0;
   for (const double cost : costs) sum += cost;
   return sum;
 }
 
-FocalLengthCalibrator::Reduced FocalLengthCalibrator::Reduce() const {
-  Reduced reduced;
-  const Eigen::Index size = s_.size();
+// Normal equations of s with the poses eliminated.
+struct ReducedEquations {
+  Eigen::MatrixXd hessian;
+  Eigen::VectorXd gradient;
+  Eigen::MatrixXd outer;                // sum of g g^T over pairs
+  std::vector<FocalEquations> of_pair;  // with poses
+};
+
+ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
+                        const Unknowns& unknowns, int num_threads) {
+  ReducedEquations reduced;
+  const auto size = static_cast<Eigen::Index>(unknowns.size());
   reduced.hessian.setZero(size, size);
   reduced.outer.setZero(size, size);
   reduced.gradient.setZero(size);
-  reduced.of_pair.resize(pairs_.size());
-  ParallelFor(pairs_.size(), context_.num_threads, [&](size_t k) {
+  reduced.of_pair.resize(pairs.size());
+  ParallelFor(pairs.size(), num_threads, [&](size_t k) {
     FocalEquations& e = reduced.of_pair[k];
-    e = pairs_[k].Linearize(/*with_focal_lengths=*/true);
-    e.hessian.diagonal().head<5>() *= 1.0 + 1e-9;
-    e.hessian.diagonal().head<5>().array() += 1e-9;
+    e = pairs[k].Linearize(/*with_focal_lengths=*/true);
+    e.hessian.diagonal().head<5>() *= 1.0 + kPoseDamping;
+    e.hessian.diagonal().head<5>().array() += kPoseDamping;
   });
-  for (size_t k = 0; k < pairs_.size(); ++k) {
+  for (size_t k = 0; k < pairs.size(); ++k) {
     const FocalEquations& e = reduced.of_pair[k];
     const Eigen::Matrix<double, 5, 2> coupling =
         e.hessian.topRightCorner<5, 2>();
@@ -234,130 +224,161 @@ FocalLengthCalibrator::Reduced FocalLengthCalibrator::Reduce() const {
         e.hessian.bottomRightCorner<2, 2>() - coupling.transpose() * solved;
     const Eigen::Vector2d g =
         e.gradient.tail<2>() - solved.transpose() * e.gradient.head<5>();
-    const auto [a, b] = UnknownsOf(pairs_[k]);
-    const int unknowns[2] = {a, b};
+    const auto of_pair = unknowns.OfPair(pairs[k]);
     for (int i = 0; i < 2; ++i) {
-      if (unknowns[i] < 0) continue;
-      reduced.gradient[unknowns[i]] += g[i];
+      if (!of_pair[i]) continue;
+      reduced.gradient[*of_pair[i]] += g[i];
       for (int j = 0; j < 2; ++j) {
-        if (unknowns[j] < 0) continue;
-        reduced.hessian(unknowns[i], unknowns[j]) += H(i, j);
-        reduced.outer(unknowns[i], unknowns[j]) += g[i] * g[j];
+        if (!of_pair[j]) continue;
+        reduced.hessian(*of_pair[i], *of_pair[j]) += H(i, j);
+        reduced.outer(*of_pair[i], *of_pair[j]) += g[i] * g[j];
       }
     }
   }
-  // What no pair tells stays where it is.
-  reduced.hessian.diagonal().array() += 1e-6;
+  reduced.hessian.diagonal().array() += kFactorDamping;
   return reduced;
 }
 
-bool FocalLengthCalibrator::TryStep(const Reduced& reduced,
-                                    const Eigen::VectorXd& step) {
-  const Eigen::VectorXd before = s_;
+// Takes the step, shortened until the cost decreases. Returns false, with
+// everything unchanged, if it does not.
+bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
+             const Unknowns& unknowns, int num_threads,
+             std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
   double cost = 0.0;
-  for (const FocalPair& pair : pairs_) cost += pair.Cost();
   std::vector<Rigid3> poses;
-  for (const FocalPair& pair : pairs_) poses.push_back(pair.pose());
+  for (const FocalPair& pair : *pairs) {
+    cost += pair.Cost();
+    poses.push_back(pair.pose());
+  }
   double scale = std::min(1.0, kMaxStep / step.cwiseAbs().maxCoeff());
   for (int i = 0; i < kMaxNumHalvings; ++i, scale *= 0.5) {
-    for (size_t k = 0; k < pairs_.size(); ++k) {
+    for (size_t k = 0; k < pairs->size(); ++k) {
       const FocalEquations& e = reduced.of_pair[k];
-      const auto [a, b] = UnknownsOf(pairs_[k]);
-      const Eigen::Vector2d ds(a < 0 ? 0.0 : step[a], b < 0 ? 0.0 : step[b]);
-      pairs_[k].set_pose(poses[k]);
-      pairs_[k].MovePose(-scale * e.hessian.topLeftCorner<5, 5>().ldlt().solve(
-                                      e.gradient.head<5>() +
-                                      e.hessian.topRightCorner<5, 2>() * ds));
+      const auto [a, b] = unknowns.OfPair((*pairs)[k]);
+      const Eigen::Vector2d ds(ValueOf(step, a), ValueOf(step, b));
+      (*pairs)[k].set_pose(poses[k]);
+      (*pairs)[k].MovePose(
+          -scale *
+          e.hessian.topLeftCorner<5, 5>().ldlt().solve(
+              e.gradient.head<5>() + e.hessian.topRightCorner<5, 2>() * ds));
     }
-    if (SetFactors(before + scale * step) < cost) return true;
+    const Eigen::VectorXd candidate = *s + scale * step;
+    if (SetLogFactors(candidate, unknowns, num_threads, pairs) < cost) {
+      *s = candidate;
+      return true;
+    }
   }
-  for (size_t k = 0; k < pairs_.size(); ++k) pairs_[k].set_pose(poses[k]);
-  SetFactors(before);
+  for (size_t k = 0; k < pairs->size(); ++k) (*pairs)[k].set_pose(poses[k]);
+  SetLogFactors(*s, unknowns, num_threads, pairs);
   return false;
 }
 
-void FocalLengthCalibrator::Refine() {
-  if (pairs_.empty()) return;
-  SetFactors(s_);
-  ParallelFor(pairs_.size(), context_.num_threads,
-              [&](size_t k) { pairs_[k].RefinePose(kNumPoseIterations); });
+// Gauss-Newton in all unknowns.
+void Refine(const Unknowns& unknowns, const Context& context,
+            std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
+  if (pairs->empty()) return;
+  SetLogFactors(*s, unknowns, context.num_threads, pairs);
+  ParallelFor(pairs->size(), context.num_threads,
+              [&](size_t k) { (*pairs)[k].RefinePose(kNumPoseIterations); });
   for (int i = 0; i < kMaxNumIterations; ++i) {
-    context_.CheckInterrupted();
-    const Reduced reduced = Reduce();
+    context.CheckInterrupted();
+    const ReducedEquations reduced =
+        Reduce(*pairs, unknowns, context.num_threads);
     const Eigen::VectorXd step =
         -reduced.hessian.ldlt().solve(reduced.gradient);
     if (!step.allFinite() || step.cwiseAbs().maxCoeff() < kMinStep) break;
-    if (!TryStep(reduced, step)) break;
+    if (!TryStep(reduced, step, unknowns, context.num_threads, pairs, s)) break;
   }
 }
 
-void FocalLengthCalibrator::DropOutliers() {
-  if (pairs_.empty()) return;
+// Drops pairs whose median residual exceeds that of the median pair.
+std::vector<FocalPair> DropOutliers(std::vector<FocalPair> pairs) {
+  if (pairs.empty()) return pairs;
   std::vector<double> medians;
-  for (const FocalPair& pair : pairs_) {
+  for (const FocalPair& pair : pairs) {
     medians.push_back(Median(pair.Residuals()));
   }
-  const double most = kOutlierFactor * std::max(Median(medians), kMinSigmaPx);
+  const double max_median =
+      kOutlierFactor * std::max(Median(medians), kMinSigmaPx);
   std::vector<FocalPair> kept;
-  for (size_t k = 0; k < pairs_.size(); ++k) {
-    if (medians[k] <= most) kept.push_back(std::move(pairs_[k]));
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    if (medians[k] <= max_median) kept.push_back(std::move(pairs[k]));
   }
-  pairs_ = std::move(kept);
+  return kept;
 }
 
-std::string FocalLengthCalibrator::Verdict(size_t unknown, double sigma) const {
-  char numbers[96];
-  if (result_.estimates[unknown].num_pairs < kMinNumPairs) {
-    return "too few image pairs agree on an epipolar geometry";
-  }
-  if (std::abs(s_[unknown]) > 1.2 * kMaxLogFactor) {
-    return kReason;
-  }
-  if (sigma <= options_.max_sigma) return "";
-  std::snprintf(numbers, sizeof(numbers),
-                "relative standard deviation %.3g, more than %.3g: ", sigma,
-                options_.max_sigma);
-  return numbers + std::string(kReason);
-}
-
-void FocalLengthCalibrator::Judge() {
+// Variances of s: the larger of that by the noise of residuals and the sandwich
+// estimate; see the header.
+Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
+                                  const Unknowns& unknowns, int num_threads) {
   std::set<int> images;
   std::vector<double> residuals;
-  for (const FocalPair& pair : pairs_) {
+  for (const FocalPair& pair : pairs) {
     const std::vector<double> of_pair = pair.Residuals();
     residuals.insert(residuals.end(), of_pair.begin(), of_pair.end());
     images.insert({pair.image_idx1(), pair.image_idx2()});
-    const std::set<int> unknowns = {unknown_of_camera_[pair.camera_idx1()],
-                                    unknown_of_camera_[pair.camera_idx2()]};
-    for (const int unknown : unknowns) {
-      if (unknown >= 0) ++result_.estimates[unknown].num_pairs;
+  }
+  const ReducedEquations reduced = Reduce(pairs, unknowns, num_threads);
+  const Eigen::MatrixXd inverse = reduced.hessian.inverse();
+  const Eigen::MatrixXd sandwich = inverse * reduced.outer * inverse;
+  const double sigma_px =
+      std::max(Median(std::move(residuals)) / kMedianOfNormal, kMinSigmaPx);
+  const double pairs_per_image = 2.0 * static_cast<double>(pairs.size()) /
+                                 static_cast<double>(images.size());
+  const double variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);
+  return (variance * inverse.diagonal()).cwiseMax(sandwich.diagonal());
+}
+
+// Why the camera keeps its focal length; empty if the estimate is accepted.
+std::string RejectionReason(int num_pairs, double s,
+                            const std::optional<double>& sigma,
+                            double max_sigma) {
+  if (num_pairs < kMinNumPairs) {
+    return "too few image pairs have a consistent epipolar geometry";
+  }
+  if (std::abs(s) > kMaxRelativeLogFactor * kMaxLogFactor) return kReason;
+  if (*sigma <= max_sigma) return "";
+  char numbers[96];
+  std::snprintf(numbers, sizeof(numbers),
+                "relative standard deviation %.3g exceeds %.3g: ", *sigma,
+                max_sigma);
+  return numbers + std::string(kReason);
+}
+
+FocalLengthResult MakeResult(const Scene& scene,
+                             const std::vector<FocalPair>& pairs,
+                             const Unknowns& unknowns, const Eigen::VectorXd& s,
+                             double max_sigma, int num_threads) {
+  FocalLengthResult result;
+  result.cameras = scene.cameras;
+  std::vector<int> num_pairs(unknowns.size(), 0);
+  for (const FocalPair& pair : pairs) {
+    for (const std::optional<int>& unknown : unknowns.OfPair(pair)) {
+      if (unknown) ++num_pairs[*unknown];
     }
   }
-  Eigen::MatrixXd inverse, sandwich;
-  double variance = 0.0;
-  if (!pairs_.empty()) {
-    const Reduced reduced = Reduce();
-    inverse = reduced.hessian.inverse();
-    sandwich = inverse * reduced.outer * inverse;
-    const double sigma_px =
-        std::max(Median(std::move(residuals)) / kMedianOfNormal, kMinSigmaPx);
-    const double pairs_per_image = 2.0 * static_cast<double>(pairs_.size()) /
-                                   static_cast<double>(images.size());
-    variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);
+  Eigen::VectorXd variances;
+  if (!pairs.empty()) {
+    variances = EstimateVariances(pairs, unknowns, num_threads);
   }
-  for (size_t c = 0; c < cameras_.size(); ++c) {
-    FocalLengthEstimate& estimate = result_.estimates[c];
-    if (estimate.num_pairs > 0) {
-      const auto i = static_cast<Eigen::Index>(c);
-      estimate.sigma =
-          std::sqrt(std::max(variance * inverse(i, i), sandwich(i, i)));
-    }
-    estimate.message = Verdict(c, estimate.sigma);
+  for (size_t c = 0; c < unknowns.size(); ++c) {
+    const auto i = static_cast<Eigen::Index>(c);
+    const int camera_idx = unknowns.camera_idxs[c];
+    const Camera& camera = scene.cameras[camera_idx];
+    const CameraModelInfo& info =
+        *FindCameraModel(static_cast<int32_t>(camera.model));
+    FocalLengthEstimate& estimate = result.estimates.emplace_back();
+    estimate.camera_idx = camera_idx;
+    estimate.prior_px = camera.params[info.focal_length_idxs.front()];
+    estimate.num_pairs = num_pairs[c];
+    if (num_pairs[c] > 0) estimate.sigma = std::sqrt(variances[i]);
+    estimate.message =
+        RejectionReason(num_pairs[c], s[i], estimate.sigma, max_sigma);
     if (!estimate.message.empty()) continue;
-    estimate.estimated_px = std::exp(s_[c]) * estimate.prior_px;
-    result_.cameras[cameras_[c]] =
-        internal::WithFocalFactor(scene_.cameras[cameras_[c]], s_[c]);
+    estimate.estimated_px = std::exp(s[i]) * estimate.prior_px;
+    result.cameras[camera_idx] = internal::WithFocalFactor(camera, s[i]);
   }
+  return result;
 }
 
 }  // namespace
@@ -366,7 +387,20 @@ FocalLengthResult CalibrateFocalLengths(const Scene& scene,
                                         const ViewGraph& view_graph,
                                         const FocalLengthOptions& options,
                                         const Context& context) {
-  return FocalLengthCalibrator(scene, view_graph, options, context).Run();
+  const Unknowns unknowns = FindUnknowns(scene);
+  if (unknowns.size() == 0) return {scene.cameras, {}};
+  std::vector<FocalPair> pairs = InitializePairs(
+      SelectPairs(scene, view_graph, unknowns, options.max_num_pairs), context);
+  Eigen::VectorXd s(static_cast<Eigen::Index>(unknowns.size()));
+  for (Eigen::Index c = 0; c < s.size(); ++c) {
+    s[c] = SearchLogFactor(pairs, unknowns, static_cast<int>(c),
+                           context.num_threads);
+  }
+  Refine(unknowns, context, &pairs, &s);
+  pairs = DropOutliers(std::move(pairs));
+  Refine(unknowns, context, &pairs, &s);
+  return MakeResult(scene, pairs, unknowns, s, options.max_sigma,
+                    context.num_threads);
 }
 
 ViewGraph DropCalibratedGeometry(const Scene& scene,

@@ -18,21 +18,37 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
 constexpr size_t kMaxNumMatches = 200;
-constexpr double kStepPx = 0.5;     // of derivatives by pixels
-constexpr double kPoseStep = 1e-6;  // and by poses
+// Steps of forward differences. Rays are smooth over a pixel; for poses and log
+// factors the steps balance truncation and rounding.
+constexpr double kStepPx = 0.5;
+constexpr double kPoseStep = 1e-6;
 constexpr double kFocalStep = 1e-5;
+// COLMAP's default of the two-view geometry; wide, as focal lengths are wrong.
 constexpr double kRansacErrorPx = 4.0;
+// A sample of five inliers at an inlier ratio of 0.4 is found with probability
+// 1 - (1 - 0.4^5)^500 = 0.994.
 constexpr int kMaxNumTrials = 500;
+// Damping of poses, relative and absolute.
+constexpr double kRelativeDamping = 1e-6;
+constexpr double kAbsoluteDamping = 1e-9;
+// Relative decrease of the cost at which a pose has converged.
+constexpr double kMinCostDecrease = 1e-4;
 constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
 
-// First-order distance in pixels; 0 where the match says nothing.
-double PixelDistance(const Matrix3d& E, const RayPatch& a, const RayPatch& b) {
-  const Vector3d line2 = E * a.ray;
-  const Vector3d line1 = E.transpose() * b.ray;
-  const double variance = (b.by_pixel.transpose() * line2).squaredNorm() +
-                          (a.by_pixel.transpose() * line1).squaredNorm();
-  return variance > 1e-24 ? b.ray.dot(line2) / std::sqrt(variance) : 0.0;
+// First-order (Sampson) distance in pixels. Matches without rays and those at
+// both epipoles, which constrain nothing, have residual 0.
+double PixelDistance(const Matrix3d& E, const std::optional<RayPatch>& a,
+                     const std::optional<RayPatch>& b) {
+  constexpr double kMinVariance = 1e-24;
+  if (!a || !b) return 0.0;
+  const Vector3d line2 = E * a->ray;
+  const Vector3d line1 = E.transpose() * b->ray;
+  const double variance = (b->by_pixel.transpose() * line2).squaredNorm() +
+                          (a->by_pixel.transpose() * line1).squaredNorm();
+  return variance > kMinVariance ? b->ray.dot(line2) / std::sqrt(variance)
+                                 : 0.0;
 }
 
 double CostOf(const std::vector<double>& residuals) {
@@ -77,10 +93,10 @@ FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
     const auto ray = ray_at(pixels[i]);
     const auto right = ray_at(pixels[i] + Vector2d(kStepPx, 0.0));
     const auto below = ray_at(pixels[i] + Vector2d(0.0, kStepPx));
-    // Otherwise the match says nothing.
     if (!ray || !right || !below) continue;
-    patches[i].ray = *ray;
-    patches[i].by_pixel << (*right - *ray) / kStepPx, (*below - *ray) / kStepPx;
+    RayPatch& patch = patches[i].emplace();
+    patch.ray = *ray;
+    patch.by_pixel << (*right - *ray) / kStepPx, (*below - *ray) / kStepPx;
   }
   return patches;
 }
@@ -122,7 +138,7 @@ std::vector<double> FocalPair::Residuals() const {
   return residuals;
 }
 
-bool FocalPair::Start(Random* random) {
+bool FocalPair::Initialize(Random* random) {
   double least = std::numeric_limits<double>::infinity();
   const auto consider = [&](const Rigid3& pose) {
     const Rigid3 before = pose_;
@@ -134,7 +150,7 @@ bool FocalPair::Start(Random* random) {
       pose_ = before;
     }
   };
-  // All poses of an essential matrix have the same residuals.
+  // All four poses of an essential matrix have the same residuals.
   const auto consider_matrix = [&](const Matrix3d& E) {
     consider(DecomposeEssential(E)[0]);
   };
@@ -151,8 +167,8 @@ bool FocalPair::Start(Random* random) {
   if (std::isfinite(least)) return true;
   RayMatches matches;
   for (size_t i = 0; i < patches1_.size(); ++i) {
-    if (patches1_[i].ray.isZero(0.0) || patches2_[i].ray.isZero(0.0)) continue;
-    matches.Add(patches1_[i].ray, patches2_[i].ray);
+    if (!patches1_[i] || !patches2_[i]) continue;
+    matches.Add(patches1_[i]->ray, patches2_[i]->ray);
   }
   RansacOptions ransac;
   const Camera& camera = scene_->cameras[camera_idx1_];
@@ -213,8 +229,8 @@ double FocalPair::RefinePose(int num_iterations) {
   for (int i = 0; i < num_iterations; ++i) {
     const FocalEquations equations = Linearize(false);
     Eigen::Matrix<double, 5, 5> H = equations.hessian.topLeftCorner<5, 5>();
-    H.diagonal() *= 1.0 + 1e-6;
-    H.diagonal().array() += 1e-9;
+    H.diagonal() *= 1.0 + kRelativeDamping;
+    H.diagonal().array() += kAbsoluteDamping;
     const Rigid3 before = pose_;
     MovePose(-H.ldlt().solve(equations.gradient.head<5>()));
     const double new_cost = Cost();
@@ -222,9 +238,9 @@ double FocalPair::RefinePose(int num_iterations) {
       pose_ = before;
       break;
     }
-    const bool is_settled = new_cost > (1.0 - 1e-4) * cost;
+    const bool has_converged = new_cost > (1.0 - kMinCostDecrease) * cost;
     cost = new_cost;
-    if (is_settled) break;
+    if (has_converged) break;
   }
   return cost;
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/random.h"
@@ -11,7 +12,7 @@
 
 namespace mgsfm::internal {
 
-// A pair of images in the calibration of focal lengths; see
+// One image pair in the calibration of focal lengths; see
 // mgsfm/view_graph/focal_length_calibration.h.
 
 constexpr double kFocalLossScalePx = 1.0;
@@ -19,14 +20,14 @@ constexpr double kFocalLossScalePx = 1.0;
 // A camera with its focal lengths multiplied by exp(s).
 Camera WithFocalFactor(const Camera& camera, double s);
 
-// The ray of a keypoint and its derivative by the pixel.
+// The ray of a keypoint and its derivative with respect to the pixel.
 struct RayPatch {
-  Eigen::Vector3d ray = Eigen::Vector3d::Zero();
-  Eigen::Matrix<double, 3, 2> by_pixel = Eigen::Matrix<double, 3, 2>::Zero();
+  Eigen::Vector3d ray;
+  Eigen::Matrix<double, 3, 2> by_pixel;
 };
 
-// Normal equations of one pair: its pose (5), then s of both cameras, or of the
-// one camera in the first place.
+// Normal equations of one pair in its pose (5) and s of both cameras. If they
+// are one camera, its s is the first and the second is not used.
 struct FocalEquations {
   Eigen::Matrix<double, 7, 7> hessian = Eigen::Matrix<double, 7, 7>::Zero();
   Eigen::Matrix<double, 7, 1> gradient = Eigen::Matrix<double, 7, 1>::Zero();
@@ -34,7 +35,7 @@ struct FocalEquations {
 
 class FocalPair {
  public:
-  // Takes at most 200 of the matches, evenly spread.
+  // Uses at most 200 matches, at equal spacing.
   FocalPair(const Scene& scene, const ImagePair& pair);
 
   int camera_idx1() const { return camera_idx1_; }
@@ -42,14 +43,15 @@ class FocalPair {
   int image_idx1() const { return pair_->image_idx1; }
   int image_idx2() const { return pair_->image_idx2; }
 
-  // Of the cameras with s1 and s2.
+  // Computes the rays for the log factors s1 and s2.
   void SetRays(double s1, double s2);
-  // An essential matrix to start with, by the geometry of the row or by RANSAC.
-  // False if there is none.
-  bool Start(Random* random);
-  // Gauss-Newton in the pose alone; the cost after it.
+  // Initializes the pose by the geometry of the view graph or by RANSAC.
+  // Returns false if both fail.
+  bool Initialize(Random* random);
+  // Gauss-Newton in the pose alone, up to a relative decrease of the cost of
+  // 1e-4. Returns the final cost.
   double RefinePose(int num_iterations);
-  // Without focal lengths, their rows and columns are zero.
+  // Rows and columns of focal lengths are zero without with_focal_lengths.
   FocalEquations Linearize(bool with_focal_lengths) const;
   void MovePose(const Eigen::Matrix<double, 5, 1>& step);
   double Cost() const;
@@ -60,7 +62,8 @@ class FocalPair {
   void set_pose(const Rigid3& pose) { pose_ = pose; }
 
  private:
-  using Patches = std::vector<RayPatch>;
+  // nullopt where the camera model cannot unproject the keypoint.
+  using Patches = std::vector<std::optional<RayPatch>>;
   static Patches MakePatches(const Camera& camera,
                              const std::vector<Eigen::Vector2d>& pixels);
   Patches MovedPatches(int camera_idx, double s,

@@ -16,21 +16,28 @@
 namespace mgsfm::internal {
 namespace {
 
-// Matches within this times the maximal error refine the start, which may be a
-// little off.
+// Matches within this factor of the maximum error refine the initial pose,
+// which may be slightly wrong.
 constexpr double kRelaxation = 2.0;
-// A homography this close to a rotation is decomposed as one.
+// A homography is a rotation if its singular values differ by at most this
+// ratio.
 constexpr double kHomographyRotationTolerance = 1e-4;
+// Most pairs converge in fewer iterations.
 constexpr int kMaxNumRefinementIterations = 15;
+// A sample of two inliers at an inlier ratio of 0.2 is found with probability
+// 1 - (1 - 0.2^2)^200 = 0.9997.
 constexpr int kMaxNumRotationTrials = 200;
-// Of the loss, over the maximal error.
+// Scales of the loss relative to the maximum error: initially, and the lower
+// bound for exact (simulated) matches.
 constexpr double kInitialLossScale = 0.25;
 constexpr double kMinLossScale = 1e-3;
+// Relative decrease of the cost at which refinement stops, before and after the
+// scale of the loss is estimated.
 constexpr double kCoarseCostTolerance = 1e-2;
 constexpr double kFineCostTolerance = 1e-5;
-// Of the median error of a rotation to that of a pose. Without any parallax it
-// is 1.7: the medians of the length of two normal errors and of one. Beyond
-// this a rotation fitted alone is biased by the parallax.
+// Maximum ratio of the median errors of rotation and pose. It is 1.7 without
+// parallax: the ratio of the medians of the norm of two normal variables (1.18)
+// and of one (0.67). A larger ratio means that parallax biases the rotation.
 constexpr double kMaxMedianRatio = 2.5;
 
 bool IsSet(const std::optional<Eigen::Matrix3d>& matrix) {
@@ -77,8 +84,8 @@ class PairEstimator {
   }
 
   PairEstimate Estimate(Random* random) {
-    TryRow();
-    if (!HasEnoughInliers(RequiredRowInlierRatio())) Reestimate(random);
+    TryViewGraphPoses();
+    if (!HasEnoughInliers(RequiredInitialInlierRatio())) Reestimate(random);
     if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
     Refine();
     return Result();
@@ -87,7 +94,7 @@ class PairEstimator {
  private:
   void GatherMatches(const Bearings& bearings) {
     matches_.Reserve(pair_.matches.size());
-    positions_.reserve(pair_.matches.size());
+    match_idxs_.reserve(pair_.matches.size());
     for (size_t i = 0; i < pair_.matches.size(); ++i) {
       const int keypoint1 = static_cast<int>(pair_.matches[i].keypoint_idx1);
       const int keypoint2 = static_cast<int>(pair_.matches[i].keypoint_idx2);
@@ -95,9 +102,9 @@ class PairEstimator {
           !bearings.HasRay(pair_.image_idx2, keypoint2)) {
         continue;
       }
-      matches_.Add(bearings.rays[pair_.image_idx1][keypoint1],
-                   bearings.rays[pair_.image_idx2][keypoint2]);
-      positions_.push_back(i);
+      matches_.Add(bearings.Ray(pair_.image_idx1, keypoint1),
+                   bearings.Ray(pair_.image_idx2, keypoint2));
+      match_idxs_.push_back(i);
     }
   }
 
@@ -128,8 +135,8 @@ class PairEstimator {
     }
   }
 
-  // All poses that the row of the pair gives.
-  void TryRow() {
+  // Scores all poses that follow from the geometry in the view graph.
+  void TryViewGraphPoses() {
     if (pair_.relative_pose) Try(*pair_.relative_pose, PairOutcome::kFromRow);
     if (IsSet(pair_.E)) TryEssential(*pair_.E);
     const auto K1 = CalibrationMatrix(camera1_);
@@ -144,9 +151,9 @@ class PairEstimator {
     }
   }
 
-  // A rotation that leaves more matches than those of a pair without parallax
-  // may hide a translation.
-  double RequiredRowInlierRatio() const {
+  // A rotation must explain almost all matches; otherwise the pair may have a
+  // translation.
+  double RequiredInitialInlierRatio() const {
     return pose_.translation_direction ? options_.min_row_inlier_ratio
                                        : 1.0 - options_.min_parallax_ratio;
   }
@@ -156,8 +163,8 @@ class PairEstimator {
            score_.num_inliers >= ratio * matches_.size();
   }
 
-  // A rotation needs only two matches a sample, hence few trials; where it
-  // explains the pair, five-point samples would be degenerate.
+  // The rotation is estimated first: it needs few trials, and five-point
+  // samples are degenerate where it explains the pair.
   void Reestimate(Random* random) {
     RansacOptions ransac;
     ransac.max_error_rad = max_error_;
@@ -166,15 +173,15 @@ class PairEstimator {
     if (const auto rotation = EstimateRotation(matches_, ransac, random)) {
       Try({*rotation, std::nullopt}, PairOutcome::kReestimated);
     }
-    if (HasEnoughInliers(RequiredRowInlierRatio())) return;
+    if (HasEnoughInliers(RequiredInitialInlierRatio())) return;
     ransac.max_num_trials = options_.max_num_trials;
     if (const auto pose = EstimateRelativePose(matches_, ransac, random)) {
       Try(ToRelativePose(*pose), PairOutcome::kReestimated);
     }
   }
 
-  // Refines a pose and, for itself, a rotation, and decides which of them the
-  // matches support.
+  // Refines the pose and, separately, a rotation without translation, and
+  // decides which of them the matches support.
   void Refine() {
     RayMatches inliers;
     inliers.Reserve(matches_.size());
@@ -190,7 +197,7 @@ class PairEstimator {
     refinement.loss_scale_rad = kInitialLossScale * max_error_;
     refinement.relative_cost_tolerance = kCoarseCostTolerance;
     RefineRelativePose(inliers, refinement, &pose);
-    // The errors that matches really have are often far below the threshold.
+    // Actual errors are often far below the threshold.
     refinement.loss_scale_rad =
         std::max(options_.loss_scale * MedianError(inliers, pose),
                  kMinLossScale * max_error_);
@@ -218,7 +225,7 @@ class PairEstimator {
                : opposite;
   }
 
-  // Whether the rotation explains nearly all inliers of the pose.
+  // Whether the rotation explains almost all inliers of the pose.
   bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
     const Mask is_inlier = InliersOf(pose_, max_error_);
@@ -251,7 +258,7 @@ class PairEstimator {
     const Mask is_inlier = InliersOf(pose_, max_error_);
     for (size_t i = 0; i < matches_.size(); ++i) {
       if (is_inlier[i]) {
-        result.pair.matches.push_back(pair_.matches[positions_[i]]);
+        result.pair.matches.push_back(pair_.matches[match_idxs_[i]]);
       }
     }
     return result;
@@ -262,11 +269,11 @@ class PairEstimator {
   const Camera& camera1_;
   const Camera& camera2_;
   const double radians_per_pixel_;
-  const double max_error_;  // radians
+  const double max_error_;  // in radians
   RayMatches matches_;
-  std::vector<size_t> positions_;  // in pair_.matches
+  std::vector<size_t> match_idxs_;  // of matches_ in pair_.matches
   RelativePose pose_{Eigen::Quaterniond::Identity(), std::nullopt};
-  bool has_direction_ = true;  // to be told, not only to test matches
+  bool has_direction_ = true;  // whether the result has the direction of pose_
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};
   PairOutcome source_ = PairOutcome::kReestimated;
 };

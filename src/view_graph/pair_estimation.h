@@ -18,7 +18,7 @@ enum class PairOutcome {
 
 struct PairEstimate {
   PairOutcome outcome = PairOutcome::kDroppedConfig;
-  ImagePair pair;  // only set if it is kept
+  ImagePair pair;  // set if IsKept()
 
   bool IsKept() const {
     return outcome == PairOutcome::kFromRow ||
@@ -27,10 +27,10 @@ struct PairEstimate {
   }
 };
 
-// Of cameras without distortion.
+// nullopt for camera models with distortion.
 std::optional<Eigen::Matrix3d> CalibrationMatrix(const Camera& camera);
 
-// One pair of EstimateViewGraph.
+// Estimates one pair; see EstimateViewGraph.
 PairEstimate EstimatePair(const Scene& scene, const Bearings& bearings,
                           const ImagePair& pair,
                           const ViewGraphOptions& options, Random random);

@@ -37,8 +37,7 @@ void Count(const PairEstimate& estimate, ViewGraphSummary* summary) {
       !estimate.pair.relative_pose->translation_direction.has_value();
 }
 
-// A random stream that belongs to the pair of images, whatever other pairs
-// there are.
+// The random stream of an image pair, independent of other pairs.
 uint64_t PairStream(const Scene& scene, const ImagePair& pair) {
   return static_cast<uint64_t>(pair.image_idx1) * scene.images.size() +
          pair.image_idx2;

@@ -174,7 +174,7 @@ TEST(OptionsToMarkdown, HasOneRowPerOptionAndEscapesPipes) {
   EXPECT_THAT(text, HasSubstr("| `verbose` | false | true\\|false |  | Say "
                               "more \\| less. |\n"));
   EXPECT_THAT(text, HasSubstr("\n### Solver.Loss\n"));
-  // Top level options stand before all sections.
+  // Top-level options precede all sections.
   EXPECT_LT(text.find("`title`"), text.find("### Solver"));
 }
 

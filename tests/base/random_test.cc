@@ -33,7 +33,7 @@ TEST(Random, StreamsOfOneSeedAreUncorrelated) {
       correlation_ab += value * b.Normal() / kNumSamples;
       correlation_ac += value * c.Normal() / kNumSamples;
     }
-    // Five standard deviations.
+    // The tolerance is five standard deviations.
     const double bound = 5.0 / std::sqrt(kNumSamples);
     EXPECT_LT(std::abs(correlation_ab), bound);
     EXPECT_LT(std::abs(correlation_ac), bound);

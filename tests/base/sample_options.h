@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// Options of every type, in groups within groups.
+// Options of all types in nested groups.
 
 enum class SampleLoss { kTrivial, kCauchy };
 

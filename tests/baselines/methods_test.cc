@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The methods to compare the mapper with.
+// The mapper's methods for comparison.
 #include <gtest/gtest.h>
 
 #include <tuple>
@@ -32,11 +32,12 @@ MapperResult Map(const Simulation& simulation, MapperMethod method,
                  int num_threads = 2) {
   Context context;
   context.num_threads = num_threads;
-  return RunBaseline({method, {}}, SceneFor(simulation, method),
-                     simulation.view_graph, MapperOptions(), context);
+  return RunBaseline({method, {}},
+                     {SceneFor(simulation, method), simulation.view_graph},
+                     MapperOptions(), context);
 }
 
-// The truth in the arrays of a scene with the same images.
+// The ground truth, with the indices of a scene with the same images.
 Reconstruction TruthOf(const Simulation& simulation, const Scene& scene) {
   Reconstruction truth = simulation.ground_truth;
   if (scene.frames.size() == simulation.scene.frames.size()) return truth;

@@ -67,8 +67,9 @@ TEST_P(BundleAdjustmentTest, PerturbedTruthIsRecovered) {
   EXPECT_LT(difference.max_position, 1e-4);
   EXPECT_LT(difference.max_rotation_deg, 1e-4);
   for (const Point3D& point : result.estimate.points) {
-    EXPECT_GE(point.error_px, 0.0);
-    EXPECT_LT(point.error_px, 1e-3);
+    ASSERT_TRUE(point.error_px.has_value());
+    EXPECT_GE(*point.error_px, 0.0);
+    EXPECT_LT(*point.error_px, 1e-3);
   }
 }
 
@@ -229,7 +230,8 @@ TEST(RefineReconstructionTest, OutliersAreRemoved) {
       BundleAdjustmentOptions(), Threads(2));
   int num_wrong = 0;
   for (const Point3D& point : result.estimate.points) {
-    EXPECT_LE(point.error_px, 4.0);
+    ASSERT_TRUE(point.error_px.has_value());
+    EXPECT_LE(*point.error_px, 4.0);
     for (const Observation& o : point.track) {
       num_wrong += std::find(wrong.begin(), wrong.end(), o) != wrong.end();
     }

@@ -274,7 +274,7 @@ TEST_F(BundleAdjusterCommand, NothingToAdjustIsExitCode2AndWritesNothing) {
              "--BundleAdjustment.refine_sensor_from_rig no "
              "--BundleAdjustment.refine_points 0");
   EXPECT_EQ(held.exit_code, 2);
-  EXPECT_THAT(held.err, HasSubstr("the options hold"));
+  EXPECT_THAT(held.err, HasSubstr("the options fix"));
   EXPECT_TRUE(FilesIn(dir_.path()) == before);
 
   WriteModelOfTwoImages(Path("none"), "");

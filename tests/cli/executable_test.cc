@@ -13,6 +13,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 using ::testing::StartsWith;
 
 // The commands that the usage lists: the first words of its indented lines.
@@ -66,6 +67,29 @@ TEST(Executable, EveryCommandHasHelpAndDumpsItsDefaults) {
     EXPECT_EQ(RunMgsfm(name + " --dump_config --config_path " + path).out,
               dump.out)
         << "defaults of " << name << " are not in their own ranges";
+  }
+}
+
+TEST(Executable, HelpShowsTheBasicOptionsAndHelpAllShowsAll) {
+  const std::string basic = RunMgsfm("mapper --help").out;
+  EXPECT_THAT(basic, AllOf(HasSubstr("Example\n  mgsfm mapper --database_path"),
+                           HasSubstr("--image_path"), HasSubstr("--help_all")));
+  EXPECT_THAT(basic, Not(HasSubstr("--Tracks.min_track_length")));
+  EXPECT_LT(std::count(basic.begin(), basic.end(), '\n'), 100);
+  for (const std::string& name : CommandNames()) {
+    const CommandOutput all = RunMgsfm(name + " --help_all");
+    EXPECT_EQ(all.exit_code, 0) << name;
+    std::istringstream dump(RunMgsfm(name + " --dump_config").out);
+    std::string section;
+    for (std::string line; std::getline(dump, line);) {
+      if (line.empty() || line[0] == '#') continue;
+      if (line[0] == '[') {
+        section = line.substr(1, line.find(']') - 1) + ".";
+      } else {
+        const std::string option = line.substr(0, line.find(' '));
+        EXPECT_THAT(all.out, HasSubstr("--" + section + option + "\n"));
+      }
+    }
   }
 }
 

@@ -72,7 +72,7 @@ TEST_F(FeatureCommandsTest, ExtractAndConfigure) {
   EXPECT_THAT(extracted.err, HasSubstr("images/s"));
   const CommandOutput again = RunMgsfm(ExtractorLine(""));
   EXPECT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_THAT(again.err, HasSubstr("6 images had features before"));
+  EXPECT_THAT(again.err, HasSubstr("6 images already had features"));
   const CommandOutput configured =
       RunMgsfm("rig_configurator --database_path " + Database());
   EXPECT_EQ(configured.exit_code, 0) << configured.err;
@@ -86,9 +86,9 @@ TEST_F(FeatureCommandsTest, NamesBadImagesAndGoesOn) {
   WriteImage("right/2000.pgm", 3, 161, 120);
   const CommandOutput output = RunMgsfm(ExtractorLine(""));
   EXPECT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, HasSubstr("'left/empty.jpg' is left out: it is"));
-  EXPECT_THAT(output.err, HasSubstr("'left/notes.txt' is left out: it is"));
-  EXPECT_THAT(output.err, HasSubstr("'right/2000.pgm' is left out: it has"));
+  EXPECT_THAT(output.err, HasSubstr("'left/empty.jpg' is rejected: it is"));
+  EXPECT_THAT(output.err, HasSubstr("'left/notes.txt' is rejected: it is"));
+  EXPECT_THAT(output.err, HasSubstr("'right/2000.pgm' is rejected: it has"));
   EXPECT_EQ(Features().size(), 2u);
 }
 

@@ -390,8 +390,20 @@ TEST_F(MapperCommand, OutputPathsThatHoldOtherThingsAreRefused) {
   WriteTextFile(Out(), "mine");
   ExpectRefused(Map(), Out(), FilesIn(dir_.path()));
   fs::remove(Out());
-  fs::create_directories(Out() + "/10/image_0");
+  fs::create_directories(Out());
+  WriteTextFile(Out() + "/10", "mine");
   ExpectRefused(Map(), Out() + "/10", FilesIn(dir_.path()));
+  fs::remove(Out() + "/10");
+  fs::create_directories(Out() + "/10");
+  WriteTextFile(Out() + "/10/cameras.txt", "mine");
+  ExpectRefused(Map(), Out() + "/10/cameras.txt", FilesIn(dir_.path()));
+}
+
+TEST_F(MapperCommand, BlackPointsAreExplained) {
+  const CommandOutput output = Map();
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err,
+              AllOf(HasSubstr("points are black"), HasSubstr("--image_path")));
 }
 
 TEST_F(MapperCommand, MissingImagesAreAWarning) {

@@ -131,7 +131,7 @@ TEST_F(MatcherCommands, TheSecondRunChangesNothing) {
     const std::string content = ReadTextFile(database);
     const CommandOutput again = Match(command, database);
     EXPECT_EQ(again.exit_code, 0) << command;
-    EXPECT_THAT(again.err, HasSubstr("0 new ones a second"));
+    EXPECT_THAT(again.err, HasSubstr("0 new pairs/s"));
     EXPECT_TRUE(ReadTextFile(database) == content) << command;
   }
 }
@@ -212,7 +212,7 @@ TEST_F(MatcherCommands, AStoppedRunSaysThatItGoesOn) {
   const std::string database = Database("a.db");
   const CommandOutput output = Interrupt(database, SIGTERM);
   EXPECT_THAT(LastWord(output), AllOf(HasSubstr("stopped by signal 15"),
-                                      HasSubstr("the same command goes on")));
+                                      HasSubstr("run the same command again")));
   EXPECT_FALSE(Open(database).CountMatches().empty());
 }
 
@@ -244,8 +244,9 @@ TEST_F(MatcherCommands, FeaturesThatDoNotFit) {
     }
   }
   for (const std::string& command : AllCommands()) {
-    ExpectRefused(command, database,
-                  AllOf(HasSubstr(image), HasSubstr("feature_extractor")));
+    ExpectRefused(
+        command, database,
+        AllOf(HasSubstr(image), HasSubstr("extract its features again")));
   }
 }
 

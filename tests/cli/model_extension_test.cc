@@ -131,9 +131,9 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
                 AllOf(HasSubstr("'cam9/000000.png'"), HasSubstr(Path("list"))));
   WriteTextFile(Path("list"), "\n");
   ExpectRefused(Run("mapper", First(), "--image_list_path " + Path("list")),
-                HasSubstr("names no image"));
+                HasSubstr("lists no image"));
   ExpectRefused(Run("mapper", First(), "--rig_name_rule none"),
-                AllOf(HasSubstr(First()), HasSubstr("--rig_config_path")));
+                AllOf(HasSubstr(First()), HasSubstr("rig_config_path")));
   // Of other images.
   fs::create_directory(Path("in"));
   WriteTextFile(Path("in/cameras.txt"),

@@ -55,7 +55,7 @@ TEST_F(ReconstructionTest, ImagesGiveTheRigAndItsPath) {
   // What the database has is not done again.
   const CommandOutput again = RunMgsfm(line_ + "--data_type individual");
   EXPECT_EQ(again.exit_code, 0) << again.err;
-  EXPECT_THAT(again.err, HasSubstr("16 images had features before"));
+  EXPECT_THAT(again.err, HasSubstr("16 images already had features"));
 }
 
 TEST_F(ReconstructionTest, BadUseIsNamed) {

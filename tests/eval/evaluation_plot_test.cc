@@ -49,7 +49,7 @@ std::string Plot(const std::vector<ImagePoses>& images) {
   return EvaluationToSvg(images, Evaluate(images, true, {}, {}));
 }
 
-// The points of all lines of a style.
+// The points of all lines with a style.
 std::vector<Eigen::Vector2d> PointsOfLines(const std::string& svg,
                                            const std::string& style) {
   std::vector<Eigen::Vector2d> points;
@@ -69,7 +69,7 @@ std::vector<Eigen::Vector2d> PointsOfLines(const std::string& svg,
 constexpr const char* kTrueLine = "stroke='#9a9a9a'";
 constexpr const char* kMissing = "stroke='#d1495b'";
 
-// Every element that is opened is closed, and in order.
+// All elements are closed in the right order.
 void ExpectWellFormed(const std::string& svg) {
   const std::regex tag("<(/?)([a-zA-Z]+)[^>]*?(/?)>");
   std::vector<std::string> open;
@@ -96,9 +96,8 @@ TEST(EvaluationPlot, ShowsThePathFromAboveToScale) {
   EXPECT_THAT(svg, HasSubstr("distance driven [m]"));
   EXPECT_THAT(svg, HasSubstr("31 of 31 images registered"));
   EXPECT_EQ(Count(svg, kMissing), 2u);  // in the legend
-  // Distances on the page are those of the path at one scale, and it turns to
-  // the same side as seen from above: x to the right and z ahead, it bends
-  // right.
+  // The plot is a similarity of the path in top view (x to the right, z ahead),
+  // so a right turn remains a right turn.
   const std::vector<Eigen::Vector2d> line = PointsOfLines(svg, kTrueLine);
   ASSERT_EQ(line.size(), 31u);
   const double step = 2.0 * 100.0 * std::sin(0.025);
@@ -123,7 +122,7 @@ TEST(EvaluationPlot, MarksFramesThatAreNotRegistered) {
   const std::string svg = Plot(images);
   ExpectWellFormed(svg);
   EXPECT_THAT(svg, HasSubstr("29 of 31 images registered"));
-  // Two strokes for each in the map and in both panels, and in the legend.
+  // Two strokes per frame in the map, in both panels and in the legend.
   EXPECT_EQ(Count(svg, kMissing), 2u * 3 * 2 + 2);
 }
 

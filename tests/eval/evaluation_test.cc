@@ -27,8 +27,8 @@ Sim3 RandomSimilarity(Random* random) {
 
 const Rigid3 kRightFromLeft{ExpSO3({0.01, 0.02, -0.01}), {-0.5, 0.01, 0.02}};
 
-// A stereo drive with true poses alone; on a straight line without turning, or
-// without motion.
+// The true poses of a stereo drive, optionally on a straight line without
+// rotation or without motion.
 enum class Path { kCurve, kStraight, kStanding };
 
 std::vector<ImagePoses> TrueImages(Path path, int num_frames = 20) {
@@ -48,7 +48,7 @@ std::vector<ImagePoses> TrueImages(Path path, int num_frames = 20) {
   return images;
 }
 
-// Registers all images without error in a model with another world.
+// Registers all images without error in a different world frame.
 void Register(const Sim3& model_from_world, std::vector<ImagePoses>* images) {
   for (ImagePoses& image : *images) {
     image.cam_from_model =
@@ -59,7 +59,7 @@ void Register(const Sim3& model_from_world, std::vector<ImagePoses>* images) {
 void ExpectNear(const Sim3& a, const Sim3& b, double tolerance) {
   EXPECT_NEAR(a.scale / b.scale, 1.0, tolerance);
   EXPECT_LT(AngleBetween(a.rotation, b.rotation), tolerance);
-  // Where the images are, some 100 m off the origin.
+  // The images are about 100 m away from the origin.
   const Eigen::Vector3d place = b.Inverse() * Eigen::Vector3d(100.0, 0.0, 0.0);
   EXPECT_LT((a * place - b * place).norm(), 100.0 * tolerance);
 }
@@ -104,7 +104,7 @@ TEST_P(AlignPosesTest, RigidMotionKeepsTheUnit) {
   Register(model_from_world, &images);
   ExpectNear(*AlignPoses(images, Alignment::kRigid), model_from_world.Inverse(),
              1e-7);
-  // A model that is 2 % too large stays so.
+  // A scale error of 2 % is not corrected.
   Register({1.02, model_from_world.rotation, {}}, &images);
   EXPECT_EQ(AlignPoses(images, Alignment::kRigid)->scale, 1.0);
   EXPECT_EQ(AlignPoses(images, Alignment::kNone)->scale, 1.0);
@@ -125,7 +125,7 @@ TEST(AlignPoses, OneImageGivesRotationAndPlaceAtScaleOne) {
   ExpectNear(*AlignPoses(images), model_from_world.Inverse(), 1e-9);
 }
 
-// Their centres differ by nothing but rounding, or noise in the model.
+// The centres differ only by rounding, or by noise in the model.
 TEST(AlignPoses, StandingCameraHasScaleOne) {
   Random random(4);
   for (const double noise : {0.0, 0.01}) {
@@ -145,7 +145,7 @@ TEST(AlignPoses, StandingCameraHasScaleOne) {
   }
 }
 
-// Most frames stand; the few that move alone tell the scale.
+// Most frames coincide; only a few moving frames determine the scale.
 TEST(AlignPoses, StandingFramesDoNotOutvoteMovingOnes) {
   Random random(6);
   std::vector<ImagePoses> images = TrueImages(Path::kCurve, 10);
@@ -184,8 +184,8 @@ TEST(Evaluate, TruthAgainstItselfHasNoError) {
       1e-9);
 }
 
-// The model is in another unit, which alignment must find before lengths in the
-// rig can be compared.
+// The model has another unit of length, which alignment must determine before
+// comparing lengths in the rig.
 TEST(Evaluate, ErrorsOfTheRigAreThosePutIn) {
   Random random(8);
   const Sim3 model_from_world = RandomSimilarity(&random);
@@ -207,15 +207,15 @@ TEST(Evaluate, ErrorsOfTheRigAreThosePutIn) {
     EXPECT_NEAR(errors.rotation_deg, 0.7, 1e-9);
     EXPECT_NEAR(*errors.direction_deg, 2.0, 1e-9);
     EXPECT_NEAR(errors.true_length_m, true_length, 1e-12);
-    // With nothing but the rig to compare, its length gives the unit.
+    // Without true image poses, the rig determines the unit of length.
     EXPECT_NEAR(errors.length_m, (has_true_poses ? 1.1 : 1.0) * true_length,
                 1e-9);
     EXPECT_EQ(evaluation.position_m.has_value(), has_true_poses);
   }
 }
 
-// One of many images is off by 0.5 m and 1 deg, and has no part in the
-// alignment; some are not registered.
+// One of many images has an error of 0.5 m and 1 deg and is excluded from the
+// alignment; some images are not registered.
 TEST(Evaluate, UnregisteredImagesCountInTheAreas) {
   std::vector<ImagePoses> images = TrueImages(Path::kCurve, 50);
   Register(Sim3(), &images);
@@ -236,8 +236,8 @@ TEST(Evaluate, UnregisteredImagesCountInTheAreas) {
   EXPECT_NEAR(evaluation.rotation_auc[0].area, 0.79 + 0.01 * 0.75, 1e-9);
 }
 
-// Four images along the sides of a square; two that are moved apart by the same
-// distance leave the alignment where it is.
+// Four images on the sides of a square. Moving two of them apart by the same
+// distance does not change the alignment.
 TEST(Evaluate, AreasAgreeWithACalculationByHand) {
   std::vector<ImagePoses> images;
   for (const double x : {-10.0, 10.0}) {
@@ -250,7 +250,7 @@ TEST(Evaluate, AreasAgreeWithACalculationByHand) {
     }
   }
   Register(Sim3(), &images);
-  // Height differences of opposite signs on the diagonals: no similarity helps.
+  // Opposite height differences on the diagonals, which no similarity reduces.
   for (const size_t i : {0, 3}) images[i].cam_from_model->translation.z() = 0.1;
   for (const size_t i : {1, 2}) {
     images[i].cam_from_model->translation.z() = -0.1;

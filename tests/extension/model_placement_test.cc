@@ -178,7 +178,7 @@ TEST(ModelPlacing, FramesOfTheModelMustBeFramesOfTheScene) {
   single.rig_name_rule = "none";
   Scene scene = LoadScene(RowsOf(simulation), single, Context()).scene;
   EXPECT_THAT(ErrorOf([&] { (void)Place(WrittenPart(simulation), &scene); }),
-              AllOf(HasSubstr("of one frame"), HasSubstr("--rig_config_path")));
+              AllOf(HasSubstr("of one frame"), HasSubstr("rig_config_path")));
 }
 
 TEST(ModelPlacing, GivenRigsMustBeThatOfTheModel) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Frames taken out of true models must come back to where they were.
+// Frames removed from true models are registered at their true poses.
 #include "mgsfm/extension/resection.h"
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ SimulationOptions Drive(RigPreset rig, double noise_px) {
   return options;
 }
 
-// Two rigs of two cameras that look ahead, one above the other.
+// Two rigs of two forward-looking cameras, one above the other.
 Simulation TwoRigs(double noise_px) {
   SimulationInput input;
   input.rig = MakeRig(RigPreset::kStereo);
@@ -53,7 +53,7 @@ void ExpectNear(const Rigid3& pose, const Rigid3& truth, double max_deg,
   EXPECT_LT((pose.Center() - truth.Center()).norm(), max_m);
 }
 
-// Frames that were taken out and see enough of what is left.
+// Removed frames that observe enough remaining points.
 void ExpectAdded(const Simulation& simulation, const ResectionResult& result,
                  int first, int last, double max_deg, double max_m) {
   for (int i = first; i <= last; ++i) {
@@ -66,7 +66,7 @@ void ExpectAdded(const Simulation& simulation, const ResectionResult& result,
 
 class ResectionTest : public testing::TestWithParam<RigPreset> {};
 
-TEST_P(ResectionTest, ExactFramesComeBackExactly) {
+TEST_P(ResectionTest, RegistersExactFramesExactly) {
   const Simulation simulation = Simulate(Drive(GetParam(), 0.0));
   const Reconstruction model =
       WithoutFrames(simulation.scene, simulation.ground_truth,
@@ -75,13 +75,13 @@ TEST_P(ResectionTest, ExactFramesComeBackExactly) {
   ASSERT_EQ(result.frames.size(), 3u);
   ExpectAdded(simulation, result, 3, 3, 1e-4, 1e-4);
   ExpectAdded(simulation, result, 10, 11, 1e-4, 1e-4);
-  // What was there stays.
+  // The model is unchanged.
   EXPECT_EQ(result.estimate.points.size(), model.points.size());
   EXPECT_EQ(result.estimate.rig_from_world[0]->translation,
             model.rig_from_world[0]->translation);
 }
 
-TEST_P(ResectionTest, NoisyFramesComeNear) {
+TEST_P(ResectionTest, RegistersNoisyFramesApproximately) {
   const Simulation simulation = Simulate(Drive(GetParam(), 0.5));
   const ResectionResult result = Resect(
       simulation, WithoutFrames(simulation.scene, simulation.ground_truth,
@@ -94,7 +94,7 @@ INSTANTIATE_TEST_SUITE_P(Rigs, ResectionTest,
                                          RigPreset::kKitti360,
                                          RigPreset::kCube6));
 
-// The camera that looks ahead has lost its matches; those to the sides tell.
+// The forward camera has no matches; the side cameras determine the pose.
 TEST(Resection, CamerasOfAFrameHelpEachOther) {
   Simulation simulation = Simulate(Drive(RigPreset::kKitti360, 0.0));
   for (ImagePair& pair : simulation.view_graph.pairs) {
@@ -124,7 +124,7 @@ TEST(Resection, FramesWithoutMatchesAreCounted) {
   EXPECT_FALSE(result.estimate.rig_from_world[11].has_value());
 }
 
-TEST(Resection, ANewRigIsCalibratedOnTheWay) {
+TEST(Resection, CalibratesANewRig) {
   for (const double noise_px : {0.0, 0.5}) {
     const Simulation simulation = TwoRigs(noise_px);
     const Scene& scene = simulation.scene;

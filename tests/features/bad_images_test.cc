@@ -57,7 +57,7 @@ std::string CmykTiff(const GrayImage& gray) {
   return bytes;
 }
 
-// Appends bits, the most significant first, with a zero after each 0xff.
+// Appends bits, most significant first, with a zero byte after each 0xff.
 class JpegBits {
  public:
   explicit JpegBits(std::string* bytes) : bytes_(bytes) {}
@@ -86,8 +86,8 @@ void AppendBytes(const std::vector<int>& values, std::string* bytes) {
 
 // A baseline JPEG file of four components (ITU-T T.81) in which each 8 x 8
 // block has one value, a pixel of `gray` for the last and 255 for the others:
-// inverted CMYK, as is usual. Only constant terms are coded, their lengths by
-// codes of 4 bits; the code of the end of a block is 0.
+// inverted CMYK, as is common. Only DC terms are coded, their lengths with
+// codes of 4 bits; the end of a block has code 0.
 std::string CmykJpeg(const GrayImage& gray) {
   const auto width = 8 * static_cast<int>(gray.cols());
   const auto height = 8 * static_cast<int>(gray.rows());
@@ -131,12 +131,12 @@ class BadImagesTest : public ExtractionTest {
  protected:
   BadImagesTest() { WriteBlobs("good.png", 1); }
 
-  // The image is refused with a warning that names it and says why; the good
-  // one is done all the same.
+  // The image is rejected with a warning that names it and the reason; the good
+  // image is processed.
   void ExpectRefused(const std::string& name, const std::string& why,
                      const FeatureExtractionOptions& options = {}) {
     const FeatureExtractionSummary summary = Extract(options);
-    EXPECT_EQ(summary.num_refused, 1u);
+    EXPECT_EQ(summary.num_rejected, 1u);
     EXPECT_EQ(warnings_.size(), 1u);
     EXPECT_TRUE(IsWarned(name, why)) << testing::PrintToString(warnings_);
     const auto images = Images();
@@ -144,7 +144,7 @@ class BadImagesTest : public ExtractionTest {
     EXPECT_EQ(images.count("good.png"), 1u);
     EXPECT_EQ(Structure().cameras.size(), 1u);
   }
-  // Keeps the first part of the file only.
+  // Truncates the file.
   void Truncate(const std::string& name, double part) const {
     const auto size = std::filesystem::file_size(ImagePath(name));
     std::filesystem::resize_file(
@@ -188,12 +188,12 @@ TEST_F(BadImagesTest, TruncatedPng) {
   }
 }
 
-TEST_F(BadImagesTest, OtherSizeThanItsCamera) {
+TEST_F(BadImagesTest, SizeDiffersFromCamera) {
   WriteBlobs("later.png", 2, 121, 90);
   ExpectRefused("later.png", "has 121 x 90 pixels, but its camera 120 x 90");
 }
 
-TEST_F(BadImagesTest, MaskOfOtherSize) {
+TEST_F(BadImagesTest, MaskOfDifferentSize) {
   WriteBlobs("later.png", 2);
   std::filesystem::create_directories(dir_.path() / "masks");
   cv::imwrite((dir_.path() / "masks/later.png.png").string(),
@@ -203,7 +203,7 @@ TEST_F(BadImagesTest, MaskOfOtherSize) {
   ExpectRefused("later.png", "100 x 90", options);
 }
 
-TEST_F(BadImagesTest, MaskThatIsNoImage) {
+TEST_F(BadImagesTest, MaskIsNotAnImage) {
   WriteBlobs("later.png", 2);
   std::filesystem::create_directories(dir_.path() / "masks");
   WriteTextFile(dir_.path() / "masks/later.png.png", "no image");
@@ -220,7 +220,7 @@ TEST_F(BadImagesTest, NoMaskAtAll) {
   EXPECT_THAT(warnings_[0], HasSubstr("no image has a mask"));
 }
 
-// Kept, as COLMAP does, but said.
+// Such images are kept, as in COLMAP, with a warning.
 TEST_F(BadImagesTest, NoFeatures) {
   WriteImage("flat.png", cv::Mat(90, 120, CV_8U, cv::Scalar(99)));
   EXPECT_EQ(Extract().num_extracted, 2u);
@@ -229,8 +229,8 @@ TEST_F(BadImagesTest, NoFeatures) {
   EXPECT_EQ(Extract().num_present, 2u);
 }
 
-// Depth and colours make no difference to what is seen.
-TEST_F(BadImagesTest, SixteenBitsAndColoursAreUnderstood) {
+// Bit depth and color do not change the features.
+TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   GrayImage gray = RenderBlobs(RandomBlobs(80, 120, 90, 1), 120, 90);
   gray(0, 0) = 255;  // the brightest
   cv::Mat image(90, 120, CV_8U);
@@ -257,7 +257,7 @@ TEST_F(BadImagesTest, SixteenBitsAndColoursAreUnderstood) {
               static_cast<double>(num), 0.2 * static_cast<double>(num));
 }
 
-TEST_F(BadImagesTest, CmykJpegIsUnderstood) {
+TEST_F(BadImagesTest, ReadsCmykJpeg) {
   GrayImage small(20, 30);
   Random random(4);
   for (auto& pixel : small.reshaped()) {
@@ -281,7 +281,7 @@ TEST_F(BadImagesTest, CmykJpegIsUnderstood) {
               num, 0.1 * num);
 }
 
-TEST_F(BadImagesTest, NothingToUseIsAnError) {
+TEST_F(BadImagesTest, NoUsableImageIsAnError) {
   std::filesystem::remove(ImagePath("good.png"));
   EXPECT_THROW(Extract(), Error);  // an empty folder
   WriteTextFile(ImagePath("notes.txt"), "no image\n");

@@ -6,13 +6,13 @@
 #include <cmath>
 #include <vector>
 
+#include "features/sift.h"
 #include "mgsfm/base/random.h"
-#include "mgsfm/features/sift.h"
 
 namespace mgsfm {
 
-// Gaussian blobs on grey: a picture known at every point of the plane, so that
-// it can be drawn turned and scaled without resampling.
+// Gaussian blobs on gray: an analytic image that can be drawn rotated and
+// scaled without resampling.
 struct Blob {
   Eigen::Vector2d center;
   double sigma = 1.0;
@@ -34,7 +34,7 @@ struct Similarity {
   }
 };
 
-// Places in [0, width] x [0, height].
+// Positions in [0, width] x [0, height].
 inline std::vector<Blob> RandomBlobs(int num, int width, int height,
                                      uint64_t seed) {
   Random random(seed);

@@ -16,10 +16,10 @@
 
 namespace mgsfm {
 
-// A folder of images, and databases beside it.
+// A folder of images and databases made of them.
 class ExtractionTest : public testing::Test {
  protected:
-  // All that a step after extraction reads of an image.
+  // The contents of the database that later steps read, per image.
   struct StoredImage {
     ImageId id{0};
     CameraId camera_id{0};

@@ -67,7 +67,7 @@ TEST_F(FeatureExtractionTest, WritesCamerasImagesAndFeaturesInOrderOfNames) {
 
 TEST_F(FeatureExtractionTest, ThreadsDoNotChangeTheDatabase) {
   for (uint64_t i = 0; i < 9; ++i) {
-    // Those that are worked on longest come first.
+    // The images that take longest come first.
     const int size = 200 - 20 * static_cast<int>(i);
     WriteBlobs("cam" + std::to_string(i) + "/1.png", i, size, size - 10);
   }
@@ -76,7 +76,7 @@ TEST_F(FeatureExtractionTest, ThreadsDoNotChangeTheDatabase) {
   ExpectEqual(Images("one.db"), Images("five.db"));
 }
 
-TEST_F(FeatureExtractionTest, CamerasAreSharedAsAsked) {
+TEST_F(FeatureExtractionTest, CamerasAreSharedAsRequested) {
   WriteFolders();
   FeatureExtractionOptions options;
   EXPECT_EQ(NumCameras(options, "default.db"), 2u);
@@ -91,7 +91,7 @@ TEST_F(FeatureExtractionTest, CamerasAreSharedAsAsked) {
   EXPECT_EQ(NumCameras(options, "image.db"), 3u);
 }
 
-TEST_F(FeatureExtractionTest, TakesGivenIntrinsics) {
+TEST_F(FeatureExtractionTest, UsesCameraParams) {
   WriteFolders();
   FeatureExtractionOptions options;
   options.reader.camera_model = "PINHOLE";
@@ -105,12 +105,12 @@ TEST_F(FeatureExtractionTest, TakesGivenIntrinsics) {
   options.reader.camera_params = "100,60,45";
   EXPECT_THAT(Problem(options), HasSubstr("PINHOLE has 4 parameters, not 3"));
   options.reader.camera_params = "100,x,60,45";
-  EXPECT_THAT(Problem(options), HasSubstr("'x' is no number"));
+  EXPECT_THAT(Problem(options), HasSubstr("'x' is not a number"));
   options.reader.camera_model = "PINHOLES";
   EXPECT_THAT(Problem(options), HasSubstr("no camera model 'PINHOLES'"));
 }
 
-TEST_F(FeatureExtractionTest, TakesIntrinsicsOfEachFolderFromAFile) {
+TEST_F(FeatureExtractionTest, ReadsCameraParamsPerFolderFromFile) {
   WriteFolders();
   FeatureExtractionOptions options;
   options.reader.camera_params_path = (dir_.path() / "cameras.txt").string();
@@ -149,7 +149,7 @@ TEST_F(FeatureExtractionTest, ReadsFocalLengthAndPositionFromExif) {
     tags["Exif.GPSInfo.GPSLongitudeRef"] = "E";
     tags["Exif.GPSInfo.GPSAltitude"] = "1025/2";
   });
-  // 4 mm on a sensor with 10 pixels per mm.
+  // 4 mm at 10 pixels per mm.
   tag("plane/1.jpg", [](Exiv2::ExifData& tags) {
     tags["Exif.Photo.FocalLength"] = "4/1";
     tags["Exif.Photo.FocalPlaneXResolution"] = "100/1";
@@ -159,7 +159,7 @@ TEST_F(FeatureExtractionTest, ReadsFocalLengthAndPositionFromExif) {
   const auto images = Images();
   for (const Camera& camera : Structure().cameras) {
     const bool is_film = camera.id == images.at("film/1.jpg").camera_id;
-    // The diagonals are 150 pixels and that of 36 mm x 24 mm.
+    // The image diagonal is 150 px; that of 35 mm film is that of 36 x 24 mm.
     const double expected = is_film ? 28.0 * 150.0 / std::hypot(36, 24) : 40.0;
     EXPECT_NEAR(camera.params[0], expected, 1e-6);
     EXPECT_TRUE(camera.has_prior_focal_length);
@@ -213,12 +213,12 @@ TEST_F(FeatureExtractionTest, DropsFeaturesWhereMasksAreBlack) {
   }
 }
 
-TEST_F(FeatureExtractionTest, LeavesAloneWhatIsThere) {
+TEST_F(FeatureExtractionTest, SkipsImagesWithFeatures) {
   WriteFolders();
   Extract();
   const auto before = Images();
   WriteBlobs("left/0.png", 55);
-  // If it did them again, these options would change them.
+  // These options would change the features if they were extracted again.
   FeatureExtractionOptions options;
   options.sift.max_num_features = 5;
   const FeatureExtractionSummary summary = Extract(options);
@@ -231,7 +231,7 @@ TEST_F(FeatureExtractionTest, LeavesAloneWhatIsThere) {
   ExpectEqual(before, after);
 }
 
-TEST_F(FeatureExtractionTest, GoesOnAfterAnInterruption) {
+TEST_F(FeatureExtractionTest, ResumesAfterAnInterruption) {
   for (uint64_t i = 0; i < 30; ++i) {
     WriteBlobs("cam" + std::to_string(i % 2) + "/" + std::to_string(i) + ".png",
                i);
@@ -251,7 +251,7 @@ TEST_F(FeatureExtractionTest, GoesOnAfterAnInterruption) {
   ExpectEqual(Images("whole.db"), Images("parts.db"));
 }
 
-TEST_F(FeatureExtractionTest, TakesTheImagesOfAList) {
+TEST_F(FeatureExtractionTest, UsesTheImagesOfAList) {
   WriteFolders();
   FeatureExtractionOptions options;
   options.image_list_path = (dir_.path() / "list.txt").string();

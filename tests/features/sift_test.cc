@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/features/sift.h"
+#include "features/sift.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ Eigen::Vector2d PlaceOf(const FeatureKeypoint& keypoint) {
   return {keypoint.x_px, keypoint.y_px};
 }
 
-// The keypoint nearest to a place.
+// The keypoint nearest to a point.
 FeatureKeypoint Nearest(const Features& features,
                         const Eigen::Vector2d& place) {
   FeatureKeypoint nearest;
@@ -58,7 +58,7 @@ Neighbor FindNeighbor(const Features& a, int i, const Features& b) {
   return neighbor;
 }
 
-// Matches that pass the ratio test and are mutual.
+// Mutual nearest neighbors that pass the ratio test.
 std::vector<std::pair<int, int>> MatchFeatures(const Features& a,
                                                const Features& b) {
   std::vector<std::pair<int, int>> matches;
@@ -72,14 +72,14 @@ std::vector<std::pair<int, int>> MatchFeatures(const Features& a,
   return matches;
 }
 
-// A blob of sigma s looks most like the difference of two Gaussians at sigma
+// A blob of sigma s responds most to the difference of two Gaussians of sigma
 // s / sqrt(k) and s sqrt(k) with k = 2^(1/3); keypoints have the former.
 class SiftBlobTest : public testing::TestWithParam<double> {};
 
-TEST_P(SiftBlobTest, IsFoundAtItsPlaceAndScale) {
+TEST_P(SiftBlobTest, HasCorrectPositionAndScale) {
   const double sigma = GetParam();
   for (const double contrast : {0.4, -0.4}) {
-    // Odd sizes, and a place between pixels.
+    // Odd image sizes and a position between pixels.
     const Blob blob{{120.3, 97.8}, sigma, contrast};
     const Features features = ExtractSift(RenderBlobs({blob}, 251, 203), {});
     ASSERT_FALSE(features.keypoints.empty());
@@ -93,12 +93,12 @@ TEST_P(SiftBlobTest, IsFoundAtItsPlaceAndScale) {
 INSTANTIATE_TEST_SUITE_P(Sigmas, SiftBlobTest,
                          testing::Values(1.5, 2.3, 3.7, 6.1, 11.0));
 
-// What is seen at a place in one image is found at the same place of the scene
-// in another, without bias, turned and scaled as the image is.
+// Keypoints of one image are found at the corresponding positions of a rotated
+// and scaled image, without bias, with consistent orientation and scale.
 class SiftRepeatabilityTest
     : public testing::TestWithParam<std::pair<double, double>> {};
 
-TEST_P(SiftRepeatabilityTest, MatchesTurnedAndScaledImages) {
+TEST_P(SiftRepeatabilityTest, MatchesRotatedAndScaledImages) {
   const double angle_rad = GetParam().first * kDegree;
   const double scale = GetParam().second;
   const std::vector<Blob> blobs = RandomBlobs(500, 240, 240, 3);
@@ -117,10 +117,11 @@ TEST_P(SiftRepeatabilityTest, MatchesTurnedAndScaledImages) {
     const FeatureKeypoint& a = before.keypoints[i];
     const FeatureKeypoint& b = after.keypoints[j];
     const Eigen::Vector2d error = PlaceOf(b) - similarity * PlaceOf(a);
-    const double turn =
+    const double rotation_rad =
         b.OrientationRad() - a.OrientationRad() - similarity.angle_rad;
     const double scale_ratio = b.ScalePx() / a.ScalePx() / scale;
-    if (error.norm() > 2.0 || std::cos(turn) < std::cos(15.0 * kDegree) ||
+    if (error.norm() > 2.0 ||
+        std::cos(rotation_rad) < std::cos(15.0 * kDegree) ||
         std::abs(std::log2(scale_ratio)) > 0.3) {
       continue;
     }
@@ -154,8 +155,8 @@ TEST_F(SiftTest, DescriptorsAreRootNormalised) {
   ASSERT_EQ(features_.descriptors.cols(), 128);
   for (Eigen::Index i = 0; i < features_.descriptors.rows(); ++i) {
     const auto row = features_.descriptors.row(i).cast<double>();
-    // Rounding changes each of the 128 numbers by half at most; what is clipped
-    // at 255 only makes it shorter.
+    // Rounding changes each of the 128 elements by at most one half; clipping
+    // at 255 only shortens the descriptor.
     EXPECT_LT(row.norm(), 512.0 + 0.5 * std::sqrt(128.0));
     if (row.maxCoeff() < 255) {
       EXPECT_GT(row.norm(), 512.0 - 0.5 * std::sqrt(128.0));
@@ -179,7 +180,7 @@ TEST_F(SiftTest, LargestAreFirstAndKept) {
 }
 
 TEST_F(SiftTest, ScalesLargeImagesDown) {
-  // 401 pixels become 150, so the scales in x and y differ a little.
+  // 401 px become 150 px, so the scales in x and y differ slightly.
   const Blob blob{{220.4, 131.7}, 9.0, 0.4};
   SiftOptions options;
   options.max_image_size = 150;
@@ -216,7 +217,7 @@ TEST_F(SiftTest, OptionsHaveAnEffect) {
   EXPECT_NE(count([](auto* o) { o->octave_resolution = 5; }), num);
 }
 
-TEST(SiftSizeTest, NothingIsFoundWhereNothingIs) {
+TEST(SiftSizeTest, ConstantImagesHaveNoFeatures) {
   for (const auto& [rows, cols] :
        {std::pair(0, 0), std::pair(1, 1), std::pair(1, 300), std::pair(7, 9),
         std::pair(100, 100)}) {
@@ -227,8 +228,8 @@ TEST(SiftSizeTest, NothingIsFoundWhereNothingIs) {
   }
 }
 
-// Noise has extrema everywhere, up to the borders.
-TEST(SiftSizeTest, TakesImagesOfAnySize) {
+// Noise has extrema everywhere, including the borders.
+TEST(SiftSizeTest, AcceptsImagesOfAnySize) {
   Random random(1);
   for (const auto& [rows, cols] :
        {std::pair(2, 2), std::pair(4, 5), std::pair(3, 200), std::pair(17, 16),

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 const Rigid3 kPose{ExpSO3({0.4, -1.2, 0.3}), {3.0, -2.0, 5.0}};
 
 std::vector<Rigid3> OneCamera() { return {Rigid3()}; }
-// Three cameras that look different ways from different places.
+// Three cameras with different centres and viewing directions.
 std::vector<Rigid3> ThreeCameras() {
   return {Rigid3(),
           {ExpSO3({0.0, 1.2, 0.1}), {0.5, 0.1, -0.3}},
@@ -35,8 +35,7 @@ double DistanceOf(const Rigid3& a, const Rigid3& b) {
          (a.Center() - b.Center()).norm();
 }
 
-// num_true rays of each camera that hit points at the pose, num_false that hit
-// anything.
+// Each camera has num_true correct and num_false random correspondences.
 std::vector<CameraPoints> See(const std::vector<Rigid3>& cameras, int num_true,
                               int num_false, double noise_rad, Random* random) {
   std::vector<CameraPoints> seen;
@@ -76,8 +75,8 @@ TEST(AbsolutePose, ThreePointsGiveThePoseAndOnlyExactOnes) {
   }
 }
 
-// Seen along the axis of an equilateral triangle, all distances are equal and
-// the linear equation for one length vanishes.
+// On the axis of an equilateral triangle all depths are equal, and the linear
+// equation for one depth vanishes.
 TEST(AbsolutePose, ThreePointsInSymmetryGiveThePose) {
   std::array<Vector3d, 3> points, rays;
   for (int k = 0; k < 3; ++k) {
@@ -127,7 +126,7 @@ TEST_P(AbsolutePoseOfUnits, IsFoundAmongMoreWrongPoints) {
             60 * static_cast<int>(cameras.size()));
 }
 
-// The cost has its minimum where the refinement ends.
+// The refinement converges to a minimum of the cost.
 TEST_P(AbsolutePoseOfUnits, RefinementEndsAtAMinimum) {
   Random random(4);
   const auto cameras = See(GetParam()(), 40, 0, 1e-3, &random);
@@ -155,7 +154,7 @@ TEST_P(AbsolutePoseOfUnits, RefinementEndsAtAMinimum) {
 INSTANTIATE_TEST_SUITE_P(CentralAndNot, AbsolutePoseOfUnits,
                          testing::Values(&OneCamera, &ThreeCameras));
 
-// A camera with too few points for a sample of its own still has a say.
+// A camera with too few points for a sample contributes to the score.
 TEST(AbsolutePose, CamerasWithFewPointsCount) {
   Random random(5);
   auto cameras = See(ThreeCameras(), 30, 0, 5e-4, &random);

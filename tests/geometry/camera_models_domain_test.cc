@@ -9,7 +9,7 @@
 #include "geometry/test_cameras.h"
 #include "mgsfm/geometry/camera_models.h"
 
-// Where models end.
+// The boundaries of the domains of the models.
 namespace mgsfm {
 namespace {
 
@@ -32,7 +32,8 @@ TEST(CameraModelDomain, FisheyesSeeAllButTheBack) {
   EXPECT_TRUE(Sees(CameraModelId::kSimpleFisheye, params, {1, 0, 0}));
   EXPECT_TRUE(Sees(CameraModelId::kSimpleFisheye, params, {1e-3, 0, -1}));
   EXPECT_FALSE(Sees(CameraModelId::kSimpleFisheye, params, {0, 0, -1}));
-  // A circle of pixels is the back, and nothing is outside it.
+  // The backward direction maps to a circle of pixels; pixels beyond have no
+  // ray.
   const double back = 200 * kPi;
   EXPECT_TRUE(RayFromPixel(CameraModelId::kSimpleFisheye, params.data(),
                            {320 + 0.999 * back, 240}));
@@ -41,7 +42,7 @@ TEST(CameraModelDomain, FisheyesSeeAllButTheBack) {
 }
 
 TEST(CameraModelDomain, RadialDistortionEndsWhereItTurns) {
-  // r (1 + k r^2) turns at r^2 = -1 / (3 k), at two thirds of that radius.
+  // r (1 + k r^2) has its maximum, two thirds of r, at r^2 = -1 / (3 k).
   const std::vector<double> params = {500, 320, 240, -0.3};
   const double r = std::sqrt(1.0 / 0.9);
   const CameraModelId model = CameraModelId::kSimpleRadial;
@@ -55,8 +56,8 @@ TEST(CameraModelDomain, RadialDistortionEndsWhereItTurns) {
 }
 
 TEST(CameraModelDomain, PointsBeyondAFoldAreNotSeenAgain) {
-  // d(r scale)/dr = 1 - 1.8 s + 0.75 s^2 is negative for s in (0.87, 1.53)
-  // only.
+  // d(r scale)/dr = 1 - 1.8 s + 0.75 s^2 is negative only for s in
+  // (0.87, 1.53).
   const std::vector<double> params = {500, 320, 240, -0.6, 0.15};
   EXPECT_TRUE(Sees(CameraModelId::kRadial, params, {std::sqrt(0.85), 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kRadial, params, {std::sqrt(1.2), 0, 1}));
@@ -67,7 +68,7 @@ TEST(CameraModelDomain, PointsBeyondAFoldAreNotSeenAgain) {
   EXPECT_TRUE(Sees(CameraModelId::kFullOpenCV, pole, {1.4, 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kFullOpenCV, pole, {1.5, 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kFullOpenCV, pole, {10, 0, 1}));
-  // Decentring alone: x - 0.3 x^2 turns at x = 5 / 3.
+  // Decentring only: x - 0.3 x^2 has its maximum at x = 5 / 3.
   const std::vector<double> decentred = {500, 500, 320, 240, 0, 0, 0, -0.1};
   EXPECT_TRUE(Sees(CameraModelId::kOpenCV, decentred, {1.6, 0, 1}));
   EXPECT_FALSE(Sees(CameraModelId::kOpenCV, decentred, {1.7, 0, 1}));

@@ -9,7 +9,7 @@
 #include "mgsfm/base/random.h"
 #include "mgsfm/geometry/camera_models.h"
 
-// The formulas of the models, written out again.
+// Independent implementations of the formulas of the models.
 namespace mgsfm {
 namespace {
 
@@ -63,7 +63,7 @@ TEST(CameraModelFormula, Fov) {
   }
 }
 
-// The equidistant image of a point: its azimuth, and its angle as radius.
+// The equidistant projection: azimuth and angle in polar coordinates.
 Vector2d Equidistant(const Vector3d& point) {
   const double angle = AngleBetween(point, Vector3d::UnitZ().eval());
   const double azimuth = std::atan2(point.y(), point.x());
@@ -151,7 +151,7 @@ TEST(CameraModelFormula, EquirectangularLandmarks) {
   EXPECT_LT((project(1e-9, 0, -1) - Vector2d(1000, 250)).norm(), 1e-6);
 }
 
-// Two models that agree with these parameters.
+// Two models that are equivalent for these parameters.
 struct ModelPair {
   CameraModelId large;
   std::vector<double> large_params;
@@ -219,7 +219,7 @@ std::vector<ModelPair> SpecialCases() {
   };
 }
 
-// A model with parameters at the value that does nothing is the smaller model.
+// A model whose additional parameters are neutral equals the simpler model.
 TEST(CameraModelFormula, SpecialCases) {
   Random random(4);
   for (const ModelPair& pair : SpecialCases()) {

@@ -18,7 +18,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// The table of the file format: names of the parameters in order.
+// The parameter names of the file format in their order.
 struct ModelRow {
   int id;
   const char* name;
@@ -83,7 +83,7 @@ TEST(CameraModelTable, UnknownModels) {
 
 class CameraModelTest : public testing::TestWithParam<TestCamera> {
  protected:
-  // A ray within the camera's range.
+  // A ray in the domain of the camera.
   Vector3d RandomRay(Random* random) const {
     const double angle =
         DegToRad(GetParam().max_angle_deg) * std::sqrt(random->Uniform());
@@ -105,7 +105,8 @@ TEST_P(CameraModelTest, PixelToRayToPixelOverTheWholeImage) {
   constexpr int kSteps = 40;
   for (int i = 0; i <= kSteps; ++i) {
     for (int j = 0; j <= kSteps; ++j) {
-      // Just inside, as the border of an equirectangular image is the seam.
+      // Slightly inside, because the border of an equirectangular image is a
+      // seam.
       const Vector2d pixel((1e-3 + (1 - 2e-3) * i / kSteps) * camera.size.x(),
                            (1e-3 + (1 - 2e-3) * j / kSteps) * camera.size.y());
       const auto ray = camera.Ray(pixel);
@@ -136,7 +137,7 @@ TEST_P(CameraModelTest, JacobiansAreThoseOfFiniteDifferences) {
   Random random(2);
   for (int i = 0; i < 200; ++i) {
     Vector3d point = random.Uniform(0.5, 5.0) * RandomRay(&random);
-    // Also where series replace the closed forms.
+    // Includes angles for which series replace the closed forms.
     if (i % 10 == 0) point = Vector3d(1e-4, 2e-4, 1.0) * random.Uniform();
     Eigen::Matrix<double, 2, 3> of_point;
     PixelJacobianParams of_params;
@@ -187,8 +188,8 @@ TEST_P(CameraModelTest, DependsOnTheRayOnly) {
   }
 }
 
-// Away from the axis the image moves outward, until it is no longer seen; then
-// it does not come back.
+// The image radius increases with the angle to the axis up to the boundary of
+// the domain, and the domain is connected.
 TEST_P(CameraModelTest, DoesNotFold) {
   const TestCamera& camera = GetParam();
   if (IsEquirectangular()) return;  // has no axis
@@ -226,7 +227,7 @@ TEST_P(CameraModelTest, SeesNothingAtItsCentre) {
 
 TEST_P(CameraModelTest, PixelsPerRadianAtTheCentre) {
   const TestCamera& camera = GetParam();
-  // The unit of length of FOV is not its focal length.
+  // The unit of length of the FOV model is not the focal length.
   if (camera.label == "Fov") return;
   Eigen::Matrix<double, 2, 3> jacobian;
   ASSERT_TRUE(ProjectToPixel(camera.model, camera.params.data(),

@@ -22,7 +22,7 @@ Rigid3 RandomPose(Random* random) {
           RandomVector(random).normalized()};
 }
 
-// How the points of a test lie around camera 1.
+// The distribution of points around camera 1.
 enum class Layout { kAllAround, kAhead, kPlane, kFar };
 
 struct TestOptions {
@@ -74,7 +74,7 @@ void ExpectSamePose(const Rigid3& actual, const Rigid3& expected,
             tolerance_rad);
 }
 
-// A plane is seen alike in two motions.
+// Two motions induce the same homography of a plane.
 std::vector<Rigid3> PossiblePoses(const Rigid3& pose, Layout layout) {
   if (layout != Layout::kPlane) return {pose};
   const Eigen::Vector3d plane(-2.0 / 6.0 / 8.0, 1.0 / 6.0 / 8.0, 1.0 / 8.0);
@@ -129,7 +129,7 @@ TEST(EpipolarTest, OnlyOneDecompositionOfEssentialHasPointsInFront) {
   }
 }
 
-// The test of the side against explicitly solved distances.
+// Compares IsInFront with explicitly computed distances along the rays.
 TEST(EpipolarTest, InFrontMeansPositiveDistances) {
   Random random(3);
   for (int trial = 0; trial < 500; ++trial) {
@@ -151,8 +151,8 @@ TEST(EpipolarTest, PointsAtInfinityAreInFrontWithinTolerance) {
   EXPECT_EQ(ScoreRelativePose(matches, pose, 1e-3).num_inliers, 100);
 }
 
-// The Sampson angle is the length of the smallest joint correction, to first
-// order: compare with the correction found by constrained minimisation.
+// To first order, the Sampson angle is the length of the smallest joint
+// correction, which the test computes by constrained minimisation.
 TEST(EpipolarTest, SampsonAngleIsDistanceToNearestMatch) {
   Random random(5);
   for (int trial = 0; trial < 50; ++trial) {
@@ -175,8 +175,8 @@ TEST(EpipolarTest, SampsonAngleIsDistanceToNearestMatch) {
     const double angle =
         std::abs(SampsonAngle(pose, noisy.rays1[0], noisy.rays2[0]));
     EXPECT_NEAR(angle, correction, 1e-3 * correction + 1e-12);
-    // The correction of one ray alone is longer, by at most sqrt 2 where both
-    // are as far from the baseline.
+    // Correcting a single ray takes a longer correction, by at most sqrt 2 if
+    // both rays have the same angle to the baseline.
     EXPECT_GE(MaxEpipolarAngle(pose, noisy.rays1[0], noisy.rays2[0]),
               angle * (1.0 - 1e-6));
   }
@@ -186,7 +186,7 @@ TEST(EpipolarTest, SampsonJacobianMatchesFiniteDifferences) {
   Random random(6);
   for (int trial = 0; trial < 100; ++trial) {
     const Rigid3 pose = RandomPose(&random);
-    // Anything but a match, so that all terms count.
+    // An arbitrary non-match, so that all terms contribute.
     const Eigen::Vector3d ray1 = RandomVector(&random).normalized();
     const Eigen::Vector3d ray2 = RandomVector(&random).normalized();
     Eigen::Matrix<double, 1, 5> jacobian;
@@ -278,8 +278,8 @@ TEST(EpipolarTest, FivePointFindsThePoseAndOnlyEssentialsThroughTheMatches) {
   EXPECT_LE(errors.back(), 1e-5);  // of nearly degenerate samples
 }
 
-// Any number of matches, some of them on the baseline, where no error is
-// defined.
+// Any number of matches, including rays on the baseline, for which the error is
+// undefined.
 TEST(EpipolarTest, SumsAreThoseOfSingleMatches) {
   Random random(23);
   const Rigid3 pose = RandomPose(&random);
@@ -332,7 +332,7 @@ TEST(EpipolarTest, RefinementIsExactWithoutNoise) {
   }
 }
 
-// All around, ten outliers weigh little next to a hundred matches.
+// Ten outliers have little weight next to a hundred matches in all directions.
 TEST(EpipolarTest, RefinementIsRobust) {
   Random random(11);
   const Rigid3 pose = RandomPose(&random);
@@ -429,8 +429,8 @@ TEST(EpipolarTest, DirectionIsFoundGivenTheRotation) {
   EXPECT_NEAR(std::abs(direction.dot(pose.translation)), 1.0, 1e-12);
 }
 
-// Whatever the direction of the translation, noisy matches of a pure rotation
-// have the right rotation.
+// Noisy matches of a pure rotation determine the rotation for any direction of
+// the translation.
 TEST(EpipolarTest, RansacOfPureRotationHasTheRotation) {
   for (uint64_t seed = 0; seed < 10; ++seed) {
     Random random(31, seed);

@@ -12,7 +12,7 @@ namespace {
 
 const Rigid3 kMotion{ExpSO3({0.05, -0.2, 0.1}), {0.3, -0.2, 1.5}};
 
-// Three cameras that look different ways.
+// Three cameras with different viewing directions.
 std::vector<Rigid3> Cameras() {
   return {Rigid3(),
           {ExpSO3({0.0, 1.2, 0.1}), {0.5, 0.1, -0.3}},
@@ -31,8 +31,8 @@ Eigen::Vector3d RandomRay(Random* random) {
   return Noisy({0.0, 0.0, 1.0}, 0.5, random);
 }
 
-// Every camera with itself; num_true matches of points all around, num_false at
-// random.
+// One pair per camera with num_true matches of points in all directions and
+// num_false random matches.
 std::vector<UnitMatches> Simulate(size_t num_true, size_t num_false,
                                   double noise_rad, Random* random) {
   std::vector<UnitMatches> pairs;
@@ -73,7 +73,7 @@ TEST(GeneralizedPose, RefinementFindsRotationAndLength) {
   EXPECT_EQ(ScoreUnitPose(pairs, motion).num_inliers, 90);
 }
 
-// The cost of noisy matches has its minimum where the refinement ends.
+// The refinement of noisy matches converges to a minimum of the cost.
 TEST(GeneralizedPose, RefinementEndsAtMinimum) {
   Random random(2);
   const auto pairs = Simulate(40, 0, 1e-3, &random);
@@ -97,7 +97,7 @@ TEST(GeneralizedPose, RefinementEndsAtMinimum) {
 
 TEST(GeneralizedPose, SamplesFindMotionAmongWrongMatches) {
   Random random(3);
-  // No pair alone has many matches.
+  // No single pair has many matches.
   const auto pairs = Simulate(12, 10, 5e-4, &random);
   const auto motion = EstimateUnitPose(pairs, {}, RansacOptions(), &random);
   ASSERT_TRUE(motion);
@@ -124,7 +124,7 @@ TEST(GeneralizedPose, GuessNeedsTheLengthOnly) {
   EXPECT_FALSE(EstimateUnitPose({}, {}, RansacOptions(), &random));
 }
 
-// A unit that does not move: cameras with themselves have no baseline.
+// A static unit: the pairs have no baseline.
 TEST(GeneralizedPose, StandingUnitHasRotation) {
   Random random(5);
   UnitMatches pair;

@@ -11,7 +11,8 @@ namespace {
 TEST(EastNorthUp, HasMetresAlongItsAxes) {
   const Eigen::Vector3d origin(49.0, 8.4, 110.0);
   EXPECT_LT(EastNorthUp(origin, origin).norm(), 1e-9);
-  // A minute of latitude is a nautical mile; of longitude, by the cosine less.
+  // A minute of latitude is a nautical mile; a minute of longitude is shorter
+  // by the cosine of the latitude.
   const Eigen::Vector3d north =
       EastNorthUp(origin + Eigen::Vector3d(1.0 / 60.0, 0.0, 0.0), origin);
   EXPECT_NEAR(north.y(), 1852.0, 6.0);

@@ -60,7 +60,7 @@ TEST_F(Rigid3Test, CenterIsWhatGoesToTheOrigin) {
   EXPECT_LT((again.translation - cam_from_world.translation).norm(), 1e-14);
 }
 
-// What a camera sees does not change when it and the points move together.
+// Projections are invariant to a joint transform of camera and points.
 TEST_F(Rigid3Test, TransformWorldKeepsWhatTheCameraSees) {
   for (int i = 0; i < 20; ++i) {
     const Rigid3 cam_from_old = RandomRigid();

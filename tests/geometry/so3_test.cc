@@ -20,7 +20,7 @@ Vector3d RandomDirection(Random* random) {
       .normalized();
 }
 
-// Angles over the whole range, close to its ends and where series begin.
+// Angles over the whole range, near its ends and near the limits of the series.
 std::vector<double> Angles() {
   return {0.0, 1e-300, 1e-12, 1e-8,       0.99e-4,    1.01e-4,
           0.1, 1.0,    3.0,   kPi - 1e-4, kPi - 1e-9, kPi - 1e-13};
@@ -49,7 +49,7 @@ TEST(SO3, LogInvertsExp) {
       const Vector3d omega = angle * RandomDirection(&random);
       const Quaterniond q = ExpSO3(omega);
       EXPECT_LE((LogSO3(q) - omega).norm(), 1e-14 * (1.0 + angle)) << angle;
-      // The same rotation.
+      // q and -q are the same rotation.
       const Quaterniond minus_q(-q.coeffs());
       EXPECT_LE((LogSO3(minus_q) - omega).norm(), 1e-14 * (1.0 + angle));
     }

@@ -11,7 +11,8 @@
 
 namespace mgsfm {
 
-// A camera all of whose image is seen, up to `max_angle_deg` from the axis.
+// A camera whose whole image is in its domain, up to `max_angle_deg` off the
+// axis.
 struct TestCamera {
   std::string label;
   CameraModelId model;
@@ -31,8 +32,8 @@ inline void PrintTo(const TestCamera& camera, std::ostream* os) {
   *os << camera.label;
 }
 
-// Calibrations of real lenses where the model has well-known ones (EuRoC,
-// TUM VI, Project Aria), and strong ones near the end of what is injective.
+// Calibrations of well-known real cameras where available (EuRoC, TUM VI,
+// Project Aria), and strong distortions near the limit of injectivity.
 inline std::vector<TestCamera> PerspectiveTestCameras() {
   using Id = CameraModelId;
   const Eigen::Vector2d vga(640, 480);

@@ -25,8 +25,8 @@ Vector3d RandomVector(Random* random) {
   return {random->Normal(), random->Normal(), random->Normal()};
 }
 
-// Views along a line of length 4 of a point 10 away; num_outliers rays in the
-// middle are turned by 0.15 rad, the others by noise_rad.
+// Views of a point at distance 10 along a line of length 4. The num_outliers
+// central rays have an error of 0.15 rad, the others of noise_rad.
 Problem MakeProblem(int size, int num_outliers, double noise_rad,
                     uint64_t seed) {
   Random random(seed);
@@ -170,7 +170,7 @@ TEST(TriangulationTest, LargestAngleIsThatOfAllPairs) {
     std::vector<Vector3d> centers;
     double largest = 0.0;
     for (int i = 0; i < 7; ++i) {
-      // From far away for small angles.
+      // Large distances give small angles.
       centers.push_back(point + Vector3d(0, 0, std::pow(10.0, trial % 5)) +
                         RandomVector(&random));
       for (int k = 0; k < i; ++k) {

@@ -183,7 +183,7 @@ TEST(ModelSceneTest, ImageThatContradictsItsFrameIsNamed) {
   EXPECT_THAT(ErrorOfLoading(model),
               AllOf(HasSubstr("model 'folder'"),
                     HasSubstr("'" + model.poses.images[7].name + "'"),
-                    HasSubstr("--rig_name_rule")));
+                    HasSubstr("rig_name_rule")));
 }
 
 TEST(ModelSceneTest, ImagesOfOneNameThatDoNotMoveTogetherAreNoRig) {
@@ -194,7 +194,7 @@ TEST(ModelSceneTest, ImagesOfOneNameThatDoNotMoveTogetherAreNoRig) {
         ExpSO3({random.Normal(), random.Normal(), random.Normal()});
   }
   EXPECT_THAT(ErrorOfLoading(model),
-              AllOf(HasSubstr("'cam1'"), HasSubstr("--rig_name_rule none")));
+              AllOf(HasSubstr("'cam1'"), HasSubstr("rig_name_rule none")));
   EXPECT_EQ(Load(model, "none").scene.frames.size(), model.poses.images.size());
 }
 
@@ -217,7 +217,7 @@ TEST(ModelSceneTest, SensorThatNothingPlacesIsNamed) {
   EXPECT_THAT(ErrorOf([&] {
                 (void)MakeModelScene(model, "folder", options, Context());
               }),
-              AllOf(HasSubstr("'cam3'"), HasSubstr("--rig_config_path")));
+              AllOf(HasSubstr("'cam3'"), HasSubstr("rig_config_path")));
 }
 
 }  // namespace

@@ -214,9 +214,8 @@ TEST(FolderInferenceTest, SharedFramesTellTheLevelOfCameras) {
 TEST(FolderInferenceTest, IntrinsicsTellTheLevelOfCameras) {
   const Names names = {"a/x/0.png", "a/y/0.png", "b/x/0.png", "b/y/0.png"};
   DatabaseContents contents = MakeContents(names);
-  EXPECT_THAT(
-      LoadError(contents),
-      testing::AllOf(HasSubstr("'a' or 'x'"), HasSubstr("--rig_name_rule")));
+  EXPECT_THAT(LoadError(contents), testing::AllOf(HasSubstr("'a' or 'x'"),
+                                                  HasSubstr("rig_name_rule")));
   contents.cameras[1].params[0] = contents.cameras[3].params[0] = 700.0;
   EXPECT_THAT(Rigs(Load(contents).scene), ElementsAre(Names{"x", "y"}));
 }

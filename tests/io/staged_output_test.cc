@@ -5,8 +5,10 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "io/files/folder_lock.h"
 #include "io/test_database.h"
@@ -98,7 +100,7 @@ TEST_F(StagedOutputTest, AModelReplacesTheFilesOfOneOnly) {
   Put(target_ / "0" / "images.bin", "mine");
   Put(target_ / "1" / "photo.jpg", "mine");
   {
-    StagedOutput output(target_, ObsoleteOutput::kModelFiles);
+    StagedOutput output(target_, OutputKind::kModel);
     Put(output.StagingDir() / "images.bin", "new");
     output.Commit();
   }
@@ -159,15 +161,25 @@ TEST_F(StagedOutputTest, RefusesAFileAsTarget) {
 }
 
 // Such as the sequences 00 to 21 of KITTI.
-TEST_F(StagedOutputTest, RefusesToReplaceWhatIsNoModel) {
+TEST_F(StagedOutputTest, KeepsFoldersThatHoldNoModel) {
   Put(target_ / "10" / "image_0" / "000000.png", "mine");
-  const Files before = FilesIn(dir_.path());
-  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
-              HasSubstr((target_ / "10").string()));
-  fs::remove_all(target_ / "10");
+  Put(target_ / "0" / "database.db", "mine");
+  WriteNewModel(target_);
+  EXPECT_EQ(FilesIn(target_), (Files{{"10/image_0/000000.png", "mine"},
+                                     {"0/database.db", "mine"},
+                                     {"0/images.bin", "new"},
+                                     {"report.json", "new"}}));
+}
+
+TEST_F(StagedOutputTest, RefusesAFileInThePlaceOfAFolder) {
   Put(target_ / "0", "a file");
   EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
               HasSubstr((target_ / "0").string()));
+  EXPECT_EQ(FilesIn(target_), (Files{{"0", "a file"}}));
+  fs::remove_all(target_);
+  Put(target_ / "report.json" / "photo.jpg", "mine");
+  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
+              HasSubstr((target_ / "report.json").string()));
 }
 
 TEST_F(StagedOutputTest, RefusesAFolderThatCannotBeWritten) {
@@ -211,30 +223,358 @@ TEST_F(StagedOutputTest, KeepsFoldersOfOthersAndOfRunningProcesses) {
   EXPECT_EQ(FilesIn(target_), expected);
 }
 
-// Its models are nowhere else.
-TEST_F(StagedOutputTest, KeepsModelsThatAKilledRunHadPutAside) {
-  const fs::path staging = target_ / ".out.mgsfm-a1B2c3";
-  Put(staging / ".replaced" / "0" / "images.bin", "old");
-  const Files before = FilesIn(dir_.path());
-  EXPECT_THAT(ErrorOf([&] { StagedOutput output(target_); }),
-              HasSubstr((staging / ".replaced").string()));
-  EXPECT_EQ(FilesIn(dir_.path()), before);
+// Operations of which one may fail, or be the last.
+class FaultyOperations : public FileOperations {
+ public:
+  enum class Fault { kNone, kFailsOnce, kFailsFromThen };
+
+  FaultyOperations(Fault fault, int call, bool can_exchange)
+      : fault_(fault), call_(call), can_exchange_(can_exchange) {}
+
+  void Rename(const fs::path& from, const fs::path& to) override {
+    Call("rename " + to.string());
+    FileOperations::Rename(from, to);
+  }
+  bool Exchange(const fs::path& a, const fs::path& b) override {
+    if (!can_exchange_) return false;
+    Call("exchange " + b.string());
+    return FileOperations::Exchange(a, b);
+  }
+  void Remove(const fs::path& path) override {
+    Call("remove " + path.string());
+    FileOperations::Remove(path);
+  }
+  void MakeFolder(const fs::path& path) override {
+    Call("make " + path.string());
+    FileOperations::MakeFolder(path);
+  }
+  void Write(const fs::path& path, const std::string& content) override {
+    Call("write " + path.string());
+    FileOperations::Write(path, content);
+  }
+  // Does not sync: thousands of runs would wait for the disk.
+  void Sync(const fs::path& path) override { Call("sync " + path.string()); }
+
+  const std::vector<std::string>& log() const { return log_; }
+
+ private:
+  void Call(const std::string& what) {
+    const int call = static_cast<int>(log_.size());
+    log_.push_back(what);
+    if (fault_ == Fault::kFailsOnce && call == call_) throw Error("fault");
+    if (fault_ == Fault::kFailsFromThen && call >= call_) throw Error("fault");
+  }
+
+  const Fault fault_;
+  const int call_;
+  const bool can_exchange_;
+  std::vector<std::string> log_;
+};
+
+// Each way to replace an output: the earlier one, and what a run writes.
+struct Replacement {
+  std::string name;
+  OutputKind kind;
+  Files before;  // in the target
+  Files staged;
+  Files after;
+};
+
+std::vector<Replacement> Replacements() {
+  const Files new_model = {{"images.bin", "new"}, {"points3D.bin", "new"}};
+  const Files new_run = {{"0/images.bin", "new"},
+                         {"0/points3D.bin", "new"},
+                         {"report.json", "new"}};
+  return {
+      {"new run", OutputKind::kRun, {}, new_run, new_run},
+      {"new model", OutputKind::kModel, {}, new_model, new_model},
+      {"run",
+       OutputKind::kRun,
+       {{"0/images.bin", "old"},
+        {"0/covariances.csv", "old"},
+        {"1/images.txt", "old"},
+        {"2", ""},
+        {"report.json", "old"},
+        {"notes.txt", "mine"}},
+       new_run,
+       {{"0/images.bin", "new"},
+        {"0/points3D.bin", "new"},
+        {"report.json", "new"},
+        {"notes.txt", "mine"}}},
+      {"run among other files",
+       OutputKind::kRun,
+       {{"0/images.txt", "old"},
+        {"0/points3D.bin", "old"},
+        {"0/rig_config.json", "old"},
+        {"0/database.db", "mine"},
+        {"0/photos/a.jpg", "mine"},
+        {"3/images.bin", "old"},
+        {"3/notes.txt", "mine"},
+        {"report.json", "old"}},
+       new_run,
+       {{"0/images.bin", "new"},
+        {"0/points3D.bin", "new"},
+        {"0/database.db", "mine"},
+        {"0/photos/a.jpg", "mine"},
+        {"3/notes.txt", "mine"},
+        {"report.json", "new"}}},
+      {"model",
+       OutputKind::kModel,
+       {{"images.txt", "old"}, {"points3D.txt", "old"}},
+       new_model,
+       new_model},
+      {"model among other files",
+       OutputKind::kModel,
+       {{"images.bin", "old"}, {"cameras.txt", "old"}, {"a.ply", "mine"}},
+       new_model,
+       {{"images.bin", "new"}, {"points3D.bin", "new"}, {"a.ply", "mine"}}}};
 }
 
-// A move that fails half way: what was moved before goes back.
-TEST_F(StagedOutputTest, AFailedCommitPutsTheOldModelBack) {
-  Put(target_ / "0" / "images.bin", "old");
-  Put(target_ / "report.json", "old");
-  const Files before = FilesIn(dir_.path());
-  {
-    StagedOutput output(target_);
-    Put(output.StagingDir() / "0" / "images.bin", "new");
-    Put(output.StagingDir() / "report.json", "new");
-    // Stands where the old model is put aside.
-    Put(output.StagingDir() / ".replaced" / "0" / "occupied", "x");
-    EXPECT_THAT(ErrorOf([&] { output.Commit(); }), HasSubstr("cannot move"));
+void PutAll(const fs::path& folder, const Files& files) {
+  for (const auto& [name, text] : files) {
+    if (text.empty()) {
+      fs::create_directories(folder / name);
+    } else {
+      fs::create_directories((folder / name).parent_path());
+      WriteTextFile(folder / name, text);
+    }
   }
-  EXPECT_EQ(FilesIn(dir_.path()), before);
+}
+
+// Files of the target itself; what is hidden lies in temporary folders.
+Files VisibleFilesIn(const fs::path& folder) {
+  Files files;
+  for (const auto& [name, text] :
+       fs::exists(folder) ? FilesIn(folder) : Files()) {
+    if (name.find(".mgsfm-") == std::string::npos) files[name] = text;
+  }
+  return files;
+}
+
+bool IsUser(const std::string& text) { return text == "mine"; }
+
+class StagedOutputFault : public testing::TestWithParam<bool> {
+ protected:
+  using Fault = FaultyOperations::Fault;
+
+  // Returns the operations that the replacement took.
+  std::vector<std::string> Replace(const Replacement& r, const fs::path& target,
+                                   FaultyOperations* operations) const {
+    try {
+      StagedOutput output(target, r.kind, operations);
+      PutAll(output.StagingDir(), r.staged);
+      output.Commit();
+    } catch (const Error&) {
+    }
+    return operations->log();
+  }
+  int CountCalls(const Replacement& r) const {
+    const TempDir dir;
+    PutAll(dir.path() / "out", r.before);
+    FaultyOperations operations(Fault::kNone, 0, GetParam());
+    const int num_calls =
+        static_cast<int>(Replace(r, dir.path() / "out", &operations).size());
+    EXPECT_EQ(FilesIn(dir.path() / "out"), r.after) << r.name;
+    return num_calls;
+  }
+  static void ExpectUserFiles(const Replacement& r, const Files& found) {
+    for (const auto& [name, text] : r.before) {
+      if (IsUser(text)) {
+        EXPECT_EQ(found.count(name), 1u) << r.name << name;
+      }
+    }
+  }
+};
+
+// A disk that fails once, as with EBUSY: old or new, never a mixture.
+TEST_P(StagedOutputFault, AFailedCallLeavesTheOldOrTheNewOutput) {
+  for (const Replacement& r : Replacements()) {
+    const int num_calls = CountCalls(r);
+    for (int call = 0; call < num_calls; ++call) {
+      const TempDir dir;
+      PutAll(dir.path() / "out", r.before);
+      FaultyOperations operations(Fault::kFailsOnce, call, GetParam());
+      Replace(r, dir.path() / "out", &operations);
+      const Files found = VisibleFilesIn(dir.path() / "out");
+      EXPECT_TRUE(found == r.before || found == r.after)
+          << r.name << ", call " << call << ": " << operations.log()[call];
+      FaultyOperations sound(Fault::kNone, 0, GetParam());
+      Replace(r, dir.path() / "out", &sound);
+      EXPECT_EQ(FilesIn(dir.path()).size(), r.after.size()) << r.name << call;
+      EXPECT_EQ(FilesIn(dir.path() / "out"), r.after) << r.name << call;
+    }
+  }
+}
+
+// Whether each model that is there is one of those before and after, whole.
+void ExpectWholeModels(const Replacement& r, const Files& found) {
+  std::map<std::string, Files> before, after, models;
+  const auto sort = [](const Files& files, std::map<std::string, Files>* by) {
+    for (const auto& [name, text] : files) {
+      if (IsUser(text) || text.empty()) continue;
+      (*by)[fs::path(name).parent_path().string()][name] = text;
+    }
+  };
+  sort(r.before, &before);
+  sort(r.after, &after);
+  sort(found, &models);
+  for (const auto& [folder, files] : models) {
+    if (folder.empty() && r.kind == OutputKind::kRun) continue;
+    EXPECT_TRUE(files == before[folder] || files == after[folder])
+        << r.name << " " << folder;
+  }
+}
+
+// Nothing that comes after the kill is done, cleaning up included.
+TEST_P(StagedOutputFault, AKillIsPutRightByTheNextRun) {
+  int num_kills = 0;
+  for (const Replacement& r : Replacements()) {
+    const int num_calls = CountCalls(r);
+    for (int call = 0; call < num_calls; ++call, ++num_kills) {
+      SCOPED_TRACE(r.name + ", killed at call " + std::to_string(call));
+      const TempDir dir;
+      const fs::path target = dir.path() / "out";
+      PutAll(target, r.before);
+      FaultyOperations killed(Fault::kFailsFromThen, call, GetParam());
+      Replace(r, target, &killed);
+      const Files found = VisibleFilesIn(target);
+      ExpectUserFiles(r, found);
+      const bool has_others = r.name.find("other files") != std::string::npos;
+      if (GetParam() && !has_others) ExpectWholeModels(r, found);
+
+      // A run that writes nothing finishes or forgets what was begun.
+      { const StagedOutput next(target, r.kind); }
+      const Files repaired = VisibleFilesIn(target);
+      EXPECT_TRUE(repaired == r.before || repaired == r.after);
+      FaultyOperations sound(Fault::kNone, 0, GetParam());
+      Replace(r, target, &sound);
+      EXPECT_EQ(FilesIn(target), r.after);
+      EXPECT_EQ(std::distance(fs::directory_iterator(dir.path()), {}), 1);
+    }
+  }
+  EXPECT_GT(num_kills, 100);
+}
+
+// The run that puts it right may be killed, too.
+TEST_P(StagedOutputFault, TwoKillsArePutRightByTheThirdRun) {
+  const Replacement r = Replacements()[3];
+  const int num_calls = CountCalls(r);
+  for (int first = 0; first < num_calls; first += 2) {
+    for (int second = 0; second < num_calls; second += 5) {
+      const TempDir dir;
+      const fs::path target = dir.path() / "out";
+      PutAll(target, r.before);
+      for (const int call : {first, second}) {
+        FaultyOperations killed(Fault::kFailsFromThen, call, GetParam());
+        Replace(r, target, &killed);
+        ExpectUserFiles(r, VisibleFilesIn(target));
+      }
+      FaultyOperations sound(Fault::kNone, 0, GetParam());
+      Replace(r, target, &sound);
+      ASSERT_EQ(FilesIn(target), r.after) << first << " " << second;
+      ASSERT_EQ(std::distance(fs::directory_iterator(dir.path()), {}), 1);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(WithAndWithoutExchange, StagedOutputFault,
+                         testing::Bool());
+
+// What a loss of power may not reorder: files before the journal, the journal
+// before the first step, and the last step before the journal goes.
+TEST_F(StagedOutputTest, EverythingIsOnTheDiskBeforeItIsReliedOn) {
+  Put(target_ / "0" / "images.bin", "old");
+  Put(target_ / "0" / "notes.txt", "mine");
+  FaultyOperations operations(FaultyOperations::Fault::kNone, 0, true);
+  fs::path staging;
+  {
+    StagedOutput output(target_, OutputKind::kRun, &operations);
+    staging = output.StagingDir().parent_path();
+    Put(output.StagingDir() / "0" / "images.bin", "new");
+    output.Commit();
+  }
+  const std::vector<std::string>& log = operations.log();
+  const auto position = [&](const std::string& what) {
+    const auto found = std::find(log.begin(), log.end(), what);
+    EXPECT_NE(found, log.end()) << what;
+    return found - log.begin();
+  };
+  const std::string work = staging.string();
+  const std::string target = target_.string();
+  const std::vector<std::string> order = {
+      "sync " + work + "/new/0/images.bin",
+      "sync " + work + "/new/0",
+      "sync " + work + "/new",
+      "write " + work + "/journal.draft",
+      "sync " + work + "/journal.draft",
+      "rename " + work + "/journal",
+      "sync " + work,
+      "rename " + work + "/old/0/images.bin",
+      "rename " + target + "/0/images.bin",
+      "sync " + target + "/0",
+      "remove " + work + "/journal"};
+  for (size_t i = 1; i < order.size(); ++i) {
+    EXPECT_LT(position(order[i - 1]), position(order[i])) << order[i];
+  }
+}
+
+// Between the plan and the swap, or between a kill and the next run.
+TEST_F(StagedOutputTest, FilesThatOthersAddDuringTheSwapStay) {
+  for (const bool can_exchange : {false, true}) {
+    Put(target_ / "0" / "images.bin", "old");
+    Put(target_ / "1" / "images.bin", "old");
+    int call = 0;
+    for (bool is_pending = false; !is_pending; ++call) {
+      FaultyOperations killed(FaultyOperations::Fault::kFailsFromThen, call,
+                              can_exchange);
+      try {
+        StagedOutput output(target_, OutputKind::kRun, &killed);
+        Put(output.StagingDir() / "0" / "images.bin", "new");
+        output.Commit();
+      } catch (const Error&) {
+      }
+      for (const auto& file : FilesIn(target_)) {
+        is_pending |= fs::path(file.first).filename() == "journal";
+      }
+    }
+    Put(target_ / "0" / "photo.jpg", "mine");
+    Put(target_ / "1" / "photo.jpg", "mine");
+    WriteNewModel(target_);
+    EXPECT_EQ(FilesIn(target_), (Files{{"0/images.bin", "new"},
+                                       {"0/photo.jpg", "mine"},
+                                       {"1/photo.jpg", "mine"},
+                                       {"report.json", "new"}}));
+    fs::remove_all(target_);
+  }
+}
+
+// Lists of cameras and images of other programs are called like that, too.
+TEST_F(StagedOutputTest, RefusesToReplaceFilesThatAreNoModel) {
+  for (const char* name : {"cameras.txt", "rig_config.json"}) {
+    Put(target_ / name, "mine");
+    EXPECT_THAT(
+        ErrorOf([&] { StagedOutput output(target_, OutputKind::kModel); }),
+        HasSubstr((target_ / name).string()));
+    EXPECT_EQ(FilesIn(target_), (Files{{name, "mine"}}));
+    fs::remove_all(target_);
+  }
+}
+
+TEST_F(StagedOutputTest, KnowsWhatItWouldReplace) {
+  const auto replaces = [&](OutputKind kind, const fs::path& file) {
+    return IsReplacedByOutput(target_, kind, target_ / file);
+  };
+  for (const OutputKind kind : {OutputKind::kRun, OutputKind::kModel}) {
+    const bool is_run = kind == OutputKind::kRun;
+    EXPECT_TRUE(replaces(kind, "report.json"));
+    EXPECT_EQ(replaces(kind, "0/images.bin"), is_run);
+    EXPECT_EQ(replaces(kind, "12/rig_config.json"), is_run);
+    EXPECT_EQ(replaces(kind, "images.txt"), !is_run);
+    EXPECT_FALSE(replaces(kind, "0/database.db"));
+    EXPECT_FALSE(replaces(kind, "database.db"));
+    EXPECT_FALSE(replaces(kind, "../images.bin"));
+    EXPECT_FALSE(replaces(kind, "truth/images.bin"));
+  }
 }
 
 }  // namespace

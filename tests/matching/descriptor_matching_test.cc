@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "matching/dot_tiles.h"
+#include "matching/nearest_two.h"
 #include "matching/test_descriptors.h"
 
 namespace mgsfm {
@@ -27,7 +28,7 @@ double Angle(const uint8_t* a, const uint8_t* b) {
   return std::acos(std::min(1.0, dot / (512.0 * 512.0)));
 }
 
-// The accepted descriptor of `to`, in doubles, or -1.
+// The descriptor of `to` that `from` accepts, in double precision; -1: none.
 int Nearest(const uint8_t* from, DescriptorView to, double max_ratio,
             double max_distance) {
   double best = std::acos(0.0), second = std::acos(0.0);
@@ -67,7 +68,7 @@ struct Sizes {
 
 class DescriptorMatchingTest : public testing::TestWithParam<Sizes> {};
 
-TEST_P(DescriptorMatchingTest, IsBruteForceInDoubles) {
+TEST_P(DescriptorMatchingTest, AgreesWithBruteForceInDoubles) {
   Random random(7);
   for (const double noise : {2.0, 12.0}) {
     const TestDescriptors a = RandomDescriptors(GetParam().a, &random);
@@ -81,7 +82,7 @@ TEST_P(DescriptorMatchingTest, IsBruteForceInDoubles) {
   }
 }
 
-// Around the sizes of tiles and panels.
+// Sizes around those of tiles and panels.
 INSTANTIATE_TEST_SUITE_P(Sizes, DescriptorMatchingTest,
                          testing::Values(Sizes{0, 0}, Sizes{0, 5}, Sizes{5, 0},
                                          Sizes{1, 1}, Sizes{6, 16},
@@ -106,7 +107,7 @@ TEST(DescriptorMatching, SwappedImagesGiveSwappedMatches) {
   EXPECT_EQ(matches, swapped);
 }
 
-// Families of like descriptors, so that many decisions are close.
+// Families of similar descriptors, so that many decisions are close.
 TEST(DescriptorMatching, CloseDecisionsAreExact) {
   Random random(4);
   const TestDescriptors ancestors = RandomDescriptors(25, &random);
@@ -129,8 +130,8 @@ TEST(DescriptorMatching, CloseDecisionsAreExact) {
   }
 }
 
-// Other norms than SIFT's: dark, and so bright that sums of 16 bits overflow.
-TEST(DescriptorMatching, AnyNormWillDo) {
+// Norms other than SIFT's: small, and so large that 16-bit sums overflow.
+TEST(DescriptorMatching, AcceptsAnyNorm) {
   Random random(8);
   for (const uint32_t size : {2u, 30u, 256u}) {
     TestDescriptors a, b;

@@ -16,9 +16,9 @@
 
 namespace mgsfm {
 
-// Points with descriptors, seen by two parallel cameras of a rig that drives
-// around a square: along each side it looks at a wall, and after the fourth
-// side it passes the first one again.
+// Points with descriptors, observed by two parallel cameras of a rig that
+// drives around a square. It faces a wall along each side and passes the first
+// side again after the fourth.
 class FeatureWorld {
  public:
   static constexpr int kFramesPerSide = 6;
@@ -36,7 +36,7 @@ class FeatureWorld {
     }
   }
 
-  // Where the camera is along its side, x to the right, z to the wall.
+  // Position of the camera along its side: x to the right, z to the wall.
   static Eigen::Vector3d Center(int sensor, int frame) {
     return {kSpacing * (frame % kFramesPerSide) + 0.5 * sensor,
             frame / kFramesPerSide >= 4 ? 0.3 : 0.0, 0.0};
@@ -49,7 +49,7 @@ class FeatureWorld {
     return name;
   }
 
-  // Adds the images of the frames. Ids go up or down with the names.
+  // Adds the images of the frames, with ids ascending or descending by name.
   void Write(FeatureDatabase* database, int num_frames,
              bool ids_descend = false) {
     std::vector<std::pair<int, int>> images;
@@ -72,7 +72,7 @@ class FeatureWorld {
 
   void WriteFeatures(FeatureDatabase* database, ImageId id, int sensor,
                      int frame) {
-    // Whatever the order of images.
+    // Independent of the order of images.
     Random random(17, static_cast<uint64_t>(2 * frame + sensor));
     const int side = Side(frame);
     std::vector<FeatureKeypoint> keypoints;
@@ -130,7 +130,7 @@ inline std::map<NamePair, TwoViewGeometryRow> ReadGeometries(
   return geometries;
 }
 
-// Equal but for the ids.
+// Equal up to ids.
 inline bool AreEqual(const std::map<NamePair, TwoViewGeometryRow>& a,
                      const std::map<NamePair, TwoViewGeometryRow>& b) {
   if (a.size() != b.size()) return false;

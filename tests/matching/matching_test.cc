@@ -111,7 +111,7 @@ TEST_F(MatchingTest, DoesNotDependOnThreadsIdsOrCache) {
   EXPECT_TRUE(AreEqual(ReadGeometries(database), ReadGeometries(descending)));
 }
 
-TEST_F(MatchingTest, WhatIsThereIsNotDoneAgain) {
+TEST_F(MatchingTest, SkipsPairsInTheDatabase) {
   FeatureDatabase whole = MakeDatabase("whole.db", 8);
   MatchAll(&whole);
   FeatureDatabase database = MakeDatabase("a.db", 8);
@@ -123,7 +123,7 @@ TEST_F(MatchingTest, WhatIsThereIsNotDoneAgain) {
   const PairMatchingSummary summary = MatchAll(&database);
   EXPECT_EQ(summary.num_done, 2u);
   EXPECT_TRUE(AreEqual(ReadGeometries(database), ReadGeometries(whole)));
-  // Matches are verified again without being matched again.
+  // Matches without two-view geometry are verified, but not matched again.
   const auto geometries = ReadGeometries(database);
   const auto matches = database.CountMatches();
   database.DeleteTwoViewGeometries();
@@ -136,7 +136,7 @@ TEST_F(MatchingTest, WhatIsThereIsNotDoneAgain) {
   EXPECT_TRUE(AreEqual(ReadGeometries(database), geometries));
 }
 
-TEST_F(MatchingTest, InterruptedRunGoesOn) {
+TEST_F(MatchingTest, InterruptedRunResumes) {
   FeatureDatabase whole = MakeDatabase("whole.db", 12);
   MatchAll(&whole);
   FeatureDatabase database = MakeDatabase("a.db", 12);
@@ -169,7 +169,7 @@ TEST_F(MatchingTest, SequentialFindsNeighborsAndLoops) {
     EXPECT_TRUE(IsVerified(geometries, Names(0, frame, 1, frame)));
     EXPECT_TRUE(IsVerified(geometries, Names(0, frame, 1, frame + 1)));
   }
-  // The second time along the first wall.
+  // The second pass along the first wall.
   for (int frame = 0; frame < 4; ++frame) {
     for (const int sensor : {0, 1}) {
       EXPECT_TRUE(IsVerified(geometries,
@@ -185,7 +185,7 @@ TEST_F(MatchingTest, SequentialFindsNeighborsAndLoops) {
   EXPECT_LT(geometries.size(), 800u);  // of 1540
 }
 
-// Two cameras that look the same way.
+// Two parallel cameras.
 Scene WithKnownRig(Scene scene) {
   scene.sensors[1].sensor_from_rig =
       Rigid3{Eigen::Quaterniond::Identity(),
@@ -193,7 +193,7 @@ Scene WithKnownRig(Scene scene) {
   return scene;
 }
 
-// Writes the first ten of the matches, too few for a pair by itself.
+// Writes the first ten matches, too few to verify a pair on its own.
 void WriteFewMatches(const std::map<NamePair, TwoViewGeometryRow>& geometries,
                      const NamePair& names, const Scene& scene,
                      FeatureDatabase* database) {
@@ -213,9 +213,9 @@ Eigen::Vector3d CenterOf(const std::string& image_name) {
                               std::stoi(image_name.substr(5)));
 }
 
-// With the rig known, pairs with few matches are kept, and others not made
-// worse. Done again, interrupted or not, it gives the same.
-TEST_F(MatchingTest, KnownRigIsVerifiedAsAWhole) {
+// With a known rig, pairs with few matches are kept and others do not get
+// worse. Repeated or interrupted runs give the same result.
+TEST_F(MatchingTest, KnownRigIsVerifiedJointly) {
   FeatureDatabase database = MakeDatabase("a.db", 8);
   FeatureDatabase known = MakeDatabase("b.db", 8);
   MatchAll(&database);
@@ -256,7 +256,7 @@ TEST_F(MatchingTest, KnownRigIsVerifiedAsAWhole) {
   EXPECT_TRUE(AreEqual(ReadGeometries(known), together));
 }
 
-TEST_F(MatchingTest, RigVerificationCanBeLeftOut) {
+TEST_F(MatchingTest, RigVerificationIsOptional) {
   FeatureDatabase database = MakeDatabase("a.db", 4);
   MatchAll(&database);
   FeatureDatabase known = MakeDatabase("b.db", 4);
@@ -298,11 +298,11 @@ TEST_F(MatchingTest, SpatialUsesPositions) {
   SpatialMatchingOptions options;
   EXPECT_THAT(
       ErrorOf([&] { MatchSpatially(&database, scene, options, {}, {}); }),
-      testing::HasSubstr("has no positions"));
+      testing::HasSubstr("has no position priors"));
   for (const Image& image : scene.images) {
     const int frame = std::stoi(image.name.substr(5));
     if (image.name[3] != '0') continue;
-    // About 10 m north from frame to frame.
+    // Frames are about 10 m apart, to the north.
     database.WritePosePrior({image.id,
                              PosePriorRow::CoordinateSystem::kWgs84,
                              {49.0 + 9e-5 * frame, 8.4, 100.0},
@@ -365,7 +365,7 @@ TEST_F(MatchingTest, BadImportChangesNothing) {
               testing::HasSubstr("/nowhere.txt"));
 }
 
-TEST_F(MatchingTest, FeaturesThatDoNotFitAreNamed) {
+TEST_F(MatchingTest, InconsistentFeaturesAreNamed) {
   FeatureDatabase database = MakeDatabase("a.db", 2);
   const Scene scene = LoadSceneOf(database);
   database.WriteDescriptors(scene.images[1].id, DescriptorMatrix::Zero(3, 128));

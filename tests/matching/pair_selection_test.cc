@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/pair_selection.h"
+#include "matching/pair_selection.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <optional>
 #include <set>
 #include <string>
 
@@ -29,8 +30,8 @@ std::vector<Where> Locate(const FrameSequence& sequence, size_t num_images) {
   std::vector<Where> where(num_images);
   for (int i = 0; i < sequence.num_frames(); ++i) {
     for (int slot = 0; slot < sequence.num_slots; ++slot) {
-      const int image = sequence.images[i][slot];
-      if (image >= 0) where[image] = {i, slot};
+      const std::optional<int> image = sequence.images[i][slot];
+      if (image) where[*image] = {i, slot};
     }
   }
   return where;
@@ -48,16 +49,16 @@ TEST(FrameSequences, HoldAllImagesInOrderOfNames) {
     const std::string& name = scene.frames[sequences[0].frame_idxs[i]].name;
     EXPECT_LT(last_name, name);
     last_name = name;
-    for (const int image : sequences[0].images[i]) {
-      if (image < 0) continue;
-      images.insert(image);
-      EXPECT_EQ(scene.images[image].frame_idx, sequences[0].frame_idxs[i]);
+    for (const std::optional<int>& image : sequences[0].images[i]) {
+      if (!image) continue;
+      images.insert(*image);
+      EXPECT_EQ(scene.images[*image].frame_idx, sequences[0].frame_idxs[i]);
     }
   }
   EXPECT_EQ(images.size(), scene.images.size());
 }
 
-// A flat folder whose images all have cameras of their own.
+// A folder whose images all have different cameras.
 TEST(FrameSequences, SingleCamerasOfAFolderAreOneSequence) {
   Scene scene;
   for (int i = 0; i < 4; ++i) {
@@ -73,7 +74,7 @@ TEST(FrameSequences, SingleCamerasOfAFolderAreOneSequence) {
   }
   const auto sequences = MakeFrameSequences(scene);
   ASSERT_EQ(sequences.size(), 2u);
-  const std::vector<std::vector<int>> expected = {{0}, {1}, {2}};
+  const std::vector<std::vector<std::optional<int>>> expected = {{0}, {1}, {2}};
   EXPECT_EQ(sequences[0].images, expected);
   SequentialPairOptions options;
   options.overlap = 1;
@@ -126,7 +127,7 @@ TEST(SequentialPairs, LearnsWhichSensorsOverlap) {
   options.overlap = 5;
   options.quadratic_overlap = false;
   options.num_probe_frames = 6;
-  // Slot 1 sees three frames later what slot 0 sees.
+  // Slot 1 sees the same scene as slot 0 three frames later.
   const auto overlaps = [&](const ImageIdxPair& pair) {
     Where first = where[pair.image_idx1], second = where[pair.image_idx2];
     if (first.slot == 1) std::swap(first, second);
@@ -159,16 +160,16 @@ TEST(SequentialPairs, RareOverlapNeedsTheRatio) {
   };
   EXPECT_EQ(count(0), 0u);
   EXPECT_EQ(count(1), 0u);
-  EXPECT_EQ(count(2), 60u);  // of the first distance, 0
+  EXPECT_EQ(count(2), 60u);  // at distance 0
 }
 
 TEST(SpatialPairs, NearestWithinTheDistance) {
   const Scene scene = StereoScene(10);
   std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
-  // Only the first image of a frame has a position, 10 m after that before.
+  // Only the first image of a frame has a position; frames are 10 m apart.
   const auto sequences = MakeFrameSequences(scene);
   for (int i = 0; i < 10; ++i) {
-    positions[sequences[0].images[i][0]] =
+    positions[*sequences[0].images[i][0]] =
         Eigen::Vector3d(10.0 * i, 0, 5.0 * i);
   }
   SpatialMatchingOptions options;
@@ -186,7 +187,7 @@ TEST(SpatialPairs, NearestWithinTheDistance) {
   EXPECT_EQ(pairs.size(), 10u);  // the other image of the frame
   options.ignore_z = false;
   options.max_num_neighbors = 50;
-  options.max_distance = 11.0;  // less than 10 m and 5 m in height
+  options.max_distance = 11.0;  // less than the distance with height
   EXPECT_EQ(SpatialPairs(scene, positions, options, {}).size(), 10u);
   for (auto& position : positions) position.reset();
   EXPECT_TRUE(SpatialPairs(scene, positions, options, {}).empty());

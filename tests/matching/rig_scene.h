@@ -11,8 +11,8 @@
 namespace mgsfm {
 
 // One rig, images cam0/0000, cam0/0001, ..., cam1/0000, ... in the canonical
-// order. Of the images, only those that `exists(sensor, frame)` are there;
-// there must be one of every frame.
+// order. Only images with `exists(sensor, frame)` are included; each frame
+// needs at least one.
 inline Scene MakeRigScene(
     int num_sensors, int num_frames,
     const std::function<bool(int, int)>& exists = [](int, int) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/rig_verification.h"
+#include "matching/rig_verification.h"
 
 #include <gtest/gtest.h>
 
@@ -14,18 +14,18 @@
 namespace mgsfm {
 namespace {
 
-// Of the rig between two frames, in metres.
+// Rig motion between two frames, in metres.
 const Rigid3 kMotion{ExpSO3({0.01, -0.06, 0.01}), {0.1, 0.02, -1.4}};
 
-// A pair of images of the same camera, or of two.
+// A pair of images of one or two cameras.
 struct SimulatedUnitPair {
   int camera1 = 0;
   int camera2 = 0;
-  Rigid3 motion = kMotion;  // of the rig that the matches follow
+  Rigid3 motion = kMotion;  // rig motion of the matches
   PairSimulationOptions matches;
 };
 
-// Frames of a rig with the matches of some pairs of its images.
+// Two frames of a rig with the matches of some image pairs.
 class Units {
  public:
   Units(RigPreset preset, const std::vector<SimulatedUnitPair>& pairs,
@@ -136,8 +136,8 @@ TEST(RigVerification, UnitKeepsPairsWithFewMatches) {
   }
 }
 
-// Each pair has too few matches of its own.
-TEST(RigVerification, UnitAgreesWhereNoPairDoes) {
+// No pair has enough matches on its own.
+TEST(RigVerification, UnitVerifiesWherePairsCannot) {
   const PairSimulationOptions few{13, 7, 0.5};
   const std::vector<SimulatedUnitPair> pairs = {
       {kLeft, kLeft, kMotion, few},
@@ -153,8 +153,8 @@ TEST(RigVerification, UnitAgreesWhereNoPairDoes) {
   }
 }
 
-// A vehicle, or a place that looks alike: matches that agree with each other on
-// another motion.
+// Matches of a moving object or a duplicate structure are consistent with a
+// different motion.
 TEST(RigVerification, UnitRejectsPairsThatContradictIt) {
   const Rigid3 other{ExpSO3({0.0, 0.1, 0.0}), {1.0, 0.0, 0.3}};
   const std::vector<SimulatedUnitPair> stereo = {
@@ -183,8 +183,8 @@ TEST(RigVerification, UnitRejectsPairsThatContradictIt) {
   }
 }
 
-// One pair against others that say nothing is not judged.
-TEST(RigVerification, OnePairAloneIsNoUnit) {
+// A single supporting pair is not enough to accept a motion.
+TEST(RigVerification, SinglePairIsNoUnit) {
   const std::vector<SimulatedUnitPair> pairs = {
       {kLeft, kLeft, kMotion, kMany},
       {kRight, kRight, kMotion, kNone},

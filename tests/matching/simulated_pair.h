@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/random.h"
@@ -16,13 +17,12 @@ inline Camera MakeCamera(CameraModelId model, int width, int height,
   return {CameraId(1), model, width, height, std::move(params), has_prior};
 }
 
-inline std::vector<Eigen::Vector3d> RaysOf(
+inline std::vector<std::optional<Eigen::Vector3d>> RaysOf(
     const Camera& camera, const std::vector<Eigen::Vector2f>& keypoints) {
-  std::vector<Eigen::Vector3d> rays;
+  std::vector<std::optional<Eigen::Vector3d>> rays;
   for (const Eigen::Vector2f& keypoint : keypoints) {
     rays.push_back(RayFromPixel(camera.model, camera.params.data(),
-                                keypoint.cast<double>())
-                       .value_or(Eigen::Vector3d::Zero()));
+                                keypoint.cast<double>()));
   }
   return rays;
 }
@@ -31,14 +31,14 @@ inline std::vector<Eigen::Vector3d> RaysOf(
 struct SimulatedView {
   Camera camera = MakeCamera(CameraModelId::kSimplePinhole, 1, 1, {1, 0, 0});
   std::vector<Eigen::Vector2f> keypoints;
-  std::vector<Eigen::Vector3d> rays;
+  std::vector<std::optional<Eigen::Vector3d>> rays;
 
   VerificationView View() const { return {&camera, &keypoints, &rays}; }
 };
 
 struct SimulatedPair {
   SimulatedView view1, view2;
-  std::vector<Match> matches;  // the first `num_true` of them are right
+  std::vector<Match> matches;  // the first `num_true` are correct
   size_t num_true = 0;
 };
 
@@ -53,8 +53,8 @@ struct PairSimulationOptions {
   double noise_px = 0.5;
 };
 
-// Points of `draw_point`, in camera 1, that both cameras see, and false
-// matches anywhere in the images.
+// Matches of points from `draw_point` (in camera 1) that both cameras see, and
+// false matches anywhere in the images.
 inline SimulatedPair SimulatePair(
     const Camera& camera, const Rigid3& cam2_from_cam1,
     const PairSimulationOptions& options, Random* random,
@@ -105,7 +105,7 @@ inline Eigen::Vector3d DrawOnPlane(Random* random) {
   return {x, y, 10.0 + 0.4 * x - 0.3 * y};
 }
 
-// All around, behind the camera too.
+// Points in all directions, including behind the camera.
 inline Eigen::Vector3d DrawAround(Random* random) {
   Eigen::Vector3d direction(random->Normal(), random->Normal(),
                             random->Normal());

@@ -10,14 +10,14 @@
 
 namespace mgsfm {
 
-// Rows of 128 bytes of about the norm of SIFT's.
+// Rows of 128 bytes with about the norm of SIFT descriptors.
 struct TestDescriptors {
   std::vector<uint8_t> values;
 
   size_t size() const { return values.size() / DescriptorView::kDim; }
   DescriptorView View() const { return {values.data(), size()}; }
 
-  // Few large values and many small ones, as SIFT has.
+  // Like SIFT: few large values and many small ones.
   void AddRandom(Random* random) {
     std::vector<double> row(DescriptorView::kDim);
     double squared_norm = 0.0;
@@ -51,7 +51,7 @@ inline TestDescriptors RandomDescriptors(size_t size, Random* random) {
   return descriptors;
 }
 
-// Noisy copies of a part of the rows among random ones, in reverse order.
+// Noisy copies of some of the rows among random ones, in reverse order.
 inline TestDescriptors PartlyMatching(const TestDescriptors& other, size_t size,
                                       double noise, Random* random) {
   TestDescriptors descriptors;

@@ -10,6 +10,7 @@
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "matching/ray_models.h"
+#include "matching/scene_pairs.h"
 #include "matching/simulated_pair.h"
 
 namespace mgsfm {
@@ -22,7 +23,7 @@ Camera Pinhole(bool has_prior = true) {
                     has_prior);
 }
 
-// 200 degrees across the image.
+// The field of view is 200 degrees.
 Camera Fisheye() {
   return MakeCamera(CameraModelId::kOpenCVFisheye, 700, 700,
                     {200, 200, 350, 350, 0.01, -0.002, 0.0, 0.0});
@@ -62,7 +63,7 @@ TEST(VerifyPair, GeneralSceneIsCalibrated) {
   EXPECT_LT(DirectionErrorDeg(verified, kMotion), 2.0);
   ASSERT_TRUE(verified.E && verified.F);
   EXPECT_FALSE(verified.H);
-  // F is that of the pixels: distances to epipolar lines.
+  // F is in pixels: check distances to epipolar lines.
   for (const Match& match : verified.matches) {
     const Eigen::Vector3d x1 =
         pair.view1.keypoints[match.keypoint_idx1].cast<double>().homogeneous();
@@ -104,13 +105,13 @@ TEST(VerifyPair, RotationIsPanoramic) {
   }
 }
 
-TEST(VerifyPair, SeesBehindFisheyes) {
+TEST(VerifyPair, HandlesRaysBehindTheCamera) {
   Random random(4);
   const SimulatedPair pair =
       SimulatePair(Fisheye(), kMotion, {200, 100, 0.5}, &random, DrawAround);
   const auto num_behind =
       std::count_if(pair.view1.rays.begin(), pair.view1.rays.end(),
-                    [](const Eigen::Vector3d& ray) { return ray.z() < 0.0; });
+                    [](const auto& ray) { return ray && ray->z() < 0.0; });
   ASSERT_GT(num_behind, 10);
   const ImagePair verified = Verify(pair);
   EXPECT_EQ(verified.config, TwoViewConfig::kCalibrated);
@@ -123,7 +124,7 @@ TEST(VerifyPair, SeesBehindFisheyes) {
 TEST(VerifyPair, WithoutPriorFocalLengthUsesF) {
   Random random(5);
   SimulatedPair pair = SimulatePair(Pinhole(), kMotion, {}, &random, DrawInBox);
-  // A focal length that is only a guess, and wrong.
+  // The focal length is a wrong guess.
   for (SimulatedView* view : {&pair.view1, &pair.view2}) {
     view->camera = MakeCamera(CameraModelId::kSimpleRadial, 800, 600,
                               {960, 400, 300, 0.0}, false);
@@ -151,7 +152,7 @@ TEST(VerifyPair, FalseMatchesAreDegenerate) {
   }
 }
 
-TEST(VerifyPair, KeepsLimitsOfInliers) {
+TEST(VerifyPair, RespectsInlierLimits) {
   Random random(7);
   const SimulatedPair pair =
       SimulatePair(Pinhole(), kMotion, {40, 60, 0.5}, &random, DrawInBox);
@@ -199,7 +200,7 @@ TEST(VerifyPair, ShiftedBorderIsWatermark) {
 TEST(VerifyPair, SkipsKeypointsWithoutRay) {
   Random random(10);
   SimulatedPair pair = SimulatePair(Pinhole(), kMotion, {}, &random, DrawInBox);
-  for (size_t i = 0; i < 20; ++i) pair.view1.rays[i].setZero();
+  for (size_t i = 0; i < 20; ++i) pair.view1.rays[i].reset();
   const ImagePair verified = Verify(pair);
   EXPECT_EQ(verified.config, TwoViewConfig::kCalibrated);
   for (const Match& match : verified.matches) {
@@ -209,8 +210,8 @@ TEST(VerifyPair, SkipsKeypointsWithoutRay) {
 
 TEST(PairSeed, DependsOnBothNamesAndSeed) {
   const std::set<uint64_t> seeds = {
-      PairSeed("a", "b", 0), PairSeed("b", "a", 0), PairSeed("ab", "", 0),
-      PairSeed("a", "b", 1)};
+      internal::PairSeed("a", "b", 0), internal::PairSeed("b", "a", 0),
+      internal::PairSeed("ab", "", 0), internal::PairSeed("a", "b", 1)};
   EXPECT_EQ(seeds.size(), 4u);
 }
 
@@ -242,7 +243,7 @@ TEST(RayModels, MinimalSamplesGiveExactModels) {
   }
 }
 
-TEST(RayModels, HomographyHasASide) {
+TEST(RayModels, HomographyHasPositiveScale) {
   Random random(12);
   RayMatches rays = ExactRays(&random, kMotion, 20, DrawOnPlane);
   for (size_t i = 0; i < 5; ++i) rays.rays2[i] = -rays.rays2[i];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/vocabulary.h"
+#include "matching/vocabulary.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <cmath>
 #include <set>
 
+#include "matching/pair_selection.h"
 #include "matching/test_descriptors.h"
-#include "mgsfm/matching/pair_selection.h"
-#include "mgsfm/matching/word_index.h"
+#include "matching/word_index.h"
 
 namespace mgsfm {
 namespace {
@@ -84,9 +84,8 @@ TEST(Vocabulary, EqualSamplesAreOneWord) {
   EXPECT_EQ(Vocabulary::Train(single.View(), {}, {}).num_words(), 1);
 }
 
-// Images of places: each place has features at fixed positions; an image of it
-// shows most of them, moved by a similarity of the image plane, noisy, and some
-// others.
+// Images of places. Each place has features at fixed positions; an image shows
+// most of them, transformed by a similarity with noise, and some others.
 class World {
  public:
   World(int num_places, Random* random) {
@@ -114,7 +113,7 @@ class World {
   WordImage Take(int place, const Vocabulary& vocabulary,
                  Random* random) const {
     const double scale = random->Uniform(0.8, 1.25);
-    const double turn = random->Uniform(-0.3, 0.3);
+    const double rotation_rad = random->Uniform(-0.3, 0.3);
     WordImage image;
     image.diagonal_px = 1000.0f;
     for (size_t k = 0; k < kNumFeatures; ++k) {
@@ -124,13 +123,13 @@ class World {
         descriptor.AddNoisyCopy(descriptors_[place].View().Row(k), 4.0, random);
         const double x = feature.x_px, y = feature.y_px;
         feature.x_px = static_cast<float>(
-            scale * (std::cos(turn) * x - std::sin(turn) * y) + 20.0 +
-            5.0 * random->Normal());
+            scale * (std::cos(rotation_rad) * x - std::sin(rotation_rad) * y) +
+            20.0 + 5.0 * random->Normal());
         feature.y_px = static_cast<float>(
-            scale * (std::sin(turn) * x + std::cos(turn) * y) - 30.0 +
-            5.0 * random->Normal());
+            scale * (std::sin(rotation_rad) * x + std::cos(rotation_rad) * y) -
+            30.0 + 5.0 * random->Normal());
         feature.log2_scale += static_cast<float>(std::log2(scale));
-        feature.orientation_rad += static_cast<float>(turn);
+        feature.orientation_rad += static_cast<float>(rotation_rad);
       } else {
         descriptor.AddRandom(random);
       }
@@ -190,7 +189,7 @@ TEST(WordIndex, SimilarityIsSymmetric) {
   EXPECT_NEAR(index.Similarities(3)[8], index.Similarities(8)[3], 1e-6f);
 }
 
-TEST(CountConsistentWords, TellsPlacesApart) {
+TEST(CountConsistentWords, DistinguishesPlaces) {
   Random random(6);
   const Visits visits(2, &random);
   for (int i = 0; i < Visits::kNumPlaces; ++i) {
@@ -219,10 +218,10 @@ FrameSequence TwoSensorSequence(int num_frames) {
   return sequence;
 }
 
-TEST(RetrievePairs, FramesOfOnePlaceMeet) {
+TEST(RetrievePairs, FindsFramesOfOnePlace) {
   Random random(7);
-  // 60 images are 30 frames: frame i saw places 2 i and 2 i + 1 (modulo 30),
-  // so that frames i and i + 15 are at one place.
+  // 60 images are 30 frames: frame i shows places 2 i and 2 i + 1 (modulo 30),
+  // so that frames i and i + 15 show the same places.
   const Visits visits(2, &random);
   const WordIndex index(visits.num_words, visits.images);
   FrameRetrievalOptions options;
@@ -242,7 +241,7 @@ TEST(RetrievePairs, FramesOfOnePlaceMeet) {
             RetrievePairs({sequence}, visits.images, index, options, context));
 }
 
-TEST(RetrievePairs, LeavesOutNearFrames) {
+TEST(RetrievePairs, SkipsNearFrames) {
   Random random(8);
   const Visits visits(2, &random);
   const WordIndex index(visits.num_words, visits.images);
@@ -253,7 +252,7 @@ TEST(RetrievePairs, LeavesOutNearFrames) {
           .empty());
 }
 
-TEST(RetrievePairs, AsksEveryPeriodOnly) {
+TEST(RetrievePairs, QueriesEveryPeriodOnly) {
   Random random(9);
   const Visits visits(2, &random);
   const WordIndex index(visits.num_words, visits.images);

@@ -55,7 +55,7 @@ double WeightOf(const std::vector<GraphEdge>& edges,
   return weight;
 }
 
-// The best weight of all subsets of edges that are spanning trees.
+// The maximum weight of all spanning trees, by enumeration of edge subsets.
 double BruteForceTreeWeight(int num_nodes,
                             const std::vector<GraphEdge>& edges) {
   double best = -1.0;
@@ -110,18 +110,18 @@ TEST(WalkForest, VisitsParentsFirst) {
   for (const ForestStep& step : steps) {
     EXPECT_FALSE(visited[step.node]);
     visited[step.node] = 1;
-    if (step.parent < 0) {
+    if (!step.from) {
       ++num_roots;
       continue;
     }
-    EXPECT_TRUE(visited[step.parent]);
-    const GraphEdge& edge = edges[step.edge];
-    EXPECT_EQ(edge.node1 + edge.node2, step.node + step.parent);
+    EXPECT_TRUE(visited[step.from->parent]);
+    const GraphEdge& edge = edges[step.from->edge];
+    EXPECT_EQ(edge.node1 + edge.node2, step.node + step.from->parent);
   }
   EXPECT_EQ(num_roots, 2);
 }
 
-TEST(ForestWays, AreThoseAlongTheForest) {
+TEST(TreePathLengths, AreThoseAlongTheForest) {
   constexpr int kNumNodes = 30;
   Random random(5);
   std::vector<GraphEdge> edges;
@@ -148,11 +148,11 @@ TEST(ForestWays, AreThoseAlongTheForest) {
       }
     }
   }
-  const ForestWays ways(kNumNodes, edges, lengths);
+  const TreePathLengths path_lengths(kNumNodes, edges, lengths);
   for (int i = 0; i < kNumNodes; ++i) {
     for (int j = 0; j < kNumNodes; ++j) {
       if (expected[i][j] == infinity) continue;
-      EXPECT_NEAR(ways.Between(i, j), expected[i][j], 1e-12);
+      EXPECT_NEAR(path_lengths.Between(i, j), expected[i][j], 1e-12);
     }
   }
 }

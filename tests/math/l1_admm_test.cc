@@ -5,7 +5,10 @@
 
 #include <Eigen/LU>
 #include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "math/sparse_solver.h"
@@ -18,6 +21,81 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
+// f(z) = sum_kj w_k |z_kj|: weighted L1 norm.
+struct L1Norm {
+  VectorXd weights;
+
+  double Cost(const MatrixXd& z) const {
+    return weights.dot(z.cwiseAbs().rowwise().sum());
+  }
+  void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
+    for (Eigen::Index j = 0; j < v.cols(); ++j) {
+      for (Eigen::Index k = 0; k < v.rows(); ++k) {
+        const double length = std::abs(v(k, j)) - weights[k] / rho;
+        (*z)(k, j) = length > 0.0 ? std::copysign(length, v(k, j)) : 0.0;
+      }
+    }
+  }
+};
+
+// The L1 norm of the first weights.size() rows, and the constraint z >= 0 on
+// the remaining ones: C x >= d for the stacked systems [A; C] and [b; d].
+// Cost() excludes the inequalities.
+struct L1NormWithInequalities {
+  VectorXd weights;
+
+  double Cost(const MatrixXd& z) const {
+    return weights.dot(z.topRows(weights.size()).cwiseAbs().rowwise().sum());
+  }
+  void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
+    const Eigen::Index num_norms = weights.size();
+    for (Eigen::Index j = 0; j < v.cols(); ++j) {
+      for (Eigen::Index k = 0; k < num_norms; ++k) {
+        const double length = std::abs(v(k, j)) - weights[k] / rho;
+        (*z)(k, j) = length > 0.0 ? std::copysign(length, v(k, j)) : 0.0;
+      }
+      for (Eigen::Index k = num_norms; k < v.rows(); ++k) {
+        (*z)(k, j) = std::max(v(k, j), 0.0);
+      }
+    }
+  }
+};
+
+// f(z) = sum_k w_k min_{p in C_k} |z_k - p|_2: distances to convex sets of the
+// 3-vectors stacked in the single column of z. Project(k, v) is the point of
+// C_k nearest to v. For C_k = {s d_k, s >= l_k} this is the sum of |s_k d_k -
+// z_k| over the optimal scales s_k >= l_k, which are eliminated from the
+// unknowns.
+template <class Project>
+struct Distances3 {
+  VectorXd weights;  // per 3-vector
+  Project project;
+
+  double Cost(const MatrixXd& z) const {
+    double cost = 0.0;
+    for (Eigen::Index k = 0; k < weights.size(); ++k) {
+      const Eigen::Vector3d v = z.block<3, 1>(3 * k, 0);
+      cost += weights[k] * (v - project(k, v)).norm();
+    }
+    return cost;
+  }
+  void Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
+    for (Eigen::Index k = 0; k < weights.size(); ++k) {
+      const Eigen::Vector3d from = v.block<3, 1>(3 * k, 0);
+      const Eigen::Vector3d nearest = project(k, from);
+      const double distance = (from - nearest).norm();
+      const double left = distance - weights[k] / rho;
+      z->block<3, 1>(3 * k, 0) =
+          nearest + (left > 0.0 ? left / distance : 0.0) * (from - nearest);
+    }
+  }
+};
+
+template <class Project>
+Distances3<Project> MakeDistances3(VectorXd weights, Project project) {
+  return {std::move(weights), std::move(project)};
+}
+
 MatrixXd RandomMatrix(int rows, int cols, Random* random) {
   return MatrixXd::NullaryExpr(rows, cols, [&] { return random->Normal(); });
 }
@@ -29,7 +107,7 @@ AdmmOptions Accurate() {
   return options;
 }
 
-// All ways to choose 3 of `size` rows.
+// Visits all combinations of 3 of `size` rows.
 template <class Visit>
 void ForEachTriple(int size, const Visit& visit) {
   for (int i = 0; i < size; ++i) {
@@ -40,8 +118,8 @@ void ForEachTriple(int size, const Visit& visit) {
 }
 
 // The optimum of an L1 problem with three unknowns and inequality rows below
-// the first `weights.size()`: some optimum is a vertex, where three rows hold
-// with equality.
+// the first `weights.size()` rows. At least one optimum is a vertex, where
+// three rows hold with equality.
 double BruteForceOptimum(const MatrixXd& A, const VectorXd& b,
                          const VectorXd& weights) {
   const Eigen::Index num_norms = weights.size();
@@ -123,7 +201,7 @@ TEST(Admm, AgreesWithBruteForceUnderInequalities) {
   }
 }
 
-// At return both optimality conditions hold, checked from their definitions.
+// Verifies both optimality conditions at the result from their definitions.
 TEST(Admm, StoppingTestsHoldAtReturn) {
   Random random(4);
   const MatrixXd A = RandomMatrix(80, 6, &random);
@@ -151,7 +229,7 @@ TEST(Admm, StoppingTestsHoldAtReturn) {
   }
 }
 
-// Differences of unknowns along a chain, the first one held: like positions.
+// Differences of positions along a chain. The first position is fixed.
 struct ChainProblem {
   MatrixXd A;
   MatrixXd b;
@@ -216,8 +294,8 @@ TEST(Admm, ShiftingTheOriginShiftsTheSolutionOnly) {
   EXPECT_LT((shifted.x - shift - state.x).norm(), 1e-6);
 }
 
-// Outliers that are small against 1 must not pull the solution towards least
-// squares, as they do with a fixed penalty of 1.
+// Outliers much smaller than 1 must not bias the solution towards least
+// squares, as they would with a fixed penalty of 1.
 TEST(Admm, RejectsOutliersBelowUnitSize) {
   Random random(7);
   ChainProblem problem = MakeChain(20, &random);
@@ -262,8 +340,8 @@ TEST(Admm, WarmStartSavesIterations) {
   EXPECT_LT((state.x - solution).norm(), 1e-2 * solution.norm());
 }
 
-// Positions from directions and least lengths: b = 0, so the least-squares
-// start is zero and only the distances to rays say how large things are.
+// Positions from directions and minimum lengths. As b = 0, the least-squares
+// start is zero and only the convex sets determine the scale.
 TEST(Admm, DistancesToRaysGivePositionsUpToScale) {
   Random random(10);
   for (const double unit : {1e-4, 1.0, 1e3}) {

@@ -104,8 +104,8 @@ TEST(SparseCholesky, ConditionTellsNearRankDeficiency) {
   }
 }
 
-// Blocks of six on a chain whose nodes see twelve others, with loops: dense
-// enough for supernodes, some of them of several panels.
+// 6 x 6 blocks on a chain with twelve neighbours per node and loops: dense
+// enough for supernodes, some of them with several panels.
 SparseMatrix MakeBlockMatrix(int num_nodes, int num_loops, Random* random) {
   constexpr int kSize = 6;
   std::vector<std::pair<int, int>> edges;
@@ -142,7 +142,7 @@ TEST(SparseCholesky, SupernodesAgreeWithDense) {
     const MatrixXd B = RandomMatrix(static_cast<int>(H.rows()), 2, &random);
     const MatrixXd expected = full.llt().solve(B);
     for (const auto order : {SparseCholesky::Order::kFillReducing,
-                             SparseCholesky::Order::kGiven}) {
+                             SparseCholesky::Order::kNatural}) {
       SparseCholesky solver(2);
       solver.Analyze(H, order);
       MatrixXd X(B.rows(), B.cols());
@@ -162,7 +162,7 @@ TEST(SparseCholesky, ThreadsDoNotChangeSupernodes) {
   MatrixXd expected(b.rows(), 1);
   for (int num_threads = 1; num_threads <= 5; ++num_threads) {
     SparseCholesky solver(num_threads);
-    solver.Analyze(H, SparseCholesky::Order::kGiven);
+    solver.Analyze(H, SparseCholesky::Order::kNatural);
     ASSERT_TRUE(solver.Factorize(H));
     MatrixXd x(b.rows(), 1);
     solver.Solve(b, x);
@@ -196,7 +196,7 @@ TEST(SparseCholesky, IsMovable) {
   EXPECT_TRUE(moved.Factorize(H));
 }
 
-// A square grid, each node with its eight neighbours.
+// A square grid in which each node is connected to its eight neighbours.
 SparseMatrix MakeGrid(int side) {
   std::vector<Eigen::Triplet<double>> triplets;
   for (int i = 0; i < side * side; ++i) {
@@ -211,8 +211,8 @@ SparseMatrix MakeGrid(int side) {
   return H;
 }
 
-// Entries of the factor, diagonal included, found by joining all neighbours of
-// one unknown after the other.
+// The number of entries of the factor including the diagonal, by symbolic
+// elimination of one unknown after the other.
 size_t CountFactorEntries(const SparseMatrix& H,
                           const std::vector<int>& order) {
   std::vector<std::set<int>> neighbors(H.cols());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Structures that look alike: pairs of images of different places whose matches
-// are exact, and consistent with each other, as of equal facades.
+// Duplicate structures: pairs of images of different places whose matches are
+// exact and consistent with each other, as those of equal facades.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,8 +18,9 @@ struct Copies {
   int num_frames;
 };
 
-// Puts half of what the one frames see before the others, too, and matches
-// images of the copy with those of the original.
+// Duplicates half of the points that one range of frames sees in front of
+// another range, and matches images of the duplicate with those of the
+// original.
 class CopyMaker {
  public:
   CopyMaker(const Copies& copies, Simulation* simulation)
@@ -66,7 +67,7 @@ class CopyMaker {
     return -1;
   }
 
-  // Of the original pair, for images that may be copies.
+  // The motion of the original pair, for images that may show the duplicate.
   std::vector<Match> CopiedMatches(const ImagePair& pair, int image_idx1,
                                    int image_idx2) const {
     std::vector<Match> matches;
@@ -127,7 +128,7 @@ SimulationOptions Drive(RigPreset rig, PathPreset path) {
 void ExpectNamed(const Copies& copies, const MapperModel& model) {
   ASSERT_FALSE(model.rejected_groups.empty());
   const RejectedGroup& group = model.rejected_groups.front();
-  // Neighbours of the frames are matched with their copies, too.
+  // Neighbours of the frames are also matched with the duplicates.
   constexpr int kReach = 3;
   EXPECT_GE(group.first_frame_idx1, copies.first_frame_idx - kReach);
   EXPECT_LE(group.last_frame_idx1,
@@ -146,8 +147,8 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
   const size_t num_true_pairs = simulation.view_graph.pairs.size();
   const int num_wrong_pairs = CopyMaker(copies, &simulation).Run();
   ASSERT_GT(num_wrong_pairs, static_cast<int>(num_true_pairs / 20));
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        MapperOptions(), Context());
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
   EXPECT_LT(CompareModels(simulation.scene, result.models[0].reconstruction,
@@ -158,11 +159,11 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
   EXPECT_EQ(result.models[0].rejected_groups[0].num_pairs, num_wrong_pairs);
 }
 
-TEST_P(AliasingTest, ADriveWithoutCopiesHasNothingSuspicious) {
+TEST_P(AliasingTest, ADriveWithoutDuplicatesHasNoRejectedGroups) {
   const Simulation simulation =
       Simulate(Drive(GetParam().first, GetParam().second));
-  const MapperResult result = RunMapper(simulation.scene, simulation.view_graph,
-                                        MapperOptions(), Context());
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.models[0].rejected_groups.empty());
 }

@@ -18,8 +18,8 @@
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 
-// Drives on which other systems crash, or silently go wrong. docs/hazards.md
-// lists them all.
+// Drives on which other systems crash or return wrong results without a
+// warning. docs/development/testing.md lists all of them.
 
 namespace mgsfm {
 
@@ -67,7 +67,7 @@ inline bool Contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
 
-// Takes out the pairs for whose image names the function is true.
+// Removes the pairs whose image names satisfy the predicate.
 inline void RemovePairs(
     const std::function<bool(const std::string&, const std::string&)>& is_bad,
     DatabaseContents* contents) {
@@ -107,7 +107,7 @@ inline Outcome Map(const Drive& drive, int min_num_frames = 3) {
   MapperOptions options;
   options.min_num_frames = min_num_frames;
   MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, options, context);
+      RunMapper({loaded.scene, loaded.view_graph}, options, context);
   return {std::move(loaded.scene), std::move(result)};
 }
 
@@ -131,8 +131,8 @@ inline void ExpectRight(const Evaluation& evaluation) {
   EXPECT_LT(evaluation.rotation_deg->max, 0.2);
 }
 
-// Relative rotations, which need no alignment: the one by positions is loose on
-// a path of few metres.
+// Relative rotations need no alignment; an alignment by positions is inaccurate
+// on a path of a few metres.
 inline void ExpectRightRotations(const Drive& drive, const Outcome& outcome) {
   ASSERT_EQ(outcome.result.models.size(), 1u);
   const Reconstruction& model = outcome.result.models[0].reconstruction;
@@ -156,7 +156,7 @@ inline void ExpectRightRotations(const Drive& drive, const Outcome& outcome) {
   }
 }
 
-// One model of everything.
+// Requires one model of all frames.
 inline void ExpectAllRight(const Drive& drive, const Outcome& outcome) {
   ASSERT_EQ(outcome.result.models.size(), 1u);
   const Evaluation evaluation = EvaluateModel(drive, outcome);
@@ -166,7 +166,7 @@ inline void ExpectAllRight(const Drive& drive, const Outcome& outcome) {
   ExpectRight(evaluation);
 }
 
-// Puts all ids and names of a drive elsewhere, so that another one can join it.
+// Offsets all ids and names of a drive, so that another drive can be added.
 inline void Rename(
     const std::function<std::string(const std::string&)>& new_name,
     uint32_t id_offset, Drive* drive) {
@@ -220,7 +220,7 @@ inline Drive Join(const Drive& a, const Drive& b) {
 
 constexpr uint32_t kIdOffset = 10000;
 
-// The keypoints of each image by the world point they show.
+// The keypoints of each image, by the world point they show.
 inline std::map<std::string, std::map<double, uint32_t>> KeypointsByPoint(
     const Simulation& simulation) {
   std::map<std::string, std::map<double, uint32_t>> keypoints;
@@ -234,7 +234,7 @@ inline std::map<std::string, std::map<double, uint32_t>> KeypointsByPoint(
   return keypoints;
 }
 
-// Replaces the world: the points that each keypoint of an image shows.
+// Replaces the world points that the keypoints of an image show.
 using PointsOfKeypoints =
     std::map<std::string, std::map<uint32_t, Eigen::Vector3d>>;
 inline PointsOfKeypoints PointsByKeypoint(const Simulation& simulation) {
@@ -253,9 +253,9 @@ inline ImageRow& ImageOf(const std::string& name, DatabaseContents* contents) {
                        [&](const ImageRow& row) { return row.name == name; });
 }
 
-// Adds a pair of images that agrees perfectly with a wrong pose of the second
-// one: new keypoints there show the points of the first one as if seen from
-// that pose.
+// Adds an image pair that agrees perfectly with a wrong pose of the second
+// image: its new keypoints show the points of the first image as seen from that
+// pose.
 inline void AddWrongPair(const PointsOfKeypoints& points,
                          const std::string& name1, const std::string& name2,
                          const Rigid3& wrong_cam2_from_world, Drive* drive) {

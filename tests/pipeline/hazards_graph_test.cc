@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Hazards of the graph of image pairs: what it connects, and what not.
+// Hazards of the connectivity of the view graph.
 #include "mgsfm/base/mask.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "pipeline/hazard_drives.h"
@@ -7,8 +7,8 @@
 namespace mgsfm {
 namespace {
 
-// Pairs of an image with three of other frames, each of which puts it at
-// another place and turned by 25 degrees against the others.
+// Pairs of an image with three other frames. Each pair places the image
+// elsewhere, rotated by 25 degrees relative to the others.
 void AddContradictoryPairs(const PointsOfKeypoints& points,
                            const std::string& name, Drive* drive) {
   const std::string sensor = name.substr(0, 5);
@@ -22,8 +22,8 @@ void AddContradictoryPairs(const PointsOfKeypoints& points,
   }
 }
 
-// All poses are numbers; frames that contain one of these names may be
-// anywhere, or are named as unregistered, and all others are right.
+// All poses are finite. Frames that contain one of these names may be anywhere
+// or unregistered; all others are correct.
 void ExpectTheRest(const Drive& drive, const Outcome& outcome,
                    const std::vector<std::string>& doubtful_frames,
                    int num_others) {
@@ -54,8 +54,8 @@ void ExpectTheRest(const Drive& drive, const Outcome& outcome,
   }
 }
 
-// Every pair is estimated, whatever their number is a multiple of: the poses in
-// the database are 1 degree wrong, the matches are not.
+// Every pair is estimated, whatever the remainder of their number: the poses in
+// the database are wrong by 1 degree, the matches are correct.
 TEST(Hazards, Hazard09NumbersOfPairsOfAllRemainders) {
   SimulationOptions options = SmallDrive(RigPreset::kStereo, 6);
   options.relative_rotation_noise_deg = 1.0;
@@ -84,10 +84,10 @@ TEST(Hazards, Hazard09NumbersOfPairsOfAllRemainders) {
   }
 }
 
-// Frames 12 and 13 hang together, and on the others by pairs with too few right
-// matches to be kept. All of their matches together would make tracks that run
-// into the two frames, which are too few for a model.
-TEST(Hazards, Hazard10TracksIntoAPartThatIsLeftOut) {
+// Frames 12 and 13 are connected to each other, but to the others only by pairs
+// with too few correct matches. Their matches would create tracks into the two
+// frames, which are too few for a model.
+TEST(Hazards, Hazard10TracksIntoARejectedComponent) {
   constexpr size_t kNumRight = 5, kNumMatches = 60;
   Drive drive = MakeDriveWithoutRigs(SmallDrive(RigPreset::kStereo, 14));
   const auto is_late = [](const std::string& name) {
@@ -116,8 +116,8 @@ TEST(Hazards, Hazard10TracksIntoAPartThatIsLeftOut) {
   }
 }
 
-// All pairs of the last frame contradict each other by more than a rotation may
-// be wrong, so that none of them, or one, is left.
+// All pairs of the last frame contradict each other by more than the rotation
+// threshold, so that at most one of them is kept.
 TEST(Hazards, Hazard11FrameThatOnlyContradictoryPairsConnect) {
   const Simulation simulation = Simulate(SmallDrive(RigPreset::kStereo));
   const PointsOfKeypoints points = PointsByKeypoint(simulation);
@@ -171,8 +171,8 @@ TEST(Hazards, Hazard12FrameWithoutPairsIsNamed) {
 }
 
 TEST(Hazards, Hazard12FewPairs) {
-  // Three places almost on a line say little of how the worlds are turned
-  // about it, so there is no noise.
+  // Three nearly collinear positions hardly determine the rotation of the
+  // alignment about their line, so the input is exact.
   SimulationOptions options = SmallDrive(RigPreset::kMono, 3);
   options.pixel_noise_px = 0.0;
   const Drive mono = MakeDriveWithoutRigs(options);
@@ -181,13 +181,13 @@ TEST(Hazards, Hazard12FewPairs) {
   const Drive stereo = MakeDriveWithoutRigs(SmallDrive(RigPreset::kStereo, 2));
   ASSERT_EQ(stereo.contents.pairs.size(), 6u);
   ExpectRightRotations(stereo, Map(stereo, 2));
-  // One frame is no motion.
+  // A single frame has no motion.
   const Drive single = MakeDriveWithoutRigs(SmallDrive(RigPreset::kStereo, 1));
   EXPECT_TRUE(Map(single, 2).result.models.empty());
 }
 
-// Both halves of a drive that nothing joins become models.
-TEST(Hazards, Hazard17AllPartsAreModels) {
+// Both halves of a drive become models if no pair connects them.
+TEST(Hazards, Hazard17AllComponentsBecomeModels) {
   const Drive whole = MakeDriveWithoutRigs(SmallDrive(RigPreset::kStereo, 20));
   Drive drive = whole;
   const auto part_of = [](const std::string& name) {
@@ -210,8 +210,8 @@ TEST(Hazards, Hazard17AllPartsAreModels) {
   }
 }
 
-// Two sequences that only wrong pairs join.
-TEST(Hazards, Hazard17WrongPairsDoNotJoinParts) {
+// Only wrong pairs connect the two sequences.
+TEST(Hazards, Hazard17WrongPairsDoNotConnectComponents) {
   const SimulationOptions options = SmallDrive(RigPreset::kStereo, 14);
   Drive drive = MakeDriveWithoutRigs(options);
   const auto is_late = [](const std::string& name) {
@@ -244,8 +244,8 @@ TEST(Hazards, Hazard17WrongPairsDoNotJoinParts) {
   for (size_t i = 0; i < 2; ++i) ExpectRight(EvaluateModel(drive, outcome, i));
 }
 
-// One point that all images of a very long drive show, each matched with the
-// next one only.
+// All images of a very long drive show one point, and each is matched only with
+// the next.
 TEST(Hazards, Hazard22VeryLongChainOfMatches) {
   constexpr int kNumImages = 300000;
   Scene scene;
@@ -263,7 +263,7 @@ TEST(Hazards, Hazard22VeryLongChainOfMatches) {
     scene.frames.push_back({FrameId(id), "", 0, {i}});
     scene.images.push_back({ImageId(id), "", 0, 0, i, {{50.0f, 50.0f}}});
     if (i + 1 == kNumImages) continue;
-    // From both ends to the middle.
+    // Frames from both ends towards the middle.
     const int first = i % 2 == 0 ? i / 2 : kNumImages - 2 - i / 2;
     ImagePair pair;
     pair.image_idx1 = first;

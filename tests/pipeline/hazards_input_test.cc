@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Hazards of what is in a database: cameras, rigs, names, keypoints.
+// Hazards of the content of a database: cameras, rigs, names, keypoints.
 #include "pipeline/hazard_drives.h"
 
 namespace mgsfm {
@@ -30,8 +30,8 @@ TEST(Hazards, Hazard02CameraIdsWithGaps) {
   ExpectAllRight(drive, Map(drive));
 }
 
-// Two vehicles, of different rigs, on one road: matches between their forward
-// cameras join them to one model.
+// Two vehicles with different rigs drive on one road. Matches between their
+// forward cameras connect them into one model.
 TEST(Hazards, Hazard03TwoRigsInOneDatabase) {
   const Simulation stereo_simulation = Simulate(SmallDrive(RigPreset::kStereo));
   const Simulation kitti_simulation =
@@ -89,8 +89,8 @@ TEST(Hazards, Hazard04CameraSharedByFolders) {
   ExpectAllRight(drive, outcome);
 }
 
-// cam0/a/000000.png and cam0/b/000000.png were not taken at the same time; and
-// nothing connects the two sequences.
+// cam0/a/000000.png and cam0/b/000000.png were not taken at the same time, and
+// no pair connects the two sequences.
 TEST(Hazards, Hazard05SameFileNamesInTwoSequences) {
   SimulationOptions options = SmallDrive(RigPreset::kStereo);
   Drive first = MakeDriveWithoutRigs(options);
@@ -120,7 +120,7 @@ TEST(Hazards, Hazard05SameFileNamesInTwoSequences) {
   }
 }
 
-// Keypoints where the camera model has no ray.
+// Keypoints outside the domain of the camera model have no ray.
 TEST(Hazards, Hazard13KeypointsWithoutRay) {
   Drive drive = MakeDriveWithoutRigs(SmallDrive(RigPreset::kKitti360));
   for (ImageRow& image : drive.contents.images) {
@@ -131,7 +131,7 @@ TEST(Hazards, Hazard13KeypointsWithoutRay) {
   ExpectAllRight(drive, Map(drive));
 }
 
-// What COLMAP 4 writes of pairs that it verified with a rig: without pose.
+// COLMAP 4 writes no relative pose for pairs that it verified with a rig.
 // tests/io/database_test.cc reads all of its schemas.
 TEST(Hazards, Hazard14PairsVerifiedWithTheRig) {
   Drive drive = MakeDriveWithoutRigs(SmallDrive(RigPreset::kKitti360));
@@ -145,7 +145,7 @@ TEST(Hazards, Hazard14PairsVerifiedWithTheRig) {
   ExpectAllRight(drive, outcome);
 }
 
-// Points behind the image plane count like all others.
+// Points behind the image plane are used like all others.
 TEST(Hazards, Hazard16FisheyesOf180DegreesAndMore) {
   for (const RigPreset rig : {RigPreset::kKitti360, RigPreset::kCube6}) {
     SimulationOptions options = SmallDrive(rig);
@@ -165,8 +165,8 @@ TEST(Hazards, Hazard16FisheyesOf180DegreesAndMore) {
   }
 }
 
-// Focal lengths that are 8 % wrong and that nobody vouches for: found again
-// from the pairs, and then from all points.
+// Focal lengths without a prior are wrong by 8 %. They are recovered from the
+// pairs and refined with all points.
 TEST(Hazards, Hazard20NoCameraHasAPriorFocalLength) {
   SimulationOptions options = SmallDrive(RigPreset::kStereo, 24);
   options.max_num_features_per_image = 400;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Hazards of how a rig moves, and of what its cameras have in common.
+// Hazards of the motion of a rig and of the overlap of its cameras.
 #include "pipeline/hazard_drives.h"
 
 namespace mgsfm {
@@ -9,8 +9,9 @@ bool AreOfDifferentSensors(const std::string& name1, const std::string& name2) {
   return name1.substr(0, 4) != name2.substr(0, 4);
 }
 
-// Its rotation in the rig follows from its motion, if that turns enough; else
-// it must be left out, not be taken for that of the reference.
+// The motion determines the rotation of the camera in the rig if the rig
+// rotates enough. Otherwise the camera must be rejected; it must not get the
+// rotation of the reference sensor.
 TEST(Hazards, Hazard06CameraNeverRegisteredWithOthers) {
   SimulationOptions options = SmallDrive(RigPreset::kKitti360, 36);
   for (const PathPreset path : {PathPreset::kCurve, PathPreset::kStraight}) {
@@ -28,7 +29,7 @@ TEST(Hazards, Hazard06CameraNeverRegisteredWithOthers) {
     const Reconstruction& model = outcome.result.models[0].reconstruction;
     const SensorRotationSummary& rotation = outcome.result.rotation.sensors[3];
     EXPECT_FALSE(rotation.message.empty());
-    // Whether a short winding drive turns enough is for the noise to say.
+    // Whether a short winding drive rotates enough depends on the noise.
     if (path == PathPreset::kStraight) {
       EXPECT_FALSE(rotation.is_observable);
     }
@@ -45,8 +46,8 @@ TEST(Hazards, Hazard06CameraNeverRegisteredWithOthers) {
   }
 }
 
-// Nothing tells how long the lever arms are, nor which way cameras look beside
-// the direction of motion.
+// The data determine neither the lengths of the lever arms nor the viewing
+// directions of the cameras about the direction of motion.
 TEST(Hazards, Hazard07StraightDriveWithoutOverlap) {
   SimulationOptions options = SmallDrive(RigPreset::kKitti360);
   options.path = PathPreset::kStraight;
@@ -65,8 +66,8 @@ TEST(Hazards, Hazard07StraightDriveWithoutOverlap) {
   ExpectRight(evaluation);
 }
 
-// All cameras of a known rig move alike then, whatever the unit of length: the
-// lever arms do not give it, and the summary says so.
+// All cameras of a known rig then move alike in any unit of length: the lever
+// arms do not determine it, and the summary states so.
 TEST(Hazards, Hazard07StraightDriveWithoutOverlapButKnownRig) {
   SimulationOptions options = SmallDrive(RigPreset::kKitti360);
   options.path = PathPreset::kStraight;
@@ -93,8 +94,8 @@ TEST(Hazards, Hazard07StraightDriveWithoutOverlapButKnownRig) {
   ExpectRight(Evaluate(references, true, {}, {}));
 }
 
-// The rig stops in the middle of a drive: copies of frame 6, with noise of
-// their own, matched like it and with each other.
+// The rig stops in the middle of a drive: copies of frame 6 with independent
+// noise, matched like frame 6 and with each other.
 TEST(Hazards, Hazard08StandingFramesAmongMovingOnes) {
   constexpr int kNumCopies = 4;
   const auto is_stop = [](const std::string& name) {
@@ -151,7 +152,7 @@ TEST(Hazards, Hazard08StandingFramesAmongMovingOnes) {
   ExpectAllRight(drive, outcome);
 }
 
-// Gaps of one to six frames, and names and ids in no order of time.
+// Gaps of one to six frames; neither names nor ids follow the order of time.
 TEST(Hazards, Hazard18IrregularFramesInNoOrderOfTime) {
   constexpr int kNumFrames = 30;
   SimulationOptions options = SmallDrive(RigPreset::kStereo, kNumFrames);
@@ -170,7 +171,7 @@ TEST(Hazards, Hazard18IrregularFramesInNoOrderOfTime) {
       &drive.contents);
   Rename(
       [&](const std::string& name) {
-        // 7 has no common factor with 30.
+        // 7 and 30 are coprime.
         const int number = 100 + 7 * frame_of(name) % kNumFrames;
         return name.substr(0, 5) + "000" + std::to_string(number) + ".png";
       },
@@ -178,7 +179,7 @@ TEST(Hazards, Hazard18IrregularFramesInNoOrderOfTime) {
   ExpectAllRight(drive, Map(drive));
 }
 
-// The last camera's images come in reverse order on a drive in a circle, so
+// The images of the last camera are in reverse order on a circular drive, so
 // that no rotation in the rig fits more than a few of them.
 TEST(Hazards, Hazard19NoRotationInTheRigFits) {
   constexpr int kNumFrames = 36;
@@ -211,8 +212,8 @@ TEST(Hazards, Hazard19NoRotationInTheRigFits) {
   ExpectRight(evaluation);
 }
 
-// Cameras that do not release at the same time are not modelled: at 10 m/s,
-// 10 ms are 0.1 m. Nothing is lost, and errors are no larger than that.
+// The default model assumes simultaneous triggers. At 10 m/s, 10 ms correspond
+// to 0.1 m: nothing is lost, and errors do not exceed that.
 TEST(Hazards, Hazard21ImperfectTrigger) {
   SimulationOptions options = SmallDrive(RigPreset::kKitti360, 20);
   options.trigger_jitter_ms = 10.0;

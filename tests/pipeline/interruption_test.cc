@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Every stage asks often enough whether it shall stop, and stops then.
+// Every stage checks often enough for cancellation, and stops then.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -15,8 +15,8 @@
 namespace mgsfm {
 namespace {
 
-// A context that counts how often each stage of a run asks, and says yes at a
-// certain question of one of them.
+// A context that counts how often each stage checks for cancellation, and
+// cancels at a chosen check of one stage.
 class Questions {
  public:
   Context MakeContext() {
@@ -56,7 +56,7 @@ void ReadMapAndWrite(Questions* questions,
       LoadScene(MGSFM_SOURCE_DIR "/data/demo/database.db",
                 SceneLoadingOptions(), context);
   const MapperResult result =
-      RunMapper(loaded.scene, loaded.view_graph, MapperOptions(), context);
+      RunMapper({loaded.scene, loaded.view_graph}, MapperOptions(), context);
   questions->Enter("writing");
   ASSERT_EQ(result.models.size(), 1u);
   WriteModel(output, loaded.scene, result.models[0].reconstruction,
@@ -68,7 +68,7 @@ TEST(InterruptionTest, EveryStageStopsWhereverItIsAsked) {
   Questions questions;
   ReadMapAndWrite(&questions, dir.path());
   const std::map<std::string, int> counts = questions.counts();
-  // What each asks beside once at its beginning.
+  // Checks beyond the one at the beginning of each stage.
   const std::map<std::string, int> at_least = {
       {"reading", 100},  // rows
       {"rays", 1},
@@ -90,7 +90,7 @@ TEST(InterruptionTest, EveryStageStopsWhereverItIsAsked) {
   }
 }
 
-// From a worker thread, too.
+// Worker threads check as well.
 TEST(InterruptionTest, StopsWithSeveralThreads) {
   const LoadedScene loaded =
       LoadScene(MGSFM_SOURCE_DIR "/data/demo/database.db",
@@ -100,7 +100,7 @@ TEST(InterruptionTest, StopsWithSeveralThreads) {
     Context context;
     context.num_threads = 3;
     context.is_cancelled = [&] { return ++count >= number; };
-    EXPECT_THROW(static_cast<void>(RunMapper(loaded.scene, loaded.view_graph,
+    EXPECT_THROW(static_cast<void>(RunMapper({loaded.scene, loaded.view_graph},
                                              MapperOptions(), context)),
                  Interrupted);
   }

@@ -40,7 +40,7 @@ Rigid3& PoseOf(Simulation* simulation, int sensor_idx) {
   return *simulation->scene.sensors[sensor_idx].sensor_from_rig;
 }
 
-TEST(GivenRigsTest, TrueRigsPass) {
+TEST(KnownRigsTest, TrueRigsPass) {
   for (const RigPreset rig : {RigPreset::kMono, RigPreset::kStereo,
                               RigPreset::kKitti360, RigPreset::kCube6}) {
     for (const PathPreset path :
@@ -50,14 +50,14 @@ TEST(GivenRigsTest, TrueRigsPass) {
   }
 }
 
-TEST(GivenRigsTest, UnknownPosesAreNotJudged) {
+TEST(KnownRigsTest, UnknownPosesAreNotJudged) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
   simulation.scene.sensors[1].sensor_from_rig.reset();
   EXPECT_EQ(ErrorOf(simulation), "");
 }
 
-TEST(GivenRigsTest, WrongRotationIsNamed) {
+TEST(KnownRigsTest, WrongRotationIsNamed) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
   PoseOf(&simulation, 1).rotation =
@@ -67,7 +67,7 @@ TEST(GivenRigsTest, WrongRotationIsNamed) {
                     HasSubstr("rotation"), HasSubstr("contradicts")));
 }
 
-TEST(GivenRigsTest, InvertedPoseIsFound) {
+TEST(KnownRigsTest, InvertedPoseIsFound) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
   PoseOf(&simulation, 1) = PoseOf(&simulation, 1).Inverse();
@@ -76,8 +76,9 @@ TEST(GivenRigsTest, InvertedPoseIsFound) {
                     HasSubstr("not rig_from_cam")));
 }
 
-// Cameras that share no view contradict each other by how they turn.
-TEST(GivenRigsTest, WrongRotationWithoutOverlapIsFound) {
+// Cameras without common field of view contradict each other by their rotations
+// between frames.
+TEST(KnownRigsTest, WrongRotationWithoutOverlapIsFound) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kKitti360, PathPreset::kLoop);
   auto& pairs = simulation.view_graph.pairs;
@@ -94,12 +95,13 @@ TEST(GivenRigsTest, WrongRotationWithoutOverlapIsFound) {
   EXPECT_THAT(ErrorOf(simulation), HasSubstr("contradicts"));
 }
 
-TEST(GivenRigsTest, MapperRefusesAContradictoryRig) {
+TEST(KnownRigsTest, MapperRefusesAContradictoryRig) {
   Simulation simulation =
       DriveWithKnownRig(RigPreset::kStereo, PathPreset::kCurve);
   PoseOf(&simulation, 1) = PoseOf(&simulation, 1).Inverse();
-  EXPECT_THROW((void)RunMapper(simulation.scene, simulation.view_graph, {}, {}),
-               Error);
+  EXPECT_THROW(
+      (void)RunMapper({simulation.scene, simulation.view_graph}, {}, {}),
+      Error);
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// A rig drives along a closed street, 1.2 times around, and takes rendered
-// images: which images show the same things is known exactly.
+// A rig drives 1.2 laps along a closed street and takes rendered images, so
+// that the images that show the same places are known exactly.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -30,18 +30,18 @@ namespace {
 
 constexpr int kOverlapFrames = 5;
 constexpr int kMinLoopFrames = 2 * kOverlapFrames + 1;
-// No frame of the second lap is where one of the first was.
+// Frames of the second lap are not at positions of the first.
 constexpr double kFramesPerLap = 44.4;
 constexpr int kNumFrames = 53;
 constexpr double kRadius_m = 17.0;
 constexpr double kSecondLapOffset_m = 0.4;
 
-// Images overlap if each shows at least this share of what the other shows.
+// Two images overlap if each shows at least this share of the other.
 constexpr double kMinOverlap = 0.15;
-// With less in common, images do not show the same place.
+// Images with less overlap do not show the same place.
 constexpr double kNoOverlap = 0.02;
 
-// Clockwise seen from above, y down.
+// Clockwise as seen from above; y points down.
 std::vector<Rigid3> ClosedPath() {
   std::vector<Rigid3> rig_from_world;
   for (int i = 0; i < kNumFrames; ++i) {
@@ -71,7 +71,7 @@ int FrameOf(const std::string& image_name) {
   return std::stoi(image_name.substr(image_name.find('/') + 1));
 }
 
-// Renders, and knows what images have in common.
+// Renders images and computes their overlap.
 class ClosedStreet {
  public:
   ClosedStreet() {
@@ -102,8 +102,7 @@ class ClosedStreet {
     }
   }
 
-  // The smaller of the shares of what one image shows that the other shows,
-  // too.
+  // The smaller of the shares of either image that the other also shows.
   double Overlap(const std::string& name1, const std::string& name2) const {
     const size_t i = idxs_.at(name1), j = idxs_.at(name2);
     return std::min(Share(i, j), Share(j, i));
@@ -163,7 +162,7 @@ class ClosedStreet {
 
 using NamePair = std::pair<std::string, std::string>;  // sorted
 
-// Of frames far apart in the sequence.
+// Pairs of frames far apart in the sequence.
 struct LoopPairs {
   std::vector<NamePair> proposed;
   std::vector<NamePair> verified;
@@ -188,7 +187,7 @@ LoopPairs ReadLoopPairs(const FeatureDatabase& database) {
   return pairs;
 }
 
-// All pairs of images that a loop could join, which overlap.
+// All overlapping pairs of images that a loop could connect.
 std::vector<NamePair> TrueLoopPairs(const ClosedStreet& street) {
   std::vector<NamePair> pairs;
   const std::vector<Image>& images = street.simulation().scene.images;
@@ -206,8 +205,8 @@ std::vector<NamePair> TrueLoopPairs(const ClosedStreet& street) {
 }
 
 // Writes pairs of opposite places as if they were neighbours on a straight
-// road, with matches that agree: keypoints in the same direction from the
-// middle of the image.
+// road, with consistent matches: keypoints in the same direction from the image
+// centre.
 void PlantWrongPairs(const ClosedStreet& street, const Scene& scene,
                      FeatureDatabase* database) {
   constexpr int kNumPairs = 12;
@@ -248,7 +247,7 @@ void PlantWrongPairs(const ClosedStreet& street, const Scene& scene,
   }
 }
 
-// Pairs that have nothing in common, and yet see a point of the model.
+// Pairs without overlap that observe a common point of the model.
 size_t CountWrongPairs(const ClosedStreet& street, const Scene& scene,
                        const Reconstruction& model) {
   std::map<std::pair<int, int>, int> num_points;
@@ -273,8 +272,7 @@ size_t CountWrongPairs(const ClosedStreet& street, const Scene& scene,
   return num_wrong;
 }
 
-// The largest distance of frames of the model from where they were, after an
-// alignment by rotation, translation and scale.
+// The largest position error of the frames after a similarity alignment.
 double LargestPositionError(const std::vector<Rigid3>& truth,
                             const Scene& scene, const Reconstruction& model) {
   const auto num_frames = static_cast<Eigen::Index>(scene.frames.size());
@@ -348,7 +346,7 @@ TEST_F(LoopDetectionTest, FindsImagesOfTheSamePlaceAndNoOthers) {
                   &database_);
   const LoadedScene input = LoadScene(database_.path(), {}, context_);
   const MapperResult result =
-      RunMapper(input.scene, input.view_graph, {}, context_);
+      RunMapper({input.scene, input.view_graph}, {}, context_);
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_TRUE(result.unregistered_frames.empty());
   const Reconstruction& model = result.models[0].reconstruction;

@@ -30,7 +30,7 @@ SimulationOptions NoisyDrive(RigPreset rig, PathPreset path) {
 }
 
 MapperResult Map(const Simulation& simulation, int num_threads = 2) {
-  return RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
+  return RunMapper({simulation.scene, simulation.view_graph}, MapperOptions(),
                    Threads(num_threads));
 }
 
@@ -97,7 +97,7 @@ TEST(MapperTest, KnownExtrinsicsGiveMetricScale) {
 }
 
 // Two drives that share no image pair.
-TEST(MapperTest, EachConnectedPartBecomesAModel) {
+TEST(MapperTest, EachConnectedComponentBecomesAModel) {
   const Simulation simulation =
       Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
   ViewGraph parted;
@@ -110,7 +110,7 @@ TEST(MapperTest, EachConnectedPartBecomesAModel) {
     }
   }
   const MapperResult result =
-      RunMapper(simulation.scene, parted, MapperOptions(), Threads(2));
+      RunMapper({simulation.scene, parted}, MapperOptions(), Threads(2));
   ASSERT_EQ(result.models.size(), 2u);
   for (size_t i = 0; i < 2; ++i) {
     const ModelDifference difference =
@@ -121,7 +121,7 @@ TEST(MapperTest, EachConnectedPartBecomesAModel) {
   }
 }
 
-TEST(MapperTest, NothingToReconstructIsSaidFrameByFrame) {
+TEST(MapperTest, EveryUnregisteredFrameHasAReason) {
   Simulation simulation =
       Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
   simulation.view_graph.pairs.clear();
@@ -156,8 +156,8 @@ TEST(MapperTest, IdsDoNotChangeTheResult) {
   for (const DatabaseContents& input : {contents, WithPermutedIds(contents)}) {
     const LoadedScene loaded =
         LoadScene(input, SceneLoadingOptions(), Threads(1));
-    MapperResult result =
-        RunMapper(loaded.scene, loaded.view_graph, MapperOptions(), Threads(1));
+    MapperResult result = RunMapper({loaded.scene, loaded.view_graph},
+                                    MapperOptions(), Threads(1));
     ASSERT_EQ(result.models.size(), 1u);
     models.push_back(std::move(result.models[0].reconstruction));
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Models of a part of a drive, to which the rest is added.
+// Models of a part of a drive, which are extended by the rest.
 #include "pipeline/model_extension.h"
 
 #include <gmock/gmock.h>
@@ -60,20 +60,20 @@ ViewGraph PairsOf(const Simulation& simulation, const Predicate& is_chosen) {
   return chosen;
 }
 
-bool IsOfFirstPart(int frame_idx) { return frame_idx < kNumFirst; }
+bool IsOfExistingModel(int frame_idx) { return frame_idx < kNumFirst; }
 
-Reconstruction MapFirstPart(const Simulation& simulation) {
+Reconstruction MapExistingModel(const Simulation& simulation) {
   const MapperResult result =
-      RunMapper(simulation.scene, PairsOf(simulation, IsOfFirstPart),
+      RunMapper({simulation.scene, PairsOf(simulation, IsOfExistingModel)},
                 MapperOptions(), TwoThreads());
   MGSFM_CHECK_EQ(result.models.size(), 1u);
   return result.models[0].reconstruction;
 }
 
-MapperResult GoOn(const Simulation& simulation, const Reconstruction& start,
-                  const MapperOptions& options = {}) {
-  return RunMapper(simulation.scene, simulation.view_graph, options,
-                   TwoThreads(), {}, {}, &start);
+MapperResult Extend(const Simulation& simulation, const Reconstruction& start,
+                    const MapperOptions& options = {}) {
+  return RunMapper({simulation.scene, simulation.view_graph, {}, {}, start},
+                   options, TwoThreads());
 }
 
 MapperOptions Fixed() {
@@ -84,11 +84,11 @@ MapperOptions Fixed() {
 
 class ModelExtensionTest : public testing::TestWithParam<RigPreset> {};
 
-TEST_P(ModelExtensionTest, TheRestIsAsGoodAsIfMappedAtOnce) {
+TEST_P(ModelExtensionTest, ExtensionIsAsAccurateAsOneRun) {
   const Simulation simulation = Simulate(NoisyDrive(GetParam()));
   const Scene& scene = simulation.scene;
-  const Reconstruction start = MapFirstPart(simulation);
-  const MapperResult result = GoOn(simulation, start);
+  const Reconstruction start = MapExistingModel(simulation);
+  const MapperResult result = Extend(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
   const Reconstruction& model = result.models[0].reconstruction;
@@ -99,7 +99,7 @@ TEST_P(ModelExtensionTest, TheRestIsAsGoodAsIfMappedAtOnce) {
   EXPECT_LT(error.max_position, 0.1);
 
   const MapperResult whole =
-      RunMapper(scene, simulation.view_graph, MapperOptions(), TwoThreads());
+      RunMapper({scene, simulation.view_graph}, MapperOptions(), TwoThreads());
   ASSERT_EQ(whole.models.size(), 1u);
   const ModelDifference difference =
       CompareModels(scene, model, whole.models[0].reconstruction);
@@ -115,10 +115,10 @@ TEST_P(ModelExtensionTest, TheRestIsAsGoodAsIfMappedAtOnce) {
   EXPECT_GE(summary.num_passes, 2);
 }
 
-TEST_P(ModelExtensionTest, TheGaugeIsThatOfTheFirstPart) {
+TEST_P(ModelExtensionTest, TheGaugeIsThatOfTheExistingModel) {
   const Simulation simulation = Simulate(NoisyDrive(GetParam()));
-  const Reconstruction start = MapFirstPart(simulation);
-  const MapperResult result = GoOn(simulation, start);
+  const Reconstruction start = MapExistingModel(simulation);
+  const MapperResult result = Extend(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   const Sim3 motion = AlignToModel(simulation.scene, start,
                                    result.models[0].reconstruction, false);
@@ -129,8 +129,8 @@ TEST_P(ModelExtensionTest, TheGaugeIsThatOfTheFirstPart) {
 
 TEST_P(ModelExtensionTest, FixedFramesStayToTheLastBit) {
   const Simulation simulation = Simulate(NoisyDrive(GetParam()));
-  const Reconstruction start = MapFirstPart(simulation);
-  const MapperResult result = GoOn(simulation, start, Fixed());
+  const Reconstruction start = MapExistingModel(simulation);
+  const MapperResult result = Extend(simulation, start, Fixed());
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
   for (int i = 0; i < kNumFirst; ++i) {
@@ -154,7 +154,8 @@ INSTANTIATE_TEST_SUITE_P(Rigs, ModelExtensionTest,
                          testing::Values(RigPreset::kMono, RigPreset::kStereo,
                                          RigPreset::kKitti360));
 
-// Cameras 2 and 3, with other intrinsics and another baseline, drove by later.
+// Cameras 2 and 3 have other intrinsics and another baseline, and drive by
+// later.
 Simulation TwoRigs() {
   SimulationInput input;
   input.rig = MakeRig(RigPreset::kStereo);
@@ -177,18 +178,18 @@ Simulation TwoRigs() {
 Reconstruction MapFirstRig(const Simulation& simulation) {
   const Scene& scene = simulation.scene;
   const auto is_of_first = [&](int i) { return scene.frames[i].rig_idx == 0; };
-  const MapperResult first = RunMapper(scene, PairsOf(simulation, is_of_first),
-                                       MapperOptions(), TwoThreads());
+  const MapperResult first = RunMapper(
+      {scene, PairsOf(simulation, is_of_first)}, MapperOptions(), TwoThreads());
   MGSFM_CHECK_EQ(first.models.size(), 1u);
   return WithoutFrames(scene, first.models[0].reconstruction,
                        [&](int i) { return !is_of_first(i); });
 }
 
-TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
+TEST(ModelExtension, ASecondRigJoinsAndIsCalibrated) {
   const Simulation simulation = TwoRigs();
   const Scene& scene = simulation.scene;
   const Reconstruction start = MapFirstRig(simulation);
-  const MapperResult result = GoOn(simulation, start);
+  const MapperResult result = Extend(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
   const ModelDifference error =
@@ -205,8 +206,8 @@ TEST(GoingOn, ASecondRigJoinsAndIsCalibrated) {
   ASSERT_EQ(result.models[0].extension->placed_sensors.size(), 1u);
 }
 
-// The model of the first rig, which is not known, has a unit of its own.
-TEST(GoingOn, AGivenSecondRigTakesTheUnitOfTheModel) {
+// The first rig is unknown, so its model has an arbitrary unit of length.
+TEST(ModelExtension, AKnownSecondRigTakesTheUnitOfTheModel) {
   Simulation simulation = TwoRigs();
   const Scene& scene = simulation.scene;
   Reconstruction start = MapFirstRig(simulation);
@@ -214,7 +215,7 @@ TEST(GoingOn, AGivenSecondRigTakesTheUnitOfTheModel) {
                  &start);
   simulation.scene.sensors[3].sensor_from_rig =
       simulation.ground_truth.sensor_from_rig[3];
-  const MapperResult result = GoOn(simulation, start);
+  const MapperResult result = Extend(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
   const ModelDifference error =
@@ -224,8 +225,8 @@ TEST(GoingOn, AGivenSecondRigTakesTheUnitOfTheModel) {
   EXPECT_NEAR(AlignToModel(scene, start, model, false).scale, 1.0, 1e-9);
 }
 
-// The cameras to the sides join the frames of those ahead.
-TEST(GoingOn, CamerasJoinFramesThatAreThere) {
+// The sideways cameras join the existing frames of the forward cameras.
+TEST(ModelExtension, CamerasJoinExistingFrames) {
   const Simulation simulation = Simulate(NoisyDrive(RigPreset::kCube6));
   const Scene& scene = simulation.scene;
   ViewGraph pairs_ahead;
@@ -236,13 +237,13 @@ TEST(GoingOn, CamerasJoinFramesThatAreThere) {
     }
   }
   const MapperResult first =
-      RunMapper(scene, pairs_ahead, MapperOptions(), TwoThreads());
+      RunMapper({scene, pairs_ahead}, MapperOptions(), TwoThreads());
   ASSERT_EQ(first.models.size(), 1u);
   Reconstruction start = first.models[0].reconstruction;
   for (size_t i = 1; i < start.sensor_from_rig.size(); ++i) {
     start.sensor_from_rig[i].reset();
   }
-  const MapperResult result = GoOn(simulation, start);
+  const MapperResult result = Extend(simulation, start);
   ASSERT_EQ(result.models.size(), 1u);
   const ModelDifference error = CompareModels(
       scene, result.models[0].reconstruction, simulation.ground_truth);
@@ -250,11 +251,11 @@ TEST(GoingOn, CamerasJoinFramesThatAreThere) {
   EXPECT_LT(error.max_position, 0.1);
 }
 
-TEST(GoingOn, KnownRigsKeepTheModelMetric) {
+TEST(ModelExtension, KnownRigsKeepTheModelMetric) {
   SimulationOptions options = NoisyDrive(RigPreset::kStereo);
   options.extrinsics_are_known = true;
   const Simulation simulation = Simulate(options);
-  const MapperResult result = GoOn(simulation, MapFirstPart(simulation));
+  const MapperResult result = Extend(simulation, MapExistingModel(simulation));
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_NEAR(CompareModels(simulation.scene, result.models[0].reconstruction,
                             simulation.ground_truth)
@@ -262,9 +263,9 @@ TEST(GoingOn, KnownRigsKeepTheModelMetric) {
               1.0, 0.005);
 }
 
-TEST(GoingOn, FramesThatCannotBeAddedAreNamed) {
+TEST(ModelExtension, FramesThatCannotBeAddedAreNamed) {
   Simulation simulation = Simulate(NoisyDrive(RigPreset::kStereo));
-  const Reconstruction start = MapFirstPart(simulation);
+  const Reconstruction start = MapExistingModel(simulation);
   simulation.view_graph =
       PairsOf(simulation, [](int i) { return i < kNumFrames - 1; });
   std::string warning;
@@ -273,8 +274,8 @@ TEST(GoingOn, FramesThatCannotBeAddedAreNamed) {
     if (level == LogLevel::kWarning) warning += message;
   };
   const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
-                context, {}, {}, &start);
+      RunMapper({simulation.scene, simulation.view_graph, {}, {}, start},
+                MapperOptions(), context);
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_EQ(result.unregistered_frames.size(), 1u);
   EXPECT_EQ(result.unregistered_frames[0].frame_idx, kNumFrames - 1);
@@ -283,21 +284,22 @@ TEST(GoingOn, FramesThatCannotBeAddedAreNamed) {
   EXPECT_THAT(warning, HasSubstr(simulation.scene.frames.back().name));
 }
 
-TEST(GoingOn, FixedFramesAndMeasuredPositionsContradict) {
+TEST(ModelExtension, FixedFramesExcludePositionPriors) {
   const Simulation simulation = Simulate(NoisyDrive(RigPreset::kMono));
-  const Reconstruction start = MapFirstPart(simulation);
+  const Reconstruction start = MapExistingModel(simulation);
   PositionPriors priors;
   priors.images.resize(simulation.scene.images.size());
-  EXPECT_THROW((void)RunMapper(simulation.scene, simulation.view_graph, Fixed(),
-                               TwoThreads(), priors, {}, &start),
+  EXPECT_THROW((void)RunMapper(
+                   {simulation.scene, simulation.view_graph, priors, {}, start},
+                   Fixed(), TwoThreads()),
                Error);
 }
 
-// From files: the database has other ids than the model.
-TEST(GoingOn, IdsDoNotChangeTheResult) {
+// Reads files in which the database has other ids than the model.
+TEST(ModelExtension, IdsDoNotChangeTheResult) {
   const Simulation simulation = Simulate(NoisyDrive(RigPreset::kStereo));
   const TempDir dir;
-  WriteModel(dir.path(), simulation.scene, MapFirstPart(simulation),
+  WriteModel(dir.path(), simulation.scene, MapExistingModel(simulation),
              ModelFormat::kBinary);
   DatabaseContents contents =
       MakeDatabaseContents(simulation.scene, simulation.view_graph);
@@ -309,16 +311,16 @@ TEST(GoingOn, IdsDoNotChangeTheResult) {
     const PlacedModel start = PlaceModel(ReadModel(dir.path()), dir.path(),
                                          "test.db", true, &loaded.scene);
     EXPECT_TRUE(start.is_rigid);
-    MapperResult result =
-        RunMapper(loaded.scene, loaded.view_graph, MapperOptions(),
-                  TwoThreads(), {}, {}, &start.reconstruction);
+    MapperResult result = RunMapper(
+        {loaded.scene, loaded.view_graph, {}, {}, start.reconstruction},
+        MapperOptions(), TwoThreads());
     ASSERT_EQ(result.models.size(), 1u);
     models.push_back(std::move(result.models[0].reconstruction));
   }
   EXPECT_LT(MaxPoseDifference(models[0], models[1]), 1e-9);
 }
 
-TEST(GoingOn, AlignmentUndoesASimilarity) {
+TEST(ModelExtension, AlignmentUndoesASimilarity) {
   const Simulation simulation = Simulate(NoisyDrive(RigPreset::kStereo));
   const Sim3 motion{1.7, ExpSO3({0.3, -0.5, 0.2}), {3.0, -1.0, 2.0}};
   Reconstruction moved = simulation.ground_truth;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The mapper against the best that its input allows, on realistic drives; see
-// bench/oracle/oracle.h. docs/accuracy.md has long ones.
+// Compares the mapper with the optimum of its input on realistic drives, see
+// bench/oracle/oracle.h. docs/results/accuracy.md covers long drives.
 #include "oracle/oracle.h"
 
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ TEST_P(OracleTest, MapperIsNearTheOptimum) {
   const Context context;
   const auto comparison = CompareWithOracles(
       simulation,
-      RunMapper(simulation.scene, simulation.view_graph, mapper, context),
+      RunMapper({simulation.scene, simulation.view_graph}, mapper, context),
       mapper.bundle_adjustment, context);
   ASSERT_TRUE(comparison);
   EXPECT_EQ(comparison->mapper.num_registered, comparison->mapper.num_images);
@@ -36,12 +36,12 @@ TEST(ExactDriveTest, ExactInputGivesTheTruth) {
     options.num_frames = 30;
     const Simulation simulation = Simulate(options);
     const MapperResult result =
-        RunMapper(simulation.scene, simulation.view_graph, {}, Context());
+        RunMapper({simulation.scene, simulation.view_graph}, {}, Context());
     ASSERT_EQ(result.models.size(), 1u);
     const ModelErrors errors =
         EvaluateModel(simulation, result.models.front().reconstruction);
     EXPECT_EQ(errors.num_registered, errors.num_images);
-    // Of a path of 29 m; keypoints are single precision.
+    // The path is 29 m long; keypoints have single precision.
     EXPECT_LE(errors.position_m->mean, 29e-6);
     for (const RigErrors& sensor : errors.rig) {
       EXPECT_LE(sensor.position_m, 1e-6 * sensor.true_distance_m);

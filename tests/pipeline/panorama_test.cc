@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Cameras with one centre, and views of half the sphere and more.
+// Cameras with a common centre and fields of view of half the sphere and more.
 #include <gtest/gtest.h>
 
 #include "geometry/so3.h"
@@ -16,7 +16,7 @@ Rigid3 Turned(double yaw_deg) {
   return {ExpSO3({0.0, DegToRad(yaw_deg), 0.0}), Vector3d::Zero()};
 }
 
-// 229 degrees across.
+// Field of view of 229 degrees.
 SimulatedCamera WideFisheye(const std::string& prefix, double yaw_deg) {
   return {prefix,
           CameraModelId::kOpenCVFisheye,
@@ -46,7 +46,7 @@ void ExpectRecovered(const std::vector<SimulatedCamera>& rig, bool is_known) {
   SimulationInput input;
   input.rig = rig;
   const Simulation simulation = Simulate(options, input);
-  // Some features are more than 90 degrees off the axis.
+  // Some features are more than 90 degrees off the optical axis.
   bool sees_behind = false;
   for (const Point3D& point : simulation.ground_truth.points) {
     for (const Observation& o : point.track) {
@@ -56,7 +56,7 @@ void ExpectRecovered(const std::vector<SimulatedCamera>& rig, bool is_known) {
   }
   EXPECT_TRUE(sees_behind);
   const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, {}, {});
+      RunMapper({simulation.scene, simulation.view_graph}, {}, {});
   ASSERT_EQ(result.models.size(), 1u);
   const Reconstruction& model = result.models[0].reconstruction;
   const ModelDifference difference =

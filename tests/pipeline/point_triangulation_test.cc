@@ -21,7 +21,7 @@ Simulation Drive() {
   return Simulate(options);
 }
 
-MapperOptions HoldAll() {
+MapperOptions FixAll() {
   MapperOptions options;
   options.bundle_adjustment.refine_rig_from_world = false;
   options.bundle_adjustment.refine_sensor_from_rig = RefineMode::kNo;
@@ -37,12 +37,13 @@ MapperResult Triangulate(const Simulation& simulation,
                          const Reconstruction& start) {
   Context context;
   context.num_threads = 2;
-  return TriangulatePoints(simulation.scene, simulation.view_graph, start,
-                           HoldAll(), context);
+  return TriangulatePoints(
+      {simulation.scene, simulation.view_graph, {}, {}, start}, FixAll(),
+      context);
 }
 
-// The largest distance from the truth of points of at least 5 observations,
-// over that to the nearest camera.
+// The largest error of points with at least 5 observations, relative to their
+// distance from the nearest camera.
 double LargestError(const Simulation& simulation, const Reconstruction& model) {
   double largest = 0.0;
   for (const Point3D& point : model.points) {
@@ -66,7 +67,7 @@ double LargestError(const Simulation& simulation, const Reconstruction& model) {
   return largest;
 }
 
-TEST(PointTriangulation, FindsThePointsAndHoldsTheCameras) {
+TEST(PointTriangulation, FindsThePointsWithFixedCameras) {
   const Simulation simulation = Drive();
   const Reconstruction start = WithoutPoints(simulation.ground_truth);
   const MapperResult result = Triangulate(simulation, start);
@@ -80,7 +81,7 @@ TEST(PointTriangulation, FindsThePointsAndHoldsTheCameras) {
   }
 }
 
-TEST(PointTriangulation, LeavesFramesOutThatTheModelLacks) {
+TEST(PointTriangulation, IgnoresFramesThatTheModelLacks) {
   const Simulation simulation = Drive();
   const MapperResult result = Triangulate(
       simulation, WithoutFrames(simulation.scene, simulation.ground_truth,

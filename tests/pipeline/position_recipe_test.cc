@@ -134,7 +134,7 @@ TEST(PositionRecipeTest, NoiseMismatchesAndWrongPairsAreBearable) {
       Random random(1);
       for (Observation& o : input.tracks.observations) {
         if (random.Uniform() > 0.05) continue;
-        const auto& rays = input.bearings.rays[o.image_idx];
+        const auto& rays = input.bearings.images[o.image_idx];
         o.keypoint_idx =
             static_cast<int>(random.Index(static_cast<uint32_t>(rays.size())));
       }

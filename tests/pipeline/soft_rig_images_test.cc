@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Cameras that do not release together, from matches to the model on disk.
+// Cameras that do not trigger simultaneously, from matches to the model on
+// disk.
 #include <gtest/gtest.h>
 
 #include <nlohmann/json.hpp>
@@ -31,11 +32,11 @@ MapperResult Map(const Simulation& simulation, SoftRig method) {
   context.num_threads = 2;
   MapperOptions options;
   options.soft_rig.method = method;
-  return RunMapper(simulation.scene, simulation.view_graph, options, context);
+  return RunMapper({simulation.scene, simulation.view_graph}, options, context);
 }
 
-// Lengths of the ways between images next to each other, which need no
-// alignment but for their mean: the root mean square of their errors.
+// The root mean square error of the distances between consecutive images, which
+// need no alignment except for their mean.
 double RelativeError(const Simulation& simulation,
                      const std::vector<std::optional<Rigid3>>& poses) {
   std::vector<double> lengths, true_lengths;
@@ -112,7 +113,7 @@ TEST(SoftRigImagesTest, ModelOnDiskHasThePosesOfTheImages) {
     EXPECT_LT((pose.Center() - poses[i]->Center()).norm(), 1e-9);
   };
   const PoseModel written = ReadModelPoses(dir.path());
-  // By default rigs would be found anew from names.
+  // By default, rigs would be inferred from names again.
   SceneLoadingOptions loading;
   loading.rig_name_rule = "none";
   const ModelScene read = LoadModelScene(dir.path(), loading, {});

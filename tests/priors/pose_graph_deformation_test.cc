@@ -187,8 +187,9 @@ TEST(PoseGraphDeformationTest, ComponentsShareOneWorld) {
                              }),
               pairs.end());
   const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
-                Context(), MeasurePositions(simulation, {0.2, 0.1}, 0));
+      RunMapper({simulation.scene, simulation.view_graph,
+                 MeasurePositions(simulation, {0.2, 0.1}, 0)},
+                MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 2u);
   for (const MapperModel& model : result.models) {
     EXPECT_TRUE(model.position_priors->is_registered);

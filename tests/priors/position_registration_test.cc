@@ -118,9 +118,9 @@ TEST(PositionRegistrationTest, WithoutExtentTheModelKeepsItsWorld) {
 
 TEST(PositionRegistrationTest, MapperPlacesTheModel) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
-  const MapperResult result =
-      RunMapper(simulation.scene, simulation.view_graph, MapperOptions(),
-                Context(), Measured(simulation, 0.3, 0.1));
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph, Measured(simulation, 0.3, 0.1)},
+      MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   const MapperModel& model = result.models[0];
   ASSERT_TRUE(model.position_priors.has_value());

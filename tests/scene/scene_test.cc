@@ -67,14 +67,15 @@ TEST(CheckConsistent, RefusesEveryWayToBeInconsistent) {
 TEST(ComputeBearings, AreUnitRaysThatProjectToTheKeypoints) {
   const Scene scene = MakeScene();
   const Bearings bearings = ComputeBearings(scene, 2);
-  ASSERT_EQ(bearings.rays.size(), scene.images.size());
+  ASSERT_EQ(bearings.images.size(), scene.images.size());
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const Image& image = scene.images[i];
     const Camera& camera = scene.cameras[image.camera_idx];
-    ASSERT_EQ(bearings.rays[i].size(), image.keypoints_px.size());
+    ASSERT_EQ(bearings.images[i].size(), image.keypoints_px.size());
     for (size_t k = 0; k < image.keypoints_px.size(); ++k) {
       ASSERT_TRUE(bearings.HasRay(static_cast<int>(i), static_cast<int>(k)));
-      const Eigen::Vector3d& ray = bearings.rays[i][k];
+      const Eigen::Vector3d& ray =
+          bearings.Ray(static_cast<int>(i), static_cast<int>(k));
       EXPECT_NEAR(ray.norm(), 1.0, 1e-14);
       const auto pixel =
           ProjectToPixel(camera.model, camera.params.data(), ray);
@@ -90,12 +91,12 @@ TEST(ComputeBearings, KeypointsThatNoRayReachesHaveNone) {
   scene.images[0].keypoints_px[0] = Eigen::Vector2f(nan, 1.0f);
   const Bearings bearings = ComputeBearings(scene, 1);
   EXPECT_FALSE(bearings.HasRay(0, 0));
-  EXPECT_EQ(bearings.rays[0][0], Eigen::Vector3d::Zero());
+  EXPECT_EQ(bearings.Ray(0, 0), Eigen::Vector3d::Zero());
   EXPECT_TRUE(bearings.HasRay(0, 1));
 }
 
-// An equidistant fisheye sees half a turn to each side, at pi focal lengths
-// from the principal point.
+// The image of an equidistant fisheye ends at pi focal lengths from the
+// principal point.
 TEST(ComputeBearings, PixelsBeyondTheFieldOfViewHaveNone) {
   Scene scene = MakeScene();
   Camera& camera = scene.cameras[scene.images[0].camera_idx];

@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// Gauge-free differences of two models of one scene, over the images that both
-// registered.
+// Gauge-invariant differences of two models of one scene over the images
+// registered in both.
 struct ModelDifference {
   int num_images = 0;
   double max_rotation_deg = 0.0;
@@ -19,8 +19,8 @@ struct ModelDifference {
   double scale = 1.0;         // second over first
 };
 
-// After the similarity that fits the image centres best (Umeyama). The centres
-// must not all lie on one line.
+// Aligns the image centres by a similarity (Umeyama). The centres must not be
+// collinear.
 inline ModelDifference CompareModels(const Scene& scene,
                                      const Reconstruction& model,
                                      const Reconstruction& truth) {

@@ -13,15 +13,15 @@
 
 namespace mgsfm {
 
-// The model without the frames for which `is_left_out(frame_idx)`: without
-// their observations, points that less than two images are left of, and poses
-// of sensors in rigs of which no frame is left.
+// Removes the frames with is_removed(frame_idx) from a model, their
+// observations, points with fewer than two remaining observations, and the
+// poses of sensors in rigs without remaining frames.
 template <class Predicate>
 Reconstruction WithoutFrames(const Scene& scene, Reconstruction model,
-                             const Predicate& is_left_out) {
+                             const Predicate& is_removed) {
   Mask rig_is_left(scene.rigs.size(), false);
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (is_left_out(static_cast<int>(i))) {
+    if (is_removed(static_cast<int>(i))) {
       model.rig_from_world[i].reset();
     } else if (model.rig_from_world[i]) {
       rig_is_left[scene.frames[i].rig_idx] = true;
@@ -48,9 +48,9 @@ Reconstruction WithoutFrames(const Scene& scene, Reconstruction model,
   return model;
 }
 
-// Takes the sensors from `first_sensor` on out of the one rig of a simulation
-// and makes a second rig of them, with frames of its own and unknown poses: as
-// if they had been recorded at another time. Their first one is the reference.
+// Moves the sensors from `first_sensor` on from the single rig of a simulation
+// to a second rig with separate frames and unknown poses, as if recorded at
+// another time. The first moved sensor is the reference.
 inline void SplitRig(int first_sensor, Simulation* simulation) {
   Scene& scene = simulation->scene;
   Reconstruction& truth = simulation->ground_truth;

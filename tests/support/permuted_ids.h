@@ -16,8 +16,8 @@
 
 namespace mgsfm {
 
-// Gives cameras and images other ids, which also changes which image of a pair
-// comes first.
+// Permutes the ids of cameras and images, which also changes the order of
+// images within pairs.
 inline DatabaseContents WithPermutedIds(const DatabaseContents& contents) {
   Random random(7);
   std::vector<uint32_t> new_ids(contents.images.size());
@@ -59,8 +59,8 @@ inline DatabaseContents WithPermutedIds(const DatabaseContents& contents) {
   return permuted;
 }
 
-// Of two models of one scene in one gauge, as the largest of all lengths and
-// angles (rad).
+// The largest difference of all lengths and angles (rad) of two models of one
+// scene in the same gauge.
 inline double MaxPoseDifference(const Reconstruction& a,
                                 const Reconstruction& b) {
   double difference = 0.0;

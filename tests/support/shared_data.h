@@ -7,9 +7,9 @@
 
 namespace mgsfm {
 
-// Real images and trajectories that are not part of the project: the folder
-// named by the environment variable MGSFM_SHARED_DATA, or shared/data beside
-// the sources. nullopt where it is absent; such tests are skipped:
+// The folder of real images and trajectories, which are not part of the
+// project: the environment variable MGSFM_SHARED_DATA, or shared/data next to
+// the sources. nullopt if it does not exist; tests then skip:
 //
 //   const auto data = FindSharedData("kitti06_stereo");
 //   if (!data) GTEST_SKIP() << "no kitti06_stereo; see shared_data.h";

@@ -16,12 +16,12 @@ struct CommandOutput {
   std::string err;
 };
 
-// As a shell shows it.
+// The exit status as reported by a shell.
 inline int ExitCodeOf(int status) {
   return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-// Runs a line of the shell to its end.
+// Runs a shell command and waits for it.
 inline CommandOutput RunShell(const std::string& command) {
   const TempDir dir;
   const std::string out_path = (dir.path() / "out").string();

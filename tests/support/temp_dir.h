@@ -13,7 +13,7 @@
 
 namespace mgsfm {
 
-// A new, empty folder that is removed with all it holds at the end.
+// A temporary folder, removed with its contents by the destructor.
 class TempDir {
  public:
   TempDir() {

@@ -31,7 +31,7 @@ inline TranslationInput MakeTranslationInput(const SimulationOptions& options) {
   for (const Point3D& point : truth.points) {
     for (const Observation& o : point.track) {
       if (options.pixel_noise_px == 0.0) {
-        input.bearings.rays[o.image_idx][o.keypoint_idx] =
+        input.bearings.images[o.image_idx].rays[o.keypoint_idx] =
             (*truth.CamFromWorld(scene, o.image_idx) * point.point_in_world)
                 .normalized();
       }

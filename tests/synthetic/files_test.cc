@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What is simulated is what the files hold.
+// The written files reproduce the simulation.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -49,7 +49,7 @@ TEST_P(FilesTest, TheDatabaseReadBackIsTheSimulation) {
     EXPECT_EQ(pair.image_idx1, expected.image_idx1);
     EXPECT_EQ(pair.image_idx2, expected.image_idx2);
     EXPECT_EQ(pair.config, expected.config);
-    // Exact but for rounding where the ids exchange the images.
+    // Exact up to rounding if the ids swap the images.
     ASSERT_TRUE(pair.E && expected.E && pair.relative_pose);
     EXPECT_LT((*pair.E - *expected.E).norm(), 1e-12);
     EXPECT_LT(pair.relative_pose->cam2_from_cam1.angularDistance(

@@ -59,9 +59,9 @@ void AddErrors(const Scene& scene, const ViewGraph& view_graph,
     const double focal = PixelsPerRadian(camera.model, camera.params.data());
     for (const Match& match : pair.matches) {
       const Eigen::Vector3d& ray1 =
-          bearings.rays[pair.image_idx1][match.keypoint_idx1];
+          bearings.Ray(pair.image_idx1, match.keypoint_idx1);
       const Eigen::Vector3d& ray2 =
-          bearings.rays[pair.image_idx2][match.keypoint_idx2];
+          bearings.Ray(pair.image_idx2, match.keypoint_idx2);
       const double error_px =
           focal * std::abs(SampsonAngle(cam2_from_cam1, ray1, ray2));
       num_matches += 1.0;

@@ -20,7 +20,7 @@ struct Distribution {
 
 Distribution Summarize(std::vector<double> values);
 
-// What verified matches are like, whether they are simulated or real.
+// Statistics of verified matches of simulated or real images.
 struct MatchStatistics {
   size_t num_images = 0;
   size_t num_pairs = 0;
@@ -32,8 +32,8 @@ struct MatchStatistics {
   double track_share_from3 = 0.0;  // of tracks, those of 3 images or more
   double tracked_share = 0.0;      // keypoints in tracks
   Distribution parallax_deg;       // of matches, without the rotation
-  // Against true poses: of the matches, those farther than 4 px from the
-  // epipolar geometry, and the error of the others.
+  // With respect to true poses: the fraction of matches with an epipolar error
+  // above 4 px, and the errors of the others.
   double outlier_share = 0.0;
   Distribution error_px;
 };
@@ -42,7 +42,7 @@ MatchStatistics ComputeMatchStatistics(
     const Scene& scene, const ViewGraph& view_graph,
     const std::vector<Rigid3>& true_cam_from_world);
 
-// Rows of a table in Markdown, one column for each of the statistics.
+// Rows of a Markdown table with one column per statistic.
 std::string ToMarkdown(const std::vector<std::string>& titles,
                        const std::vector<MatchStatistics>& statistics);
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Prints the table of docs/simulation.md: the real database kitti06_stereo
-// beside the simulation of the same frames, and simulated drives. Takes the
-// folder of the data, see support/shared_data.h.
+// Prints the table of docs/simulation.md: the real database kitti06_stereo, the
+// simulation of the same frames, and simulated drives. The argument is the data
+// folder, see support/shared_data.h.
 #include <filesystem>
 #include <iostream>
 
@@ -31,7 +31,7 @@ MatchStatistics OfRealData(const std::filesystem::path& folder) {
                                 cam_from_world);
 }
 
-// What is wrong with the verified matches of pairs that are right.
+// Errors among the verified matches of correct pairs.
 struct WrongShares {
   double to_another_point = 0.0;
   double on_vehicles = 0.0;

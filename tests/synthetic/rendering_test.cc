@@ -32,7 +32,7 @@ class RenderingTest : public testing::TestWithParam<CameraModelId> {
     options_.num_frames = 4;
     options_.random_seed = 3;
     input_.rig = {SmallCamera(GetParam())};
-    // Without the edge that darkens the image, wherever a point is seen.
+    // Excludes the dark fade at the border of the image.
     rendering_.max_view_angle_deg = 180.0;
     simulation_ = SimulateWithoutFeatures(options_, input_);
     drive_ = MakeDrive(options_, input_);
@@ -48,7 +48,7 @@ class RenderingTest : public testing::TestWithParam<CameraModelId> {
     return renderer_->Render(0, simulation_.cam_from_world[frame], context);
   }
 
-  // What the exact ray of a pixel meets.
+  // The first intersection of the exact ray of a pixel.
   std::optional<Eigen::Vector3d> PointAt(int frame,
                                          const Eigen::Vector2d& pixel) const {
     const Camera& camera = simulation_.scene.cameras[0];
@@ -107,8 +107,8 @@ double Correlation(const std::vector<double>& a, const std::vector<double>& b) {
   return ab / std::sqrt(aa * bb);
 }
 
-// A point of the street has the same brightness in the next image, where the
-// camera model projects it, and more so than a few pixels beside.
+// A point of the street has the same brightness in the next image at its
+// projection, with a smaller difference than a few pixels away.
 TEST_P(RenderingTest, PointsLieWhereTheCameraModelProjectsThem) {
   const ColorImage image1 = Render(0), image2 = Render(1);
   std::vector<double> gray1, gray2, beside;
@@ -122,7 +122,7 @@ TEST_P(RenderingTest, PointsLieWhereTheCameraModelProjectsThem) {
           pixel2->y() > image1.height_px - 10) {
         continue;
       }
-      // Not where something else is in front.
+      // Skips occluded points.
       const auto seen = PointAt(1, *pixel2);
       if (!seen || (*seen - *point).norm() > 0.05) continue;
       gray1.push_back(Gray(image1, x + 0.5, y + 0.5));
@@ -136,8 +136,8 @@ TEST_P(RenderingTest, PointsLieWhereTheCameraModelProjectsThem) {
   EXPECT_GT(1.0 - Correlation(gray1, beside), 1.5 * (1.0 - correlation));
 }
 
-// The ends of a row of facades: on one side of the projected corner there is
-// the wall, at its distance; nothing nearer or the wall itself on the other.
+// The ends of a row of facades: one side of the projected corner shows the wall
+// at its distance; the other side shows neither the wall nor anything nearer.
 TEST_P(RenderingTest, CornersOfFacadesLieWhereTheyProject) {
   const Eigen::Quaterniond world_from_level =
       road_->level_from_world().conjugate();
@@ -190,7 +190,7 @@ INSTANTIATE_TEST_SUITE_P(Models, RenderingTest,
                          testing::Values(CameraModelId::kPinhole,
                                          CameraModelId::kOpenCVFisheye));
 
-// The first meeting of a ray with the ground, by small steps.
+// The first intersection of a ray with the ground, by small steps.
 TEST(GroundTest, RaysMeetItFirstWhereStepsDo) {
   SimulationOptions options;
   options.num_frames = 60;

@@ -29,7 +29,7 @@ SimulationOptions SmallScene(RigPreset rig, PathPreset path,
   return options;
 }
 
-// Two keypoints show the same point of the world.
+// Whether two keypoints observe the same world point.
 bool IsRight(const Simulation& simulation, const ImagePair& pair,
              const Match& match) {
   const int point1 =
@@ -206,7 +206,7 @@ TEST(SimulationTest, TriggerOffsetDelaysAllCamerasButTheFirst) {
 }
 
 TEST(SimulationTest, StreetsLookTheSameWhenVisitedAgain) {
-  // Around a block and a good way further.
+  // Around a block and beyond the start.
   std::vector<Rigid3> path;
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   for (int i = 0; i < 300; ++i) {
@@ -232,7 +232,7 @@ TEST(SimulationTest, StreetsLookTheSameWhenVisitedAgain) {
 }
 
 TEST(SimulationTest, TheRoadBehindTheStartHasPointsWhenItIsDriven) {
-  // Out, back beside it to far behind the start, and from there to the start.
+  // Out, back on a parallel path past the start, and back to the start.
   std::vector<Rigid3> path;
   Eigen::Vector3d center = Eigen::Vector3d::Zero();
   double yaw = 0.0;

@@ -11,7 +11,7 @@
 namespace mgsfm {
 namespace {
 
-// Streets side by side, 22 m apart, driven to and fro.
+// Parallel streets, 22 m apart, driven in alternating directions.
 SimulationInput Meander() {
   constexpr double kStreetLength_m = 150.0;
   constexpr double kDistance_m = 22.0;

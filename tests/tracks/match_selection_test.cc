@@ -35,7 +35,7 @@ MatchSelection Select(const Simulation& simulation, const ViewGraph& view_graph,
       simulation.ground_truth, kMaxErrorPx, options, context);
 }
 
-// The pair with its matches shifted by one, so that hardly any is right.
+// The pair with its matches shifted by one, so that hardly any is correct.
 void Scramble(ImagePair* pair) {
   const std::vector<Match> matches = pair->matches;
   for (size_t i = 0; i < matches.size(); ++i) {
@@ -51,7 +51,7 @@ class MatchSelectionTest
       Drive(std::get<0>(GetParam()), std::get<1>(GetParam()));
 };
 
-TEST_P(MatchSelectionTest, TrueMatchesStay) {
+TEST_P(MatchSelectionTest, KeepsTrueMatches) {
   const MatchSelection selection = Select(simulation_, simulation_.view_graph);
   size_t num_used = 0;
   for (const char used : selection.match_is_used) num_used += used;
@@ -61,11 +61,11 @@ TEST_P(MatchSelectionTest, TrueMatchesStay) {
   for (const char used : selection.pair_is_used) EXPECT_TRUE(used);
 }
 
-TEST_P(MatchSelectionTest, PairsOfOtherPlacesAreLeftOut) {
+TEST_P(MatchSelectionTest, RejectsPairsOfDifferentPlaces) {
   ViewGraph view_graph = simulation_.view_graph;
   Mask is_scrambled(view_graph.pairs.size(), false);
   const std::vector<Image>& images = simulation_.scene.images;
-  // All pairs of some pairs of frames.
+  // All image pairs of some pairs of frames.
   for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
     ImagePair& pair = view_graph.pairs[i];
     const int sum =
@@ -95,9 +95,9 @@ INSTANTIATE_TEST_SUITE_P(
                      testing::Values(PathPreset::kCurve,
                                      PathPreset::kStanding)));
 
-// One wrong pair of images does not outvote the others of its frames, but its
+// One wrong image pair does not outvote the others of its frames, but its
 // matches are not used.
-TEST(SelectConsistentMatchesTest, RigVotesTogether) {
+TEST(SelectConsistentMatchesTest, RigVotesJointly) {
   const Simulation simulation = Drive(RigPreset::kStereo, PathPreset::kCurve);
   ViewGraph view_graph = simulation.view_graph;
   const std::vector<Image>& images = simulation.scene.images;
@@ -154,7 +154,7 @@ TEST(SelectConsistentMatchesTest, ThreadsDoNotMatter) {
   EXPECT_EQ(one.match_is_used, two.match_is_used);
 }
 
-// Without a vote, only matches are left out.
+// Without the vote, only matches are rejected.
 TEST(SelectConsistentMatchesTest, ShareOfZeroKeepsPairs) {
   const Simulation simulation = Drive(RigPreset::kStereo, PathPreset::kCurve);
   ViewGraph view_graph = simulation.view_graph;

@@ -26,7 +26,7 @@ std::vector<Group> ToVectors(const ObservationGroups& groups) {
   return result;
 }
 
-// Images without anything but keypoints, far apart from each other.
+// Images that have nothing but keypoints far apart from each other.
 Scene MakeScene(int num_images, int num_keypoints) {
   Scene scene;
   scene.images.resize(num_images, Image{ImageId(1), "", 0, 0, 0, {}});
@@ -63,7 +63,7 @@ ViewGraph MakeViewGraph(const std::vector<TestMatch>& matches) {
   return view_graph;
 }
 
-// A chain through observations.
+// A chain of matches through observations.
 void AddChain(const Group& observations, std::vector<TestMatch>* matches) {
   for (size_t i = 1; i < observations.size(); ++i) {
     matches->push_back({observations[i - 1], observations[i]});
@@ -124,8 +124,7 @@ void ExpectConsistent(const ObservationGroups& candidates,
   EXPECT_EQ(result.summary.num_observations, tracks.observations.size());
 }
 
-// The same written plainly, on maps and sets. Keypoints must have no
-// duplicates.
+// Reference implementation on maps and sets, without duplicate keypoints.
 class BruteForce {
  public:
   explicit BruteForce(const ViewGraph& view_graph) {
@@ -246,7 +245,7 @@ TEST(TrackEstablishmentTest, FindsTheTracksOfASimulation) {
   EXPECT_GT(result.summary.num_tracks, 100u);
 }
 
-TEST(TrackEstablishmentTest, AWrongMatchDoesNotCostTheTracksItJoins) {
+TEST(TrackEstablishmentTest, WrongMatchDoesNotDestroyTracks) {
   const Group track1 = {{0, 0}, {1, 0}, {2, 0}, {3, 0}};
   const Group track2 = {{0, 1}, {1, 1}, {2, 1}, {4, 1}};
   std::vector<TestMatch> matches;
@@ -352,8 +351,8 @@ TEST(TrackEstablishmentTest, OrderOfMatchesAndThreadsDoNotMatter) {
   EXPECT_EQ(ToVectors(result.estimate), ToVectors(shuffled.estimate));
 }
 
-// A drive past `num_points` points in each of two places that nothing but one
-// wrong pair of images joins, each match of it another two points.
+// Images of `num_points` points in each of two places, connected by one wrong
+// image pair only, whose matches each join two points.
 struct TwoPlaces {
   static constexpr int kImagesOfPlace = 5;
   static constexpr int kNumPoints = 60;
@@ -383,7 +382,7 @@ struct TwoPlaces {
   std::vector<Group> tracks;  // the true ones
 };
 
-TEST(TrackEstablishmentTest, AWrongPairDoesNotJoinTwoPlaces) {
+TEST(TrackEstablishmentTest, WrongPairDoesNotJoinTwoPlaces) {
   const TwoPlaces places;
   const ViewGraph view_graph = MakeViewGraph(places.matches);
   const TrackResult result = Establish(places.MakeScene(), view_graph, {});
@@ -392,9 +391,9 @@ TEST(TrackEstablishmentTest, AWrongPairDoesNotJoinTwoPlaces) {
             places.tracks.size() / 2);
 }
 
-TEST(TrackEstablishmentTest, AnImageWithTooFewTracksKeepsUnconfirmedMatches) {
+TEST(TrackEstablishmentTest, ImageWithFewTracksKeepsAllMatches) {
   TwoPlaces places;
-  // One more image, of the first place, that is matched with one image only.
+  // Another image of the first place, matched with one image only.
   const int last = 2 * TwoPlaces::kImagesOfPlace;
   for (int point = 0; point < 20; ++point) {
     places.matches.push_back({{0, point}, {last, point}});
@@ -410,7 +409,7 @@ TEST(TrackEstablishmentTest, AnImageWithTooFewTracksKeepsUnconfirmedMatches) {
   EXPECT_EQ(ToVectors(result.estimate), places.tracks);
 }
 
-// What nothing confirms anywhere is all there is.
+// Without any triplet, all matches are used.
 TEST(TrackEstablishmentTest, ChainsAreTracks) {
   std::vector<TestMatch> matches;
   std::vector<Group> tracks;

@@ -62,7 +62,8 @@ TEST(TrackPointsTest, RaysExistWhereKeypointAndRotationDo) {
   TranslationInput input = MakeTranslationInput(options);
   input.rotations.rig_from_world[2].reset();
   const Observation missing = input.tracks.observations.front();
-  input.bearings.rays[missing.image_idx][missing.keypoint_idx].setZero();
+  input.bearings.images[missing.image_idx].is_valid[missing.keypoint_idx] =
+      false;
   const Scene& scene = input.simulation.scene;
   const PositionProblem problem = MakePositionProblem(scene, input.rotations);
   const TrackRays rays =

@@ -28,7 +28,7 @@ Simulation Drive(RigPreset rig, PathPreset path) {
   return Simulate(options);
 }
 
-// Without trust in what is given, which is wrong by a factor.
+// The scene without priors and with focal lengths wrong by a factor.
 Scene Distrusted(const Simulation& simulation, double factor) {
   Scene scene = simulation.scene;
   for (Camera& camera : scene.cameras) {
@@ -53,7 +53,7 @@ FocalLengthOptions FewPairs() {
 class WrongFocalLengthTest
     : public testing::TestWithParam<std::pair<RigPreset, double>> {};
 
-TEST_P(WrongFocalLengthTest, WrongOnesAreCorrected) {
+TEST_P(WrongFocalLengthTest, IsCorrected) {
   const auto [rig, factor] = GetParam();
   const Simulation simulation = Drive(rig, PathPreset::kLoop);
   FocalLengthOptions options;
@@ -70,9 +70,9 @@ TEST_P(WrongFocalLengthTest, WrongOnesAreCorrected) {
     EXPECT_NEAR(*estimate.estimated_px, truth, 0.03 * truth);
     EXPECT_NEAR(FocalLength(result.cameras[estimate.camera_idx]),
                 *estimate.estimated_px, 1e-9 * truth);
-    EXPECT_LE(estimate.sigma, options.max_sigma);
+    EXPECT_LE(estimate.sigma.value(), options.max_sigma);
     EXPECT_LT(std::abs(*estimate.estimated_px - truth),
-              5.0 * estimate.sigma * truth);
+              5.0 * estimate.sigma.value() * truth);
   }
 }
 
@@ -81,18 +81,18 @@ INSTANTIATE_TEST_SUITE_P(RigsAndFactors, WrongFocalLengthTest,
                                          std::pair(RigPreset::kStereo, 1.2),
                                          std::pair(RigPreset::kStereo, 2.0)));
 
-// Views that only move along their axis, or whose axes stay in one plane.
+// Cameras that translate along their axis only, or whose axes stay in a plane.
 class UnobservableFocalLengthTest : public testing::TestWithParam<PathPreset> {
 };
 
-TEST_P(UnobservableFocalLengthTest, SaysThatItIsNotTold) {
+TEST_P(UnobservableFocalLengthTest, IsReported) {
   const Simulation simulation = Drive(RigPreset::kMono, GetParam());
   const Scene scene = Distrusted(simulation, 1.2);
   const FocalLengthResult result = CalibrateFocalLengths(
       scene, simulation.view_graph, FewPairs(), Threads(2));
   ASSERT_EQ(result.estimates.size(), 1u);
   EXPECT_FALSE(result.estimates[0].estimated_px.has_value());
-  EXPECT_NE(result.estimates[0].message.find("turn too little"),
+  EXPECT_NE(result.estimates[0].message.find("rotate too little"),
             std::string::npos);
   EXPECT_EQ(result.cameras[0].params, scene.cameras[0].params);
 }
@@ -112,7 +112,7 @@ TEST(FocalLengthTest, PriorsAreKept) {
   EXPECT_EQ(result.cameras[0].params, scene.cameras[0].params);
 }
 
-TEST(FocalLengthTest, ThreadsDoNotChangeABit) {
+TEST(FocalLengthTest, ThreadsDoNotChangeTheResult) {
   const Simulation simulation = Drive(RigPreset::kStereo, PathPreset::kLoop);
   const Scene scene = Distrusted(simulation, 1.2);
   FocalLengthOptions options;

@@ -47,11 +47,11 @@ Rigid3 TrueRelativePose(const Simulation& simulation, const ImagePair& pair) {
          truth.CamFromWorld(simulation.scene, pair.image_idx1)->Inverse();
 }
 
-// The largest errors over all pairs; those of directions where there is one.
+// The largest errors over all pairs, and over those with a direction.
 struct MaxErrors {
   double rotation_deg = 0.0;
   double direction_deg = 0.0;
-  double position_m = 0.0;  // of camera 2, if the length were known
+  double position_m = 0.0;  // of camera 2, for the true baseline length
 };
 
 MaxErrors CompareWithTruth(const Simulation& simulation,
@@ -85,7 +85,7 @@ void ExpectExact(const Simulation& simulation, const ViewGraphResult& result) {
   EXPECT_LE(errors.direction_deg, 1e-2);
 }
 
-TEST(ViewGraphEstimationTest, RefinesThePosesOfRows) {
+TEST(ViewGraphEstimationTest, RefinesInputPoses) {
   for (const RigPreset rig :
        {RigPreset::kStereo, RigPreset::kKitti360, RigPreset::kCube6}) {
     SimulationOptions options = SmallSimulation(rig);
@@ -145,7 +145,7 @@ TEST(ViewGraphEstimationTest, EstimatesPairsWithoutGeometry) {
   }
 }
 
-TEST(ViewGraphEstimationTest, ReplacesWrongRows) {
+TEST(ViewGraphEstimationTest, ReplacesWrongInputPoses) {
   Simulation simulation = Simulate(SmallSimulation(RigPreset::kStereo));
   Random random(3);
   for (ImagePair& pair : simulation.view_graph.pairs) {
@@ -172,8 +172,8 @@ TEST(ViewGraphEstimationTest, MismatchesAreDropped) {
   EXPECT_EQ(result.estimate.pairs.size(), simulation.view_graph.pairs.size());
   const MaxErrors errors = CompareWithTruth(simulation, result);
   EXPECT_LE(errors.rotation_deg, 3.0 * clean_errors.rotation_deg);
-  // Wrong matches that look right by chance turn short baselines most: what
-  // counts is where they put the other camera.
+  // Wrong matches that are inliers by chance rotate short baselines most, so
+  // check the position of the other camera.
   EXPECT_LE(errors.position_m, 0.08);
   EXPECT_LE(clean_errors.position_m, 0.05);
   const double inlier_ratio = static_cast<double>(result.summary.num_inliers) /
@@ -273,8 +273,8 @@ TEST(ViewGraphEstimationTest, DropsUnusablePairs) {
 TEST(ViewGraphEstimationTest, KeypointsWithoutRayAreNoInliers) {
   const Simulation simulation = Simulate(SmallSimulation(RigPreset::kMono));
   Bearings bearings = ComputeBearings(simulation.scene, 1);
-  for (size_t i = 0; i < bearings.rays[0].size(); i += 2) {
-    bearings.rays[0][i].setZero();
+  for (size_t i = 0; i < bearings.images[0].size(); i += 2) {
+    bearings.images[0].is_valid[i] = false;
   }
   const ViewGraphResult result = EstimateViewGraph(
       simulation.scene, bearings, simulation.view_graph, {}, {});

@@ -10,17 +10,17 @@ namespace mgsfm {
 
 enum class LogLevel { kDebug, kInfo, kWarning, kError };
 
-// Progress of a long step: `done` of `total` units of work.
+// Progress of a long-running step: `done` of `total` units of work.
 struct Progress {
   std::string_view stage;
   size_t done = 0;
   size_t total = 0;
 };
 
-// What a stage may use of the outside: threads, seed, log, progress, and
-// whether it shall stop. The library itself prints nothing; a null callback is
-// silence. `log` and `progress` are only called from the thread that called the
-// stage, `is_cancelled` from any.
+// The environment of a stage: threads, random seed, logging, progress and
+// cancellation. The library itself prints nothing; null callbacks are ignored.
+// `log` and `progress` are called only from the thread that called the stage,
+// `is_cancelled` from any thread.
 struct Context {
   int num_threads = 1;
   uint64_t random_seed = 0;
@@ -31,10 +31,10 @@ struct Context {
   void Debug(const std::string& message) const;
   void Info(const std::string& message) const;
   void Warning(const std::string& message) const;
-  // Also checks for an interruption.
+  // Also calls CheckInterrupted().
   void ReportProgress(std::string_view stage, size_t done, size_t total) const;
-  // Throws Interrupted if the run shall stop. Everything that may take longer
-  // than a second calls it, or ReportProgress, a few times a second.
+  // Throws Interrupted if cancellation was requested. Code that may run longer
+  // than a second calls this or ReportProgress() several times per second.
   void CheckInterrupted() const;
 };
 

@@ -7,23 +7,23 @@
 
 namespace mgsfm {
 
-// Bad input: a file, image, frame, pair or option that cannot be used. The
-// message is one line that names it and says what the user can do. Commands
-// print it and exit with code 1; nothing is written.
+// Bad input: an unusable file, image, frame, pair or option. The message is one
+// line that names the item and the remedy. Commands print it, write nothing and
+// exit with code 1.
 class Error : public std::runtime_error {
  public:
   explicit Error(const std::string& message) : std::runtime_error(message) {}
 };
 
-// A broken contract between two parts of the program: a defect, not bad input.
+// A violated precondition or invariant: a bug in the program, not bad input.
 class ContractError : public std::logic_error {
  public:
   explicit ContractError(const std::string& message)
       : std::logic_error(message) {}
 };
 
-// The run was asked to stop (Context::is_cancelled). Like any exception it
-// unwinds what was begun: nothing is written.
+// Thrown when Context::is_cancelled returns true. Unwinds the run without
+// writing any output.
 class Interrupted : public std::runtime_error {
  public:
   Interrupted() : std::runtime_error("interrupted") {}
@@ -45,7 +45,7 @@ std::string FormatOperands(const A& a, const B& b) {
 }  // namespace internal
 }  // namespace mgsfm
 
-// Contract checks: throw ContractError with file, line, condition and values.
+// Checks that throw ContractError with file, line, condition and values.
 #define MGSFM_CHECK_MSG(condition, message)                                 \
   do {                                                                      \
     if (!(condition)) {                                                     \

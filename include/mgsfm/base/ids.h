@@ -7,10 +7,10 @@
 
 namespace mgsfm {
 
-// An identifier as users and files know it: unordered in meaning, not
-// contiguous, never an array index. Each kind is a type of its own, so that a
-// camera id cannot be passed where an image id is meant. Dense zero-based
-// positions in the arrays of a Scene are plain ints named `*_idx`.
+// An identifier used in files and by users: not contiguous, without meaningful
+// order and never an array index. Each kind is a distinct type, so that a
+// camera id cannot be passed as an image id. Dense zero-based indices into the
+// arrays of a Scene are plain ints named `*_idx`.
 template <class Tag>
 class Id {
  public:

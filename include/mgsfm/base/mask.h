@@ -10,12 +10,11 @@
 
 namespace mgsfm {
 
-// One bit of information per item of an array: which pairs are used, which
-// observations are inliers. Items are numbered by the position in the array
-// they describe.
+// One boolean per item of an array, e.g. which pairs are used or which
+// observations are inliers. Item i describes item i of that array.
 //
-// Unlike std::vector<bool>, items are separate memory locations, so that
-// parallel loops may write different items at the same time.
+// Unlike in std::vector<bool>, items are distinct memory locations: parallel
+// loops may write different items concurrently.
 class Mask {
   struct Flag {
     bool value = false;
@@ -51,7 +50,7 @@ class Mask {
   bool back() const { return flags_.back().value; }
   void clear() { flags_.clear(); }
 
-  // Sets the items from `begin` to before `end`.
+  // Assigns `value` to the items in [begin, end).
   void Fill(size_t begin, size_t end, bool value) {
     for (size_t i = begin; i < end; ++i) flags_[i].value = value;
   }
@@ -65,7 +64,7 @@ class Mask {
     return std::any_of(begin(), end(), [](Flag flag) { return flag.value; });
   }
 
-  // Clears every item that is set in `other`, which has the same size.
+  // Clears every item that is set in `other`, which must have the same size.
   void Remove(const Mask& other) {
     MGSFM_CHECK_EQ(size(), other.size());
     for (size_t i = 0; i < size(); ++i) {

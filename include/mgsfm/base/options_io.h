@@ -14,31 +14,31 @@
 
 namespace mgsfm {
 
-// The value of an option; that of an enum is its name.
+// The value of an option. Enums are represented by their names.
 using OptionValue = std::variant<bool, int, double, std::string>;
 
-// One field of a struct of options, without its type. Refers to the struct it
-// was listed from, which must outlive it.
+// One type-erased field of an options struct. References that struct, which
+// must outlive it.
 struct OptionEntry {
-  std::string name;  // with prefixes, e.g. "Tracks.min_track_length"
+  std::string name;  // including prefixes, e.g. "Tracks.min_track_length"
   std::string unit;
   std::string help;
   Range range;
-  std::vector<std::string> choices;  // the names of an enum, otherwise empty
-  OptionValue default_value;         // what the field held when it was listed
+  std::vector<std::string> choices;  // names of an enum; empty for other types
+  OptionValue default_value;         // value of the field when it was listed
   std::function<OptionValue()> get;
-  std::function<void(const OptionValue&)> set;  // does not check
+  std::function<void(const OptionValue&)> set;  // unchecked
 
   // "" at top level, "Tracks" for "Tracks.min_track_length".
   std::string Section() const;
-  // Must be set by the user, as it has no usable default.
+  // The default is unusable, so the user must set the option.
   bool IsRequired() const;
 };
 
 using OptionList = std::vector<OptionEntry>;
 
-// Calls that Describe makes, as a list. The only template of the mechanism;
-// everything else works on its result.
+// A visitor for Describe that collects the fields in a list. All other
+// functions operate on this list.
 class OptionLister {
  public:
   template <class T>
@@ -93,27 +93,26 @@ OptionList ListOptions(Options* options) {
 
 // ---------------------------------------------------------------- values
 
-// How a value is written in all texts. Numbers are written with the fewest
-// digits that are read back as the same number.
+// Formats a value. Numbers use the fewest digits that parse to the same number.
 std::string FormatOptionValue(const OptionValue& value);
 
-// Reads a value of the type of the entry. Throws Error, naming the option, if
-// the text is not exactly one finite value of that type, or out of range.
+// Parses a value of the type of the entry. Throws Error that names the option
+// if the text is not exactly one finite value of that type within its range.
 OptionValue ParseOptionValue(const OptionEntry& entry, const std::string& text);
 
-// ParseOptionValue, then set. Unknown names are an Error that suggests the
-// nearest known one.
+// Parses and sets the named option. Throws Error with a suggestion if the name
+// is unknown.
 void SetOption(const OptionList& options, const std::string& name,
                const std::string& text);
 
-// Throws Error unless all values are finite and in their range.
+// Throws Error unless all values are finite and within their ranges.
 void CheckOptions(const OptionList& options);
 template <class Options>
 void CheckOptionsOf(Options options) {
   CheckOptions(ListOptions(&options));
 }
 
-// " (did you mean 'nearest'?)" or "" if none of the names is like `name`.
+// " (did you mean 'nearest'?)", or "" if no known name is similar to `name`.
 std::string SuggestName(const std::string& name,
                         const std::vector<std::string>& known_names);
 
@@ -124,20 +123,20 @@ std::string SuggestName(const std::string& name,
 //   [Tracks]
 //   min_track_length = 3
 //
-// Keys are the names of the command line; those of a section leave out its
-// prefix. A value ends with its line; one that starts or ends with a space or
-// starts with '"' is quoted, with \" and \\ inside. Keys may come in any order,
-// but each only once.
+// Keys are option names without the prefix of their section. A value extends to
+// the end of its line. Values that start or end with a space or start with '"'
+// are quoted, with the escapes \" and \\. Keys may appear in any order, each at
+// most once.
 
-// Sets the options that the text names. `source` names it in errors.
+// Sets the options listed in the text. `source` identifies the text in errors.
 void LoadOptions(std::istream& text, const std::string& source,
                  const OptionList& options);
 void LoadOptions(const std::filesystem::path& path, const OptionList& options);
 
-// All options with their present values; LoadOptions reads it back.
+// All options with their current values, in the format of LoadOptions.
 std::string DumpOptions(const OptionList& options);
 
-// ------------------------------------------------------------------- texts
+// --------------------------------------------------------------- formatting
 
 // {"num_threads": 4, "Tracks": {"min_track_length": 3}}
 std::string OptionsToJson(const OptionList& options);
@@ -146,11 +145,11 @@ std::string OptionsToJsonOf(Options options) {
   return OptionsToJson(ListOptions(&options));
 }
 
-// For --help: per option its flag, type, default, range, unit and help text,
-// at most 80 columns wide.
+// Command-line help with at most 80 columns: flag, type, default, range, unit
+// and help text of each option.
 std::string OptionsToHelp(const OptionList& options);
 
-// A table per section.
+// One table per section.
 std::string OptionsToMarkdown(const OptionList& options);
 
 }  // namespace mgsfm

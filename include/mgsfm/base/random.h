@@ -5,8 +5,8 @@
 
 namespace mgsfm {
 
-// A small, fast, seeded generator (splitmix64) whose numbers are the same with
-// every compiler and standard library, unlike the distributions of <random>.
+// A fast seeded generator (splitmix64). Unlike the distributions of <random>,
+// it returns the same numbers with every compiler and standard library.
 class Random {
  public:
   explicit Random(uint64_t seed) : state_(seed) {}

@@ -7,13 +7,13 @@
 
 namespace mgsfm {
 
-// Of this process: time on processors, of all threads together, and the most
-// memory it had until now. 0 where the system does not tell.
+// CPU time of all threads of this process, and its peak resident memory so far.
+// 0 if the system does not provide them.
 double ProcessorSeconds();
 double PeakMemoryMib();
 
-// What a stage took. The peak of memory is that of the process from its start
-// to the end of the stage, so a stage raised it if the one before has less.
+// Resources used by a stage. The peak memory covers the process from its start
+// to the end of the stage, so it never decreases between stages.
 struct StageTime {
   std::string stage;
   double seconds = 0.0;
@@ -21,7 +21,8 @@ struct StageTime {
   double peak_memory_mib = 0.0;
 };
 
-// Measures a stage from its construction. Only ever reported.
+// Measures a stage from its construction. Used for reports only: no result
+// depends on time.
 class StageTimer {
  public:
   StageTimer() : processor_seconds_(ProcessorSeconds()) {}

@@ -6,16 +6,16 @@
 
 namespace mgsfm {
 
-// How an iterative solver ended.
+// Why an iterative solver terminated.
 enum class Termination {
-  kConverged,      // a stopping rule of the solver's header holds
-  kMaxIterations,  // usable, but no stopping rule holds yet
-  kFailure,        // numerically failed; the estimate must not be used
+  kConverged,      // a stopping criterion of the solver is satisfied
+  kMaxIterations,  // usable, but not converged
+  kFailure,        // numerical failure; the estimate must not be used
 };
 
 std::string_view TerminationName(Termination termination);
 
-// What every iterative solver reports of itself.
+// Common summary of the iterative solvers.
 struct SolveSummary {
   Termination termination = Termination::kFailure;
   int num_iterations = 0;

@@ -5,7 +5,8 @@
 
 namespace mgsfm {
 
-// Wall-clock seconds since construction. Only ever reported, never decided on.
+// Wall-clock seconds since construction. Used for reports only: no result
+// depends on time.
 class Timer {
  public:
   double Seconds() const {

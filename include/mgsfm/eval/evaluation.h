@@ -12,13 +12,13 @@
 
 namespace mgsfm {
 
-// How far a model is from the truth, whatever the worlds and the unit it is in.
+// Evaluation of a model against ground truth, up to a similarity transform.
 
 struct ImagePoses {
   std::string name;
-  bool is_reference = false;             // of the reference sensor of its rig
+  bool is_reference = false;  // image of the reference sensor of its rig
   std::optional<Rigid3> cam_from_model;  // nullopt: not registered
-  Rigid3 cam_from_world;                 // true, in metres
+  Rigid3 cam_from_world;                 // ground truth, in metres
 };
 
 struct SensorPoses {
@@ -27,11 +27,11 @@ struct SensorPoses {
   std::optional<Rigid3> true_sensor_from_ref;  // in metres
 };
 
-// What may move a model onto the truth.
+// The transforms that may align a model with the ground truth.
 enum class Alignment {
   kSimilarity,
-  kRigid,  // the unit of the model is the metre
-  kNone,   // its world is the true one, too
+  kRigid,  // for metric models
+  kNone,   // for models in the world frame of the ground truth
 };
 
 template <>
@@ -42,20 +42,22 @@ struct EnumTable<Alignment> {
       {"none", Alignment::kNone}};
 };
 
-// The similarity world_from_model that fits the poses:
+// The similarity transform world_from_model that minimises
 //
-//   min sum_i |s R c_i + t - g_i|^2 + mu^2 |R - R_i|^2 / 2,        (1)
+//   sum_i |s R c_i + t - g_i|^2 + mu^2 |R - R_i|^2 / 2,            (1)
 //
-// c_i, g_i: centres in the model and the true ones; R_i: the rotation between
-// the worlds that the orientations of image i imply; mu: 0.05 times the root
-// mean square distance of the g_i from their mean. Where centres determine R,
-// its second term weighs nothing beside the first; on a straight path it gives
-// the turn about the path. If all g_i agree, R comes from orientations and the
-// scale is 1. Images that disagree with most others (by more than ten times the
-// median residual of a first fit, and 0.01 d) have no part in (1). The first
-// fit minimises the sum of distances, each at most d, starting with the best of
-// fits to two images; d: the root mean square above. nullopt if there is no
-// image. With kRigid, s is 1; with kNone, nothing is moved.
+// where c_i and g_i are the estimated and true centres, R_i is the rotation
+// between the worlds implied by the orientation of image i, d is the root mean
+// square distance of the g_i from their mean, and mu = 0.05 d. The second term
+// is negligible if the centres determine R. For straight paths it determines
+// the rotation about the path. If all g_i coincide, orientations determine R,
+// and s = 1.
+//
+// (1) excludes outliers: images with residuals above ten times the median
+// residual of an initial fit and above 0.01 d. The initial fit minimises the
+// sum of min(distance, d), starting from the best fit to two images. With
+// kRigid, s = 1; with kNone, the transform is the identity. nullopt without
+// images.
 std::optional<Sim3> AlignPoses(const std::vector<ImagePoses>& images,
                                Alignment alignment = Alignment::kSimilarity);
 
@@ -67,16 +69,16 @@ struct ErrorStatistics {
 
 struct AreaUnderCurve {
   double threshold = 0.0;
-  // Mean over [0, threshold] of the share of all images, registered or not,
-  // whose error is at most that: 1 is best.
+  // Area under the recall curve, normalised to [0, 1]: the mean over e in
+  // [0, threshold] of the fraction of all images with an error of at most e.
   double area = 0.0;
 };
 
 struct SensorErrors {
   std::string name;
   double rotation_deg = 0.0;
-  std::optional<double> direction_deg;  // of the translation
-  double length_m = 0.0;                // estimated, after alignment
+  std::optional<double> direction_deg;  // angular error of the translation
+  double length_m = 0.0;                // estimated length after alignment
   double true_length_m = 0.0;
 };
 
@@ -90,24 +92,24 @@ struct Evaluation {
   int num_images = 0;
   int num_registered = 0;
   std::optional<Sim3> world_from_model;
-  // Over registered images, after alignment; absent without true poses.
+  // Errors of registered images after alignment; nullopt without true poses.
   std::optional<ErrorStatistics> rotation_deg, position_m;
   std::vector<AreaUnderCurve> rotation_auc, position_auc;
   std::vector<SensorErrors> sensors;
-  // Largest distance between two reference images of the model, in metres.
+  // The largest distance between two reference images of the model, in metres.
   std::optional<double> extent_m;
-  // Length of the true path of the reference images, in their order.
+  // The length of the true path of the reference images in their order.
   std::optional<double> path_m;
 };
 
-// Without true image poses, `images` holds those of the model with any
-// cam_from_world and `has_true_poses` is false: then the scale is the one that
-// fits the true distances of the sensors, and there are no image errors.
+// If has_true_poses is false, cam_from_world of `images` is ignored. The scale
+// is then fitted to the true distances between sensors, and there are no errors
+// of images.
 Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
                     const std::vector<SensorPoses>& sensors,
                     const EvaluationOptions& options);
 
-// A table to read, and the same as indented JSON.
+// Formats an evaluation as a text table or as indented JSON.
 std::string EvaluationToText(const Evaluation& evaluation);
 std::string EvaluationToJson(const Evaluation& evaluation);
 

@@ -8,11 +8,11 @@
 
 namespace mgsfm {
 
-// A picture of an evaluation, as SVG: from above, the path of the model over
-// the true one, with true places of frames that are not registered; below it
-// the errors of position and rotation over the distance driven. Only images of
-// reference sensors are drawn, in the order they are in, joined by lines unless
-// they are far apart. "Above" is where the true cameras on average have it.
+// An SVG plot of an evaluation: the estimated and true paths in top view, with
+// the true positions of unregistered frames, and the position and rotation
+// errors over the travelled distance. Shows only images of reference sensors in
+// their order; lines connect consecutive images unless they are far apart. The
+// vertical direction is the mean up direction of the true cameras.
 std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
                             const Evaluation& evaluation);
 

@@ -11,22 +11,23 @@
 
 namespace mgsfm {
 
-// Adds frames to a model, each by itself, from the points of the model that its
-// images see. The whole frame is one rigid unit: its pose is that which the
-// most keypoints of all its images agree with (geometry/absolute_pose.h), so
-// that cameras with few points, or none, come along.
+// Registers frames to a model by resection from its points. Each frame is one
+// rigid unit with 6 unknowns: its pose is the one with the most inliers over
+// the keypoints of all its images (LO-RANSAC, geometry/absolute_pose.h), so
+// that cameras with few points, or none, are registered as well. The model is
+// fixed.
 //
-// A keypoint sees the point that the most of its matches in images of the model
-// are observations of.
+// A keypoint observes the point that most of its matches in registered images
+// observe.
 //
-// Sensors without pose in the model, as those of a rig that is new to it, are
-// placed first: their images, and those of the other sensors of their rig, are
-// resected one by one; each frame in which two got a pose tells where one is
-// relative to the other, and the typical of these poses is taken
-// (scene/typical_pose.h), from the reference sensor on.
+// Sensors without pose in the model, such as those of a new rig, are calibrated
+// first. The images of their rigs are resected individually; each frame with
+// poses of two sensors yields a relative pose, and sensor_from_rig is the
+// median of these (scene/typical_pose.h), starting at the reference sensor.
 //
-// Cost: linear in the matches; for each frame, a few hundred samples at worst,
-// each with a pass over its keypoints. Frames are independent.
+// RANSAC stops at the default confidence of RansacOptions or after
+// abs_pose_max_num_trials samples. Cost: linear in the number of matches, plus
+// one pass over the keypoints of a frame per sample. Frames run in parallel.
 
 struct ResectionOptions {
   double abs_pose_max_error_px = 12.0;
@@ -38,38 +39,39 @@ struct ResectionOptions {
   static void Describe(Self& self, Visitor& visit) {
     visit("abs_pose_max_error", self.abs_pose_max_error_px, GreaterThan(0.0),
           "px",
-          "Keypoints farther from their points do not agree with the pose of "
-          "a new frame.");
+          "Maximum reprojection error of an inlier in absolute pose "
+          "estimation. Increase it for images of very high resolution.");
     visit("abs_pose_min_num_inliers", self.abs_pose_min_num_inliers, AtLeast(4),
           "keypoints",
-          "New frames are added if so many keypoints of their images agree.");
+          "Minimum number of inliers, over all images of a frame, to register "
+          "it.");
     visit("abs_pose_min_inlier_ratio", self.abs_pose_min_inlier_ratio,
           Between(0.0, 1.0), "",
-          "The same, as a share of those that are matched to points.");
+          "Minimum inlier ratio, over all images of a frame, to register it.");
     visit("abs_pose_max_num_trials", self.abs_pose_max_num_trials, AtLeast(1),
-          "trials", "Most samples to draw for a frame.");
+          "trials", "Maximum number of RANSAC trials per frame.");
   }
 };
 
-// A frame that had no pose.
+// A frame without pose in the model.
 struct ResectedFrame {
   int frame_idx = 0;
   bool is_added = false;
-  int num_images = 0;     // of sensors whose pose is known
-  int num_keypoints = 0;  // of these, matched to points of the model
+  int num_images = 0;     // images of calibrated sensors
+  int num_keypoints = 0;  // keypoints of these matched to points
   int num_inliers = 0;
 };
 
-// A sensor that had no pose.
+// A sensor that was calibrated by resection.
 struct PlacedSensor {
   int sensor_idx = 0;
-  int num_frames = 0;  // that told its pose
+  int num_frames = 0;  // that contributed a relative pose
 };
 
 struct ResectionResult {
-  Reconstruction estimate;  // the model with what was added
-  std::vector<ResectedFrame> frames;
-  std::vector<PlacedSensor> sensors;  // that have a pose now
+  Reconstruction estimate;            // the model with new frames and sensors
+  std::vector<ResectedFrame> frames;  // all frames without pose in the model
+  std::vector<PlacedSensor> sensors;
 };
 
 [[nodiscard]] ResectionResult ResectFrames(const Scene& scene,

@@ -10,9 +10,9 @@
 
 namespace mgsfm {
 
-// The camera models of COLMAP 4.2, with its ids, names and parameter orders.
-// Pixels: (0, 0) is the upper left corner of the image, the first pixel's
-// centre is (0.5, 0.5). Camera frame: x right, y down, z forward.
+// The camera models of COLMAP 4.2 with the same ids, names and parameter
+// orders. Pixels: (0, 0) is the upper left corner of the image, (0.5, 0.5) the
+// centre of the first pixel. Camera frame: x right, y down, z forward.
 enum class CameraModelId : int32_t {
   kSimplePinhole = 0,
   kPinhole = 1,
@@ -34,7 +34,7 @@ enum class CameraModelId : int32_t {
   kEquirectangular = 17,
 };
 
-// Which parameters of a model are of which kind, as positions in `params`.
+// The parameters of a model by kind, as indices into `params`.
 struct CameraModelInfo {
   CameraModelId id;
   std::string_view name;
@@ -44,32 +44,33 @@ struct CameraModelInfo {
   std::vector<int> extra_params_idxs;  // distortion; never width or height
 };
 
-// All models, by id. nullptr for an id or name that is none.
+// All models, sorted by id. FindCameraModel returns nullptr for an unknown id
+// or name.
 const std::vector<CameraModelInfo>& AllCameraModels();
 const CameraModelInfo* FindCameraModel(int32_t id);
 const CameraModelInfo* FindCameraModel(std::string_view name);
 
 constexpr int kMaxNumCameraParams = 16;
 
-// The largest number of parameters, rows are (u, v).
+// Rows are (u, v); columns are the parameters of the model.
 using PixelJacobianParams =
     Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor, 2,
                   kMaxNumCameraParams>;
 
-// Projects a point or ray of the camera frame (any positive multiple gives the
-// same pixel) to pixels. nullopt where the model cannot see it: at the centre,
-// behind a perspective model (z <= 0), or outside the range in which the
-// distortion is monotonic. Jacobians are written where the pointers are not
-// null: d(pixel)/d(point) 2x3 and d(pixel)/d(params) 2 x num_params.
+// Projects a point or ray in the camera frame to pixels; positive multiples
+// have the same projection. nullopt outside the domain of the model: at the
+// centre of projection, behind a perspective camera (z <= 0), or where the
+// distortion is not monotonic. Non-null pointers receive the Jacobians
+// d(pixel)/d(point), 2 x 3, and d(pixel)/d(params), 2 x num_params.
 std::optional<Eigen::Vector2d> ProjectToPixel(
     CameraModelId model, const double* params,
     const Eigen::Vector3d& point_in_cam,
     Eigen::Matrix<double, 2, 3>* jacobian_point = nullptr,
     PixelJacobianParams* jacobian_params = nullptr);
 
-// A model as plain functions, for loops over many observations. They do what
-// ProjectToPixel does, and return false where it gives nullopt. The derivatives
-// are row-major, 2 x 3 and 2 x num_params; by_params may be null.
+// ProjectToPixel as plain functions for loops over many observations. They
+// return false where ProjectToPixel returns nullopt. The Jacobians are
+// row-major, 2 x 3 and 2 x num_params; by_params may be null.
 struct PixelProjection {
   bool (*project)(const double* params, const double* point_in_cam,
                   double* pixel) = nullptr;
@@ -80,14 +81,15 @@ struct PixelProjection {
 
 PixelProjection FindPixelProjection(CameraModelId model);
 
-// The unit ray in the camera frame that projects to the pixel, to 1e-10 of
-// pixel / focal length; nullopt where none does or the iteration fails.
+// The unit ray in the camera frame that projects to the pixel, accurate to
+// 1e-10 focal lengths. nullopt if there is none or the iteration does not
+// converge.
 std::optional<Eigen::Vector3d> RayFromPixel(CameraModelId model,
                                             const double* params,
                                             const Eigen::Vector2d& pixel);
 
-// Pixels a radian spans near the image centre: the mean focal length, or
-// w / 2 pi of an equirectangular image. Turns pixel thresholds to angles.
+// Pixels per radian near the image centre: the mean focal length, or w / 2 pi
+// for an equirectangular image. Converts pixel thresholds to angles.
 double PixelsPerRadian(CameraModelId model, const double* params);
 
 }  // namespace mgsfm

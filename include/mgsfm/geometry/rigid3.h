@@ -6,8 +6,8 @@
 
 namespace mgsfm {
 
-// A matrix over the six coordinates of a change of pose: three of rotation
-// (rad), then three of translation.
+// A matrix over the six coordinates of a pose update: three for the rotation
+// (rad), then three for the translation.
 using PoseMatrix = Eigen::Matrix<double, 6, 6>;
 
 // A rigid transform b_from_a: x_in_b = rotation * x_in_a + translation.
@@ -16,12 +16,12 @@ struct Rigid3 {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
 
-  // From the rotation and the centre of b, i.e. its origin, given in a.
+  // From the rotation and the origin of b in frame a.
   static Rigid3 FromRotationAndCenter(const Eigen::Quaterniond& b_from_a,
                                       const Eigen::Vector3d& center_in_a) {
     return {b_from_a, -(b_from_a * center_in_a)};
   }
-  // The origin of b in a.
+  // The origin of b in frame a.
   Eigen::Vector3d Center() const {
     return -(rotation.conjugate() * translation);
   }
@@ -58,9 +58,9 @@ inline Eigen::Vector3d operator*(const Sim3& b_from_a,
   return b_from_a.scale * (b_from_a.rotation * x_in_a) + b_from_a.translation;
 }
 
-// The pose of a camera after its world was moved by new_from_old:
+// The pose of a camera after a similarity transform of its world:
 // cam_from_new = TransformWorld(new_from_old, cam_from_old). Lengths in the
-// camera frame are scaled along.
+// camera frame are scaled, too.
 inline Rigid3 TransformWorld(const Sim3& new_from_old,
                              const Rigid3& cam_from_old) {
   const Eigen::Quaterniond cam_from_new =

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <string>
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/options.h"
@@ -12,13 +12,14 @@
 
 namespace mgsfm {
 
+// Names are COLMAP's.
 struct TwoViewGeometryOptions {
   int min_num_inliers = 15;
   double min_inlier_ratio = 0.25;
   double max_error = 4.0;
   double confidence = 0.999;
   int max_num_trials = 10000;
-  // As COLMAP spells it. NOLINTNEXTLINE(readability-identifier-naming)
+  // COLMAP's spelling. NOLINTNEXTLINE(readability-identifier-naming)
   double max_H_inlier_ratio = 0.8;
   bool detect_watermark = true;
   double watermark_border_size = 0.1;
@@ -27,67 +28,73 @@ struct TwoViewGeometryOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("min_num_inliers", self.min_num_inliers, AtLeast(8), "matches",
-          "Pairs with fewer matches that agree are given up.");
+          "Minimum number of inliers of a verified image pair.");
     visit("min_inlier_ratio", self.min_inlier_ratio, Between(0.0, 1.0), "",
-          "Pairs with a smaller share of such matches are given up.");
+          "Minimum inlier ratio of a verified image pair.");
     visit("max_error", self.max_error, GreaterThan(0.0), "px",
-          "Largest distance to the epipolar line or homography.");
+          "Maximum epipolar or homography transfer error of an inlier. "
+          "Increase it for images of very high resolution.");
     visit("confidence", self.confidence, Between(0.0, 0.999999), "",
-          "That one sample was drawn without wrong matches.");
+          "Confidence of RANSAC: probability that at least one sample is "
+          "free of outliers.");
     visit("max_num_trials", self.max_num_trials, AtLeast(1), "trials",
-          "Most samples of a pair.");
+          "Maximum number of RANSAC trials per image pair.");
     visit("max_H_inlier_ratio", self.max_H_inlier_ratio, Between(0.0, 1.0), "",
-          "Pairs of which a homography explains a larger share of the "
-          "inliers are planar or panoramic.");
+          "An image pair is planar or panoramic if the ratio of homography "
+          "inliers to inliers exceeds this value.");
     visit("detect_watermark", self.detect_watermark, AnyValue(), "",
-          "Mark pairs whose inliers are a shifted frame around the image.");
+          "Detect pairs whose inliers are a watermark, that is, a translated "
+          "pattern at the image border.");
     visit("watermark_border_size", self.watermark_border_size,
-          Between(0.0, 0.5), "of the diagonal", "Width of that frame.");
+          Between(0.0, 0.5), "of the diagonal",
+          "Width of the border in which watermarks are searched.");
     visit("watermark_min_inlier_ratio", self.watermark_min_inlier_ratio,
           Between(0.0, 1.0), "",
-          "Least share of inliers that are in the frame, and shifted alike.");
+          "Minimum ratio of inliers in the border that share one translation "
+          "for a pair to be a watermark.");
   }
 };
 
-// What verification needs of an image; refers to what must outlive it. `rays`
-// are unit rays of the keypoints, zero where there is none (see Bearings).
+// One image of a pair to verify. Refers to data that must outlive it. `rays`
+// holds the unit viewing ray of each keypoint in the camera frame; nullopt if
+// the camera model cannot unproject the keypoint.
 struct VerificationView {
   const Camera* camera = nullptr;
   const std::vector<Eigen::Vector2f>* keypoints_px = nullptr;
-  const std::vector<Eigen::Vector3d>* rays = nullptr;
+  const std::vector<std::optional<Eigen::Vector3d>>* rays = nullptr;
 };
 
-// The two-view geometry that explains the most matches, and which those are.
+// Estimates the two-view geometry with the largest consensus and its inliers.
 //
-// Trusted intrinsics (a prior focal length of both cameras; always for cameras
-// that are no pinholes with some distortion): errors are angles between rays,
-// so that views may be wider than 180 degrees. A rotation (samples of 2), a
-// relative pose (five-point, points in front of both cameras), and on the
-// inliers a homography of rays (4) are estimated by LO-RANSAC. max_error px are
-// as many radians as by the mean of both cameras' pixels per radian.
-// Otherwise: F (7) and H (4) in pixels, without regard to distortion.
+// Calibrated path, if both cameras have a prior focal length or either model is
+// not a perspective one: errors are angles between rays, so that fields of view
+// above 180 degrees are allowed. LO-RANSAC estimates a relative pose
+// (five-point samples, points in front of both cameras), a rotation (samples of
+// 2) and, on the inliers, a homography of rays (samples of 4). max_error is
+// converted to radians by the mean of both cameras' pixels per radian.
+// Uncalibrated path, otherwise: F (7) and H (4) in pixels; distortion is
+// neglected.
 //
-// With n_X the inliers of model X, r = max_H_inlier_ratio:
+// With n_X the number of inliers of model X and r = max_H_inlier_ratio:
 //   CALIBRATED           n_H <= r n_E
 //   PLANAR               n_H > r n_E
-//   PANORAMIC            so, and the rotation alone explains 0.95 n_H; no
-//                        direction of translation is given
+//   PANORAMIC            n_H > r n_E and the rotation explains at least
+//                        0.95 n_H; there is no translation direction
 //   UNCALIBRATED         n_H <= r n_F
 //   PLANAR_OR_PANORAMIC  n_H > r n_F
 //   WATERMARK            see the options
-//   DEGENERATE           too few inliers; there are no matches in the result
-// E and the pose are given with intrinsics, F and H (in pixels) where both
-// images are free of distortion, or taken to be so.
+//   DEGENERATE           too few inliers; the result has no matches
+// E and the relative pose are set on the calibrated path. F and H (in pixels)
+// are set if both cameras are pinholes or on the uncalibrated path.
 //
-// The most samples drawn are those that find the smallest acceptable share of
-// inliers with the wanted confidence. Image positions are not set.
-ImagePair VerifyPair(const VerificationView& view1,
-                     const VerificationView& view2,
-                     const std::vector<Match>& matches,
-                     const TwoViewGeometryOptions& options, Random random);
-
-// A seed for a pair that depends on names only, not on ids or order of work.
-uint64_t PairSeed(const std::string& image_name1,
-                  const std::string& image_name2, uint64_t random_seed);
+// RANSAC draws at most as many samples as find a model of the smallest
+// acceptable inlier ratio with the requested confidence, and stops earlier if
+// the best model has a larger one. image_idx1 and image_idx2 of the result are
+// not set.
+[[nodiscard]] ImagePair VerifyPair(const VerificationView& view1,
+                                   const VerificationView& view2,
+                                   const std::vector<Match>& matches,
+                                   const TwoViewGeometryOptions& options,
+                                   Random random);
 
 }  // namespace mgsfm

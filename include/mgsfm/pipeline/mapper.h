@@ -28,14 +28,16 @@
 
 namespace mgsfm {
 
-// The main job: from verified matches to rig-consistent models.
+// The mapper estimates rig-consistent models from verified matches.
 //
-//   focal lengths -> view graph -> rotation averaging
-//                                             once, for all parts together
-//   -> tracks -> translation averaging -> bundle adjustment     for each part
+//   focal lengths -> view graph -> rotations
+//       once, for all images together
+//   -> tracks -> positions -> bundle adjustment
+//       for each connected component of the view graph
 //
-// Internal rotations are shared by all parts; every part that is connected and
-// has at least `min_num_frames` frames becomes a model with a world of its own.
+// All components share the rotations of sensors in their rigs. A component of
+// at least `min_num_frames` frames becomes a model with a world frame of its
+// own.
 
 struct MapperOptions {
   int min_num_frames = 3;
@@ -103,35 +105,39 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
-// With SoftRig.method time_offset, all images of the scene must
-// have times.
-//
-// With `priors`, models come out in their world where they determine it, bent
-// to them where they drifted, and bundle adjustment keeps images near them.
-// With `gravity` rotations are levelled by it; models that are not in the world
-// of positions, nor of `start`, have gravity along +y.
-//
-// With `start`, a model of some of the frames in positions of the scene, goes
-// on from it as mgsfm/pipeline/extension.h says, and gives that one model.
-//
-// Throws Error if given poses of sensors contradict the matches, see
-// src/pipeline/known_rigs.h. No model in the result means that the input held
-// no reconstructable scene; `unregistered_frames` then says why for each frame.
-[[nodiscard]] MapperResult RunMapper(const Scene& scene,
-                                     const ViewGraph& view_graph,
-                                     const MapperOptions& options,
-                                     const Context& context,
-                                     const PositionPriors& priors = {},
-                                     const GravityPriors& gravity = {},
-                                     const Reconstruction* start = nullptr);
+struct MapperInput {
+  Scene scene;           // images, frames, rigs and cameras
+  ViewGraph view_graph;  // verified matches between the images of the scene
+  // Measured camera centres, see `scene/position_priors.h`. Models are
+  // registered to the frame of the priors where these determine it, and
+  // deformed towards them where they drifted.
+  PositionPriors position_priors = {};
+  // Measured directions of gravity. Models that neither position priors nor an
+  // existing model place in a world frame have gravity along +y.
+  GravityPriors gravity_priors = {};
+  // A model of some frames of the scene, with the indices of the scene. The
+  // mapper then adds the other frames (mgsfm/pipeline/model_extension.h) and
+  // returns this one model.
+  std::optional<Reconstruction> existing_model = {};
+};
 
-// The points of a model whose poses are held: tracks of the verified matches
-// between its images, triangulated and filtered as the mapper does, in rounds.
-// Points of `start` that are in no track are kept if they pass the filters.
-// What bundle_adjustment allows to refine is refined.
-[[nodiscard]] MapperResult TriangulatePoints(const Scene& scene,
-                                             const ViewGraph& view_graph,
-                                             const Reconstruction& start,
+// Estimates a model for each connected component of the input. A result without
+// models means that nothing could be reconstructed; `unregistered_frames` then
+// states the reason for each frame.
+//
+// SoftRig.method time_offset requires the timestamps of all images. Throws
+// Error if known poses of sensors in their rig contradict the matches
+// (src/pipeline/known_rigs.h).
+[[nodiscard]] MapperResult RunMapper(const MapperInput& input,
+                                     const MapperOptions& options,
+                                     const Context& context);
+
+// Triangulates the points of `input.existing_model`, which must be set, with
+// its poses fixed: tracks of the verified matches between its images are
+// triangulated and filtered in rounds, as in the mapper. Existing points that
+// belong to no track are kept if they pass the filters. Bundle adjustment
+// refines what its options allow.
+[[nodiscard]] MapperResult TriangulatePoints(const MapperInput& input,
                                              const MapperOptions& options,
                                              const Context& context);
 

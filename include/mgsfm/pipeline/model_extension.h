@@ -8,21 +8,21 @@
 
 namespace mgsfm {
 
-// Going on from a model: frames that it lacks are added.
+// Model extension adds the frames of a scene that an existing model lacks.
 //
-// 1. In passes, until none adds a frame: all frames without pose are resected
-//    against the points (mgsfm/resection/resection.h), whole frames at once,
-//    also of rigs that are new, whose poses of sensors are estimated on the
-//    way; tracks are made anew and triangulated; the frames of the pass are
-//    refined with all others held.
-// 2. Tracks, points and bundle adjustment of everything, as of any model.
+// 1. Passes, until one adds no frame: all frames without a pose are resected
+//    against the points (mgsfm/extension/resection.h), each as one rigid unit.
+//    The sensors of a rig that is new to the model are calibrated in the same
+//    pass. Tracks are then established and triangulated again, and the frames
+//    of the pass are refined with all others fixed.
+// 2. Tracks, points and bundle adjustment of all frames, as in the mapper.
 //
-// Gauge: that of the given model. Where nothing holds it there, the result is
-// moved back by the similarity that fits the poses of the images it had, or by
-// a rigid motion if given poses of sensors determine the unit of length.
+// Gauge: that of the existing model. Unless poses are fixed, the result is
+// aligned to it by the similarity that fits the poses of its images, or by a
+// rigid motion if known poses of sensors determine the unit of length.
 //
-// Cost: for each pass, linear in the matches between frames with poses; then
-// bundle adjustment.
+// Cost: each pass is linear in the matches between frames with poses; bundle
+// adjustment dominates.
 
 struct ExtensionOptions {
   bool fix_existing_frames = false;
@@ -31,20 +31,18 @@ struct ExtensionOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("fix_existing_frames", self.fix_existing_frames, AnyValue(), "",
-          "With --input_path: hold the frames of that model, and the cameras "
-          "in its rigs, where they are.");
+          "Fix the frames of the existing model and the sensors of its rigs.");
     ResectionOptions::Describe(self.resection, visit);
   }
 };
 
-// What became of a model that was gone on from.
 struct ExtensionSummary {
   struct AddedFrame {
-    int pass = 0;  // from 1 on
+    int pass = 0;  // counted from 1
     ResectedFrame frame;
   };
   int num_existing_frames = 0;
-  int num_passes = 0;  // that added frames
+  int num_passes = 0;  // passes that added frames
   bool frames_are_fixed = false;
   std::vector<AddedFrame> added_frames;
   std::vector<PlacedSensor> placed_sensors;

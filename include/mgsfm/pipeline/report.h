@@ -9,21 +9,22 @@
 
 namespace mgsfm {
 
-// What a run knows beside the result of RunMapper.
+// Facts about a run that MapperResult does not contain.
 struct RunDescription {
   std::string version;
   std::string database_path;
-  std::string input_path;        // of the model that was gone on from, or ""
-  std::string rig_source;        // in words: where rigs and frames come from
+  std::string input_path;        // folder of the existing model, or ""
+  std::string rig_source;        // where rigs and frames come from, in words
   std::string options_json;      // all options, as a JSON object
-  std::vector<StageTime> times;  // of reading and writing
+  std::vector<StageTime> times;  // times of reading and writing
   double peak_memory_mib = 0.0;
 };
 
-// The report of a run as indented JSON: input, options, per stage its time,
-// sizes, iterations and termination, what was filtered and why, per model the
-// calibrated rig and how well it was determined, and the frames that are in no
-// model with the reason. Angles in degrees, lengths in the unit of the model.
+// The report of a run as indented JSON: input, options, and for each stage its
+// time, sizes, iterations, termination and rejected data with the reason. Each
+// model lists its calibrated rigs and how well they are determined. Frames that
+// belong to no model are listed with the reason. Angles are in degrees, lengths
+// in the unit of the model. docs/reference/report.md describes the keys.
 std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                                const MapperResult& result,
                                const RunDescription& run);

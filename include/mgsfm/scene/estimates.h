@@ -13,63 +13,65 @@
 
 namespace mgsfm {
 
-// What stages estimate. nullopt means "not estimated", never a default pose.
+// Estimates of the stages. nullopt means "not estimated"; there are no default
+// poses.
 
 struct RotationEstimate {
   std::vector<std::optional<Eigen::Quaterniond>> rig_from_world;   // per frame
   std::vector<std::optional<Eigen::Quaterniond>> sensor_from_rig;  // per sensor
-  // Per pair of the view graph: used, and consistent with the estimate.
+  // Per pair of the view graph: the pair is used and agrees with the estimate.
   Mask pair_is_inlier;
-  // Per frame: which connected part it is in, by the pairs that are inliers;
-  // nullopt for frames without rotation. Parts are numbered by descending
-  // number of frames, then by first frame. Each part has its own world.
+  // Per frame: its connected component in the graph of inlier pairs; nullopt
+  // for frames without rotation. Components are sorted by descending number of
+  // frames, then by first frame. Each component has its own world frame.
   std::vector<std::optional<int>> component;
 
-  // sensor_from_rig * rig_from_world, if both are known.
+  // sensor_from_rig * rig_from_world; nullopt unless both are estimated.
   std::optional<Eigen::Quaterniond> CamFromWorld(const Scene& scene,
                                                  int image_idx) const;
 };
 
-// Positions in one connected part, in one common unit of length.
+// Positions in one connected component, in one unit of length.
 struct PositionEstimate {
   std::vector<std::optional<Eigen::Vector3d>> frame_center_in_world;
   // Translation of sensor_from_rig, per sensor.
   std::vector<std::optional<Eigen::Vector3d>> sensor_from_rig_translation;
-  // Per track of Tracks::tracks.
+  // Per track.
   std::vector<std::optional<Eigen::Vector3d>> point_in_world;
 };
 
 struct Point3D {
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
   Eigen::Matrix<uint8_t, 3, 1> color = Eigen::Matrix<uint8_t, 3, 1>::Zero();
-  double error_px = -1.0;  // mean reprojection error
+  std::optional<double> error_px;  // mean reprojection error
   std::vector<Observation> track;
 };
 
-// A model of one connected part. Positions in the arrays are those of Scene.
+// A model of one connected component. Arrays are parallel to those of Scene.
 struct Reconstruction {
   std::vector<Camera> cameras;
   std::vector<std::optional<Rigid3>> sensor_from_rig;  // per sensor
   std::vector<std::optional<Rigid3>> rig_from_world;   // per frame
   std::vector<Point3D> points;
 
-  // sensor_from_rig * rig_from_world, if both are known.
+  // sensor_from_rig * rig_from_world; nullopt unless both are estimated.
   std::optional<Rigid3> CamFromWorld(const Scene& scene, int image_idx) const;
   bool IsRegistered(const Scene& scene, int image_idx) const;
 };
 
-// Moves the world of a model. Frame poses, internal translations and points
-// are scaled alike.
+// Applies a similarity transform to the world frame of a model. The
+// translations of frames and sensors and the points are scaled by the same
+// factor.
 void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction);
 
-// The model for SeparateImages(scene) whose images have the given poses; points
-// and cameras stay.
+// The model of SeparateImages(scene) with one frame per image at the pose
+// `cam_from_world`. Points and cameras are unchanged.
 Reconstruction SeparateImages(
     const Reconstruction& reconstruction,
     std::vector<std::optional<Rigid3>> cam_from_world);
 
-// Joins rotations and positions to a model whose points have the observations
-// of `tracks` that lie in registered images.
+// Combines rotations and positions to a model. Points keep the observations of
+// their track in registered images, and need at least two of them.
 Reconstruction JoinEstimates(const Scene& scene,
                              const RotationEstimate& rotations,
                              const PositionEstimate& positions,

@@ -7,18 +7,18 @@
 #include <vector>
 
 #include "mgsfm/base/ids.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
 
-// What is given before reconstruction: plain data, filled by io, const to all
-// stages. Arrays refer to each other by dense positions (`_idx`); ids are only
-// kept to write results under the names that users know.
+// The input of a reconstruction: plain data that io fills and stages do not
+// modify. Arrays refer to each other by dense indices (`_idx`). Ids identify
+// items in input and output files only.
 //
-// The order of all arrays is canonical: images by name, everything else by its
-// first image in that order. It does not depend on any id, so neither does any
-// result.
+// All arrays are in canonical order: images by name, everything else by its
+// first image. Results therefore do not depend on ids.
 
 // Intrinsics, shared by all images that refer to them.
 struct Camera {
@@ -30,29 +30,28 @@ struct Camera {
   bool has_prior_focal_length = false;
 };
 
-// One place in a rig where a camera is mounted. Sensors are what a rig is made
-// of; several may share the intrinsics of one camera.
+// A camera mounted in a rig. Several sensors may share the intrinsics of one
+// Camera.
 struct Sensor {
-  std::string name;  // of its image folder or prefix, "" for a flat folder
+  std::string name;  // image folder or prefix; "" for a flat folder
   int rig_idx = 0;
   int camera_idx = 0;
-  // The pose in the rig when it is known beforehand; identity for the
-  // reference sensor; nullopt when it is to be estimated.
+  // The known pose in the rig, identity for the reference sensor; nullopt if it
+  // is estimated.
   std::optional<Rigid3> sensor_from_rig;
 };
 
-// A set of rigidly mounted sensors. One camera is a rig with one sensor.
+// A set of rigidly mounted sensors. A single camera is a rig with one sensor.
 struct Rig {
   RigId id;
-  int ref_sensor_idx = 0;  // its frame is the rig's frame
+  int ref_sensor_idx = 0;  // its camera frame is the frame of the rig
   std::vector<int> sensor_idxs;
 };
 
-// The rig at one instant: a rigid unit. Any subset of the sensors may have
-// taken an image.
+// A rig at one instant. Any subset of its sensors may have an image.
 struct Frame {
   FrameId id;
-  std::string name;  // the part of its images' names that they share
+  std::string name;  // common part of the names of its images
   int rig_idx = 0;
   std::vector<int> image_idxs;
 };
@@ -64,7 +63,7 @@ struct Image {
   int sensor_idx = 0;
   int frame_idx = 0;
   std::vector<Eigen::Vector2f> keypoints_px;
-  // When it was taken, as its camera says.
+  // Capture time by the clock of the camera.
   std::optional<double> timestamp_s = std::nullopt;
 };
 
@@ -80,31 +79,50 @@ struct Scene {
   }
 };
 
-// Throws ContractError unless all positions are in range and agree: images with
-// frames, frames with rigs, sensors with rigs, at most one image of a sensor in
-// a frame, parameter counts with models, identity for reference sensors.
+// Throws ContractError unless all indices are in range and consistent, each
+// frame has at most one image per sensor, the number of parameters matches the
+// camera model, and the poses of reference sensors are the identity.
 void CheckConsistent(const Scene& scene);
 
-// The time of a frame: that of its image of the reference sensor, or the mean
-// of those of its images if there is none. All images must have one.
+// The capture time of a frame: that of the image of the reference sensor, or
+// the mean over its images if there is none. All images must have a timestamp.
 double TimeOfFrame(const Scene& scene, int frame_idx);
 
-// The scene without rigs: every sensor is one of its own, and every image is a
-// frame of its own with the name of the image. Images, and so the pairs of a
-// view graph, keep their positions.
+// The scene without rigs: every sensor becomes a rig, and every image a frame
+// with the name of the image. Indices of images do not change, so view graphs
+// remain valid.
 Scene SeparateImages(Scene scene);
 
-// Unit rays in the camera frame of all keypoints; nullopt-like NaN never
-// occurs: a keypoint without a ray has a zero vector and HasRay() is false.
-struct Bearings {
-  std::vector<std::vector<Eigen::Vector3d>> rays;  // [image_idx][keypoint_idx]
+// Unit rays of the keypoints of one image, in the camera frame. A keypoint
+// outside the domain of the camera model has no ray.
+struct KeypointRays {
+  std::vector<Eigen::Vector3d> rays;  // zero where is_valid is false
+  Mask is_valid;
 
-  bool HasRay(int image_idx, int keypoint_idx) const {
-    return rays[image_idx][keypoint_idx].squaredNorm() > 0.5;
+  size_t size() const { return rays.size(); }
+  void Append(const std::optional<Eigen::Vector3d>& ray) {
+    rays.push_back(ray.value_or(Eigen::Vector3d::Zero()));
+    is_valid.push_back(ray.has_value());
   }
 };
 
-// By the given cameras, in place of those of the scene, and by its own.
+KeypointRays ComputeKeypointRays(
+    const Camera& camera, const std::vector<Eigen::Vector2f>& keypoints_px);
+
+// The rays of all keypoints of a scene.
+struct Bearings {
+  std::vector<KeypointRays> images;
+
+  bool HasRay(int image_idx, int keypoint_idx) const {
+    return images[image_idx].is_valid[keypoint_idx];
+  }
+  // Unit length if HasRay(), zero otherwise.
+  const Eigen::Vector3d& Ray(int image_idx, int keypoint_idx) const {
+    return images[image_idx].rays[keypoint_idx];
+  }
+};
+
+// `cameras` replaces scene.cameras. Parallel over images.
 Bearings ComputeBearings(const Scene& scene, const std::vector<Camera>& cameras,
                          int num_threads);
 Bearings ComputeBearings(const Scene& scene, int num_threads);

@@ -20,8 +20,8 @@ struct Observation {
   }
 };
 
-// Groups of observations in flat arrays: group g holds
-// observations[offsets[g]] to observations[offsets[g + 1] - 1], sorted.
+// Groups of observations in flat arrays: the sorted observations of group g are
+// observations[offsets[g]] to observations[offsets[g + 1] - 1].
 struct ObservationGroups {
   std::vector<Observation> observations;
   std::vector<size_t> offsets = {0};
@@ -36,7 +36,7 @@ struct ObservationGroups {
   size_t length(size_t group) const {
     return offsets[group + 1] - offsets[group];
   }
-  // Ends the current group: what was appended to `observations` since.
+  // Makes a group of the observations appended since the last call.
   void FinishGroup() { offsets.push_back(observations.size()); }
 };
 

@@ -9,7 +9,7 @@
 
 namespace mgsfm {
 
-// COLMAP's `config` of a two-view geometry, with its values.
+// The `config` of a two-view geometry, with the values of COLMAP.
 enum class TwoViewConfig : int {
   kUndefined = 0,
   kDegenerate = 1,
@@ -23,21 +23,21 @@ enum class TwoViewConfig : int {
   kCalibratedRig = 9,
 };
 
-// A matched pair of keypoints; 1 and 2 as in the ImagePair that holds it.
+// A matched pair of keypoints in images 1 and 2 of an ImagePair.
 struct Match {
   uint32_t keypoint_idx1;
   uint32_t keypoint_idx2;
 };
 
-// cam2_from_cam1 up to the length of the translation. The direction is absent
-// where the pair has too little parallax to tell it.
+// cam2_from_cam1 up to the length of the translation. The direction is nullopt
+// if the parallax of the pair is too small to determine it.
 struct RelativePose {
   Eigen::Quaterniond cam2_from_cam1;
   std::optional<Eigen::Vector3d> translation_direction;  // unit, in camera 2
 };
 
-// A pair of images with verified matches. image_idx1 < image_idx2; F, E, H map
-// from image 1 to image 2: x2^T F x1 = 0, x2 ~ H x1.
+// A pair of images with verified matches, image_idx1 < image_idx2. F, E and H
+// map image 1 to image 2: x2^T F x1 = 0, x2 ~ H x1.
 struct ImagePair {
   int image_idx1 = 0;
   int image_idx2 = 0;

@@ -11,42 +11,42 @@
 namespace mgsfm {
 
 struct PositionMeasurementOptions {
-  double sigma_m = 0.0;  // 0: no measured positions
+  double sigma_m = 0.0;  // 0 disables measured positions
   double outlier_ratio = 0.0;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("prior_sigma", self.sigma_m, AtLeast(0.0), "m",
-          "Write measured positions of one image of each frame to pose_priors, "
-          "with this standard deviation of each coordinate; 0: none.");
+          "Standard deviation of each coordinate of the measured positions of "
+          "frames in the table pose_priors; 0 writes no positions.");
     visit("prior_outlier_ratio", self.outlier_ratio, Between(0.0, 0.9), "",
-          "Share of measured positions that are 20 to 200 m off.");
+          "Fraction of measured positions with an error of 20 to 200 m.");
   }
 };
 
-// Measured positions of the first image of each frame, in the world of the
-// simulation. Empty without a standard deviation.
+// Measured positions of the first image of each frame in the world frame of the
+// simulation. Empty if sigma_m is 0.
 PositionPriors MeasurePositions(const Simulation& simulation,
                                 const PositionMeasurementOptions& options,
                                 uint64_t random_seed);
 
 struct GravityMeasurementOptions {
-  double sigma_deg = 0.0;  // 0: no measured gravity
+  double sigma_deg = 0.0;  // 0 disables measured gravity
   double outlier_ratio = 0.0;
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("gravity_sigma", self.sigma_deg, AtLeast(0.0), "deg",
-          "Write the measured direction of gravity of one image of each frame "
-          "to gravity.txt, with this standard deviation of each of two axes; "
-          "0: none.");
+          "Standard deviation, about each of two axes, of the measured "
+          "directions of gravity in gravity.txt, one image per frame; 0 writes "
+          "no file.");
     visit("gravity_outlier_ratio", self.outlier_ratio, Between(0.0, 0.9), "",
-          "Share of them that point anywhere.");
+          "Fraction of gravity measurements with a random direction.");
   }
 };
 
-// Measured gravity, +y of the world, in the first image of each frame. Empty
-// without a standard deviation.
+// Measured gravity, +y in the world frame, for the first image of each frame.
+// Empty if sigma_deg is 0.
 GravityPriors MeasureGravity(const Simulation& simulation,
                              const GravityMeasurementOptions& options,
                              uint64_t random_seed);

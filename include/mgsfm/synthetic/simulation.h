@@ -18,7 +18,7 @@ namespace mgsfm {
 
 // A camera of a simulated rig.
 struct SimulatedCamera {
-  std::string image_prefix;  // "cam0/": names its images "cam0/000000.png", ...
+  std::string image_prefix;  // e.g. "cam0/" for images "cam0/000000.png", ...
   CameraModelId model;
   int width_px;
   int height_px;
@@ -26,44 +26,43 @@ struct SimulatedCamera {
   Rigid3 sensor_from_rig;
 };
 
-// The first camera is the reference, which is at identity.
+// The first camera is the reference sensor with identity pose.
 std::vector<SimulatedCamera> MakeRig(RigPreset preset);
 
-// What takes the place of a preset, unless it is empty.
+// Replacements for the presets. Empty members keep the preset.
 struct SimulationInput {
-  // The first camera is the reference; of options.rig.
+  // Replaces options.rig. The first camera is the reference sensor.
   std::vector<SimulatedCamera> rig;
-  // Poses of the reference camera (z is forward, y down on the average), of
-  // which every options.frame_step-th is a frame; of options.path.
+  // Replaces options.path: poses of the reference camera, with y pointing down
+  // on average. Every options.frame_step-th pose becomes a frame.
   std::vector<Rigid3> rig_from_world_path;
-  // When; by default options.frame_rate_hz times a second.
+  // Times of the poses. If empty, poses are 1 / options.frame_rate_hz apart.
   std::vector<double> timestamps_s;
 };
 
 enum class PairKind {
-  kTrue,                 // the relative pose is that of the two images
-  kIsolatedWrong,        // between unrelated places
-  kDuplicatedStructure,  // of a group that takes a copy for the original
-  kMovingObject,         // the motion relative to a vehicle that fills the view
+  kTrue,                 // correct relative pose
+  kIsolatedWrong,        // images of unrelated places
+  kDuplicatedStructure,  // matches a copy of a structure to the original
+  kMovingObject,         // motion relative to a vehicle that dominates the view
 };
 
 struct Simulation {
   Scene scene;
-  // What is verified, with E and a relative_pose: the true one if there is no
-  // noise. Equal to what LoadScene makes of the database.
+  // Verified pairs with E and a relative pose, which is exact without noise.
+  // Equal to the result of LoadScene on the written database.
   ViewGraph view_graph;
-  // Poses at the instants of the frames; the points that at least two images
-  // show, with all keypoints that show them.
+  // Poses at the times of the frames, and the points observed by at least two
+  // images with all their observations.
   Reconstruction ground_truth;
 
-  // Per image: the pose at its own instant, which differs from that of
-  // ground_truth by trigger jitter and offset. The times of images of the scene
-  // are those of their frames.
+  // Per image: the pose at its capture time, which differs from ground_truth by
+  // trigger jitter and offset. Timestamps in the scene are those of the frames.
   std::vector<Rigid3> cam_from_world;
-  // Per image and keypoint: which of world_points it shows; -1 for clutter and
-  // for vehicles that move. The copies of a structure are other points than the
-  // originals. A match is right if and only if both keypoints show the same
-  // point.
+  // Per image and keypoint: the index of the observed point in world_points; -1
+  // for clutter and moving vehicles. Points of a duplicate structure differ
+  // from those of the original. A match is correct if both keypoints observe
+  // the same point.
   std::vector<std::vector<int>> keypoint_points;
   std::vector<Eigen::Vector3d> world_points;
   // Per pair of the view graph.
@@ -71,20 +70,20 @@ struct Simulation {
   std::vector<std::vector<Match>> raw_matches;  // before verification
 };
 
-// Deterministic in options and input, whatever context.num_threads is; of the
-// context, options.random_seed takes the place of the seed. Each effect has its
-// own random numbers, so that switching one on leaves the others as they were.
-// Throws Error for options that cannot be met together.
+// Deterministic for given options and input, independent of
+// context.num_threads. The seed is options.random_seed, not that of the
+// context. Each effect draws from its own random stream, so enabling one does
+// not change the others. Throws Error for contradictory options.
 Simulation Simulate(const SimulationOptions& options,
                     const SimulationInput& input = {},
                     const Context& context = {});
-// On a given path.
+// Simulates a drive along known poses.
 Simulation Simulate(const SimulationOptions& options,
                     const std::vector<Rigid3>& rig_from_world_path,
                     const Context& context = {});
 
-// The same images, poses and instants, without features, points and pairs: what
-// images are rendered for.
+// The same images, poses and timestamps without features, points and pairs, for
+// rendering.
 Simulation SimulateWithoutFeatures(const SimulationOptions& options,
                                    const SimulationInput& input = {},
                                    const Context& context = {});

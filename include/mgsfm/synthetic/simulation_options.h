@@ -10,25 +10,25 @@
 namespace mgsfm {
 
 enum class RigPreset {
-  kMono,      // one camera, looking ahead
-  kStereo,    // KITTI's: two parallel cameras 0.54 m apart, looking ahead
-  kKitti360,  // stereo ahead and two fisheyes to the sides, almost no overlap
-  kCube6,     // six fisheyes around a head, 0.1 m from its centre
+  kMono,      // one forward-facing camera
+  kStereo,    // KITTI: two parallel forward-facing cameras, baseline 0.54 m
+  kKitti360,  // forward stereo and two lateral fisheyes, almost no overlap
+  kCube6,     // six fisheyes facing outwards, 0.1 m from a common centre
 };
 
 enum class PathPreset {
-  kLoop,      // a closed circle; first and last frames see the same points
+  kLoop,      // a closed circle; first and last frames observe the same points
   kCurve,     // a winding, slightly hilly road
-  kStraight,  // an exactly straight line at constant orientation
+  kStraight,  // an exactly straight line with constant orientation
   kStanding,  // no motion at all
 };
 
 enum class WorldPreset {
-  // Points at random on both sides of, below and above the path, all of which
-  // are seen within max_visible_distance: for small tests.
+  // Random points around the path, all visible within max_visible_distance. For
+  // small tests.
   kScatter,
-  // Facades with gaps, ground, trees, parked cars and a skyline, which hide
-  // each other; a point is recognised from near its best viewpoint only.
+  // Facades with gaps, ground, trees, parked cars and a skyline with mutual
+  // occlusion. Points are detected only from near their best viewpoints.
   kStreet,
 };
 
@@ -56,8 +56,8 @@ struct EnumTable<WorldPreset> {
       {"scatter", WorldPreset::kScatter}, {"street", WorldPreset::kStreet}};
 };
 
-// What docs/simulation.md explains. The defaults are for small tests, exact and
-// without verification; StreetSimulation() is the realistic setting.
+// See docs/simulation.md. The defaults suit small tests: exact data without
+// verification. StreetSimulation() returns realistic settings.
 struct SimulationOptions {
   RigPreset rig = RigPreset::kStereo;
   PathPreset path = PathPreset::kCurve;
@@ -75,7 +75,7 @@ struct SimulationOptions {
 
   int num_matched_frames = 3;
   bool match_different_sensors = true;
-  int num_matched_frames_across = -1;
+  int num_matched_frames_across = 100000;
   int max_num_loop_images = 0;
   int min_num_matches = 15;
   double max_verification_error_px = 0.0;
@@ -92,7 +92,7 @@ struct SimulationOptions {
   double trigger_jitter_ms = 0.0;
   double trigger_offset_ms = 0.0;
 
-  bool extrinsics_are_known = false;  // Sensor::sensor_from_rig is given
+  bool extrinsics_are_known = false;  // sets Sensor::sensor_from_rig
   uint64_t random_seed = 0;           // Context::random_seed of commands
 
   template <class Self, class Visitor>
@@ -103,61 +103,64 @@ struct SimulationOptions {
     DescribeHardships(self, visit);
     DescribeWrongPairs(self, visit);
     visit("extrinsics_are_known", self.extrinsics_are_known, AnyValue(), "",
-          "Write the poses of the cameras in the rig as known.");
+          "Write the true poses of the sensors in the rig as known.");
   }
 
  private:
   template <class Self, class Visitor>
   static void DescribeDrive(Self& self, Visitor& visit) {
-    visit("rig", self.rig, AnyValue(), "", "Cameras and how they are mounted.");
-    visit("path", self.path, AnyValue(), "", "Where the rig moves.");
+    visit("rig", self.rig, AnyValue(), "",
+          "Preset of the cameras and their poses in the rig.");
+    visit("path", self.path, AnyValue(), "",
+          "Preset of the trajectory of the rig.");
     visit("num_frames", self.num_frames, Between(1, 100000), "frames",
-          "Instants of `path` at which all cameras take an image.");
+          "Number of frames of `path`.");
     visit("frame_spacing", self.frame_spacing_m, GreaterThan(0.0), "m",
-          "Distance between two frames of `path`.");
+          "Distance between consecutive frames of `path`.");
     visit("frame_step", self.frame_step, AtLeast(1), "",
-          "Of a given trajectory, every so many-th pose is a frame.");
+          "Use every n-th pose of an input trajectory as a frame.");
     visit("frame_rate", self.frame_rate_hz, GreaterThan(0.0), "Hz",
-          "Poses per second of a path or trajectory without times.");
+          "Poses per second of a trajectory without timestamps.");
   }
 
   template <class Self, class Visitor>
   static void DescribeWorld(Self& self, Visitor& visit) {
-    visit("world", self.world, AnyValue(), "", "What there is to see.");
+    visit("world", self.world, AnyValue(), "", "Preset of the scene.");
     visit("num_points_per_frame", self.num_points_per_frame, AtLeast(1),
-          "points",
-          "World points that are added around each frame, if scattered.");
+          "points", "Number of points around each frame of a scattered world.");
     visit("max_visible_distance", self.max_visible_distance_m, GreaterThan(1.0),
           "m",
-          "Farther points are not seen; in a street, only the skyline is.");
+          "Maximum distance of visible points. In a street, the skyline is "
+          "always visible.");
     visit("max_num_features", self.max_num_features_per_image, AtLeast(1),
-          "features", "Most features of an image.");
-    visit("repeatability", self.repeatability, Between(0.0, 1.0), "",
-          "Mean probability that an image has a feature where a point of the "
-          "street can be recognised. Scattered points always have.");
+          "features", "Maximum number of features per image.");
+    visit(
+        "repeatability", self.repeatability, Between(0.0, 1.0), "",
+        "Mean probability of detecting a visible point of a street. Scattered "
+        "points are always detected.");
     visit("clutter_ratio", self.clutter_ratio, Between(0.0, 0.9), "",
-          "Share of features that show no point of the world.");
+          "Fraction of features that do not correspond to a world point.");
   }
 
   template <class Self, class Visitor>
   static void DescribeMatching(Self& self, Visitor& visit) {
     visit("num_matched_frames", self.num_matched_frames, AtLeast(0), "frames",
-          "Images are matched with those of the frames up to so many later, "
-          "and across the gap of a loop.");
+          "Match images up to this many frames apart, also between the ends of "
+          "a closed path.");
     visit("match_different_sensors", self.match_different_sensors, AnyValue(),
-          "", "Match images of different cameras, too.");
+          "", "Also match images of different sensors.");
     visit("num_matched_frames_across", self.num_matched_frames_across,
-          AtLeast(-1), "frames",
-          "The same for images of different cameras; -1: like the others.");
+          Between(0, 100000), "frames",
+          "Additional limit on num_matched_frames for images of different "
+          "sensors.");
     visit("max_num_loop_images", self.max_num_loop_images, AtLeast(0), "images",
-          "Each image is matched with at most so many earlier ones of a place "
-          "that is visited again: those with the most in common.");
+          "Maximum number of earlier images matched with each image of a "
+          "revisited place, those with the most common points.");
     visit("min_num_matches", self.min_num_matches, AtLeast(1), "matches",
-          "Pairs with fewer matches are left out.");
+          "Minimum number of matches of an image pair.");
     visit("max_verification_error", self.max_verification_error_px,
           AtLeast(0.0), "px",
-          "Matches farther from the epipolar geometry do not pass; 0: all "
-          "matches are taken for verified.");
+          "Maximum epipolar error of verified matches; 0 accepts all matches.");
   }
 
   template <class Self, class Visitor>
@@ -165,54 +168,55 @@ struct SimulationOptions {
     visit("pixel_noise", self.pixel_noise_px, AtLeast(0.0), "px",
           "Standard deviation of each coordinate of the keypoints.");
     visit("mismatch_ratio", self.mismatch_ratio, Between(0.0, 1.0), "",
-          "Share of matches, before verification, with a random keypoint.");
+          "Fraction of random matches before verification.");
     visit("epipolar_outlier_ratio", self.epipolar_outlier_ratio,
           Between(0.0, 1.0), "",
-          "Share of matches with a wrong keypoint on the epipolar line.");
+          "Fraction of wrong matches that satisfy the epipolar constraint.");
     visit("moving_feature_ratio", self.moving_feature_ratio, Between(0.0, 0.9),
           "",
-          "Share of features on vehicles: ahead and alongside at almost the "
-          "same speed, and oncoming. Images without a vehicle have none.");
+          "Fraction of features on moving vehicles in images that show one.");
     visit("relative_rotation_noise", self.relative_rotation_noise_deg,
           AtLeast(0.0), "deg",
-          "Standard deviation of each axis that is added to the relative "
+          "Standard deviation, about each axis, of the error added to relative "
           "rotations.");
     visit("missing_image_ratio", self.missing_image_ratio, Between(0.0, 1.0),
-          "", "Share of images that were never taken.");
+          "", "Fraction of missing images.");
     visit("trigger_jitter", self.trigger_jitter_ms, AtLeast(0.0), "ms",
-          "Each image is taken up to so much before or after its frame.");
+          "Maximum deviation of the capture time of an image from the time of "
+          "its frame.");
     visit("trigger_offset", self.trigger_offset_ms, AnyValue(), "ms",
-          "Images of all cameras but the first are taken so much after their "
-          "frame.");
+          "Delay of the images of all sensors except the first relative to "
+          "their frame.");
   }
 
   template <class Self, class Visitor>
   static void DescribeWrongPairs(Self& self, Visitor& visit) {
     visit("wrong_pair_ratio", self.wrong_pair_ratio, Between(0.0, 1.0), "",
-          "Share of pairs that get a random relative pose and random matches.");
-    visit("isolated_wrong_pair_ratio", self.isolated_wrong_pair_ratio,
-          Between(0.0, 0.9), "",
-          "Pairs of unrelated places, with a plausible motion that 15 to 60 "
-          "matches agree with, as a share of all pairs.");
+          "Fraction of pairs with a random relative pose and random matches.");
+    visit(
+        "isolated_wrong_pair_ratio", self.isolated_wrong_pair_ratio,
+        Between(0.0, 0.9), "",
+        "Fraction of pairs between unrelated places with a plausible relative "
+        "pose and 15 to 60 consistent matches.");
     visit("duplicated_pair_ratio", self.duplicated_pair_ratio,
           Between(0.0, 0.9), "",
-          "Pairs that take a copy of a facade for the original, in groups "
-          "that agree among themselves, as a share of all pairs.");
+          "Fraction of pairs that match duplicate structures, i.e. copies of a "
+          "facade, in groups of mutually consistent pairs.");
   }
 };
 
-// The realistic setting without any hardship: a street, 400 features per
-// image, matched and verified as the databases of COLMAP are (each image with
-// the next 10 of its camera, those of other cameras within 2 frames, and 5 of
-// each place that is visited again).
+// Realistic settings without degradations: a street with 400 features per
+// image, matched and verified like a COLMAP database. Each image is matched
+// with the next 10 images of its sensor, with images of other sensors within 2
+// frames, and with 5 images of each revisited place.
 SimulationOptions StreetSimulation(RigPreset rig);
 
-// The same with 0.7 px noise, 20 % mismatches, 3 % epipolar outliers, 10 % of
-// the features on vehicles, 2 % isolated wrong pairs: what accuracy is
-// measured with.
+// StreetSimulation with 0.7 px noise, 20 % mismatches, 3 % epipolar outliers,
+// 10 % of the features on vehicles and 2 % isolated wrong pairs. The accuracy
+// benchmarks use these settings.
 SimulationOptions StandardSimulation(RigPreset rig);
 
-// The same with a further 2 % of pairs from duplicated structures.
+// StandardSimulation with an additional 2 % of pairs of duplicate structures.
 SimulationOptions AliasedSimulation(RigPreset rig);
 
 }  // namespace mgsfm

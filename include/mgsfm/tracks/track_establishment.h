@@ -22,20 +22,22 @@ struct TrackOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("min_track_length", self.min_track_length, AtLeast(2), "images",
-          "Shorter tracks are only used where an image has too few others.");
+          "Minimum track length. Shorter tracks are only used in images with "
+          "fewer than min_tracks_per_image tracks.");
     visit("min_tracks_per_image", self.min_tracks_per_image, AtLeast(0),
           "tracks",
-          "Images with fewer tracks get their shorter ones, too, the longest "
-          "first.");
+          "Minimum number of tracks per image. Images with fewer also use "
+          "shorter tracks, the longest first.");
     visit("max_tracks_per_image", self.max_tracks_per_image, AtLeast(0),
           "tracks",
-          "Tracks are left out if all of their images have so many longer "
-          "ones; 0 keeps all.");
+          "Maximum number of tracks per image: a track is dropped if all its "
+          "images have that many longer ones; 0 keeps all. Set it to save time "
+          "and memory.");
     visit("max_duplicate_distance_px", self.max_duplicate_distance_px,
           AtLeast(0.0), "px",
-          "Keypoints of an image within this that are matched to the same "
-          "point are one, detected twice; others make a track ambiguous and "
-          "split it.");
+          "Maximum distance of two keypoints of an image that count as one "
+          "feature detected twice. More distant keypoints of one image in a "
+          "track are a conflict and split it.");
   }
 };
 
@@ -52,32 +54,30 @@ struct TrackResult {
   TrackSummary summary;
 };
 
-// Joins the matches of the selection to candidates for tracks: sets of
-// keypoints that are images of one point each, as far as matches can tell, with
-// at most one keypoint of an image.
+// Concatenates the selected matches to track candidates: sets of keypoints with
+// at most one keypoint per image.
 //
-// Components are those of the graph of keypoints and matches. Where one holds
-// two keypoints of an image, some of its matches are wrong: it is split into
-// sets without such conflicts by joining its keypoints anew, match by match in
-// the order of their support, that is, the number of keypoints that are matched
-// to both ends (then the number of matches of the pair), and refusing the
-// matches that would make a conflict. Of keypoints detected twice in one image,
-// the one with the most matches stays.
+// The sets are the connected components of the graph of keypoints and matches.
+// A component with two keypoints of one image (a conflict) contains wrong
+// matches. It is rebuilt match by match, in descending order of support, that
+// is, of the number of keypoints matched to both ends, then of matches of the
+// pair; matches that would cause a conflict are rejected. Of a feature detected
+// twice in one image, the keypoint with the most matches is kept.
 //
-// Groups are ordered by their first observations. Nearly linear in the number
-// of matches; a conflicting component of n keypoints and m matches costs
-// O(m log m + m n) at worst.
+// Groups are ordered by their first observations. Cost: nearly linear in the
+// number of matches; O(m log m + m n) in the worst case for a conflicting
+// component of n keypoints and m matches.
 [[nodiscard]] ObservationGroups EstablishCandidates(
     const Scene& scene, const ViewGraph& view_graph,
     const MatchSelection& selection, const TrackOptions& options,
     const Context& context);
 
-// Tracks that are fit for averaging, which knows no poses yet that could tell a
-// wrong match: made as candidates are, but of confirmed matches only
-// (confirmed_matches.h). Images with fewer than min_tracks_per_image of such
-// tracks keep all their matches. Selected, longest first, as the options say,
-// such that every image stays constrained. Components of the summary are those
-// of the matches that are left.
+// Tracks for averaging, before poses are known that could identify wrong
+// matches. They are established like candidates, but from triplet-consistent
+// matches only (pair_filtering/triplet_consistency.h). Images with fewer than
+// min_tracks_per_image of these tracks keep all their matches. Tracks are
+// selected by the options, the longest first, such that every image remains
+// constrained. Components of the summary are those of the remaining matches.
 [[nodiscard]] TrackResult EstablishTracks(const Scene& scene,
                                           const ViewGraph& view_graph,
                                           const Mask& pair_is_used,

@@ -12,35 +12,42 @@
 
 namespace mgsfm {
 
-// Focal lengths of cameras without a prior, from the epipolar geometry of all
-// pairs at once. Let s_c be the logarithm of the factor by which the focal
-// lengths of camera c are to be multiplied, E_k the essential matrix of pair k.
+// Calibrates the focal lengths of cameras without a prior jointly, from the
+// epipolar geometry of all image pairs.
+//
+// Unknowns: s_c, the logarithm of the factor on the focal lengths of camera c,
+// and the essential matrix E_k of each pair k. Objective:
 //
 //   min over s, E:  sum_k sum_i rho(e_ki^2 / v_ki),   e = f2^T E_k f1
 //
-// f1, f2: rays of a match by the cameras with s; v: the variance of e for
-// independent pixel errors of variance one, so that a residual is the distance
-// in pixels to a match that agrees (Sampson), for every camera model; rho:
-// Cauchy, one pixel. Cameras with a prior are held, and so are principal points
-// and distortions.
+// with f1, f2 the rays of a match, which depend on s; v the variance of e for
+// independent pixel errors of unit variance, so that residuals are Sampson
+// distances in pixels for every camera model; rho the Cauchy loss with a scale
+// of one pixel. Cameras with a prior, principal points and distortions are
+// fixed.
 //
-// Start: for each camera the best of 15 factors from 0.4 to 2.5, by pairs
-// within it or with known cameras, each with its E refined. Then Gauss-Newton
-// in all unknowns, the E_k eliminated; ends when no s changes by 1e-5, or after
-// 20 steps. Pairs that then fit three times worse than the median pair are left
-// out, and it is done again.
+// Initialization: per camera the best of 15 factors from 0.4 to 2.5, by pairs
+// within the camera or with known cameras, with E refined for each factor. Then
+// Gauss-Newton in all unknowns with the E_k eliminated. It stops if
+// max_c |ds_c| < 1e-5, if five halvings of a step do not decrease the cost, or
+// after 20 steps. Pairs whose median residual exceeds three times that of the
+// median pair are dropped, and the minimization is repeated.
 //
-// Some motions do not tell focal lengths: views that move along their axis, or
-// side by side, without turning; or one camera whose axis stays in a plane, as
-// on a flat road. The standard deviation of s is the larger of
-// that by the noise of residuals, with pairs of one image taken for dependent,
-// and that by how much pairs disagree (sandwich). Where it is above max_sigma,
-// or s runs out of the range, the camera keeps what it had, and says so.
-// Cf. Sweeney, Sattler, Hollerer, Turk, Pollefeys 2015 (view graphs); Kanatani,
-// Matsunaga 2000 (degenerate motions).
+// Some motions do not constrain focal lengths: translation along the optical
+// axis or sideways without rotation, and a camera whose optical axis stays in a
+// plane, as on a flat road. The standard deviation of s is the larger of two
+// estimates: from the noise of the residuals, with pairs of one image taken as
+// fully dependent, and from the disagreement between pairs (sandwich). If it
+// exceeds max_sigma or s leaves the range, the camera keeps its focal length
+// and `message` gives the reason.
 //
-// Cost: linear in at most max_num_pairs pairs of a camera and 200 matches of
-// each.
+// Source: Sweeney, Sattler, Hollerer, Turk, Pollefeys: Optimizing the viewing
+// graph for structure-from-motion, ICCV 2015; Kanatani, Matsunaga: Closed-form
+// expression for focal lengths from the fundamental matrix, ACCV 2000
+// (degenerate motions).
+//
+// Cost: linear in at most max_num_pairs pairs per camera and 200 matches per
+// pair.
 struct FocalLengthOptions {
   bool calibrate = true;
   double max_sigma = 0.01;
@@ -49,36 +56,37 @@ struct FocalLengthOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("calibrate", self.calibrate, AnyValue(), "",
-          "Estimate focal lengths of cameras without a prior from all image "
-          "pairs, before anything else.");
+          "Estimate the focal lengths of cameras without a prior from all "
+          "image pairs, before the view graph.");
     visit("max_sigma", self.max_sigma, GreaterThan(0.0), "",
-          "Cameras whose focal length comes out with a larger relative "
-          "standard deviation keep the given one.");
+          "Maximum relative standard deviation of an estimated focal length; "
+          "a camera with a larger one keeps its initial focal length.");
     visit("max_num_pairs", self.max_num_pairs, AtLeast(1), "pairs",
-          "Of each camera at most so many pairs are used, evenly spread.");
+          "Maximum number of image pairs per camera, selected at equal "
+          "spacing. Decrease it to save time.");
   }
 };
 
 struct FocalLengthEstimate {
   int camera_idx = 0;
-  double prior_px = 0.0;
-  std::optional<double> estimated_px;  // nullopt: keeps the given one
-  double sigma = 0.0;                  // relative; 0 if it is not known
+  double prior_px = 0.0;               // initial value
+  std::optional<double> estimated_px;  // nullopt: rejected, prior_px is kept
+  std::optional<double> sigma;         // relative; nullopt without pairs
   int num_pairs = 0;
-  std::string message;  // why there is no estimate
+  std::string message;  // reason of a rejection
 };
 
 struct FocalLengthResult {
-  std::vector<Camera> cameras;  // of the scene, with the estimates
-  std::vector<FocalLengthEstimate> estimates;  // of those without a prior
+  std::vector<Camera> cameras;  // those of the scene, with accepted estimates
+  std::vector<FocalLengthEstimate> estimates;  // per camera without a prior
 };
 
 [[nodiscard]] FocalLengthResult CalibrateFocalLengths(
     const Scene& scene, const ViewGraph& view_graph,
     const FocalLengthOptions& options, const Context& context);
 
-// Without what was computed with focal lengths that changed: E and relative
-// poses of pairs of these cameras. F and H stay.
+// Removes what depends on changed focal lengths: E and the relative poses of
+// pairs of cameras with accepted estimates. F and H are kept.
 [[nodiscard]] ViewGraph DropCalibratedGeometry(
     const Scene& scene, const FocalLengthResult& focal_lengths,
     const ViewGraph& view_graph);

@@ -21,65 +21,67 @@ struct ViewGraphOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("min_num_inliers", self.min_num_inliers, AtLeast(5), "matches",
-          "Pairs with fewer matches that agree with their relative pose are "
-          "dropped.");
+          "Minimum number of inliers of an image pair.");
     visit("min_inlier_ratio", self.min_inlier_ratio, Between(0.0, 1.0), "",
-          "Pairs with a smaller share of such matches are dropped.");
+          "Minimum inlier ratio of an image pair.");
     visit("max_error_px", self.max_error_px, GreaterThan(0.0), "px",
-          "Matches farther from their epipolar geometry are dropped.");
+          "Maximum epipolar error of an inlier. Increase it for images of very "
+          "high resolution.");
     visit("loss_scale", self.loss_scale, GreaterThan(0.0), "median errors",
-          "Errors beyond this times the median error of the pair count less "
-          "and less in its relative pose (scale of the Cauchy loss).");
+          "Scale of the Cauchy loss on epipolar errors, as a multiple of the "
+          "median error of the pair.");
     visit("min_row_inlier_ratio", self.min_row_inlier_ratio, Between(0.0, 1.0),
           "",
-          "The geometry given with a pair is used if at least this share of "
-          "its matches agrees; otherwise it is estimated anew.");
+          "Minimum inlier ratio of the two-view geometry in the database to "
+          "initialize the relative pose; otherwise it is re-estimated.");
     visit("min_parallax_px", self.min_parallax_px, AtLeast(0.0), "px",
-          "Matches that a rotation alone explains to within this have no "
+          "Minimum error of a match to a pure rotation that counts as "
           "parallax.");
-    visit("min_parallax_ratio", self.min_parallax_ratio, Between(0.0, 1.0), "",
-          "Pairs with a smaller share of matches with parallax only get a "
-          "relative rotation, no direction of translation.");
+    visit(
+        "min_parallax_ratio", self.min_parallax_ratio, Between(0.0, 1.0), "",
+        "Minimum ratio of inliers with parallax; pairs with a smaller one get "
+        "a relative rotation without translation direction.");
     visit("max_num_trials", self.max_num_trials, AtLeast(1), "trials",
-          "Most samples to draw where a pair is estimated anew.");
+          "Maximum number of RANSAC trials per re-estimated pair.");
   }
 };
 
 struct ViewGraphSummary {
-  int num_pairs = 0;         // given
-  int num_from_row = 0;      // kept, started at the relative pose of the row
-  int num_decomposed = 0;    // kept, started at E, F or H of the row
-  int num_reestimated = 0;   // kept, no usable geometry in the row
-  int num_low_parallax = 0;  // kept, of all three, without direction
+  int num_pairs = 0;         // of the input
+  int num_from_row = 0;      // kept, initialized by the input relative pose
+  int num_decomposed = 0;    // kept, initialized by the input E, F or H
+  int num_reestimated = 0;   // kept, initialized by RANSAC
+  int num_low_parallax = 0;  // kept without translation direction
   int num_dropped_few_inliers = 0;
   int num_dropped_config = 0;  // DEGENERATE or WATERMARK
-  size_t num_matches = 0;      // of the given pairs
+  size_t num_matches = 0;      // of all input pairs
   size_t num_inliers = 0;      // of the kept pairs
 };
 
 struct ViewGraphResult {
-  // The kept pairs: relative_pose is set, F, E and H are not, matches are
-  // inliers.
+  // The kept pairs, with relative_pose and without F, E and H. Their matches
+  // are the inliers.
   ViewGraph estimate;
   ViewGraphSummary summary;
 };
 
-// Estimates the relative pose of every pair by itself, without any knowledge of
-// rigs. For each pair:
-//  1. Start: of the row's relative pose and the decompositions of its E, F and
-//     H (these two for cameras without distortion), the one with the least
-//     truncated Sampson error over all matches, points in front of both
-//     cameras. If too few matches agree: LO-RANSAC of a rotation and of a pose.
-//  2. Refinement of the 5 degrees of freedom, Cauchy loss on Sampson angles of
-//     rays (mgsfm/geometry/epipolar.h).
-//     The scale of the loss follows the median error of the pair.
-//  3. Parallax: a rotation is fitted alone. If it explains nearly all inliers,
-//     the direction of translation is meaningless and is left out. The pair
-//     keeps that rotation if its errors are those of noise, and else the one of
-//     the pose, which the parallax does not bias.
-// Pixel thresholds become angles by the mean of both cameras' pixels per
-// radian. Pairs are independent and run in parallel; linear in the number of
-// matches.
+// Estimates the relative pose (5 degrees of freedom) of each image pair
+// independently; rigs are not used. For each pair:
+//  1. Initialization: of the input relative pose and the decompositions of E, F
+//     and H (the latter two for cameras without distortion), the pose with the
+//     smallest truncated squared Sampson error over all matches, with points in
+//     front of both cameras. If it has too few inliers, LO-RANSAC of a rotation
+//     and of a pose.
+//  2. Refinement: Levenberg-Marquardt on the Cauchy loss of Sampson angles
+//     (geometry/epipolar.h), first with a fixed scale, then with one
+//     proportional to the median error of the pair. It stops at a relative cost
+//     decrease of 1e-5 or after 15 iterations.
+//  3. Parallax: a pure rotation is fitted as well. If it explains almost all
+//     inliers, the translation direction is unreliable and not set. The pair
+//     keeps the pure rotation if its errors are at noise level; otherwise the
+//     rotation of the pose, which parallax does not bias.
+// Pixel thresholds are converted to angles by the mean of both cameras' pixels
+// per radian. Cost: linear in the number of matches; pairs run in parallel.
 [[nodiscard]] ViewGraphResult EstimateViewGraph(const Scene& scene,
                                                 const Bearings& bearings,
                                                 const ViewGraph& view_graph,

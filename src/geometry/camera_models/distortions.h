@@ -9,16 +9,16 @@
 
 #include "geometry/camera_models/radial_profiles.h"
 
-// Distortions of the plane, in units of the focal length. A distortion is a
-// struct with
+// Distortions of the image plane in units of the focal length. A distortion is
+// a struct with
 //   kNumParams
-//   Distort(k, m, jacobians)  where m goes; jacobians may be null
-//   IsInjectiveTo(k, radius)  whether no two points of the disc of that radius
-//                             go to the same place: the Jacobian's symmetric
-//                             part is positive definite on the whole disc, by
-//                             bounds that can only err towards false
-//   Undistort(k, m, max)      the point of that region, nearer than max to the
-//                             centre, that goes to m
+//   Distort(k, m, jacobians)  the distorted point; jacobians may be null
+//   IsInjectiveTo(k, radius)  a sufficient condition for injectivity on the
+//   disc
+//                             of that radius: the symmetric part of the
+//                             Jacobian is positive definite on the whole disc
+//   Undistort(k, m, max)      the preimage of m in the injective region, closer
+//                             than max to the centre
 namespace mgsfm::internal {
 
 template <int N>
@@ -27,13 +27,14 @@ struct DistortionJacobians {
   Eigen::Matrix<double, 2, N> params;
 };
 
-// Damped Newton for Distort(m) = target. In the region where IsInjectiveTo
-// holds the Jacobian is regular and the solution unique, so a step is halved
-// until it stays there and reduces the error.
+// Damped Newton for Distort(m) = target. The Jacobian is regular and the
+// solution unique where IsInjectiveTo holds, so steps are halved until they
+// stay in this region and reduce the error.
 template <class Distortion>
 std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
                                                 const Eigen::Vector2d& target,
                                                 double max_radius) {
+  // Newton converges in a few steps; 50 halvings exhaust the double precision.
   constexpr int kMaxIterations = 100;
   constexpr int kMaxHalvings = 50;
   const auto is_inside = [&](const Eigen::Vector2d& m) {
@@ -67,7 +68,7 @@ std::optional<Eigen::Vector2d> InvertDistortion(const double* k,
   return m;
 }
 
-// A profile and nothing else.
+// A purely radial distortion.
 template <class Profile>
 struct RadialDistortion {
   static constexpr int kNumParams = Profile::kNumParams;
@@ -99,8 +100,8 @@ struct RadialDistortion {
   }
 };
 
-// Offsets that are not radial: 2 (q.m) m + r^2 q of a decentred lens, and
-// r^2 s + r^4 w of a tilted one ("thin prism").
+// Non-radial offsets: 2 (q.m) m + r^2 q (decentring) and r^2 s + r^4 w (thin
+// prism).
 struct LateralTerms {
   Eigen::Vector2d q;
   Eigen::Vector2d s = Eigen::Vector2d::Zero();
@@ -116,19 +117,20 @@ struct LateralTerms {
     return 2.0 * q.dot(m) * Eigen::Matrix2d::Identity() +
            2.0 * m * q.transpose() + prism * m.transpose();
   }
-  // d Offset / d q; that of s and w is r^2 and r^4 times the identity.
+  // d Offset / d q. The derivatives w.r.t. s and w are r^2 I and r^4 I.
   static Eigen::Matrix2d JacobianQ(const Eigen::Vector2d& m) {
     return 2.0 * m * m.transpose() +
            m.squaredNorm() * Eigen::Matrix2d::Identity();
   }
-  // The most that Jacobian shrinks any direction, on the disc of this radius.
+  // Upper bound on how much the offset contracts any direction on this disc.
   double MaxShrink(double r) const {
     return r * (6.0 * q.norm() + 2.0 * s.norm() + 4.0 * r * r * w.norm());
   }
 };
 
-// Radial profile plus lateral terms, both of the undistorted point, with the
-// parameters k1 k2 p1 p2 k3 k4 ... [sx1 sy1] and q = (p2, p1), s = (sx1, sy1).
+// Radial profile plus lateral terms, both functions of the undistorted point,
+// with the parameters k1 k2 p1 p2 k3 k4 ... [sx1 sy1] and q = (p2, p1), s =
+// (sx1, sy1).
 template <class Profile, bool kHasPrism>
 struct BrownDistortion {
   static constexpr int kNumRadial = Profile::kNumParams;
@@ -183,8 +185,8 @@ struct BrownDistortion {
   }
 };
 
-// Lateral terms of the radially distorted point, as in Project Aria's
-// calibrations, with the parameters k0 ... k5 p0 p1 s0 s1 s2 s3 and
+// Lateral terms of the radially distorted point, as in the calibrations of
+// Project Aria, with the parameters k0 ... k5 p0 p1 s0 s1 s2 s3 and
 // q = (p0, p1), s = (s0, s2), w = (s1, s3).
 struct RadTanThinPrismDistortion {
   using Profile = RationalProfile<6>;
@@ -209,7 +211,7 @@ struct RadTanThinPrismDistortion {
     return n + lateral.Offset(n);
   }
 
-  // Injective in both steps.
+  // Both steps are injective.
   static bool IsInjectiveTo(const double* k, double radius) {
     const double s = radius * radius;
     return Profile::IsIncreasing(k, s, 0.0) &&

@@ -10,12 +10,13 @@
 #include "geometry/camera_models/distortions.h"
 #include "geometry/so3.h"
 
-// Lenses: from a point in the camera frame to the image plane in units of the
+// Lenses map a point in the camera frame to the image plane in units of the
 // focal length. A lens is a struct with
 //   kNumParams
-//   Project(k, point, jacobians)  nullopt outside its range; jacobians may be
+//   Project(k, point, jacobians)  nullopt outside its domain; jacobians may be
 //                                 null
-//   Unproject(k, m)               a ray of any positive length that goes to m
+//   Unproject(k, m)               a ray of any positive length that projects to
+//   m
 namespace mgsfm::internal {
 
 template <int N>
@@ -45,8 +46,8 @@ struct PerspectiveProjection {
   }
 };
 
-// m points towards (x, y) and is as long as the angle to the axis; straight
-// behind the camera it has no direction.
+// m has the direction of (x, y) and the length of the angle to the optical
+// axis. The direction is undefined on the negative axis.
 struct EquidistantProjection {
   static constexpr double kMaxRadius = kPi;
 
@@ -62,7 +63,7 @@ struct EquidistantProjection {
     const double z = point.z();
     const double squared_norm = r * r + z * z;
     const double angle_per_r = AnglePerRadius(r, z);
-    // On the axis stretch is the same in all directions, so any will do.
+    // On the axis the stretch is isotropic, so any direction is valid.
     Eigen::Vector2d e = Eigen::Vector2d::UnitX();
     if (r > 0.0) e = point.head<2>() / r;
     Eigen::Matrix<double, 2, 3> jacobian;
@@ -116,7 +117,7 @@ struct DistortedLens {
   }
 };
 
-// A denominator h(x^2 + y^2, z) with its derivatives.
+// A denominator h(x^2 + y^2, z) and its derivatives.
 template <int N>
 struct Denominator {
   double value;
@@ -125,7 +126,7 @@ struct Denominator {
   Eigen::Matrix<double, 1, N> params;
 };
 
-// m = (x, y) / h for a Surface that knows h and the ray of m.
+// m = (x, y) / h for a Surface that provides h and the ray of m.
 template <class Surface>
 struct RatioLens {
   static constexpr int kNumParams = Surface::kNumParams;
@@ -155,8 +156,8 @@ struct RatioLens {
 };
 
 // The division model (Fitzgibbon 2001): the ray of m is (m, 1 + k |m|^2). The
-// angle to the axis grows with |m| while k |m|^2 < 1; for k < 0 it passes 90
-// degrees and nears 180.
+// angle to the axis increases with |m| while k |m|^2 < 1; for k < 0 it exceeds
+// 90 degrees and approaches 180.
 struct DivisionSurface {
   static constexpr int kNumParams = 1;
 
@@ -165,7 +166,7 @@ struct DivisionSurface {
     const double discriminant = z * z - 4.0 * k[0] * rho2;
     if (!(discriminant > 0.0)) return std::nullopt;
     const double root = std::sqrt(discriminant);
-    // (z + root) / 2, without cancellation behind the camera.
+    // (z + root) / 2 without cancellation behind the camera.
     const double value =
         z > 0.0 ? 0.5 * (z + root) : -2.0 * k[0] * rho2 / (root - z);
     if (!(value > 0.0)) return std::nullopt;
@@ -182,8 +183,8 @@ struct DivisionSurface {
 };
 
 // The enhanced unified camera model (Khomutenko, Garcia and Martinet 2016):
-// h = alpha d + (1 - alpha) z with d^2 = beta (x^2 + y^2) + z^2. |m| grows with
-// the angle to the axis where (1 - alpha) d + alpha z > 0.
+// h = alpha d + (1 - alpha) z with d^2 = beta (x^2 + y^2) + z^2. |m| increases
+// with the angle to the axis while (1 - alpha) d + alpha z > 0.
 struct EucmSurface {
   static constexpr int kNumParams = 2;
 
@@ -202,7 +203,7 @@ struct EucmSurface {
                           Eigen::RowVector2d(d - z, 0.5 * alpha * rho2 / d)};
   }
 
-  // The point with h = 1; the root is (1 - alpha) d + alpha z there.
+  // The point with h = 1, where the root equals (1 - alpha) d + alpha z.
   static std::optional<Eigen::Vector3d> Unproject(const double* k,
                                                   const Eigen::Vector2d& m) {
     const double alpha = k[0], beta = k[1];

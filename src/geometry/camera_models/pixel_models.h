@@ -9,11 +9,10 @@
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 
-// The models with their pixels: lens, focal lengths and principal point.
+// Camera models: lens, focal lengths and principal point.
 namespace mgsfm::internal {
 
-// pixel = diag(f) m + c with the parameters f or fx fy, cx cy, those of the
-// lens.
+// pixel = diag(f) m + c with the parameters f or fx fy, cx cy, lens parameters.
 template <class Lens, int kNumFocals_>
 struct FocalModel {
   static constexpr int kNumFocals = kNumFocals_;
@@ -70,9 +69,9 @@ struct FocalModel {
   }
 };
 
-// Longitude and latitude over an image of w x h pixels: u = w (1/2 + lon / 2pi)
-// with lon = atan2(x, z), v = h (1/2 + lat / pi) with lat the angle below the
-// x-z plane. The poles, where u is not defined, are not seen.
+// Equirectangular projection to w x h pixels: u = w (1/2 + lon / 2pi) with
+// lon = atan2(x, z), v = h (1/2 + lat / pi) with lat the angle below the x-z
+// plane. The poles, where u is undefined, are outside the domain.
 struct EquirectangularModel {
   static constexpr int kNumFocals = 0;
   static constexpr int kNumCentres = 0;

@@ -10,18 +10,20 @@
 
 #include "geometry/so3.h"
 
-// Radial profiles: a point at radius r of the plane moves to radius
+// Radial profiles map a point at radius r of the image plane to radius
 // r * scale(s) with s = r^2. A profile is a struct with
 //   kNumParams
 //   Evaluate(k, s)             scale and its derivatives
-//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin all the way from
-//                              the centre to sqrt(s)
+//   IsIncreasing(k, s, margin) whether d(r scale)/dr > margin for all radii
+//   from
+//                              0 to sqrt(s)
 //   Invert(k, target, max)     the r in [0, max) with r * scale(r^2) = target
 namespace mgsfm::internal {
 
-// Inverses iterate until they reproduce a point at this distance, or, where
-// rounding prevents that, as well as they can and at least to the second; in
-// focal lengths, and relative to the radius where that is larger than one.
+// Inverses iterate until the reprojection error is at most kInverseTolerance.
+// If rounding prevents this, they accept the best iterate up to
+// kMaxInverseError. Both are in focal lengths, and relative to the radius if
+// that exceeds one.
 constexpr double kInverseTolerance = 1e-13;
 constexpr double kMaxInverseError = 1e-10;
 
@@ -32,14 +34,14 @@ struct RadialScale {
   Eigen::Matrix<double, 1, N> params;  // d value / d k
 };
 
-// Whether sum_i c[i] s^i > 0 on [0, end]. Errs on the side of false within
-// about 1e-6 end of a place where it is not.
+// A test for sum_i c[i] s^i > 0 on [0, end]. It may return false if the sum is
+// not positive within 1e-6 end of the interval.
 template <std::size_t N>
 bool IsPositiveOn(const std::array<double, N>& c, double end) {
   constexpr double kMinWidth = 1e-6;
   if (!(c[0] > 0.0) || !std::isfinite(end)) return false;
-  // On [a, b] with a >= 0, a positive term is at least its value at a and a
-  // negative one at least its value at b.
+  // On [a, b] with a >= 0, positive terms are bounded below by their values at
+  // a and negative terms by their values at b.
   const auto lower_bound = [&c](double a, double b) {
     double positive = 0.0, negative = 0.0;
     for (std::size_t i = N; i-- > 0;) {
@@ -63,8 +65,8 @@ bool IsPositiveOn(const std::array<double, N>& c, double end) {
   return true;
 }
 
-// Newton's method for r * scale(r^2) = target, kept in a bracket: beyond the
-// root or beyond the increasing range is too large, anything else too small.
+// Bracketed Newton method for r * scale(r^2) = target. Radii beyond the root or
+// beyond the increasing range are too large, all others too small.
 template <class Profile>
 std::optional<double> InvertProfile(const double* k, double target,
                                     double max_radius) {
@@ -121,7 +123,7 @@ struct RationalProfile {
     return scale;
   }
 
-  // With scale = n / d, d(r scale)/dr = (n d + 2 s (n' d - n d')) / d^2, whose
+  // With scale = n / d, d(r scale)/dr = (n d + 2 s (n' d - n d')) / d^2. Its
   // numerator has the coefficients sum_(i+j=m) n_i d_j (1 + 2 (i - j)).
   static bool IsIncreasing(const double* k, double s, double margin) {
     std::array<double, kDen + 1> d{1.0};
@@ -166,8 +168,8 @@ inline void AtanRatio(double y, double* value, double* slope) {
 }
 
 // The field-of-view model (Devernay and Faugeras 2001): r scale =
-// atan(c r) / omega with c = 2 tan(omega / 2), by the exact formula also where
-// omega or r is small. omega = 0 is no distortion; |omega| < pi.
+// atan(c r) / omega with c = 2 tan(omega / 2), |omega| < pi. Accurate for small
+// omega and r, too; omega = 0 means no distortion.
 struct FovProfile {
   static constexpr int kNumParams = 1;
 

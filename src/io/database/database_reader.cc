@@ -81,7 +81,7 @@ class DatabaseReader {
   IdType CheckedId(int64_t value, const std::string& what) const {
     if (value < 0 || value >= kMaxNumIds) {
       Throw(what + " has the id " + std::to_string(value) +
-            ", which is out of range; make the database again");
+            ", which is out of range; create the database again");
     }
     return IdType(static_cast<uint32_t>(value));
   }

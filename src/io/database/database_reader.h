@@ -7,8 +7,8 @@
 
 namespace mgsfm {
 
-// All but keypoints and pairs, from a database that is open; there may be no
-// image.
+// Reads everything but keypoints and pairs from an open database, which may
+// have no image.
 DatabaseContents ReadStructure(const SqliteDatabase& database,
                                const Context& context);
 

@@ -13,22 +13,21 @@
 
 namespace mgsfm {
 
-// Single rows of a COLMAP database, for those who read and write it whole and
-// for those who add to it. What is read is checked; `name` stands for the row
-// in messages.
+// Encoding of single rows of a COLMAP database, shared by all readers and
+// writers. Decoding checks the values; `name` identifies the row in messages.
 
-// Values of sensor_type; others are no cameras.
+// The sensor_type of a camera.
 constexpr int64_t kCameraSensorType = 0;
 
-// How to repair what a row lacks.
+// Remedies for damaged rows.
 constexpr const char* kExtractAgain = "; extract the features again";
 constexpr const char* kMatchAgain = "; match the images again";
 constexpr const char* kConfigureAgain = "; configure the rigs again";
 
 // ---------------------------------------------------------------- reading
 
-// As on disk: w, x, y, z, then the translation. nullopt for values that stand
-// for no pose: not finite, or a zero quaternion.
+// Quaternion (w, x, y, z) and translation. Returns nullopt if a value is not
+// finite or the quaternion is zero, which COLMAP writes for "no pose".
 std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec);
 
 // Numbers of a row with rows, cols and data in the columns 1 to 3.
@@ -56,7 +55,7 @@ std::string PosePriorQuery(const SqliteDatabase& database);
 // "SELECT image, gravity FROM pose_priors", likewise; "" if it has none.
 std::string PriorGravityQuery(const SqliteDatabase& database);
 std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob);
-// Not finite where the row holds no position.
+// The position is not finite if the row has none.
 PosePriorRow DecodePosePrior(const SqliteStatement& row);
 
 // ---------------------------------------------------------------- writing

@@ -23,7 +23,8 @@ namespace {
 constexpr int kSiftColumns = 128;
 // Since this version, absent matrices and poses are NULL.
 constexpr int64_t kFirstVersionWithNull = 4000000;
-// How long others may finish what they do before the database is "in use".
+// Time for other programs to finish before the database counts as in use: long
+// enough for a COLMAP transaction, short enough for a user who waits.
 constexpr const char* kBusyTimeout = "PRAGMA busy_timeout = 2000";
 
 int64_t PairIdOf(ImageId a, ImageId b) {
@@ -43,7 +44,7 @@ SqliteDatabase OpenOrThrow(const std::string& path,
   namespace fs = std::filesystem;
   std::error_code ignored;
   if (fs::is_directory(path, ignored)) {
-    ThrowDatabaseError(path, "is a folder; name a file in it");
+    ThrowDatabaseError(path, "is a folder; choose a file in it");
   }
   if (!fs::exists(path, ignored)) {
     if (mode == FeatureDatabase::OpenMode::kExisting) {
@@ -53,8 +54,8 @@ SqliteDatabase OpenOrThrow(const std::string& path,
     }
     const fs::path folder = fs::absolute(path).parent_path();
     if (!fs::is_directory(folder, ignored)) {
-      ThrowDatabaseError(path, "cannot be made, as there is no folder '" +
-                                   folder.string() + "'; make it first");
+      ThrowDatabaseError(path, "cannot be created, as there is no folder '" +
+                                   folder.string() + "'; create it first");
     }
   }
   return SqliteDatabase::Create(path);
@@ -163,8 +164,8 @@ class FeatureDatabase::Impl {
 
 void FeatureDatabase::Impl::AddTables() {
   if (!IsEmpty() && !database_.HasTable("images")) {
-    ThrowDatabaseError(path(),
-                       "is of another program, not COLMAP's; name a new file");
+    ThrowDatabaseError(
+        path(), "belongs to another program, not to COLMAP; choose a new file");
   }
   InTransaction([&] {
     if (database_.HasTable("inlier_matches") &&
@@ -481,7 +482,7 @@ void FeatureDatabase::WriteKeypoints(
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
                                        const DescriptorMatrix& descriptors) {
   MGSFM_CHECK_EQ(descriptors.cols(), kSiftColumns);
-  // In COLMAP 4, type 0 is SIFT.
+  // Type 0 is SIFT in COLMAP 4.
   SqliteStatement row = impl_->database().Prepare(
       impl_->descriptors_have_type()
           ? "INSERT OR REPLACE INTO descriptors "

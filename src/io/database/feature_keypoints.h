@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// Of 2, 4 (scale and orientation) or 6 columns; what is missing is completed.
+// Accepts 2, 4 (scale and orientation) or 6 columns, and completes the shape.
 std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob);
 
 }  // namespace mgsfm

@@ -15,9 +15,9 @@ struct SceneOfRows {
   std::string rig_source;  // in words
 };
 
-// What databases and models have in common: finds rigs and frames as the
-// options say and puts all in canonical order. Pairs have no part in it. `kind`
-// is what messages call the input, "database" or "model".
+// Finds rigs and frames according to the options and brings a database or model
+// into canonical order. Pairs are ignored. `kind` is the word for the input in
+// messages, "database" or "model".
 SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
                              const SceneLoadingOptions& options,
                              const Context& context);

@@ -86,7 +86,8 @@ void SceneBuilder::CheckFrames() const {
         image_of.emplace(std::make_pair(frame, sensor), image);
     if (!is_new) {
       Throw("images '" + ImageAt(other->second).name + "' and '" +
-            ImageAt(image).name + "' are of one camera and one frame by " +
+            ImageAt(image).name +
+            "' belong to one camera and one frame according to " +
             assignment_.source + "; they cannot be taken at the same time");
     }
   }
@@ -138,10 +139,10 @@ void SceneBuilder::ReplaceReference(const std::vector<int>& sensors,
     RigAssignment::Sensor& sensor = assignment_.sensors[i];
     if (sensor.is_reference) {
       context_.Warning("the reference sensor of a rig has no images; '" +
-                       best->name + "' takes its place");
+                       best->name + "' replaces it");
     }
     sensor.is_reference = false;
-    // Without new_from_old, no sensor with images has a known pose.
+    // No sensor with images has a known pose if new_from_old is missing.
     if (sensor.sensor_from_rig && new_from_old) {
       sensor.sensor_from_rig =
           *sensor.sensor_from_rig * new_from_old->Inverse();
@@ -166,18 +167,17 @@ void SceneBuilder::JoinCameras() {
     cameras[sensor].insert(input_.camera_of_image[i]);
     if (!HaveEqualIntrinsics(input_.CameraOf(first), input_.CameraOf(image))) {
       Throw("images '" + ImageAt(first).name + "' and '" + ImageAt(image).name +
-            "' are of one camera '" + assignment_.sensors[sensor].name +
-            "' of a rig by " + assignment_.source +
+            "' belong to one camera '" + assignment_.sensors[sensor].name +
+            "' of a rig according to " + assignment_.source +
             ", but have different intrinsics; extract features with "
-            "--ImageReader.single_camera_per_folder 1, or use "
-            "--rig_name_rule");
+            "ImageReader.single_camera_per_folder, or set rig_name_rule");
     }
   }
   for (size_t i = 0; i < num_sensors; ++i) {
     if (cameras[i].size() > 1) {
       context_.Warning("the " + std::to_string(cameras[i].size()) +
                        " equal cameras of '" + assignment_.sensors[i].name +
-                       "' are joined to one");
+                       "' are merged");
     }
   }
 }

@@ -7,9 +7,10 @@
 
 namespace mgsfm {
 
-// Makes the scene in canonical order: joins equal cameras of a sensor, chooses
-// references, leaves out what has no image. Throws Error if a sensor has two
-// images in a frame, or images with different intrinsics.
+// Builds the scene in canonical order: merges equal cameras of a sensor,
+// chooses reference sensors, drops sensors and frames without images. Throws
+// Error if a sensor has two images in a frame, or images with different
+// intrinsics.
 Scene BuildScene(RigInput input, RigAssignment assignment,
                  const Context& context);
 

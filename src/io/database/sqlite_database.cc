@@ -25,7 +25,7 @@ std::string EscapeForUri(const std::string& path) {
   return escaped;
 }
 
-// What SQLite says, and what to do about it.
+// SQLite's message with a remedy.
 std::string Describe(int result, const std::string& message) {
   switch (result & 0xff) {  // without the details of extended codes
     case SQLITE_CORRUPT:
@@ -33,7 +33,7 @@ std::string Describe(int result, const std::string& message) {
       return "is damaged (" + message +
              "); copy it again from where it was made";
     case SQLITE_ERROR:
-      return "is not laid out like COLMAP's (" + message +
+      return "does not have COLMAP's tables (" + message +
              "); open it once with COLMAP 3.8 or later";
     case SQLITE_FULL:
       return message + "; free some space or choose another path";

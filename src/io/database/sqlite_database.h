@@ -27,10 +27,9 @@ class SqliteStatement {
  public:
   SqliteStatement(sqlite3* db, const std::string& path, const std::string& sql);
 
-  // To the next row; false after the last.
+  // Advances to the next row; returns false after the last.
   bool Step();
-  // Runs a statement that gives no rows and makes it ready for the next
-  // parameters.
+  // Runs a statement without result rows and resets it for new parameters.
   void Run();
 
   bool IsNull(int column) const;
@@ -58,14 +57,14 @@ class SqliteStatement {
   std::unique_ptr<sqlite3_stmt, Finalizer> statement_;
 };
 
-// An open database file. Every failure of SQLite is an Error with `path`.
+// An open database file. Every failure of SQLite throws Error with `path`.
 class SqliteDatabase {
  public:
   // Opens `file` without locks and without any side file: it must not change
   // while it is open. Messages name `path`.
   static SqliteDatabase OpenImmutable(const std::string& file,
                                       const std::string& path);
-  // Opens `file` with all that SQLite does for it, recovery included.
+  // Opens `file` normally, with locks and recovery.
   static SqliteDatabase OpenReadWrite(const std::string& file,
                                       const std::string& path);
   static SqliteDatabase Create(const std::string& path);

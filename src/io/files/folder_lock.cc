@@ -12,8 +12,8 @@
 namespace mgsfm {
 namespace {
 
-// Whether the folder of that name still is the open one: between opening and
-// locking, its last owner may have removed it.
+// Returns whether the name still refers to the open folder. Its last owner may
+// have removed it between opening and locking.
 bool IsSameFolder(int fd, const std::filesystem::path& folder) {
   struct stat open_folder, named_folder;
   return fstat(fd, &open_folder) == 0 &&
@@ -24,14 +24,19 @@ bool IsSameFolder(int fd, const std::filesystem::path& folder) {
 
 }  // namespace
 
-FolderLock::FolderLock(const std::filesystem::path& folder)
+FolderLock::FolderLock(const std::filesystem::path& folder, Wait wait)
     : fd_(open(folder.c_str(),
                O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC)) {
   if (fd_ < 0) {
     if (errno != ENOENT) state_ = State::kUnsupported;
     return;
   }
-  if (flock(fd_, LOCK_EX | LOCK_NB) == 0) {
+  const int flags = wait == Wait::kYes ? LOCK_EX : LOCK_EX | LOCK_NB;
+  int result = 0;
+  do {
+    result = flock(fd_, flags);
+  } while (result != 0 && errno == EINTR);
+  if (result == 0) {
     if (IsSameFolder(fd_, folder)) state_ = State::kHeld;
   } else if (errno != EWOULDBLOCK) {
     state_ = State::kUnsupported;

@@ -5,20 +5,22 @@
 
 namespace mgsfm {
 
-// An advisory lock on a folder (flock). The system drops it when its owner
-// ends, however that ends; unlike a process id it cannot be mistaken for that
-// of another process, nor of one in another container or machine.
+// An advisory lock on a folder (flock). The system releases it when the owner
+// ends for any reason. Unlike a process id, it is unambiguous across processes,
+// containers and machines.
 class FolderLock {
  public:
   enum class State {
-    kHeld,         // by this object
-    kBusy,         // by somebody else, or the folder is gone
+    kHeld,         // held by this object
+    kBusy,         // held by another process, or the folder is gone
     kUnsupported,  // the folder cannot be locked at all
   };
 
+  enum class Wait { kNo, kYes };
+
   FolderLock() = default;
-  // Does not wait.
-  explicit FolderLock(const std::filesystem::path& folder);
+  explicit FolderLock(const std::filesystem::path& folder,
+                      Wait wait = Wait::kNo);
   ~FolderLock();
   FolderLock(FolderLock&& other) noexcept;
   FolderLock& operator=(FolderLock&& other) noexcept;

@@ -20,7 +20,7 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 
 std::vector<std::string> ReadImageList(const std::string& path) {
   std::ifstream file(path);
-  if (!file) throw Error("cannot read '" + path + "' (--image_list_path)");
+  if (!file) throw Error("cannot read '" + path + "' (image_list_path)");
   std::vector<std::string> names;
   for (std::string line; std::getline(file, line);) {
     line.erase(line.find_last_not_of(" \t\r") + 1);
@@ -32,8 +32,8 @@ std::vector<std::string> ReadImageList(const std::string& path) {
 void KeepListedImages(const std::set<std::string>& names,
                       const std::string& list_path,
                       DatabaseContents* contents) {
-  const std::string list = "'" + list_path + "' (--image_list_path)";
-  if (names.empty()) throw Error(list + " names no image");
+  const std::string list = "'" + list_path + "' (image_list_path)";
+  if (names.empty()) throw Error(list + " lists no image");
   EraseUnless(
       [&](const ImageRow& image) { return names.count(image.name) > 0; },
       &contents->images);

@@ -9,13 +9,13 @@
 
 namespace mgsfm {
 
-// A list of images (--image_list_path): a name on each line; empty lines are
+// A list of images (option image_list_path): one name per line; empty lines are
 // skipped. Throws Error if it cannot be read.
 [[nodiscard]] std::vector<std::string> ReadImageList(const std::string& path);
 
-// Leaves out all images with other names, with their pairs and their places in
-// frames. Throws Error, naming `list_path`, if a name is not in the database or
-// none is listed.
+// Removes all other images, with their pairs and their entries in frames.
+// Throws Error, naming `list_path`, if a name is not in the database or the
+// list is empty.
 void KeepListedImages(const std::set<std::string>& names,
                       const std::string& list_path, DatabaseContents* contents);
 

@@ -6,12 +6,12 @@
 
 namespace mgsfm {
 
-// Writes a file as a whole, replacing one of that name. Throws Error, naming
-// the file and the reason, if it cannot be written completely.
+// Writes a file, replacing one of that name. Throws Error, naming the file and
+// the reason, if it cannot be written completely.
 void WriteFile(const std::filesystem::path& path, const std::string& content);
 
-// The Error for a file, or folder, on which the last write failed; the reason
-// is taken from errno.
+// Throws the Error for a failed write to a file or folder, with the reason in
+// errno.
 [[noreturn]] void ThrowWriteError(const std::filesystem::path& path);
 
 }  // namespace mgsfm

@@ -85,7 +85,7 @@ Rigid3 BinaryModelFile::ReadPose() { return ReadPoseOf(this); }
 const CameraModelInfo& BinaryModelFile::ReadCameraModel() {
   const auto id = Read<int32_t>();
   const CameraModelInfo* info = FindCameraModel(id);
-  // Its number of parameters, and so where the next camera is, is not known.
+  // An unknown model has an unknown number of parameters, so reading must end.
   if (info == nullptr) {
     ThrowBad("camera model " + std::to_string(id) + " is not known");
   }

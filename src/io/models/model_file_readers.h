@@ -24,8 +24,7 @@ namespace mgsfm {
 //   file.BeginList();
 //   while (file.NextItem()) { ... }
 //
-// All functions throw Error, naming the file, if what they read is not there or
-// cannot be true.
+// All functions throw Error, naming the file, for missing or impossible values.
 
 class BinaryModelFile {
  public:
@@ -49,7 +48,7 @@ class BinaryModelFile {
   bool ReadSensorIsCamera();
   void BeginList() { num_items_left_ = Read<uint64_t>(); }
   bool NextItem();
-  // The keypoints of an image are a list, in text on a line of its own.
+  // Keypoints of an image are a list; text files have them on their own line.
   void BeginKeypoints() { BeginList(); }
   void SkipKeypoints();
 

@@ -9,6 +9,8 @@
 namespace mgsfm {
 namespace {
 
+// A rigidly mounted camera rotates by noise only, far below this; cameras that
+// move independently of each other exceed it in most frames.
 constexpr double kMaxRigRotationDeg = 5.0;
 
 }  // namespace
@@ -39,11 +41,10 @@ void RigPoses::CheckAllAreKnown(
     const int sensor_idx = scene_.images[i].sensor_idx;
     if (!cam_from_world_[i] || poses[sensor_idx]) continue;
     ThrowModelError(folder_,
-                    "nothing tells the pose of sensor '" +
-                        scene_.sensors[sensor_idx].name +
-                        "' in its rig, as no frame has images of it and of "
-                        "another one; give it with --rig_config_path, or treat "
-                        "images as single with --rig_name_rule none");
+                    "the pose of sensor '" + scene_.sensors[sensor_idx].name +
+                        "' in its rig is unknown, as no frame has images of it "
+                        "and of another sensor; give it with rig_config_path, "
+                        "or treat images as single with rig_name_rule none");
   }
 }
 
@@ -78,12 +79,12 @@ void RigPoses::CheckMovesLikeRig(int sensor_idx,
         RadToDeg(AngleBetween(candidate.rotation, pose.rotation)));
   }
   if (Median(angles_deg) < kMaxRigRotationDeg) return;
-  ThrowModelError(folder_,
-                  "images of '" + scene_.sensors[sensor_idx].name +
-                      "' turn against those of the same frames, so the cameras "
-                      "are not rigidly mounted, or the frames are wrong; say "
-                      "what makes a frame with --rig_name_rule, or treat "
-                      "images as single with --rig_name_rule none");
+  ThrowModelError(
+      folder_, "images of '" + scene_.sensors[sensor_idx].name +
+                   "' rotate relative to the other images of their frames, so "
+                   "the cameras are not rigid or the frames are wrong; define "
+                   "the frames with rig_name_rule, or treat images as "
+                   "single with rig_name_rule none");
 }
 
 std::vector<std::optional<Rigid3>> RigPoses::PlaceFrames(

@@ -15,8 +15,8 @@ namespace mgsfm {
 [[noreturn]] void ThrowModelError(const std::filesystem::path& folder,
                                   const std::string& problem);
 
-// From poses of images, per image of a scene that has one, to those of sensors
-// and frames; see mgsfm/io/model_scene.h. `folder` is what messages name.
+// Estimates poses of sensors and frames from image poses, one per image of the
+// scene where known; see model_scene.h. Messages name `folder`.
 class RigPoses {
  public:
   RigPoses(const std::filesystem::path& folder,
@@ -24,11 +24,10 @@ class RigPoses {
            const Scene& scene)
       : folder_(folder), cam_from_world_(cam_from_world), scene_(scene) {}
 
-  // Sensors are placed beside those of their frames that have a pose. The poses
-  // that are there are kept; sensors without an image that has a pose stay
-  // without one.
+  // Estimates missing sensor poses relative to sensors of the same frames.
+  // Known poses are kept; sensors without a posed image stay nullopt.
   void EstimateSensors(std::vector<std::optional<Rigid3>>* poses) const;
-  // nullopt for frames without an image that has a pose.
+  // Frames without a posed image are nullopt.
   std::vector<std::optional<Rigid3>> PlaceFrames(
       const std::vector<std::optional<Rigid3>>& sensor_from_rig) const;
 

@@ -18,7 +18,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Of poses that are written twice, with few digits in some text files.
+// Radians, and fraction of the model extent, between two copies of one pose.
+// Text files with six digits round by 1e-6; contradictions are far larger.
 constexpr double kMaxContradiction = 1e-4;
 
 // ------------------------------------------------------------------- tables
@@ -66,8 +67,8 @@ void CheckTables(const PoseModel& poses, const fs::path& folder) {
                         "' is not the one of its frame " +
                         std::to_string(frame.id.value()) +
                         " and sensor; write the model again with the program "
-                        "that made it, or find rigs anew with --rig_name_rule "
-                        "or --rig_config_path");
+                        "that made it, or find rigs anew with rig_name_rule "
+                        "or rig_config_path");
       }
     }
   }
@@ -162,7 +163,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
     reconstruction.sensor_from_rig.push_back(known);
     if (!has_config && !scene.IsReference(static_cast<int>(i))) known.reset();
   }
-  // Both are sorted by name.
+  // Scene and model are both sorted by name.
   for (size_t i = 0; i < scene.images.size(); ++i) {
     MGSFM_CHECK_MSG(scene.images[i].id == model.poses.images[i].id,
                     scene.images[i].name);

@@ -298,7 +298,7 @@ void ModelWriter::WritePoints(ModelFile file) const {
     file.Write<uint64_t>(i + 1);
     for (const double value : point.point_in_world) file.Write(value);
     for (const uint8_t value : point.color) file.Write(value);
-    file.Write(point.error_px);
+    file.Write(point.error_px.value_or(-1.0));  // as COLMAP does
     file.WriteCount(point.track.size());
     for (const Observation& o : point.track) {
       file.Write<uint32_t>(scene_.images[o.image_idx].id.value());

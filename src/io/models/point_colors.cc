@@ -14,10 +14,10 @@ namespace {
 
 using Rgb = Eigen::Vector3f;
 
-// As features were extracted: not turned by what EXIF says of orientation.
-// Empty if it cannot be read.
+// Ignores the EXIF orientation, as feature extraction does. Returns an empty
+// image if the file cannot be read.
 cv::Mat ReadImage(const std::filesystem::path& path) {
-  // OpenCV would complain of each missing file on the standard error stream.
+  // OpenCV would report each missing file on the standard error stream.
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return {};
   return cv::imread(path.string(),

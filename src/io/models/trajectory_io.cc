@@ -16,6 +16,7 @@ namespace {
 
 using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
+// Deviation of R R^T from identity; files with four digits stay below it.
 constexpr double kRotationTolerance = 1e-3;
 
 std::ifstream Open(const std::filesystem::path& path) {

@@ -46,7 +46,7 @@ class PriorMaker {
     const std::string& path = options_.ref_images_path;
     source_ = "'" + path + "'";
     for (const NamedVector& line :
-         ReadNamedVectors(scene_, path, "X Y Z", "--ref_images_path")) {
+         ReadNamedVectors(scene_, path, "X Y Z", "ref_images_path")) {
       PosePriorRow row;
       row.coordinate_system = CoordinateSystem::kUndefined;
       row.position = line.value;
@@ -80,7 +80,7 @@ class PriorMaker {
     if (!are_gps) {
       Throw(
           "there are no positions of images; extract features of images with "
-          "GPS, give --ref_images_path, or leave out --use_prior_position");
+          "GPS, set ref_images_path, or do not set use_prior_position");
     }
     return priors;
   }
@@ -113,16 +113,17 @@ void PriorMaker::Check(const PosePriorRow& row, int image_idx) const {
   }
   if (IsGps(row) && (std::abs(row.position.x()) > 90.0 ||
                      std::abs(row.position.y()) > 360.0)) {
-    Throw("the position" + of_image +
-          " is no latitude and longitude in degrees; if it is Cartesian, its "
-          "coordinate system must say so");
+    Throw(
+        "the position" + of_image +
+        " is not a latitude and longitude in degrees; if it is Cartesian, set "
+        "its coordinate system");
   }
   if (!row.covariance || options_.overwrite_priors_covariance) return;
   const Eigen::LLT<Eigen::Matrix3d> llt(*row.covariance);
   if (!row.covariance->allFinite() || llt.info() != Eigen::Success) {
     Throw("the covariance of the position" + of_image +
-          " is not positive definite; correct it, or use "
-          "--overwrite_priors_covariance 1");
+          " is not positive definite; correct it, or set "
+          "overwrite_priors_covariance");
   }
 }
 
@@ -140,12 +141,11 @@ Eigen::Matrix3d PriorMaker::CovarianceOf(const PosePriorRow& row) const {
 GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
   GravityPriors gravity;
   gravity.images.resize(scene.images.size());
-  const auto lines =
-      ReadNamedVectors(scene, path, "GX GY GZ", "--gravity_path");
+  const auto lines = ReadNamedVectors(scene, path, "GX GY GZ", "gravity_path");
   if (lines.empty()) {
     throw Error("'" + path +
-                "': there is no line 'image_name GX GY GZ'; give some, or "
-                "leave out --gravity_path");
+                "': there is no line 'image_name GX GY GZ'; add some, or do "
+                "not set gravity_path");
   }
   for (const NamedVector& line : lines) {
     if (!line.value.allFinite() || line.value.isZero(0.0)) {
@@ -230,8 +230,8 @@ GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
   if (std::none_of(gravity.images.begin(), gravity.images.end(),
                    [](const auto& g) { return g.has_value(); })) {
     throw Error("database '" + database_path +
-                "': there are no directions of gravity; give --gravity_path, "
-                "or leave out --use_prior_gravity");
+                "': there are no directions of gravity; set gravity_path, or "
+                "do not set use_prior_gravity");
   }
   return gravity;
 }

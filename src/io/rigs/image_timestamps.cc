@@ -23,7 +23,7 @@ bool IsDigit(char c) {
   return std::isdigit(static_cast<unsigned char>(c)) != 0;
 }
 
-// Without leading zeros.
+// The digits at a position, without leading zeros.
 std::string NumberAt(const std::string& text, size_t* position) {
   const size_t begin = *position;
   while (*position < text.size() && IsDigit(text[*position])) ++*position;
@@ -61,7 +61,7 @@ class TimestampReader {
 
   void Read() {
     std::ifstream file(path_);
-    if (!file) Throw("cannot be read; check --image_timestamps_path");
+    if (!file) Throw("cannot be read; check image_timestamps_path");
     std::string line;
     for (int number = 1; std::getline(file, line); ++number) {
       const size_t begin = line.find_first_not_of(kBlanks);

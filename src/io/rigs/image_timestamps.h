@@ -8,17 +8,16 @@
 
 namespace mgsfm {
 
-// When images were taken: a line "image_name SECONDS" for each, '#' starting
+// Times of exposure: one line "image_name SECONDS" per image; '#' starts
 // comments.
 
-// Sets the times of all images. Throws Error, naming the line or image, for a
-// file that cannot be read, a line that is none of these or has no finite
-// number, an image that the scene does not have, or that is named twice, an
-// image without time, and for frames of a rig whose times do not increase in
-// the order of their names (in which numbers count as such).
+// Sets the times of all images. Throws Error, naming the line or image, for an
+// unreadable file, a malformed line, a time that is not finite, an image that
+// is unknown, listed twice or missing, and for frames of a rig whose times do
+// not increase in the natural order of their names ("9" before "10").
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene);
 
-// Images without time are left out.
+// Images without a time are skipped.
 void WriteImageTimestamps(const std::filesystem::path& path,
                           const Scene& scene);
 

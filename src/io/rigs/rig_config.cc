@@ -75,7 +75,7 @@ class ObjectReader {
     }
     return numbers;
   }
-  // Both keys or none.
+  // Rotation and translation must come together.
   bool HasBoth(const std::string& a, const std::string& b) const {
     if (Has(a) != Has(b)) {
       Throw("has only one of '" + a + "' and '" + b + "'");
@@ -177,8 +177,8 @@ struct PrefixGroup {
   bool is_valid = true;
 };
 
-// Where the name of an image changes from the sensor's prefix to the frame's
-// part; `outer` is what precedes the sensor's own name.
+// Returns the sensor's prefix of the name of an image, and in `outer` the
+// folders before the sensor's own name.
 std::string ImagePrefix(const Image& image, const std::string& sensor_name,
                         std::string* outer) {
   *outer = "";
@@ -192,7 +192,7 @@ std::string ImagePrefix(const Image& image, const std::string& sensor_name,
   return slash == std::string::npos ? "" : image.name.substr(0, slash + 1);
 }
 
-// By outer folder.
+// Groups the images of a rig by outer folder.
 std::map<std::string, PrefixGroup> GroupImages(const Scene& scene,
                                                int rig_idx) {
   std::map<std::string, PrefixGroup> groups;
@@ -211,7 +211,7 @@ std::map<std::string, PrefixGroup> GroupImages(const Scene& scene,
   return groups;
 }
 
-// Whether a reader finds the same sensors and frames by the prefixes.
+// Returns whether the prefixes reproduce the same sensors and frames.
 bool IsFaithful(const Scene& scene, const PrefixGroup& group) {
   if (!group.is_valid) return false;
   for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
@@ -291,7 +291,7 @@ std::vector<RigConfig> ReadRigConfig(const std::string& path) {
   try {
     json = Json::parse(file);
   } catch (const Json::exception& error) {
-    // Without the name of the exception, "[json.exception.parse_error.101] ".
+    // Strips the name of the exception, "[json.exception.parse_error.101] ".
     const std::string what = error.what();
     const size_t bracket = what.find("] ");
     throw Error("rig configuration '" + path + "' is not valid JSON: " +

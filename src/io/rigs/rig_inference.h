@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// What rigs are found in: the rows of a database or model, images by name.
+// Input of rig inference: the rows of a database or model, images by name.
 struct RigInput {
   std::string kind;  // "database" or "model", for messages
   DatabaseContents contents;
@@ -23,16 +23,16 @@ struct RigInput {
   std::string Name() const { return kind + " '" + contents.path + "'"; }
 };
 
-// Which sensor took each image, and in which frame: the common result of all
-// sources of rigs. Sensors may be without images; a rig may be without
-// reference. Images are positions in RigInput.
+// Sensor and frame of each image, the common result of all sources of rigs.
+// Sensors may have no images; a rig may have no reference. Images are positions
+// in RigInput.
 struct RigAssignment {
   struct Sensor {
     int rig = 0;
     std::string name;
     bool is_reference = false;
     std::optional<Rigid3> sensor_from_rig;
-    // Replaces the intrinsics in the input.
+    // Replace the intrinsics of the input.
     std::optional<CameraModelId> camera_model;
     std::vector<double> camera_params;
   };
@@ -49,8 +49,8 @@ struct RigAssignment {
   std::string source;  // in words
 };
 
-// What the name of an image tells. Images with equal `sensor` are of one
-// sensor, with equal `frame` of one frame.
+// Keys parsed from the name of an image. Images with equal `sensor` belong to
+// one sensor, images with equal `frame` to one frame.
 struct ImageKeys {
   std::string sensor;
   std::string frame;
@@ -58,8 +58,8 @@ struct ImageKeys {
   std::string frame_name;
 };
 
-// The four sources, see scene_loading.h. Tables are trivial, and nullopt, if
-// they only repeat cameras and images.
+// The four sources of rigs, see scene_loading.h. AssignByTables returns nullopt
+// if the tables have one camera per rig and one image per frame.
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
                              const std::string& path);
@@ -82,13 +82,13 @@ bool HaveEqualIntrinsics(const Camera& a, const Camera& b);
 std::vector<std::string> SplitPath(const std::string& name);
 std::string WithoutExtension(const std::string& name);
 
-// Where the folder or folders `sensor_name` begin in the name of an image, as
-// whole components, or 0 if the name starts with them in any way.
+// Returns the position of the folders `sensor_name` in the name of an image, as
+// whole components, or 0 if the name starts with that text.
 std::optional<size_t> FindSensorName(const std::string& image_name,
                                      const std::string& sensor_name);
 
-// What is left of the name of an image for its frame: all but the sensor's name
-// and the extension.
+// Returns the frame's part of the name of an image, without the name of the
+// sensor and the extension.
 std::string NameWithoutSensor(const std::string& image_name,
                               const std::string& sensor_name);
 

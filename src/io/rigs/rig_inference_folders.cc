@@ -10,7 +10,8 @@
 namespace mgsfm {
 namespace {
 
-// Another level must give so many fewer images in shared frames to be beaten.
+// The best level must exceed the next by this factor in images that share
+// frames; a smaller lead may be an accident.
 constexpr double kMinSharedRatio = 1.1;
 
 struct Name {
@@ -71,7 +72,7 @@ bool IsCalledLikeCamera(std::string folder) {
       [&](const char* word) { return folder.find(word) != std::string::npos; });
 }
 
-// What speaks for the level; nullopt if all its folders are the same.
+// Scores a level of folders; nullopt if all its folders have one name.
 std::optional<Level> RateLevel(const RigInput& input,
                                const std::vector<Name>& names,
                                const std::vector<int>& images, size_t level) {
@@ -137,11 +138,11 @@ std::optional<Level> ChooseLevel(const RigInput& input,
   if (levels.size() == 1) return levels.front();
   const std::string& name = input.contents.images[images.front()].name;
   const Name& example = names[images.front()];
-  throw Error(input.Name() + ": image names do not tell whether '" +
+  throw Error(input.Name() + ": image names do not show whether '" +
               example.folders[levels[0].position] + "' or '" +
               example.folders[levels[1].position] + "' of '" + name +
-              "' is the camera of a rig; say so with --rig_name_rule or "
-              "--rig_config_path");
+              "' is the camera of a rig; set rig_name_rule or "
+              "rig_config_path");
 }
 
 }  // namespace
@@ -158,8 +159,8 @@ RigAssignment AssignByFolders(const RigInput& input) {
     for (const int image : images) {
       const Name& name = names[image];
       ImageKeys& key = keys[image];
-      // Without cameras of one name in all outer folders, these hold different
-      // rigs; they share no frames.
+      // Outer folders without common camera names hold different rigs, which
+      // share no frames.
       key.sensor_name = level && level->has_one_camera_per_folder
                             ? name.folders[level->position]
                             : FolderPath(name);

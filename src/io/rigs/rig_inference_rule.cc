@@ -20,7 +20,7 @@ struct NameRule {
 
 [[noreturn]] void ThrowRuleError(const std::string& rule,
                                  const std::string& problem) {
-  throw Error("--rig_name_rule '" + rule + "': " + problem);
+  throw Error("rig_name_rule '" + rule + "': " + problem);
 }
 
 GroupKind KindOfGroup(const std::string& rule, const std::string& name) {

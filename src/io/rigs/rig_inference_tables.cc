@@ -10,7 +10,7 @@ namespace mgsfm {
 namespace {
 
 constexpr const char* kRemedy =
-    "; configure the rigs again, or use --rig_config_path";
+    "; configure the rigs again, or set rig_config_path";
 
 bool IsTrivial(const DatabaseContents& contents) {
   const bool has_real_rig =

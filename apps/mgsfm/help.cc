@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "help.h"
+
+#include <algorithm>
+#include <iterator>
+#include <vector>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// The one place that tells basic options from advanced ones.
+struct BasicHelp {
+  std::string command;
+  std::string example;
+  std::vector<std::string> options;
+};
+
+const std::vector<BasicHelp>& BasicHelps() {
+  static const std::vector<BasicHelp> helps = {
+      {"automatic_reconstructor",
+       "mgsfm automatic_reconstructor --image_path images --workspace_path "
+       "work",
+       {"workspace_path", "image_path", "data_type", "rig_config_path",
+        "rig_name_rule", "use_prior_position"}},
+      {"mapper",
+       "mgsfm mapper --database_path database.db --image_path images "
+       "--output_path sparse",
+       {"database_path", "output_path", "image_path", "input_path",
+        "output_format", "rig_config_path", "rig_name_rule",
+        "use_prior_position", "use_prior_gravity", "image_timestamps_path",
+        "compute_covariances", "SoftRig.method"}},
+      {"bundle_adjuster",
+       "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
+       {"input_path", "output_path", "output_format", "retriangulate",
+        "compute_covariances", "rig_config_path", "rig_name_rule",
+        "BundleAdjustment.refine_rig_from_world",
+        "BundleAdjustment.refine_sensor_from_rig",
+        "BundleAdjustment.refine_focal_length",
+        "BundleAdjustment.refine_extra_params"}},
+      {"point_triangulator",
+       "mgsfm point_triangulator --database_path database.db --input_path "
+       "poses --output_path model",
+       {"database_path", "input_path", "output_path", "image_path",
+        "clear_points", "output_format", "rig_config_path", "rig_name_rule"}},
+      {"feature_extractor",
+       "mgsfm feature_extractor --database_path database.db --image_path "
+       "images",
+       {"database_path", "image_path", "image_list_path",
+        "ImageReader.camera_model", "ImageReader.camera_params_path",
+        "ImageReader.mask_path", "ImageReader.single_camera_per_folder"}},
+      {"simulate",
+       "mgsfm simulate --preset standard --output_path drive",
+       {"output_path", "preset", "rig", "path", "num_frames", "pixel_noise",
+        "rig_config_path", "trajectory_path", "render"}},
+  };
+  return helps;
+}
+
+const char* const kCommonOptions[] = {"num_threads", "random_seed",
+                                      "log_level"};
+
+OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
+  const auto is_basic = [&](const std::string& name) {
+    return std::find(help.options.begin(), help.options.end(), name) !=
+               help.options.end() ||
+           std::find(std::begin(kCommonOptions), std::end(kCommonOptions),
+                     name) != std::end(kCommonOptions);
+  };
+  OptionList basic;
+  for (const OptionEntry& entry : options) {
+    if (is_basic(entry.name)) basic.push_back(entry);
+  }
+  MGSFM_CHECK_EQ(basic.size(), help.options.size() + std::size(kCommonOptions));
+  return basic;
+}
+
+constexpr char kSwitches[] =
+    "\nFor all commands\n"
+    "  --config_path FILE\n"
+    "      Read options from a file in the format of --dump_config; flags\n"
+    "      override it.\n"
+    "  --dump_config\n"
+    "      Print all options with their values, and exit.\n"
+    "  --help, --help_all\n"
+    "      Print the basic options, or all of them, and exit.\n";
+
+}  // namespace
+
+std::string MakeHelp(const std::string& command, const std::string& summary,
+                     const OptionList& options, HelpLevel level) {
+  const std::vector<BasicHelp>& helps = BasicHelps();
+  const auto help = std::find_if(
+      helps.begin(), helps.end(),
+      [&](const BasicHelp& entry) { return entry.command == command; });
+  std::string text = "mgsfm " + command + ": " + summary + "\n\n";
+  if (help == helps.end()) return text + OptionsToHelp(options) + kSwitches;
+  text += "Example\n  " + help->example + "\n\n";
+  if (level == HelpLevel::kAll) {
+    return text + OptionsToHelp(options) + kSwitches;
+  }
+  const OptionList basic = SelectBasic(*help, options);
+  return text + OptionsToHelp(basic) + kSwitches + "\n" +
+         std::to_string(options.size() - basic.size()) +
+         " more options: mgsfm " + command + " --help_all\n";
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "output_check.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <functional>
+#include <sstream>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "io/files/model_files.h"
+#include "io/files/staged_output.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Returns whether an output at `target` would replace `file`.
+using Replaces = bool (*)(const fs::path& target, const fs::path& file);
+
+bool IsSameFile(const fs::path& target, const fs::path& file) {
+  std::error_code ignored;  // where one is missing
+  return fs::equivalent(target, file, ignored);
+}
+
+bool RunReplaces(const fs::path& target, const fs::path& file) {
+  return IsReplacedByOutput(target, OutputKind::kRun, file);
+}
+
+bool ModelReplaces(const fs::path& target, const fs::path& file) {
+  return IsReplacedByOutput(target, OutputKind::kModel, file);
+}
+
+bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
+  return IsSameFile(target / "database.db", file) ||
+         RunReplaces(target / "sparse", file);
+}
+
+bool SimulationReplaces(const fs::path& target, const fs::path& file) {
+  for (const char* name :
+       {"database.db", "timestamps.txt", "gravity.txt", "cameras.txt"}) {
+    if (IsSameFile(target / name, file)) return true;
+  }
+  return ModelReplaces(target / "truth", file) ||
+         ModelReplaces(target / "truth_images", file);
+}
+
+// The outputs of all commands. Those that only read have none.
+struct Output {
+  const char* command;
+  const char* option;
+  Replaces replaces;
+  // The input that the command may adjust in place, if any.
+  const char* in_place = "";
+};
+
+constexpr Output kOutputs[] = {
+    {"mapper", "output_path", RunReplaces},
+    {"automatic_reconstructor", "workspace_path", WorkspaceReplaces},
+    {"bundle_adjuster", "output_path", ModelReplaces, "input_path"},
+    {"point_triangulator", "output_path", ModelReplaces, "input_path"},
+    {"simulate", "output_path", SimulationReplaces},
+    {"model_evaluator", "json", IsSameFile},
+    {"model_evaluator", "svg_path", IsSameFile},
+    {"feature_extractor", "database_path", IsSameFile},
+    {"rig_configurator", "database_path", IsSameFile},
+    {"exhaustive_matcher", "database_path", IsSameFile},
+    {"sequential_matcher", "database_path", IsSameFile},
+    {"vocab_tree_matcher", "database_path", IsSameFile},
+    {"spatial_matcher", "database_path", IsSameFile},
+    {"matches_importer", "database_path", IsSameFile},
+};
+
+struct NamedPath {
+  std::string option;
+  std::string path;
+};
+
+bool IsOutput(const std::string& command, const std::string& option) {
+  return std::any_of(
+      std::begin(kOutputs), std::end(kOutputs), [&](const Output& output) {
+        return command == output.command && option == output.option;
+      });
+}
+
+bool EndsWith(const std::string& text, const std::string& end) {
+  return text.size() >= end.size() &&
+         text.compare(text.size() - end.size(), end.size(), end) == 0;
+}
+
+// The files behind an input path. A folder stands for the files of the model in
+// it; outputs never replace images.
+std::vector<fs::path> FilesOf(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::is_directory(path, ignored)) return {path};
+  std::vector<fs::path> files;
+  for (const std::string& name : ListFolder(path).model_files) {
+    files.push_back(path / name);
+  }
+  return files;
+}
+
+// Some options take a list of paths, separated by commas.
+std::vector<NamedPath> ReadInputs(const std::string& command,
+                                  const OptionList& options,
+                                  const std::string& config_path) {
+  std::vector<NamedPath> inputs;
+  const auto add = [&](const std::string& option, const std::string& value) {
+    inputs.push_back({option, value});
+    std::istringstream list(value);
+    for (std::string item; std::getline(list, item, ',');) {
+      if (item != value) inputs.push_back({option, item});
+    }
+  };
+  for (const OptionEntry& entry : options) {
+    const OptionValue value = entry.get();
+    if (!EndsWith(entry.name, "_path") || IsOutput(command, entry.name) ||
+        !std::holds_alternative<std::string>(value)) {
+      continue;
+    }
+    add(entry.name, std::get<std::string>(value));
+  }
+  add("config_path", config_path);
+  inputs.erase(
+      std::remove_if(inputs.begin(), inputs.end(),
+                     [](const NamedPath& input) { return input.path.empty(); }),
+      inputs.end());
+  return inputs;
+}
+
+std::string ValueOf(const OptionList& options, const std::string& name) {
+  for (const OptionEntry& entry : options) {
+    if (entry.name == name) return FormatOptionValue(entry.get());
+  }
+  return "";
+}
+
+}  // namespace
+
+void CheckOutputsAreNoInputs(const std::string& command,
+                             const OptionList& options,
+                             const std::string& config_path) {
+  const std::vector<NamedPath> inputs =
+      ReadInputs(command, options, config_path);
+  for (const Output& output : kOutputs) {
+    const std::string target = ValueOf(options, output.option);
+    if (command != output.command || target.empty()) continue;
+    for (const NamedPath& input : inputs) {
+      if (input.option == output.in_place) continue;
+      for (const fs::path& file : FilesOf(input.path)) {
+        if (!output.replaces(target, file)) continue;
+        throw Error("'" + file.string() + "' is an input (--" + input.option +
+                    ") that --" + output.option +
+                    " would replace; choose another " + output.option);
+      }
+    }
+  }
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Reads and writes models in COLMAP's formats, without points."""
+import contextlib
+import pathlib
+import struct
+
+from experiments import poses
+
+
+def pose_text(pose):
+    """Quaternion and translation of the inverse of a rigid 4 x 4 matrix."""
+    r, t = poses.inverse(pose)
+    return " ".join(repr(float(n))
+                    for n in [*poses.quaternion_from_rotation(r), *t])
+
+
+def write_truth(folder, camera_lines, rig_from_cam, frames):
+    """Writes the ground truth of a drive as a text model with one rig.
+
+    camera_lines: "FOLDER MODEL WIDTH HEIGHT PARAMS..." of each camera.
+    rig_from_cam: {FOLDER: 4 x 4 matrix}; that of the first camera is the
+    identity. frames: {name: world_from_rig as 4 x 4 matrix, metres}; images are
+    called FOLDER/name.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras = [line.split(maxsplit=1)[0] for line in camera_lines]
+    with open(folder / "cameras.txt", "w", encoding="utf-8") as file:
+        for k, line in enumerate(camera_lines, 1):
+            file.write(f"{k} {line.split(maxsplit=1)[1]}\n")
+    with open(folder / "rigs.txt", "w", encoding="utf-8") as file:
+        others = "".join(f" CAMERA {k} 1 {pose_text(rig_from_cam[camera])}"
+                         for k, camera in enumerate(cameras[1:], 2))
+        file.write(f"1 {len(cameras)} CAMERA 1{others}\n")
+    write_frames(folder, cameras, rig_from_cam, frames)
+    (folder / "points3D.txt").write_text("")
+
+
+def write_frames(folder, cameras, rig_from_cam, frames):
+    """images.txt and frames.txt of write_truth()."""
+    with contextlib.ExitStack() as stack:
+        images, rows = (stack.enter_context(
+            open(folder / name, "w", encoding="utf-8"))
+            for name in ("images.txt", "frames.txt"))
+        image_id = 0
+        for frame_id, (name, pose) in enumerate(frames.items(), 1):
+            data = ""
+            for k, camera in enumerate(cameras, 1):
+                image_id += 1
+                data += f" CAMERA {k} {image_id}"
+                world_from_cam = poses.product(pose, rig_from_cam[camera])
+                images.write(f"{image_id} {pose_text(world_from_cam)} {k} "
+                             f"{camera}/{name}\n\n")
+            rows.write(f"{frame_id} 1 {pose_text(pose)} {len(cameras)}{data}\n")
+
+
+def read_positions(model):
+    """{image name: camera centre, world units} of a binary or text model."""
+    model = pathlib.Path(model)
+    if (model / "images.bin").exists():
+        return read_binary_positions(model / "images.bin")
+    positions = {}
+    for line in text_image_lines(model / "images.txt"):
+        words = line.split(maxsplit=9)
+        numbers = list(map(float, words[1:8]))
+        positions[words[9]] = poses.camera_center(numbers[:4], numbers[4:])
+    return positions
+
+
+def text_image_lines(path):
+    """The first line of each image; the second lists its keypoints."""
+    return [line for line in path.read_text().splitlines()
+            if not line.startswith("#")][::2]
+
+
+def read_binary_positions(path):
+    """The binary case of read_positions()."""
+    data = path.read_bytes()
+    (count,) = struct.unpack_from("<Q", data)
+    positions, at = {}, 8
+    for _ in range(count):
+        numbers = struct.unpack_from("<7d", data, at + 4)
+        at += 4 + 56 + 4
+        end = data.index(b"\0", at)
+        positions[data[at:end].decode()] = poses.camera_center(
+            numbers[:4], numbers[4:])
+        (num_points,) = struct.unpack_from("<Q", data, end + 1)
+        at = end + 9 + 24 * num_points
+    return positions
+
+
+def num_images(model):
+    """The number of images of a model; 0 if the folder holds none."""
+    if (model / "images.bin").exists():
+        with open(model / "images.bin", "rb") as file:
+            (count,) = struct.unpack("<Q", file.read(8))
+        return count
+    if (model / "images.txt").exists():
+        return len(text_image_lines(model / "images.txt"))
+    return 0
+
+
+def largest_model(folder):
+    """The model with most images in a folder or its sub-folders, or None."""
+    candidates = [folder, *sorted(p for p in folder.glob("*") if p.is_dir())]
+    best = max(candidates, key=num_images)
+    return best if num_images(best) > 0 else None

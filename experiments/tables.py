@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables as text, Markdown, CSV, LaTeX and JSON."""
+import csv
+import io
+import json
+
+MISSING = "-"
+
+
+class Table:
+    """Rows of cells that are text, numbers with `digits` decimals, or None."""
+
+    def __init__(self, name, title, header, digits):
+        self.name, self.title, self.header = name, title, header
+        self.digits = digits
+        self.rows = []
+
+    def cell(self, value):
+        """The text of a cell."""
+        if value is None:
+            return MISSING
+        if isinstance(value, str):
+            return value
+        return f"{value:.{self.digits}f}"
+
+    def cells(self):
+        """All rows as text."""
+        return [[self.cell(v) for v in row] for row in self.rows]
+
+    def text(self):
+        """Aligned columns for a terminal."""
+        rows = [self.header, *self.cells()]
+        widths = [max(map(len, column)) for column in zip(*rows)]
+        lines = ["  ".join(c.ljust(w) if i == 0 else c.rjust(w)
+                           for i, (c, w) in enumerate(zip(row, widths)))
+                 for row in rows]
+        return "\n".join([self.title, *lines]) + "\n"
+
+    def markdown(self):
+        """The title in bold, and the table."""
+        return f"**{self.title}**\n\n" + markdown_table(
+            self.header, self.cells(), "---:")
+
+    def csv(self):
+        """Rows that start with the name of the table."""
+        out = io.StringIO()
+        csv.writer(out, lineterminator="\n").writerows(
+            [["table", *self.header],
+             *[[self.name, *row] for row in self.cells()]])
+        return out.getvalue()
+
+    def latex(self):
+        """A table environment with a caption."""
+        def escape(text):
+            return text.replace("_", r"\_").replace("%", r"\%")
+        lines = [" & ".join(map(escape, row)) + r" \\"
+                 for row in [self.header, *self.cells()]]
+        lines.insert(1, r"\hline")
+        return "\n".join([
+            r"\begin{table}", r"\centering",
+            r"\begin{tabular}{l" + "r" * (len(self.header) - 1) + "}",
+            *lines, r"\end{tabular}", rf"\caption{{{escape(self.title)}}}",
+            r"\end{table}"]) + "\n"
+
+    def json(self):
+        """The values with all digits."""
+        return {"name": self.name, "title": self.title,
+                "header": self.header, "rows": self.rows}
+
+
+def markdown_table(header, rows, alignment="---"):
+    """A Markdown table of texts; `alignment` of all columns but the first."""
+    lines = ["| " + " | ".join(row) + " |" for row in [header, *rows]]
+    lines.insert(1, "|---" + f"|{alignment}" * (len(header) - 1) + "|")
+    return "\n".join(lines) + "\n"
+
+
+def write(tables, path, description):
+    """PATH.txt, .md, .csv, .tex and .json; prints the text, too.
+
+    description: further entries of the JSON file.
+    """
+    text = "\n".join(t.text() for t in tables)
+    print("\n" + text, end="")
+    path.with_suffix(".txt").write_text(text)
+    path.with_suffix(".md").write_text(
+        "\n".join(t.markdown() for t in tables))
+    path.with_suffix(".csv").write_text("\n".join(t.csv() for t in tables))
+    path.with_suffix(".tex").write_text("\n".join(t.latex() for t in tables))
+    path.with_suffix(".json").write_text(json.dumps(
+        {**description, "tables": [t.json() for t in tables]}, indent=2)
+        + "\n")
+    print(f"\nwrote {path}.txt, .md, .csv, .tex and .json")

@@ -1,0 +1,23 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Fails if docs/reference/options.md is stale or a relative link in a Markdown
+# file leads nowhere. Needs the program in build/release.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+scripts/gen_docs.sh --check
+
+git ls-files --cached --others --exclude-standard '*.md' |
+  xargs grep -oHE '\]\([^)# ]+' | sed 's/\](/ /' | {
+  num_broken=0
+  while read -r file target; do
+    file=${file%:}
+    case $target in *://* | mailto:*) continue ;; esac
+    if [ ! -e "$(dirname "$file")/$target" ]; then
+      echo "$file: no such file: $target" >&2
+      num_broken=$((num_broken + 1))
+    fi
+  done
+  [ "$num_broken" = 0 ]
+}
+echo "options and links are up to date"

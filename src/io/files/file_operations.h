@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+namespace mgsfm {
+
+// The calls by which a finished output takes the place of an earlier one. All
+// of them go through this interface, so that a test can make each one fail or
+// be the last. Every call throws Error with the path and the reason.
+class FileOperations {
+ public:
+  virtual ~FileOperations() = default;
+
+  virtual void Rename(const std::filesystem::path& from,
+                      const std::filesystem::path& to);
+  // Swaps two entries atomically (renameat2, Linux). Returns false, having done
+  // nothing, where the system or the file system cannot.
+  virtual bool Exchange(const std::filesystem::path& a,
+                        const std::filesystem::path& b);
+  // Removes a file, a link or an empty folder; missing ones are ignored.
+  virtual void Remove(const std::filesystem::path& path);
+  // Makes a folder; one that exists is left as it is.
+  virtual void MakeFolder(const std::filesystem::path& path);
+  // Writes a new file.
+  virtual void Write(const std::filesystem::path& path,
+                     const std::string& content);
+  // Waits until a file, or the entries of a folder, are on the disk (fsync).
+  virtual void Sync(const std::filesystem::path& path);
+};
+
+// Removes a folder with everything in it, one Remove per entry.
+void RemoveTree(const std::filesystem::path& folder,
+                FileOperations* operations);
+
+// Syncs all files and folders in a folder, and the folder itself.
+void SyncTree(const std::filesystem::path& folder, FileOperations* operations);
+
+}  // namespace mgsfm

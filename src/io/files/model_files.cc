@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/files/model_files.h"
+
+#include <algorithm>
+#include <iterator>
+#include <system_error>
+
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+template <size_t N>
+bool Contains(const char* const (&names)[N], const fs::path& name) {
+  return std::find(std::begin(names), std::end(names), name) != std::end(names);
+}
+
+}  // namespace
+
+bool IsModelFileName(const fs::path& name) {
+  constexpr const char* kTables[] = {"cameras", "images", "points3D", "rigs",
+                                     "frames"};
+  constexpr const char* kOthers[] = {"rig_config.json", "geo_origin.json",
+                                     "covariances.csv"};
+  const bool is_table_format =
+      name.extension() == ".bin" || name.extension() == ".txt";
+  return (is_table_format && Contains(kTables, name.stem())) ||
+         Contains(kOthers, name);
+}
+
+bool IsImagesFileName(const fs::path& name) {
+  return name == "images.bin" || name == "images.txt";
+}
+
+bool IsModelFolderName(const fs::path& name) {
+  const std::string digits = name.string();
+  return !digits.empty() && (digits == "0" || digits[0] != '0') &&
+         std::all_of(digits.begin(), digits.end(),
+                     [](char c) { return c >= '0' && c <= '9'; });
+}
+
+bool FolderContents::HoldsModel() const {
+  return std::any_of(model_files.begin(), model_files.end(), IsImagesFileName);
+}
+
+FolderContents ListFolder(const fs::path& folder) {
+  FolderContents contents;
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    const fs::path name = it->path().filename();
+    const bool is_model_file = IsModelFileName(name) && !it->is_directory();
+    (is_model_file ? contents.model_files : contents.others)
+        .push_back(name.string());
+  }
+  if (error) {
+    throw Error("cannot read the folder '" + folder.string() +
+                "': " + error.message() + "; choose another output path");
+  }
+  std::sort(contents.model_files.begin(), contents.model_files.end());
+  std::sort(contents.others.begin(), contents.others.end());
+  return contents;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace mgsfm {
+
+// The one list of the files that make up a model on disk. Outputs replace
+// these files and no others.
+
+// cameras, images, points3D, rigs and frames as .bin or .txt; rig_config.json,
+// geo_origin.json and covariances.csv.
+bool IsModelFileName(const std::filesystem::path& name);
+
+// images.bin or images.txt: a folder without either is not a model.
+bool IsImagesFileName(const std::filesystem::path& name);
+
+// "0", "1", ...: the names of the model folders of a mapper run.
+bool IsModelFolderName(const std::filesystem::path& name);
+
+// The report beside the models of a run.
+constexpr char kReportFileName[] = "report.json";
+
+// The entries of a folder in the order of their names, sorted by their role.
+struct FolderContents {
+  std::vector<std::string> model_files;
+  std::vector<std::string> others;
+
+  bool HoldsModel() const;
+  bool IsEmpty() const { return model_files.empty() && others.empty(); }
+};
+
+// A subfolder never is a model file. Throws Error if the folder cannot be read.
+FolderContents ListFolder(const std::filesystem::path& folder);
+
+}  // namespace mgsfm

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/random.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/matching/matching_options.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// One image pair of two rigid units (frames).
+struct UnitImagePair {
+  VerificationView view1;  // of unit 1
+  VerificationView view2;
+  Rigid3 cam1_from_unit1;
+  Rigid3 cam2_from_unit2;
+  const std::vector<Match>* matches = nullptr;
+  ImagePair single;  // result of VerifyPair
+};
+
+// Verifies all image pairs of two frames of a calibrated rig jointly, by the
+// rig motion unit2_from_unit1 (6 degrees of freedom) with the most inliers over
+// all pairs (geometry/generalized_pose.h).
+//
+// An image pair supports the motion if at least min_num_unit_inliers and
+// min_inlier_ratio of its matches are inliers. The motion is accepted if at
+// least two pairs support it, with min_num_inliers inliers in total. Then
+//   - a supporting pair becomes CALIBRATED, with the relative pose of the rig
+//     motion and its inliers: a motion estimated from one pair alone is less
+//     certain, above all with few matches or little parallax;
+//   - a PANORAMIC pair of which at least half the inliers agree is unchanged;
+//   - any other pair becomes DEGENERATE: its own motion contradicts the rig, as
+//     that of a moving object or of a duplicate structure does.
+// If the motion is not accepted, all pairs are unchanged.
+//
+// Returns the new two-view geometry of each pair, nullopt if it is unchanged.
+// `unit2_from_unit1` is the known motion, such as the identity for images of
+// one frame; nullopt: it is estimated. Pairs without prior focal lengths and
+// WATERMARK pairs are ignored and unchanged.
+[[nodiscard]] std::vector<std::optional<ImagePair>> VerifyUnits(
+    const std::vector<UnitImagePair>& pairs,
+    const std::optional<Rigid3>& unit2_from_unit1,
+    const TwoViewGeometryOptions& two_view, const RigVerificationOptions& rig,
+    Random random);
+
+}  // namespace mgsfm

@@ -1,0 +1,24 @@
+# CTest runs this with cmake -P; CMakeLists.txt defines the variables.
+set(prefix ${WORK_DIR}/prefix)
+set(examples ${WORK_DIR}/examples)
+set(data ${WORK_DIR}/data)
+file(REMOVE_RECURSE ${prefix} ${examples} ${data})
+
+function(run)
+  execute_process(COMMAND ${ARGV} COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+run(${CMAKE_COMMAND} --install ${MGSFM_BUILD_DIR} --prefix ${prefix})
+run(${CMAKE_COMMAND} -S ${MGSFM_SOURCE_DIR}/examples -B ${examples} -G Ninja
+  -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH=${prefix})
+run(${CMAKE_COMMAND} --build ${examples})
+
+set(mgsfm ${prefix}/bin/mgsfm)
+run(${mgsfm} --version)
+run(${mgsfm} simulate --output_path ${data} --preset standard --num_frames 12)
+run(${examples}/average_rotations ${data}/database.db)
+run(${examples}/map_database ${data}/database.db ${data}/sparse)
+run(${examples}/adjust_model ${data}/sparse/0 ${data}/adjusted)
+# The program reads what the examples wrote, and finds the same poses.
+run(${mgsfm} model_evaluator --input_path ${data}/adjusted
+  --gt_path ${data}/truth)
