@@ -4,8 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include "least_squares/scale_elimination.h"
-
 namespace mgsfm {
 namespace {
 
@@ -23,19 +21,14 @@ const BaselineTerm& TermOf(const TermInput& in, size_t t) {
   return in.problem.baselines[in.structure.term_order[t]];
 }
 
-double ScaleOf(const TermInput& in, size_t t) {
-  return in.scales.empty() ? 1.0 : in.scales[t];
-}
-
 BaselineResidual ResidualOf(const TermInput& in, size_t t) {
   const BaselineTerm& term = TermOf(in, t);
   return EvaluateBaselineTerm(
-      term, CenterOf(in.poses[term.image2]) - CenterOf(in.poses[term.image1]),
-      ScaleOf(in, t));
+      term, CenterOf(in.poses[term.image2]) - CenterOf(in.poses[term.image1]));
 }
 
 // A term with its derivatives by the blocks of a chunk, times the root of its
-// weight; its scale, if it has one, is eliminated.
+// weight.
 class LinearTermOfBlocks {
  public:
   LinearTermOfBlocks(const TermInput& in, const ChunkRanges& chunk, size_t t)
@@ -49,16 +42,6 @@ class LinearTermOfBlocks {
     const double root = std::sqrt(loss.Weight(residual_.value.squaredNorm()));
     residual_.value *= root;
     residual_.by_baseline *= root;
-    if (TermOf(in, t).kind == BaselineTerm::Kind::kBilinear) {
-      const double length = residual_.length_value;
-      const double length_root = std::sqrt(loss.Weight(length * length));
-      residual_.by_scale *= root;
-      // by_baseline is symmetric, as row-major as not.
-      scale_ = EliminateScale(
-          ScaleOf(in, t), in.lambda, !in.is_far_off, residual_.by_scale.data(),
-          length_root * residual_.length_by_scale, length_root * length,
-          residual_.by_baseline.data(), residual_.value.data());
-    }
     for (int side = 0; side < 2; ++side) {
       const double sign = side == 0 ? -1.0 : 1.0;
       const ImagePose& pose = in.poses[images_[side]->image];
@@ -101,13 +84,6 @@ class LinearTermOfBlocks {
     }
   }
 
-  double MovedScale(const std::vector<ImagePose>& poses,
-                    const std::vector<ImageTwist>& twists, double scale,
-                    double length, StepSums* sums) const {
-    return MoveScale(scale_, scale, length,
-                     ChangeOfBaseline(poses, twists).data(), sums);
-  }
-
  private:
   Vector3d ChangeOfBaseline(const std::vector<ImagePose>& poses,
                             const std::vector<ImageTwist>& twists) const {
@@ -145,7 +121,6 @@ class LinearTermOfBlocks {
 
   std::array<const ChunkImage*, 2> images_;
   BaselineResidual residual_;
-  EliminatedScale scale_;
   int num_blocks_ = 0;
   std::array<int, 4> blocks_;
   std::array<Matrix3d, 4> coefficients_;
@@ -154,17 +129,8 @@ class LinearTermOfBlocks {
 }  // namespace
 
 BaselineResidual EvaluateBaselineTerm(const BaselineTerm& term,
-                                      const Vector3d& baseline, double scale) {
+                                      const Vector3d& baseline) {
   BaselineResidual r;
-  if (term.kind == BaselineTerm::Kind::kBilinear) {
-    r.size = 3;
-    r.value = term.weight * (term.direction - scale * baseline);
-    r.by_baseline = -term.weight * scale * Matrix3d::Identity();
-    r.by_scale = -term.weight * baseline;
-    r.length_value = term.length_weight * (scale * term.length - 1.0);
-    r.length_by_scale = term.length_weight * term.length;
-    return r;
-  }
   if (term.kind == BaselineTerm::Kind::kZero) {
     r.size = 3;
     r.value = term.weight * baseline;
@@ -194,9 +160,6 @@ double CostOfTerms(const TermInput& in, const ChunkRanges& chunk) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
     const BaselineResidual r = ResidualOf(in, t);
     cost += 0.5 * loss.Cost(r.value.squaredNorm());
-    if (TermOf(in, t).kind == BaselineTerm::Kind::kBilinear) {
-      cost += 0.5 * loss.Cost(r.length_value * r.length_value);
-    }
   }
   return cost;
 }
@@ -213,18 +176,6 @@ void MultiplyTerms(const TermInput& in, const ChunkRanges& chunk,
                    ChunkWorkspace* workspace) {
   for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
     LinearTermOfBlocks(in, chunk, t).MultiplyTo(in.poses, twists, workspace);
-  }
-}
-
-void MoveScalesOfTerms(const TermInput& in, const ChunkRanges& chunk,
-                       const std::vector<ImageTwist>& twists, double length,
-                       std::vector<double>* new_scales, StepSums* sums) {
-  if (in.scales.empty()) return;
-  for (size_t t = chunk.terms.begin; t < chunk.terms.end; ++t) {
-    if (TermOf(in, t).kind != BaselineTerm::Kind::kBilinear) continue;
-    (*new_scales)[t] =
-        LinearTermOfBlocks(in, chunk, t)
-            .MovedScale(in.poses, twists, in.scales[t], length, sums);
   }
 }
 

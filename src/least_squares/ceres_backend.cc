@@ -64,12 +64,10 @@ class CeresRigProblem {
   }
 
   ceres::Solver::Summary Solve(ceres::Solver::Options options) {
-    // With scales it takes half as long to eliminate nothing first.
-    options.linear_solver_type =
-        rig_.num_points() > 0 && rig_.points_are_free && !R::kHasScale
-            ? ceres::SPARSE_SCHUR
-            : ceres::SPARSE_NORMAL_CHOLESKY;
-    if (!R::kHasScale) SetOrder(&options);
+    options.linear_solver_type = rig_.num_points() > 0 && rig_.points_are_free
+                                     ? ceres::SPARSE_SCHUR
+                                     : ceres::SPARSE_NORMAL_CHOLESKY;
+    SetOrder(&options);
     ceres::Solver::Summary summary;
     ceres::Solve(options, &problem_, &summary);
     return summary;
@@ -120,12 +118,10 @@ class CeresRigProblem {
         if (R::kHasCamera) {
           blocks.push_back(state_.cameras[image.camera].data());
         }
-        if (R::kHasScale) blocks.push_back(&state_.observation_scales[o]);
         problem_.AddResidualBlock(
             new ObservationCost<R>(rig_, observation.image,
                                    R::Measured(observation)),
             &loss_, blocks);
-        if (R::kHasScale) BoundScale(&state_.observation_scales[o]);
       }
       if (!rig_.points_are_free &&
           problem_.HasParameterBlock(state_.points[p].data())) {
@@ -134,13 +130,8 @@ class CeresRigProblem {
     }
   }
 
-  void BoundScale(double* scale) {
-    problem_.SetParameterLowerBound(scale, 0, kMinScale);
-  }
-
   void AddBaselines() {
-    for (size_t t = 0; t < rig_.baselines.size(); ++t) {
-      const BaselineTerm& term = rig_.baselines[t];
+    for (const BaselineTerm& term : rig_.baselines) {
       std::vector<double*> blocks;
       BaselineCost::Positions positions;
       int k = 0;
@@ -153,16 +144,9 @@ class CeresRigProblem {
           if (it == blocks.end()) blocks.push_back(block);
         }
       }
-      auto* cost = new BaselineCost(rig_, term, positions, blocks.size());
-      if (term.kind != BaselineTerm::Kind::kBilinear) {
-        problem_.AddResidualBlock(cost, &loss_, blocks);
-        continue;
-      }
-      double* scale = &state_.baseline_scales[t];
-      blocks.push_back(scale);
-      problem_.AddResidualBlock(cost, &loss_, blocks);
-      problem_.AddResidualBlock(new LengthOfScaleCost(term), &loss_, scale);
-      BoundScale(scale);
+      problem_.AddResidualBlock(
+          new BaselineCost(rig_, term, positions, blocks.size()), &loss_,
+          blocks);
     }
   }
 
@@ -277,9 +261,6 @@ template SolveSummary SolveByCeres<PixelResidual>(
     const Context&, RigState*);
 template SolveSummary SolveByCeres<RayResidual>(
     const RigProblem<RayObservation>&, const RigSolverOptions&, int,
-    const Context&, RigState*);
-template SolveSummary SolveByCeres<ScaledRayResidual>(
-    const RigProblem<ScaledRayObservation>&, const RigSolverOptions&, int,
     const Context&, RigState*);
 
 }  // namespace mgsfm

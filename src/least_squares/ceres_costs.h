@@ -104,7 +104,7 @@ inline ImagePose MakeImagePose(const RigProblemBase& problem, int image_idx,
   return pose;
 }
 
-// Blocks: frame, sensor, point, camera and scale if there are such.
+// Blocks: frame, sensor, point, and the camera if there is one.
 template <class R>
 class ObservationCost : public ceres::CostFunction {
  public:
@@ -117,39 +117,28 @@ class ObservationCost : public ceres::CostFunction {
     if (R::kHasCamera) {
       mutable_parameter_block_sizes()->push_back(kMaxNumCameraParams);
     }
-    if (R::kHasScale) mutable_parameter_block_sizes()->push_back(1);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals,
                 double** jacobians) const override {
     const ImagePose pose = MakeImagePose(problem_, image_, blocks[0], blocks[1],
                                          R::kHasCamera ? blocks[3] : nullptr);
-    const double scale = R::kHasScale ? blocks[kScaleBlock][0] : 1.0;
     if (jacobians == nullptr) {
       double y[3], x[3];
       TransformPoint(pose, blocks[2], y, x);
-      return R::Evaluate(pose, x, measured_, scale, residuals);
+      return R::Evaluate(pose, x, measured_, residuals);
     }
     ObservationTerms<R::kDim> o;
     if (!LinearizeObservation<R>({RobustLossType::kTrivial, 1.0}, pose,
-                                 blocks[2], measured_, &o, scale)) {
+                                 blocks[2], measured_, &o)) {
       return false;
     }
     std::copy_n(o.residual, R::kDim, residuals);
     WriteJacobians(pose, o, jacobians);
-    if constexpr (R::kHasScale) {
-      double x[3];
-      for (int i = 0; i < 3; ++i) x[i] = o.y[i] + pose.translation[i];
-      if (jacobians[kScaleBlock] != nullptr) {
-        R::ByScale(x, o.P, scale, jacobians[kScaleBlock]);
-      }
-    }
     return true;
   }
 
  private:
-  static constexpr int kScaleBlock = R::kHasCamera ? 4 : 3;
-
   void WriteJacobians(const ImagePose& pose, const ObservationTerms<R::kDim>& o,
                       double** jacobians) const {
     constexpr int kDim = R::kDim;
@@ -185,8 +174,7 @@ class ObservationCost : public ceres::CostFunction {
   double measured_[R::kDim];
 };
 
-// Blocks: those of frames and sensors of both images, each once, and the scale
-// of terms that have one.
+// Blocks: those of frames and sensors of both images, each once.
 class BaselineCost : public ceres::CostFunction {
  public:
   // For each image its frame and its sensor: positions in the blocks.
@@ -200,7 +188,6 @@ class BaselineCost : public ceres::CostFunction {
         num_poses_(num_poses) {
     set_num_residuals(term.kind == BaselineTerm::Kind::kLength ? 1 : 3);
     mutable_parameter_block_sizes()->assign(num_poses, 7);
-    if (HasScale()) mutable_parameter_block_sizes()->push_back(1);
   }
 
   bool Evaluate(double const* const* blocks, double* residuals,
@@ -221,13 +208,9 @@ class BaselineCost : public ceres::CostFunction {
             coefficients[k] * Eigen::Vector3d::Map(blocks[positions_[k]] + 4);
       }
     }
-    const BaselineResidual r = EvaluateBaselineTerm(
-        term_, baseline, HasScale() ? blocks[num_poses_][0] : 1.0);
+    const BaselineResidual r = EvaluateBaselineTerm(term_, baseline);
     for (int i = 0; i < r.size; ++i) residuals[i] = r.value[i];
     if (jacobians == nullptr) return true;
-    if (HasScale() && jacobians[num_poses_] != nullptr) {
-      std::copy_n(r.by_scale.data(), 3, jacobians[num_poses_]);
-    }
     for (size_t b = 0; b < num_poses_; ++b) {
       if (jacobians[b] != nullptr) std::fill_n(jacobians[b], 7 * r.size, 0.0);
     }
@@ -243,31 +226,10 @@ class BaselineCost : public ceres::CostFunction {
   }
 
  private:
-  bool HasScale() const { return term_.kind == BaselineTerm::Kind::kBilinear; }
-
   const RigProblemBase& problem_;
   const BaselineTerm& term_;
   const Positions positions_;
   const size_t num_poses_;
-};
-
-// The residual of a bilinear term on its length. Block: the scale.
-class LengthOfScaleCost : public ceres::SizedCostFunction<1, 1> {
- public:
-  explicit LengthOfScaleCost(const BaselineTerm& term) : term_(term) {}
-  bool Evaluate(double const* const* blocks, double* residuals,
-                double** jacobians) const override {
-    const BaselineResidual r =
-        EvaluateBaselineTerm(term_, Eigen::Vector3d::Zero(), blocks[0][0]);
-    residuals[0] = r.length_value;
-    if (jacobians != nullptr && jacobians[0] != nullptr) {
-      jacobians[0][0] = r.length_by_scale;
-    }
-    return true;
-  }
-
- private:
-  const BaselineTerm& term_;
 };
 
 class LinearTermCost : public ceres::CostFunction {

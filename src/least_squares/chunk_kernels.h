@@ -12,7 +12,6 @@
 #include "least_squares/lanes.h"
 #include "least_squares/residuals.h"
 #include "least_squares/rig_structure.h"
-#include "least_squares/scale_elimination.h"
 
 // The inner loops over the observations of points, on plain arrays. They are
 // inlined into the passes of chunk_passes.h, which are compiled for several
@@ -28,7 +27,6 @@ struct PassInput {
   const std::vector<double>& measured;  // R::kDim per observation
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
-  const std::vector<double>& scales;  // of observations, if any
   double lambda;
   bool is_far_off;
 };
@@ -45,16 +43,12 @@ struct PointFactor {
 };
 
 // D of a point; see rig_equations.h.
-template <class R>
-MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PassInput<R>& in,
-                                         const PointHessian& hessian,
+MGSFM_ALWAYS_INLINE void DiagonalOfPoint(const PointHessian& hessian,
                                          double* D) {
   const double* v = hessian.values;
-  const bool uses_trace = R::kHasScale && in.is_far_off;
-  const double half_trace = 0.5 * (v[0] + v[2] + v[5]);
-  D[0] = ClampDiagonal(uses_trace ? half_trace : v[0]);
-  D[1] = ClampDiagonal(uses_trace ? half_trace : v[2]);
-  D[2] = ClampDiagonal(uses_trace ? half_trace : v[5]);
+  D[0] = ClampDiagonal(v[0]);
+  D[1] = ClampDiagonal(v[2]);
+  D[2] = ClampDiagonal(v[5]);
 }
 
 template <class R>
@@ -64,7 +58,7 @@ MGSFM_ALWAYS_INLINE PointFactor FactorPoint(const PassInput<R>& in,
   constexpr double kMinRatio = 1e-15;
   const double* v = hessian.values;
   double D[3];
-  DiagonalOfPoint(in, hessian, D);
+  DiagonalOfPoint(hessian, D);
   const double d0 = v[0] + in.lambda * D[0];
   const double d1 = v[2] + in.lambda * D[1];
   const double d2 = v[5] + in.lambda * D[2];
@@ -115,21 +109,16 @@ struct ObservationTerms {
   double K[kDim * kMaxNumCameraParams];  // by free parameters
 };
 
-// The scale of an observation; 1 if it has none.
-template <class R>
-MGSFM_ALWAYS_INLINE double ScaleOf(const std::vector<double>& scales,
-                                   size_t observation) {
-  return R::kHasScale ? scales[observation] : 1.0;
-}
-
 // False if the residual is undefined.
 template <class R>
-MGSFM_ALWAYS_INLINE bool LinearizeObservation(
-    const RobustLoss& loss, const ImagePose& pose, const double* point,
-    const double* measured, ObservationTerms<R::kDim>* o, double scale = 1.0) {
+MGSFM_ALWAYS_INLINE bool LinearizeObservation(const RobustLoss& loss,
+                                              const ImagePose& pose,
+                                              const double* point,
+                                              const double* measured,
+                                              ObservationTerms<R::kDim>* o) {
   double x[3];
   TransformPoint(pose, point, o->y, x);
-  if (!R::Linearize(pose, x, measured, scale, o->residual, o->P, o->K)) {
+  if (!R::Linearize(pose, x, measured, o->residual, o->P, o->K)) {
     return false;
   }
   double squared = 0.0;
@@ -143,18 +132,6 @@ MGSFM_ALWAYS_INLINE bool LinearizeObservation(
     for (int i = 0; i < R::kDim * pose.num_free_params; ++i) o->K[i] *= root;
   }
   return true;
-}
-
-// Eliminates the scale of an observation.
-template <class R>
-MGSFM_ALWAYS_INLINE EliminatedScale
-EliminateScaleOf(const PassInput<R>& in, const ImagePose& pose, double scale,
-                 ObservationTerms<R::kDim>* o) {
-  double x[3], a[3];
-  for (int i = 0; i < 3; ++i) x[i] = o->y[i] + pose.translation[i];
-  R::ByScale(x, o->P, scale, a);
-  return EliminateScale(scale, in.lambda, !in.is_far_off, a, 0.0, 0.0, o->P,
-                        o->residual);
 }
 
 // The coupling of a block to the current point: three columns.
@@ -291,20 +268,15 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose,
   }
 }
 
-// The rows of observation k of a point after elimination of its scale. False if
-// the residual is undefined.
+// The rows of observation k of a point. False if the residual is undefined.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
                                        const ImagePose& pose, size_t point,
                                        size_t k, ObservationTerms<R::kDim>* o,
                                        ObservationRows<R::kDim, N>* rows) {
   if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
-                               in.measured.data() + R::kDim * k, o,
-                               ScaleOf<R>(in.scales, k))) {
+                               in.measured.data() + R::kDim * k, o)) {
     return false;
-  }
-  if constexpr (R::kHasScale) {
-    EliminateScaleOf<R>(in, pose, in.scales[k], o);
   }
   ComputeRows<R::kDim, N>(pose, *o, rows);
   return true;

@@ -126,7 +126,6 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
                                        const RigStructure& s,
                                        const ChunkRanges& chunk,
                                        const std::vector<double>& measured,
-                                       const std::vector<double>& scales,
                                        const std::vector<ImagePose>& poses,
                                        size_t p, const double* point) {
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
@@ -135,8 +134,7 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
     const ImagePose& pose = poses[images[s.observation_image[k]].image];
     double y[3], x[3], r[R::kDim];
     TransformPoint(pose, point, y, x);
-    if (!R::Evaluate(pose, x, measured.data() + R::kDim * k,
-                     ScaleOf<R>(scales, k), r)) {
+    if (!R::Evaluate(pose, x, measured.data() + R::kDim * k, r)) {
       return std::numeric_limits<double>::infinity();
     }
     double squared = 0.0;
@@ -152,7 +150,6 @@ struct StepInput {
   const std::vector<Eigen::Vector3d>& gradients;
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
-  std::vector<double>* new_scales;
   double length;
 };
 
@@ -174,17 +171,13 @@ MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
     const int image = images[s.observation_image[k]].image;
     const ImagePose& pose = in.poses[image];
     if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
-                                 in.measured.data() + kDim * k, &o,
-                                 ScaleOf<R>(in.scales, k))) {
+                                 in.measured.data() + kDim * k, &o)) {
       continue;
     }
     const double* t = pose.translation;
     const double x[3] = {o.y[0] + t[0], o.y[1] + t[1], o.y[2] + t[2]};
     squared_distance =
         std::min(squared_distance, x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
-    if constexpr (R::kHasScale) {
-      EliminateScaleOf<R>(in, pose, in.scales[k], &o);
-    }
     const int num_free = R::kHasCamera ? pose.num_free_params : 0;
     const double* params =
         num_free > 0 ? step.steps.params[in.problem.images[image].camera].data()
@@ -223,33 +216,7 @@ MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
   return cost_at(point);
 }
 
-// Moves the scales of the observations of a point with step d.
-template <class R>
-MGSFM_ALWAYS_INLINE void MoveScalesOfPoint(const PassInput<R>& in,
-                                           const StepInput<R>& step,
-                                           const ChunkRanges& chunk, size_t p,
-                                           const double* d, StepSums* sums) {
-  const RigStructure& s = in.structure;
-  const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
-  ObservationTerms<R::kDim> o;
-  for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
-    const int image = images[s.observation_image[k]].image;
-    const ImagePose& pose = in.poses[image];
-    const double scale = in.scales[k];
-    LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
-                            in.measured.data() + R::kDim * k, &o, scale);
-    const EliminatedScale eliminated = EliminateScaleOf<R>(in, pose, scale, &o);
-    double dx[3];
-    ApplyTwist(o.y, step.steps.twists[image], dx);
-    const double* m = pose.cam_from_world;
-    for (int i = 0; i < 3; ++i) {
-      dx[i] += m[3 * i] * d[0] + m[3 * i + 1] * d[1] + m[3 * i + 2] * d[2];
-    }
-    (*step.new_scales)[k] = MoveScale(eliminated, scale, step.length, dx, sums);
-  }
-}
-
-// Moves points and scales for the step of all other unknowns, and evaluates the
+// Moves points for the step of all other unknowns, and evaluates the
 // cost.
 template <class R>
 MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
@@ -262,12 +229,9 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
     if (in.problem.points_are_free) {
       squared_distance = StepOfPoint(in, step, chunk, p, d);
     }
-    if constexpr (R::kHasScale) {
-      MoveScalesOfPoint(in, step, chunk, p, d, &sums);
-    }
     const double* old_point = in.points[p].data();
     double D[3];
-    DiagonalOfPoint(in, step.hessians[p], D);
+    DiagonalOfPoint(step.hessians[p], D);
     double squared_step = 0.0;
     for (int i = 0; i < 3; ++i) {
       sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
@@ -278,7 +242,7 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
     sums.squared_step += squared_step;
     const auto cost_at = [&](const double* point) {
       return CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
-                            *step.new_scales, step.new_poses, p, point);
+                            step.new_poses, p, point);
     };
     const bool is_long =
         !in.is_far_off &&

@@ -14,11 +14,10 @@ MGSFM_ALWAYS_INLINE double ClampDiagonal(double value) {
                              : (value > kMaxDamping ? kMaxDamping : value);
 }
 
-// Sums over the eliminated unknowns of a chunk: points and scales.
+// Sums over the eliminated points of a chunk.
 struct StepSums {
   double cost = 0.0;      // at the new state
   double decrease = 0.0;  // lambda d^T D d - g^T d
-  double lost = 0.0;      // reduction of that by bounds
   double squared_step = 0.0;
   double squared_position = 0.0;  // before the step
 };

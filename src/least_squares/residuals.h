@@ -11,30 +11,25 @@
 
 namespace mgsfm {
 
-// The residuals r of a point x in the camera frame, some with a scale d. Each
-// is a struct with
+// The residuals r of a point x in the camera frame. Each is a struct
+// with
 //   Observation  the type in the problem
 //   kDim         the dimension of r
 //   kHasCamera   whether r depends on camera parameters
-//   kHasScale    whether r has a scale; kDim is 3 then
 //   Measured()   the kDim measured values
-//   Evaluate()   computes r; false if it is undefined. Ignores the scale if
-//                there is none
+//   Evaluate()   computes r; false if it is undefined
 //   Linearize()  computes r, P = dr/dx (kDim x 3) and, if there are free
 //                parameters, K = dr/d(parameters); row-major
-//   ByScale()    computes dr/dd from P, if there is a scale
 struct PixelResidual {
   using Observation = PixelObservation;
   static constexpr int kDim = 2;
   static constexpr bool kHasCamera = true;
-  static constexpr bool kHasScale = false;
 
   static const double* Measured(const Observation& o) { return o.pixel.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose& pose,
                                            const double* x,
-                                           const double* measured, double,
-                                           double* r) {
+                                           const double* measured, double* r) {
     if (!pose.projection.project(pose.params, x, r)) return false;
     r[0] -= measured[0];
     r[1] -= measured[1];
@@ -43,8 +38,8 @@ struct PixelResidual {
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
                                             const double* x,
-                                            const double* measured, double,
-                                            double* r, double* P, double* K) {
+                                            const double* measured, double* r,
+                                            double* P, double* K) {
     double all[2 * kMaxNumCameraParams];
     const int num_free = pose.num_free_params;
     if (!pose.projection.linearize(pose.params, x, r, P,
@@ -65,13 +60,11 @@ struct RayResidual {
   using Observation = RayObservation;
   static constexpr int kDim = 3;
   static constexpr bool kHasCamera = false;
-  static constexpr bool kHasScale = false;
 
   static const double* Measured(const Observation& o) { return o.ray.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
-                                           const double* measured, double,
-                                           double* r) {
+                                           const double* measured, double* r) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;
     for (int i = 0; i < 3; ++i) r[i] = x[i] / norm - measured[i];
@@ -79,8 +72,8 @@ struct RayResidual {
   }
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose&, const double* x,
-                                            const double* measured, double,
-                                            double* r, double* P, double*) {
+                                            const double* measured, double* r,
+                                            double* P, double*) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;
     const double inverse = 1.0 / norm;
@@ -92,37 +85,6 @@ struct RayResidual {
       }
     }
     return true;
-  }
-};
-
-struct ScaledRayResidual {
-  using Observation = ScaledRayObservation;
-  static constexpr int kDim = 3;
-  static constexpr bool kHasCamera = false;
-  static constexpr bool kHasScale = true;
-
-  static const double* Measured(const Observation& o) { return o.ray.data(); }
-
-  static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
-                                           const double* measured, double scale,
-                                           double* r) {
-    for (int i = 0; i < 3; ++i) r[i] = measured[i] - scale * x[i];
-    return true;
-  }
-
-  static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
-                                            const double* x,
-                                            const double* measured,
-                                            double scale, double* r, double* P,
-                                            double*) {
-    for (int i = 0; i < 9; ++i) P[i] = i % 4 == 0 ? -scale : 0.0;
-    return Evaluate(pose, x, measured, scale, r);
-  }
-
-  // The result has the weight of P.
-  static MGSFM_ALWAYS_INLINE void ByScale(const double* x, const double* P,
-                                          double scale, double* by_scale) {
-    for (int i = 0; i < 3; ++i) by_scale[i] = P[0] / scale * x[i];
   }
 };
 

@@ -21,12 +21,6 @@ constexpr double kConjugateGradientTolerance = 1e-2;
 constexpr int kMaxNumConjugateGradients = 500;
 // Of the values of the reduced matrix; chunks are merged to several at a time.
 constexpr size_t kNumSections = 32;
-// A step promises at least this share of what it would without bounds.
-constexpr double kMinShareOfDecrease = 1e-3;
-
-bool HasScale(const BaselineTerm& term) {
-  return term.kind == BaselineTerm::Kind::kBilinear;
-}
 
 }  // namespace
 
@@ -48,10 +42,6 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
   trial_points_.resize(num_points);
   point_hessians_.resize(num_points);
   point_gradients_.resize(num_points);
-  if (std::any_of(problem.baselines.begin(), problem.baselines.end(),
-                  HasScale)) {
-    term_scales_.resize(problem.baselines.size());
-  }
   steps_.twists.resize(problem.images.size());
   steps_.params.resize(problem.cameras.size());
   const int num_unknowns = structure_.num_unknowns;
@@ -81,18 +71,6 @@ void RigEquationsBase::SetState(const RigState& state) {
   for (size_t p = 0; p < points_.size(); ++p) {
     points_[p] = state.points[structure_.point_order[p]];
   }
-  MGSFM_CHECK(scales_.empty() ||
-              state.observation_scales.size() == scales_.size());
-  for (size_t k = 0; k < scales_.size(); ++k) {
-    scales_[k] = state.observation_scales[structure_.observation_order[k]];
-  }
-  MGSFM_CHECK(term_scales_.empty() ||
-              state.baseline_scales.size() == term_scales_.size());
-  for (size_t t = 0; t < term_scales_.size(); ++t) {
-    term_scales_[t] = state.baseline_scales[structure_.term_order[t]];
-  }
-  trial_scales_ = scales_;
-  trial_term_scales_ = term_scales_;
   ComputeImagePoses(problem_, state_, &poses_);
 }
 
@@ -102,12 +80,6 @@ void RigEquationsBase::GetState(RigState* state) const {
   state->cameras = state_.cameras;
   for (size_t p = 0; p < points_.size(); ++p) {
     state->points[structure_.point_order[p]] = points_[p];
-  }
-  for (size_t k = 0; k < scales_.size(); ++k) {
-    state->observation_scales[structure_.observation_order[k]] = scales_[k];
-  }
-  for (size_t t = 0; t < term_scales_.size(); ++t) {
-    state->baseline_scales[structure_.term_order[t]] = term_scales_[t];
   }
 }
 
@@ -148,9 +120,6 @@ bool RigEquationsBase::Linearize(double lambda) {
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
                  &matrix_);
   AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_, &matrix_);
-  if (is_far_off_ && !(scales_.empty() && term_scales_.empty())) {
-    SpreadDiagonal();
-  }
   DampMatrix();
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
@@ -207,21 +176,6 @@ void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
     add(w.gradient, &gradient_);
     add(w.correction, &correction_);
     add(w.diagonal, &diagonal_);
-  }
-}
-
-void RigEquationsBase::SpreadDiagonal() {
-  for (const std::vector<int>* blocks :
-       {&structure_.frame_block, &structure_.sensor_block}) {
-    for (const int block : *blocks) {
-      if (block < 0) continue;
-      auto position = diagonal_.segment<3>(structure_.block_first[block] +
-                                           structure_.pose_size - 3);
-      const double spread = 0.5 * position.sum();
-      for (double& d : position) {
-        if (d > 0.0) d = spread;
-      }
-    }
   }
 }
 
@@ -372,8 +326,6 @@ TrialStep RigEquationsBase::TryStep(double length) {
       [this](size_t c) {
         const ChunkRanges& chunk = structure_.chunks[c];
         chunk_sums_[c] = StepChunk(chunk);
-        MoveScalesOfTerms(Terms(), chunk, steps_.twists, step_length_,
-                          &trial_term_scales_, &chunk_sums_[c]);
         chunk_sums_[c].cost += CostOfTerms(TrialTerms(), chunk);
       },
       1);
@@ -388,16 +340,12 @@ TrialStep RigEquationsBase::TryStep(double length) {
                             gradient_[i]);
   }
   double squared_state = SquaredStateLength();
-  double squared_step = length * length * step_.squaredNorm(), lost = 0.0;
+  double squared_step = length * length * step_.squaredNorm();
   for (const StepSums& sums : chunk_sums_) {
     step.new_cost += sums.cost;
     decrease += sums.decrease;
-    lost += sums.lost;
     squared_step += sums.squared_step;
     squared_state += sums.squared_position;
-  }
-  if (!is_far_off_ && lost > 0.0) {
-    decrease = std::max(decrease - lost, kMinShareOfDecrease * decrease);
   }
   step.predicted_decrease = 0.5 * decrease;
   step.step_norm = std::sqrt(squared_step);
@@ -408,8 +356,6 @@ TrialStep RigEquationsBase::TryStep(double length) {
 void RigEquationsBase::AcceptStep() {
   std::swap(state_, trial_state_);
   std::swap(points_, trial_points_);
-  std::swap(scales_, trial_scales_);
-  std::swap(term_scales_, trial_term_scales_);
   std::swap(poses_, trial_poses_);
 }
 

@@ -29,11 +29,6 @@ namespace mgsfm {
 //
 //   (H - W^T V^-1 W) dz = -g_z + W^T V^-1 g_p,   dp = -V^-1 (g_p + W dz).
 //
-// Scales, if any, are eliminated from each residual before
-// (scale_elimination.h), and D is the diagonal of the remaining matrix. The
-// elimination removes the curvature in depth. Far from a solution depths must
-// stay damped, so D of each position or point is half of its trace then.
-//
 // One pass over the observations linearises and eliminates. A second one steps
 // (with shortened steps of single points, see rig_solver.h) and evaluates the
 // new cost. Both compute the derivatives, which is faster than storing them; W
@@ -72,11 +67,6 @@ class RigEquationsBase : public DampedProblem {
   const std::vector<Eigen::Vector3d>& trial_points() const {
     return trial_points_;
   }
-  // Scales of observations (in the same order) and terms after TryStep().
-  const std::vector<double>& trial_scales() const { return trial_scales_; }
-  const std::vector<double>& trial_term_scales() const {
-    return trial_term_scales_;
-  }
 
  protected:
   // The passes over one chunk; see chunk_passes.h.
@@ -94,8 +84,6 @@ class RigEquationsBase : public DampedProblem {
   double lambda_ = 0.0;
   double step_length_ = 1.0;  // of the trial step
   std::vector<Eigen::Vector3d> points_, trial_points_;
-  // Scales of observations in the structure's order; empty if there are none.
-  std::vector<double> scales_, trial_scales_;
   std::vector<ImagePose> poses_, trial_poses_;
   std::vector<PointHessian> point_hessians_;      // V without damping
   std::vector<Eigen::Vector3d> point_gradients_;  // g_p
@@ -106,7 +94,6 @@ class RigEquationsBase : public DampedProblem {
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const ChunkWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
-  void SpreadDiagonal();
   void DampMatrix();
   bool SolveByConjugateGradients();
   void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
@@ -114,16 +101,10 @@ class RigEquationsBase : public DampedProblem {
   PoseVector PosePart(const Eigen::VectorXd& z, int block) const;
   void MoveBlocks();
   double SquaredStateLength() const;
-  TermInput Terms() const {
-    return {problem_, structure_, poses_, term_scales_, lambda_, is_far_off_};
-  }
-  TermInput TrialTerms() const {
-    return {problem_,           structure_, trial_poses_,
-            trial_term_scales_, lambda_,    is_far_off_};
-  }
+  TermInput Terms() const { return {problem_, structure_, poses_}; }
+  TermInput TrialTerms() const { return {problem_, structure_, trial_poses_}; }
 
   RigState state_, trial_state_;  // without points
-  std::vector<double> term_scales_, trial_term_scales_;
   OrderedChunks chunks_;
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
@@ -144,7 +125,7 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
-  // is_far_off: see above, and scale_elimination.h.
+  // is_far_off: see starts_far_off in rig_solver.h.
   RigEquations(const Problem& problem, ReducedSolver solver,
                const Context& context, bool is_far_off = false);
 
@@ -158,8 +139,8 @@ class RigEquations : public RigEquationsBase {
 
  private:
   PassInput<R> Input() const {
-    return {problem_, structure_, measured_, poses_,
-            points_,  scales_,    lambda_,   is_far_off_};
+    return {problem_, structure_, measured_,  poses_,
+            points_,  lambda_,    is_far_off_};
   }
   LinearizeOutput<R> Output() {
     return {point_hessians_, point_gradients_, kept_, kept_size_};
@@ -172,6 +153,5 @@ class RigEquations : public RigEquationsBase {
 
 extern template class RigEquations<PixelResidual>;
 extern template class RigEquations<RayResidual>;
-extern template class RigEquations<ScaledRayResidual>;
 
 }  // namespace mgsfm

@@ -30,11 +30,7 @@ RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
     const double* values = R::Measured(problem.observations[o]);
     measured_.insert(measured_.end(), values, values + R::kDim);
   }
-  if constexpr (R::kHasScale) {
-    scales_.resize(problem.observations.size());
-  } else {
-    structure_.observation_order = {};
-  }
+  structure_.observation_order = {};
   if (!structure_.is_iterative) return;
   int num_params = 0;
   for (const RigProblemBase::Camera& camera : problem.cameras) {
@@ -49,8 +45,8 @@ template <class R>
 double RigEquations<R>::CostOfChunk(const ChunkRanges& chunk) const {
   double cost = 0.0;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, scales_,
-                           poses_, p, points_[p].data());
+    cost += CostOfPoint<R>(problem_, structure_, chunk, measured_, poses_, p,
+                           points_[p].data());
   }
   return cost;
 }
@@ -69,7 +65,7 @@ template <class R>
 StepSums RigEquations<R>::StepChunk(const ChunkRanges& chunk) {
   const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
   const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                             trial_poses_,    &trial_scales_,   step_length_};
+                             trial_poses_, step_length_};
   return function(Input(), step, chunk, &trial_points_);
 }
 
@@ -85,6 +81,5 @@ void RigEquations<R>::MultiplyChunk(const ChunkRanges& chunk,
 
 template class RigEquations<PixelResidual>;
 template class RigEquations<RayResidual>;
-template class RigEquations<ScaledRayResidual>;
 
 }  // namespace mgsfm

@@ -34,19 +34,12 @@ struct FramePose {
 
 using CameraParams = std::array<double, kMaxNumCameraParams>;
 
-// Scales are unknowns with this as lower bound.
-constexpr double kMinScale = 1e-5;
-
 // All that a solve may change.
 struct RigState {
   std::vector<FramePose> frames;
   std::vector<Rigid3> sensors;  // sensor_from_rig
   std::vector<CameraParams> cameras;
   std::vector<Eigen::Vector3d> points;
-  // In the order of the problem's observations, if these are
-  // ScaledRayObservation, and of its baselines, if some are kBilinear.
-  std::vector<double> observation_scales;
-  std::vector<double> baseline_scales;
 };
 
 // An image sees the point p at x = S R (p - c) + t in its camera. Its residual
@@ -62,12 +55,6 @@ struct RayObservation {
   Eigen::Vector3d ray = Eigen::Vector3d::Zero();  // unit, in the camera
 };
 
-// or ray - d x, with a scale d for each observation as one more unknown.
-struct ScaledRayObservation {
-  int image = 0;
-  Eigen::Vector3d ray = Eigen::Vector3d::Zero();
-};
-
 // A residual on the baseline C = c_2 - c_1 of two images, whose centres are
 // c_i = c - (S R)^T t, with its length smoothed to
 // L = sqrt(|C|^2 + min_length^2), so that the residual is defined everywhere
@@ -77,9 +64,6 @@ struct BaselineTerm {
     kDirection,  // weight (C / L - direction)
     kLength,     // weight log(L / length)
     kZero,       // weight C
-    // weight (direction - d C) and length_weight (d length - 1), each with its
-    // loss, where the scale d is one more unknown
-    kBilinear,
   };
   Kind kind = Kind::kDirection;
   int image1 = 0;
@@ -88,7 +72,6 @@ struct BaselineTerm {
   double length = 1.0;
   double min_length = 0.0;
   double weight = 1.0;
-  double length_weight = 0.0;
 };
 
 // The residual weight (sum_k coefficients_k . x_k - value), where x_k is the
@@ -176,7 +159,7 @@ struct RigProblemBase {
 //           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
 //           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //
-// over what the masks free, and all scales: o observations, b baseline terms, l
+// over what the masks free: o observations, b baseline terms, l
 // linear terms, k priors of parameters, g of positions and of gravity with
 // their losses rho_g, s of sensors; rho is the loss.
 template <class Observation>

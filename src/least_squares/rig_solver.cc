@@ -22,10 +22,6 @@ template <>
 struct ResidualOf<RayObservation> {
   using Type = RayResidual;
 };
-template <>
-struct ResidualOf<ScaledRayObservation> {
-  using Type = ScaledRayResidual;
-};
 
 }  // namespace
 
@@ -85,12 +81,9 @@ double RigCost(const RigProblem<Observation>& problem, const RigState& state,
 
 template class RigSolver<PixelObservation>;
 template class RigSolver<RayObservation>;
-template class RigSolver<ScaledRayObservation>;
 template double RigCost(const RigProblem<PixelObservation>&, const RigState&,
                         int);
 template double RigCost(const RigProblem<RayObservation>&, const RigState&,
                         int);
-template double RigCost(const RigProblem<ScaledRayObservation>&,
-                        const RigState&, int);
 
 }  // namespace mgsfm

@@ -56,8 +56,6 @@ struct RigSolverOptions {
   // For initial states far from any solution, such as random positions. Weakly
   // damped steps then create folds that do not resolve. Differences:
   // - mu stays 1/3, and steps of single points are not shortened.
-  // - With scales, the depth of points is damped as before their elimination.
-  // - Scales at their bound are not fixed, so that they can leave it.
   // - A step with too little gain is shortened (backtracking) before it is
   //   rejected.
   bool starts_far_off = false;

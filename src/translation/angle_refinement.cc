@@ -6,10 +6,8 @@
 namespace mgsfm {
 namespace {
 
-using AngleProblem = PositionRigProblem<RayObservation>;
-
 void AddDirections(const RefinementInput& input, double weight,
-                   AngleProblem* angles) {
+                   PositionRigProblem* angles) {
   angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kDirection,
                    [&](size_t pair_idx, BaselineTerm* term) {
                      term->direction = input.baselines[pair_idx].direction;
@@ -19,7 +17,7 @@ void AddDirections(const RefinementInput& input, double weight,
                    });
 }
 
-void AddLengths(const RefinementInput& input, AngleProblem* angles) {
+void AddLengths(const RefinementInput& input, PositionRigProblem* angles) {
   angles->AddTerms(BaselineKind::kDirection, BaselineTerm::Kind::kLength,
                    [&](size_t pair_idx, BaselineTerm* term) {
                      term->length = input.Length(pair_idx);
@@ -34,7 +32,7 @@ SolveSummary RefineCameras(const RefinementInput& input,
                            const RefinementOptions& options,
                            const Context& context, Positions* positions) {
   if (!input.HasDirections()) return NothingToDo("No pair has parallax.");
-  AngleProblem angles(input, options, *positions);
+  PositionRigProblem angles(input, options, *positions);
   AddDirections(input, 1.0, &angles);
   AddLengths(input, &angles);
   angles.AddZeroBaselines();
@@ -51,7 +49,7 @@ SolveSummary RefineCamerasAndPoints(const RefinementInput& input,
                                     const Context& context,
                                     Positions* positions, TrackPoints* points) {
   if (!IsDetermined(input, track_idxs)) return NothingToDo("Too few points.");
-  AngleProblem angles(input, options, *positions);
+  PositionRigProblem angles(input, options, *positions);
   angles.AddPoints(rays, track_idxs, *points);
   AddDirections(input, kPairWeightWithPoints, &angles);
   angles.HoldGauge();

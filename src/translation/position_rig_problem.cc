@@ -21,10 +21,9 @@ RigSolverOptions SolverOptions(const RefinementOptions& options) {
 
 }  // namespace
 
-template <class Observation>
-PositionRigProblem<Observation>::PositionRigProblem(
-    const RefinementInput& input, const RefinementOptions& options,
-    const Positions& positions)
+PositionRigProblem::PositionRigProblem(const RefinementInput& input,
+                                       const RefinementOptions& options,
+                                       const Positions& positions)
     : input_(input),
       options_(options),
       initial_(positions),
@@ -54,10 +53,8 @@ PositionRigProblem<Observation>::PositionRigProblem(
   }
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::AddTerms(BaselineKind baseline_kind,
-                                               BaselineTerm::Kind kind,
-                                               const SetTerm& set) {
+void PositionRigProblem::AddTerms(BaselineKind baseline_kind,
+                                  BaselineTerm::Kind kind, const SetTerm& set) {
   for (size_t i = 0; i < input_.baselines.size(); ++i) {
     if (!input_.IsUsable(i, baseline_kind, initial_)) continue;
     const BaselineDirection& baseline = input_.baselines[i];
@@ -72,18 +69,16 @@ void PositionRigProblem<Observation>::AddTerms(BaselineKind baseline_kind,
   }
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::AddZeroBaselines() {
+void PositionRigProblem::AddZeroBaselines() {
   AddTerms(BaselineKind::kNoParallax, BaselineTerm::Kind::kZero,
            [this](size_t, BaselineTerm* term) {
              term->weight = input_.ZeroBaselineWeight();
            });
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::AddPoints(
-    const TrackRays& rays, const std::vector<size_t>& track_idxs,
-    const TrackPoints& points) {
+void PositionRigProblem::AddPoints(const TrackRays& rays,
+                                   const std::vector<size_t>& track_idxs,
+                                   const TrackPoints& points) {
   for (const size_t t : track_idxs) {
     for (size_t k = rays.tracks.offsets[t]; k < rays.tracks.offsets[t + 1];
          ++k) {
@@ -99,8 +94,7 @@ void PositionRigProblem<Observation>::AddPoints(
   }
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::HoldGauge() {
+void PositionRigProblem::HoldGauge() {
   for (size_t f = 0; f < frame_is_seen_.size(); ++f) {
     if (!initial_.frame_is_placed[f] || !frame_is_seen_[f]) continue;
     problem_.frame_masks[f].setZero();
@@ -119,8 +113,7 @@ void PositionRigProblem<Observation>::HoldGauge() {
   }
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::HoldScale() {
+void PositionRigProblem::HoldScale() {
   if (input_.initial.is_metric) return;
   LinearTerm::Part longest;
   double max_squared = 0.0;
@@ -141,15 +134,12 @@ void PositionRigProblem<Observation>::HoldScale() {
   if (max_squared > 0.0) problem_.linear_terms.push_back({{longest}, 1.0, 1.0});
 }
 
-template <class Observation>
-SolveSummary PositionRigProblem<Observation>::Solve(const Context& context) {
+SolveSummary PositionRigProblem::Solve(const Context& context) {
   return SolveRigProblem(problem_, SolverOptions(options_), context, &state_);
 }
 
-template <class Observation>
-SolveSummary PositionRigProblem<Observation>::SolveAnnealed(
-    const Context& context) {
-  RigSolver<Observation> solver(problem_, SolverOptions(options_), context);
+SolveSummary PositionRigProblem::SolveAnnealed(const Context& context) {
+  RigSolver<RayObservation> solver(problem_, SolverOptions(options_), context);
   SolveSummary summary;
   for (const double factor : kLossAnnealing) {
     problem_.loss.scale = factor * options_.loss_scale_rad;
@@ -161,8 +151,7 @@ SolveSummary PositionRigProblem<Observation>::SolveAnnealed(
   return summary;
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::WriteBack(Positions* positions) const {
+void PositionRigProblem::WriteBack(Positions* positions) const {
   for (size_t f = 0; f < state_.frames.size(); ++f) {
     positions->frame_center[f] = state_.frames[f].center;
   }
@@ -171,14 +160,11 @@ void PositionRigProblem<Observation>::WriteBack(Positions* positions) const {
   }
 }
 
-template <class Observation>
-void PositionRigProblem<Observation>::WriteBack(
-    const std::vector<size_t>& track_idxs, TrackPoints* points) const {
+void PositionRigProblem::WriteBack(const std::vector<size_t>& track_idxs,
+                                   TrackPoints* points) const {
   for (size_t k = 0; k < track_idxs.size(); ++k) {
     points->point_in_world[track_idxs[k]] = state_.points[k];
   }
 }
-
-template class PositionRigProblem<RayObservation>;
 
 }  // namespace mgsfm

@@ -16,8 +16,6 @@ namespace mgsfm {
 // Positions as unknowns of a rig problem (least_squares/rig_problem.h) with
 // constant rotations. Frames, sensors and images of the problem are those of
 // the scene. Terms and points are added first, then the gauge is fixed.
-// Instantiated for RayObservation.
-template <class Observation>
 class PositionRigProblem {
  public:
   // The arguments must outlive this.
@@ -39,9 +37,6 @@ class PositionRigProblem {
   // meet this exactly, so it does not affect the shape.
   void HoldScale();
 
-  const RigProblem<Observation>& problem() const { return problem_; }
-  RigState* mutable_state() { return &state_; }
-
   SolveSummary Solve(const Context& context);
   // Solves once for each scale of the annealed loss.
   SolveSummary SolveAnnealed(const Context& context);
@@ -61,7 +56,7 @@ class PositionRigProblem {
   const Positions& initial_;
   Mask frame_is_seen_;
   Mask sensor_is_seen_;
-  RigProblem<Observation> problem_;
+  RigProblem<RayObservation> problem_;
   RigState state_;
 };
 

@@ -5,7 +5,6 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
-#include <type_traits>
 #include <vector>
 
 #include "geometry/so3.h"
@@ -18,8 +17,7 @@ namespace mgsfm {
 
 // The equations of a step by another route: residuals as rig_problem.h defines
 // them, derivatives as differences, all unknowns in one dense matrix. Unknowns
-// are those of the structure, then the points of the problem in its own order,
-// then its scales.
+// are those of the structure, then the points of the problem in its own order.
 struct ResidualGroup {
   Eigen::VectorXd value;
   RobustLoss loss;
@@ -44,23 +42,9 @@ inline Eigen::VectorXd ObservationResidual(const RigProblemBase& problem,
   return PointInCamera(problem, state, o.image, point).normalized() - o.ray;
 }
 
-// The scales that matter: of observations, then of terms.
-inline std::vector<double*> ScalesOf(const RigProblemBase& problem,
-                                     RigState* state) {
-  std::vector<double*> scales;
-  for (double& scale : state->observation_scales) scales.push_back(&scale);
-  for (size_t t = 0; t < state->baseline_scales.size(); ++t) {
-    if (problem.baselines[t].kind == BaselineTerm::Kind::kBilinear) {
-      scales.push_back(&state->baseline_scales[t]);
-    }
-  }
-  return scales;
-}
-
 inline Eigen::VectorXd BaselineTermResidual(const RigProblemBase& problem,
                                             const RigState& state,
-                                            const BaselineTerm& term,
-                                            double scale) {
+                                            const BaselineTerm& term) {
   const auto center = [&](int image_idx) -> Eigen::Vector3d {
     const RigProblemBase::Image& image = problem.images[image_idx];
     const FramePose& frame = state.frames[image.frame];
@@ -76,8 +60,6 @@ inline Eigen::VectorXd BaselineTermResidual(const RigProblemBase& problem,
     case BaselineTerm::Kind::kLength:
       return Eigen::VectorXd::Constant(1,
                                        term.weight * std::log(L / term.length));
-    case BaselineTerm::Kind::kBilinear:
-      return term.weight * (term.direction - scale * C);
     default:
       return term.weight * C;
   }
@@ -91,29 +73,14 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
     for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
          ++o) {
       const Observation& observation = problem.observations[o];
-      if constexpr (std::is_same_v<Observation, ScaledRayObservation>) {
-        groups.push_back({observation.ray - state.observation_scales[o] *
-                                                PointInCamera(problem, state,
-                                                              observation.image,
-                                                              state.points[p]),
-                          problem.loss});
-      } else {
-        groups.push_back(
-            {ObservationResidual(problem, state, observation, state.points[p]),
-             problem.loss});
-      }
+      groups.push_back(
+          {ObservationResidual(problem, state, observation, state.points[p]),
+           problem.loss});
     }
   }
-  for (size_t t = 0; t < problem.baselines.size(); ++t) {
-    const BaselineTerm& term = problem.baselines[t];
-    const double scale =
-        state.baseline_scales.empty() ? 1.0 : state.baseline_scales[t];
+  for (const BaselineTerm& term : problem.baselines) {
     groups.push_back(
-        {BaselineTermResidual(problem, state, term, scale), problem.loss});
-    if (term.length_weight == 0.0) continue;
-    groups.push_back({Eigen::VectorXd::Constant(
-                          1, term.length_weight * (scale * term.length - 1.0)),
-                      problem.loss});
+        {BaselineTermResidual(problem, state, term), problem.loss});
   }
   for (const LinearTerm& term : problem.linear_terms) {
     double sum = -term.value;
@@ -196,11 +163,6 @@ inline RigState Moved(const RigProblemBase& problem, const RigStructure& s,
       state.points[p] += step.segment<3>(s.num_unknowns + 3 * p);
     }
   }
-  const std::vector<double*> scales = ScalesOf(problem, &state);
-  const auto num_scales = static_cast<Eigen::Index>(scales.size());
-  for (Eigen::Index k = 0; k < num_scales; ++k) {
-    *scales[k] += step[step.size() - num_scales + k];
-  }
   return state;
 }
 
@@ -232,24 +194,10 @@ struct DenseEquations {
   double cost = 0.0;
   Eigen::MatrixXd hessian;   // J^T W J
   Eigen::VectorXd gradient;  // J^T W r
-  Eigen::Index num_scales = 0;
 
-  // Scales are damped by their own diagonal, what else there is by the one that
-  // is left when damped scales are eliminated; or, far from a solution,
-  // positions by half of the trace of that.
-  Eigen::MatrixXd Damped(double lambda, bool is_far_off = false) const {
+  Eigen::MatrixXd Damped(double lambda) const {
     Eigen::MatrixXd damped = hessian;
-    Eigen::VectorXd diagonal = hessian.diagonal();
-    const Eigen::Index num_others = diagonal.size() - num_scales;
-    for (Eigen::Index k = num_others; k < diagonal.size(); ++k) {
-      diagonal.head(num_others) -=
-          hessian.col(k).head(num_others).cwiseAbs2() /
-          (diagonal[k] + lambda * std::max(diagonal[k], 1e-6));
-    }
-    for (Eigen::Index i = 0; is_far_off && i < num_others; i += 3) {
-      const double spread = 0.5 * diagonal.segment<3>(i).sum();
-      for (double& d : diagonal.segment<3>(i)) d = d > 0.0 ? spread : 0.0;
-    }
+    const Eigen::VectorXd diagonal = hessian.diagonal();
     for (Eigen::Index i = 0; i < damped.rows(); ++i) {
       damped(i, i) +=
           diagonal[i] > 0.0 ? lambda * std::max(diagonal[i], 1e-6) : 1.0;
@@ -262,12 +210,10 @@ template <class Observation>
 DenseEquations MakeDenseEquations(const RigProblem<Observation>& problem,
                                   const RigStructure& s,
                                   const RigState& state) {
-  RigState copy = state;
-  const auto num_scales = static_cast<int>(ScalesOf(problem, &copy).size());
   const int size =
-      s.num_unknowns + num_scales +
-      (problem.points_are_free ? 3 * static_cast<int>(problem.num_points())
-                               : 0);
+      s.num_unknowns + (problem.points_are_free
+                            ? 3 * static_cast<int>(problem.num_points())
+                            : 0);
   const std::vector<ResidualGroup> groups = AllResiduals(problem, state);
   Eigen::Index num_rows = 0;
   for (const ResidualGroup& group : groups) num_rows += group.value.size();
@@ -294,8 +240,7 @@ DenseEquations MakeDenseEquations(const RigProblem<Observation>& problem,
     r.segment(row, n) = std::sqrt(weight) * group.value;
     row += n;
   }
-  return {CostOfResiduals(groups), J.transpose() * J, J.transpose() * r,
-          num_scales};
+  return {CostOfResiduals(groups), J.transpose() * J, J.transpose() * r};
 }
 
 }  // namespace mgsfm

@@ -55,28 +55,15 @@ RigSceneOptions SmallScene(const std::vector<TestCamera>& cameras,
 // The change of the unknowns of the dense equations by a trial step.
 template <class R>
 Eigen::VectorXd TrialStepOf(const RigEquations<R>& equations,
-                            const RigProblemBase& problem, RigState state) {
+                            const RigProblemBase& problem) {
   const RigStructure& s = equations.structure();
-  RigState moved = state;
-  for (size_t k = 0; k < state.observation_scales.size(); ++k) {
-    moved.observation_scales[s.observation_order[k]] =
-        equations.trial_scales()[k];
-  }
-  for (size_t t = 0; t < equations.trial_term_scales().size(); ++t) {
-    moved.baseline_scales[s.term_order[t]] = equations.trial_term_scales()[t];
-  }
-  const std::vector<double*> before = ScalesOf(problem, &state);
-  const std::vector<double*> after = ScalesOf(problem, &moved);
   const size_t num_points = problem.points_are_free ? problem.num_points() : 0;
-  const size_t first_scale = s.num_unknowns + 3 * num_points;
-  Eigen::VectorXd step(static_cast<Eigen::Index>(first_scale + before.size()));
+  Eigen::VectorXd step(
+      static_cast<Eigen::Index>(s.num_unknowns + 3 * num_points));
   step.head(s.num_unknowns) = equations.step();
   for (size_t p = 0; p < num_points; ++p) {
     step.segment<3>(s.num_unknowns + 3 * s.point_order[p]) =
         equations.trial_points()[p] - equations.points()[p];
-  }
-  for (size_t k = 0; k < before.size(); ++k) {
-    step[first_scale + k] = *after[k] - *before[k];
   }
   return step;
 }
@@ -114,7 +101,7 @@ void ExpectStepOfDenseEquations(
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
   const TrialStep trial = equations.TryStep(1.0);
-  const Eigen::VectorXd step = TrialStepOf(equations, problem, state);
+  const Eigen::VectorXd step = TrialStepOf(equations, problem);
   const Eigen::VectorXd error = step - expected;
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
             2e-6 * std::sqrt(expected.dot(damped * expected)));
@@ -243,96 +230,6 @@ TEST(RigEquationsTest, RaysAndBaselinesSolveTheFullEquations) {
   }
 }
 
-TEST(RigEquationsTest, ScaledRaysAndBilinearTermsSolveTheFullEquations) {
-  for (const bool sensors : {false, true}) {
-    for (const bool points : {false, true}) {
-      SCOPED_TRACE(testing::Message() << sensors << points);
-      const Freedom freedom{"", false, sensors, false, points};
-      const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
-      const RigScene<ScaledRayObservation> scene =
-          MakeScaledRayScene(SmallScene(cameras, freedom), 0.01);
-      RigState state = scene.truth;
-      Random random(4);
-      Perturb(scene.problem, 5e-3, &random, &state);
-      ExpectStepOfDenseEquations<ScaledRayResidual>(scene.problem, state);
-    }
-  }
-}
-
-// Scales at their bound stay, others stop there, and the step promises what is
-// possible with that.
-TEST(RigEquationsTest, ScalesStopAtTheirBound) {
-  const Freedom freedom{"", false, true, false, true};
-  const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
-  RigScene<ScaledRayObservation> scene =
-      MakeScaledRayScene(SmallScene(cameras, freedom), 0.01, 16);
-  scene.problem.loss = {RobustLossType::kTrivial, 1.0};
-  RigState state = scene.truth;
-  // Half of the wrong ones start at the bound.
-  for (size_t o = 3; o < 7 * 8; o += 7) state.observation_scales[o] = kMinScale;
-  RigEquations<ScaledRayResidual> equations(scene.problem,
-                                            ReducedSolver::kDirect, Threads(2));
-  equations.SetState(state);
-  const RigStructure& s = equations.structure();
-  ASSERT_TRUE(equations.Linearize(kLambda));
-  ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep(1.0);
-  size_t num_at_bound = 0;
-  for (size_t k = 0; k < equations.trial_scales().size(); ++k) {
-    const size_t o = s.observation_order[k];
-    const bool is_at_bound = equations.trial_scales()[k] == kMinScale;
-    EXPECT_EQ(is_at_bound, o % 7 == 3 && o < 7 * 16) << o;
-    num_at_bound += is_at_bound;
-  }
-  EXPECT_EQ(num_at_bound, 16u);
-  const Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
-  const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
-  ExpectTrial(trial, dense, step, scene.problem, s, state, step);
-}
-
-// Far from a solution scales take part in the step wherever they are, and end
-// at their bound if half of it leads across.
-TEST(RigEquationsTest, FarOffDepthsAreDampedAndScalesProjected) {
-  const Freedom freedom{"", false, true, false, true};
-  const std::vector<TestCamera> cameras(3, PerspectiveTestCameras()[0]);
-  const RigScene<ScaledRayObservation> scene =
-      MakeScaledRayScene(SmallScene(cameras, freedom), 0.01, 16);
-  RigState state = scene.truth;
-  Random random(4);
-  Perturb(scene.problem, 5e-3, &random, &state);
-  for (size_t o = 3; o < 7 * 16; o += 7) {
-    state.observation_scales[o] = (o % 2 == 0 ? 1.0 : 2.0) * kMinScale;
-  }
-  RigEquations<ScaledRayResidual> equations(
-      scene.problem, ReducedSolver::kDirect, Threads(2), true);
-  equations.SetState(state);
-  const RigStructure& s = equations.structure();
-  const DenseEquations dense = MakeDenseEquations(scene.problem, s, state);
-  const Eigen::VectorXd whole =
-      dense.Damped(kLambda, true).ldlt().solve(-dense.gradient);
-  ASSERT_TRUE(equations.Linearize(kLambda));
-  ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep(0.5);
-
-  RigState copy = state;
-  const std::vector<double*> scales = ScalesOf(scene.problem, &copy);
-  Eigen::VectorXd expected = 0.5 * whole;
-  int num_at_bound = 0;
-  for (Eigen::Index k = 0; k < dense.num_scales; ++k) {
-    double& change = expected[expected.size() - dense.num_scales + k];
-    num_at_bound += *scales[k] + change < kMinScale;
-    change = std::max(change, kMinScale - *scales[k]);
-  }
-  EXPECT_GT(num_at_bound, 8);
-  Eigen::VectorXd step = TrialStepOf(equations, scene.problem, state);
-  step.head(s.num_unknowns) *= 0.5;
-  const Eigen::VectorXd error = step - expected;
-  const Eigen::MatrixXd damped = dense.Damped(kLambda, true);
-  EXPECT_LT(std::sqrt(error.dot(damped * error)),
-            2e-6 * std::sqrt(expected.dot(damped * expected)));
-  ExpectTrial(trial, dense, whole, scene.problem, s, state, step);
-}
-
 // If a point is more than twice too far, its step leads behind the cameras. Its
 // step is shortened; those of the others are not.
 TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
@@ -371,59 +268,6 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
       EXPECT_NEAR(share, 1.0, 1e-4) << point;
     }
   }
-}
-
-BaselineTerm RandomBilinearTerm(Random* random) {
-  BaselineTerm term;
-  term.kind = BaselineTerm::Kind::kBilinear;
-  term.direction = RandomVector(1.0, random).normalized();
-  term.length = random->Uniform(0.5, 2.0);
-  term.weight = random->Uniform(0.1, 2.0);
-  term.length_weight = random->Uniform(0.1, 2.0);
-  return term;
-}
-
-TEST(BilinearTermTest, DerivativesAreThoseOfDifferences) {
-  Random random(3);
-  constexpr double kStep = 1e-6;
-  for (int trial = 0; trial < 20; ++trial) {
-    const BaselineTerm term = RandomBilinearTerm(&random);
-    const Eigen::Vector3d C = RandomVector(1.0, &random);
-    const double scale = random.Uniform(0.1, 3.0);
-    const BaselineResidual at = EvaluateBaselineTerm(term, C, scale);
-    const auto difference = [&](const Eigen::Vector3d& by_C, double by_scale) {
-      const BaselineResidual after =
-          EvaluateBaselineTerm(term, C + by_C, scale + by_scale);
-      const BaselineResidual before =
-          EvaluateBaselineTerm(term, C - by_C, scale - by_scale);
-      Eigen::Vector4d d;
-      d << after.value - before.value, after.length_value - before.length_value;
-      return Eigen::Vector4d(d / (2.0 * kStep));
-    };
-    for (int i = 0; i < 3; ++i) {
-      const Eigen::Vector3d step = kStep * Eigen::Vector3d::Unit(i);
-      EXPECT_LT(
-          (difference(step, 0.0).head<3>() - at.by_baseline.col(i)).norm(),
-          1e-8);
-    }
-    const Eigen::Vector4d by_scale = difference(Eigen::Vector3d::Zero(), kStep);
-    EXPECT_LT((by_scale.head<3>() - at.by_scale).norm(), 1e-8);
-    EXPECT_NEAR(by_scale[3], at.length_by_scale, 1e-8);
-  }
-}
-
-// With the best scale the residual is the sine of the angle.
-TEST(BilinearTermTest, BestScaleGivesTheSine) {
-  BaselineTerm term;
-  term.kind = BaselineTerm::Kind::kBilinear;
-  term.direction = Eigen::Vector3d::UnitZ();
-  double least = 1.0;
-  for (double scale = 0.0; scale < 1.0; scale += 1e-4) {
-    const BaselineResidual r =
-        EvaluateBaselineTerm(term, Eigen::Vector3d(0.0, 3.0, 4.0), scale);
-    least = std::min(least, r.value.norm());
-  }
-  EXPECT_NEAR(least, 0.6, 1e-6);
 }
 
 TEST(RigEquationsTest, RaysWithFreeRotationsSolveTheFullEquations) {

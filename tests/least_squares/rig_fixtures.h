@@ -214,38 +214,6 @@ inline RigScene<RayObservation> MakeRayScene(RigSceneOptions options,
   return scene;
 }
 
-// The same with scales: the rays' in place of units, and bilinear terms in
-// place of directions, half of them with a length. Some rays, `num_wrong` in
-// all, point away from their points; the best scale of those is the bound.
-inline RigScene<ScaledRayObservation> MakeScaledRayScene(
-    const RigSceneOptions& options, double noise, int num_wrong = 0) {
-  const RigScene<RayObservation> rays = MakeRayScene(options, noise);
-  RigScene<ScaledRayObservation> scene;
-  static_cast<RigProblemBase&>(scene.problem) = rays.problem;
-  scene.truth = rays.truth;
-  for (size_t p = 0; p < scene.problem.num_points(); ++p) {
-    for (size_t o = scene.problem.point_begin[p];
-         o < scene.problem.point_begin[p + 1]; ++o) {
-      const RayObservation& ray = rays.problem.observations[o];
-      const bool is_wrong = o % 7 == 3 && num_wrong-- > 0;
-      scene.problem.observations.push_back(
-          {ray.image, is_wrong ? Eigen::Vector3d(-ray.ray) : ray.ray});
-      scene.truth.observation_scales.push_back(
-          1.0 / PointInCamera(scene.problem, scene.truth, ray.image,
-                              scene.truth.points[p])
-                    .norm());
-    }
-  }
-  int i = 0;
-  for (BaselineTerm& term : scene.problem.baselines) {
-    scene.truth.baseline_scales.push_back(1.0 / term.length);
-    if (term.kind != BaselineTerm::Kind::kDirection) continue;
-    term.kind = BaselineTerm::Kind::kBilinear;
-    if (++i % 2 == 0) term.length_weight = 0.2;
-  }
-  return scene;
-}
-
 // Perturbs all free parameters by normal noise of relative size `size`.
 inline void Perturb(const RigProblemBase& problem, double size, Random* random,
                     RigState* state) {
@@ -270,9 +238,6 @@ inline void Perturb(const RigProblemBase& problem, double size, Random* random,
     for (const int param : problem.cameras[i].free_params) {
       state->cameras[i][param] *= 1.0 + 0.1 * size * random->Normal();
     }
-  }
-  for (auto* scales : {&state->observation_scales, &state->baseline_scales}) {
-    for (double& scale : *scales) scale *= 1.0 + size * random->Normal();
   }
   if (!problem.points_are_free) return;
   for (Eigen::Vector3d& point : state->points) {

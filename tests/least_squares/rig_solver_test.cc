@@ -140,56 +140,6 @@ TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {
   ExpectSameOptimum(scene, iterative, Tight());
 }
 
-RigScene<ScaledRayObservation> ScaledRayScene(int num_wrong) {
-  return MakeScaledRayScene(
-      NoisyScene(std::vector<TestCamera>(3, PerspectiveTestCameras()[0])),
-      0.005, num_wrong);
-}
-
-TEST(RigSolverTest, OptimumWithScalesIsThatOfCeres) {
-  RigSolverOptions ceres = Tight(), iterative = Tight();
-  ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver = ReducedSolver::kIterative;
-  const RigScene<ScaledRayObservation> scene = ScaledRayScene(0);
-  ExpectSameOptimum(scene, Tight(), ceres);
-  ExpectSameOptimum(scene, iterative, Tight());
-}
-
-// Ceres ends at a higher cost where scales are at their bound: its steps are
-// made without it.
-TEST(RigSolverTest, OptimumWithScalesAtTheirBoundIsNotAboveThatOfCeres) {
-  RigSolverOptions ceres = Tight(), iterative = Tight();
-  ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver = ReducedSolver::kIterative;
-  const RigScene<ScaledRayObservation> scene = ScaledRayScene(12);
-  ExpectSameOptimum(scene, iterative, Tight());
-  RigState state;
-  const double by_ceres = SolveWith(scene, 5e-3, ceres, 2, &state).final_cost;
-  const double ours = SolveWith(scene, 5e-3, Tight(), 2, &state).final_cost;
-  EXPECT_LE(ours, (1.0 + 1e-8) * by_ceres);
-  EXPECT_NEAR(ours, by_ceres, 1e-5 * by_ceres);
-}
-
-// The best scales are those of sines, but for directions behind.
-TEST(RigSolverTest, ScalesAreTheBestOfTheirObservations) {
-  const RigScene<ScaledRayObservation> scene = ScaledRayScene(12);
-  RigState state;
-  ASSERT_TRUE(SolveWith(scene, 5e-3, Tight(), 2, &state).IsUsable());
-  int num_at_bound = 0;
-  for (size_t p = 0; p < scene.problem.num_points(); ++p) {
-    for (size_t o = scene.problem.point_begin[p];
-         o < scene.problem.point_begin[p + 1]; ++o) {
-      const ScaledRayObservation& observation = scene.problem.observations[o];
-      const Eigen::Vector3d x = PointInCamera(
-          scene.problem, state, observation.image, state.points[p]);
-      const double best = observation.ray.dot(x) / x.squaredNorm();
-      num_at_bound += best < kMinScale;
-      EXPECT_NEAR(state.observation_scales[o], std::max(best, kMinScale), 1e-6);
-    }
-  }
-  EXPECT_EQ(num_at_bound, 12);
-}
-
 template <class Observation>
 void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver) {
   RigSolverOptions options;
@@ -203,8 +153,6 @@ void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver) {
   EXPECT_EQ(a.num_iterations, b.num_iterations);
   EXPECT_EQ(one.points, three.points);
   EXPECT_EQ(one.cameras, three.cameras);
-  EXPECT_EQ(one.observation_scales, three.observation_scales);
-  EXPECT_EQ(one.baseline_scales, three.baseline_scales);
   for (size_t i = 0; i < one.frames.size(); ++i) {
     EXPECT_EQ(one.frames[i].center, three.frames[i].center);
     EXPECT_EQ(one.frames[i].rig_from_world.coeffs(),
@@ -226,13 +174,10 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
   options.params_are_free = true;
   const RigScene<PixelObservation> pixels = MakePixelScene(options);
   const RigScene<RayObservation> rays = MakeRayScene(options, 0.005);
-  const RigScene<ScaledRayObservation> scaled =
-      MakeScaledRayScene(options, 0.005, 12);
   for (const auto solver :
        {ReducedSolver::kDirect, ReducedSolver::kIterative}) {
     ExpectSameBits(pixels, solver);
     ExpectSameBits(rays, solver);
-    ExpectSameBits(scaled, solver);
   }
   ExpectSameBits(MakePixelScene(SceneOfLongTracks()),
                  ReducedSolver::kIterative);
