@@ -102,7 +102,7 @@ void SummarizeEstimate(const Scene& scene, const ViewGraph& view_graph,
     cam_from_world.push_back(estimate.CamFromWorld(scene, static_cast<int>(i)));
   }
   summary->gravity =
-      JudgeGravity(gravity, cam_from_world, options.gravity_sigma_deg);
+      EvaluateGravity(gravity, cam_from_world, options.gravity_sigma_deg);
 }
 
 }  // namespace mgsfm
