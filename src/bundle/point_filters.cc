@@ -189,7 +189,8 @@ void ComputePointErrors(const Scene& scene, int num_threads,
           sum += error;
           ++num_observations;
         }
-        point.error_px = num_observations > 0 ? sum / num_observations : -1.0;
+        point.error_px.reset();
+        if (num_observations > 0) point.error_px = sum / num_observations;
       },
       256);
 }

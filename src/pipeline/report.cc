@@ -346,12 +346,14 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
   for (size_t i = 0; i < scene.images.size(); ++i) {
     num_images += reconstruction.IsRegistered(scene, static_cast<int>(i));
   }
-  size_t num_observations = 0;
+  size_t num_observations = 0, num_errors = 0;
   double sum_errors_px = 0.0;
   for (const Point3D& point : reconstruction.points) {
     const auto length = static_cast<double>(point.track.size());
     num_observations += point.track.size();
-    sum_errors_px += point.error_px * length;
+    if (!point.error_px) continue;
+    num_errors += point.track.size();
+    sum_errors_px += *point.error_px * length;
   }
   Json json = {
       {"num_frames", num_frames},
@@ -360,9 +362,8 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
       {"num_points", reconstruction.points.size()},
       {"num_observations", num_observations},
       {"mean_reprojection_error_px",
-       num_observations > 0
-           ? Json(sum_errors_px / static_cast<double>(num_observations))
-           : Json(nullptr)},
+       num_errors > 0 ? Json(sum_errors_px / static_cast<double>(num_errors))
+                      : Json(nullptr)},
       {"rigs", RigsToJson(scene, rotation, model)}};
   if (model.extension) {
     json["extension"] = ToJson(scene, *model.extension);

@@ -42,7 +42,7 @@ struct PositionEstimate {
 struct Point3D {
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
   Eigen::Matrix<uint8_t, 3, 1> color = Eigen::Matrix<uint8_t, 3, 1>::Zero();
-  double error_px = -1.0;  // mean reprojection error
+  std::optional<double> error_px;  // mean reprojection error
   std::vector<Observation> track;
 };
 

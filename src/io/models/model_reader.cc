@@ -78,7 +78,9 @@ std::vector<ModelPoint> ReadPoints(File file) {
     point.id = file.ReadLongId();
     for (double& value : point.point_in_world) value = file.ReadNumber();
     for (uint8_t& value : point.color) value = file.ReadByte();
-    point.error_px = file.ReadNumber();
+    // COLMAP writes -1 for an unknown error.
+    const double error_px = file.ReadNumber();
+    if (error_px >= 0.0) point.error_px = error_px;
     file.BeginList();
     while (file.NextItem()) {
       const ImageId image_id(file.ReadId());

@@ -99,7 +99,7 @@ struct ModelPoint {
   uint64_t id = 0;
   Eigen::Vector3d point_in_world = Eigen::Vector3d::Zero();
   Eigen::Matrix<uint8_t, 3, 1> color = Eigen::Matrix<uint8_t, 3, 1>::Zero();
-  double error_px = -1.0;
+  std::optional<double> error_px;  // mean reprojection error
   std::vector<ModelObservation> track;
 };
 
