@@ -8,9 +8,9 @@
 #include <functional>
 
 #include "geometry/so3.h"
-#include "io/files/image_list.h"
+#include "io/database/image_list.h"
 #include "io/test_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/partial_model.h"
 #include "support/permuted_ids.h"

@@ -10,7 +10,7 @@
 #include "geometry/geodetic.h"
 #include "io/test_database.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/base/context.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
@@ -40,11 +39,6 @@ struct RigConfig {
 
 void WriteRigConfig(const std::string& path,
                     const std::vector<RigConfig>& rigs);
-
-// The rigs of a file as above, or of a folder: of its rig_config.json or, if it
-// has none, of the sparse model there, which any program may have written.
-[[nodiscard]] std::vector<RigConfig> ReadRigConfigOrModel(
-    const std::string& path, const Context& context);
 
 // The calibrated rigs of a model: poses where they are estimated, and
 // intrinsics. The format tells images apart by a prefix of their names, so a
