@@ -33,8 +33,8 @@ struct RigConfig {
   std::vector<RigConfigCamera> cameras;
 };
 
-// Throws Error, naming file, rig and camera, for anything that is not as
-// described above: also for unknown keys, a second reference, half a pose.
+// Throws Error, naming file, rig and camera, for any deviation from the format
+// above, including unknown keys, a second reference and an incomplete pose.
 [[nodiscard]] std::vector<RigConfig> ReadRigConfig(const std::string& path);
 
 void WriteRigConfig(const std::string& path,
@@ -44,11 +44,11 @@ void WriteRigConfig(const std::string& path,
 // intrinsics. The format tells images apart by a prefix of their names, so a
 // rig whose cameras have images in several folders (seq1/cam0, seq2/cam0)
 // becomes one rig with the same poses per outer folder. Sensors without images
-// and rigs that no prefix can tell from others are left out.
+// and rigs that no prefix can distinguish are skipped.
 [[nodiscard]] std::vector<RigConfig> MakeRigConfigs(
     const Scene& scene, const Reconstruction& reconstruction);
 
-// Writes these.
+// Writes the result of MakeRigConfigs.
 void WriteRigConfig(const std::string& path, const Scene& scene,
                     const Reconstruction& reconstruction);
 
