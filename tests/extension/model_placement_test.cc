@@ -103,7 +103,7 @@ TEST(ModelPlacing, ModelsWithoutTablesWillDo) {
   EXPECT_FALSE(Place(model, &scene).is_rigid);
 }
 
-// Without its images, it cannot tell where the rig is.
+// A reference sensor without images does not define the pose of the rig.
 TEST(ModelPlacing, AnotherReferenceTakesThePlaceOfOneWithoutImages) {
   const Simulation simulation = SmallDrive();
   Model model = WrittenPart(simulation);

@@ -55,7 +55,7 @@ Simulation SmallDrive() {
   return simulation;
 }
 
-// As mapper results are: only observations in registered images.
+// Mapper results have observations in registered images only.
 void Unregister(int frame_idx, Simulation* simulation) {
   Reconstruction& model = simulation->ground_truth;
   model.rig_from_world[frame_idx].reset();
@@ -80,7 +80,7 @@ void ExpectPoseEq(const ParsedPose& parsed, const Rigid3& pose,
   }
 }
 
-// What COLMAP demands of the five files together.
+// Consistency of the five files, as COLMAP requires it.
 void ExpectFilesAgree(const ParsedModel& model) {
   std::set<uint32_t> cameras_in_rigs;
   for (const auto& [rig_id, sensors] : model.rigs) {

@@ -184,7 +184,7 @@ void Execute(const std::string& path, const std::string& statement) {
   sqlite3_close(database);
 }
 
-// As COLMAP 3.13 has it.
+// The table of COLMAP 3.13.
 TEST_F(PosePriorsTest, GravityOfTheDatabase) {
   options_.use_prior_gravity = true;
   const std::string path = Path("in.db");

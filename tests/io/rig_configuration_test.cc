@@ -43,7 +43,7 @@ class RigConfigurationTest : public testing::Test {
     WriteTextFile(options.rig_config_path, text);
     return options;
   }
-  // Of the frames, the names of their images.
+  // Names of the images of each frame.
   static std::set<std::set<std::string>> FramesOf(
       const DatabaseContents& contents) {
     std::map<ImageId, std::string> names;
