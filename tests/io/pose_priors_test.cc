@@ -100,7 +100,7 @@ TEST_F(PosePriorsTest, NamesWhatIsWrong) {
             HasSubstr("not finite")));
   EXPECT_THAT(
       ErrorOfRows({Row(1, CoordinateSystem::kWgs84, {5430000.0, 4.0, 0.0})}),
-      HasSubstr("no latitude"));
+      HasSubstr("not a latitude"));
   EXPECT_THAT(
       ErrorOfRows({Row(0, CoordinateSystem::kWgs84, {49.0, 8.0, 0.0}),
                    Row(1, CoordinateSystem::kCartesian, {49.0, 8.0, 0.0})}),
