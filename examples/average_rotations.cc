@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "mgsfm/base/mask.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
 

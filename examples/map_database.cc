@@ -10,8 +10,8 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 
 namespace {

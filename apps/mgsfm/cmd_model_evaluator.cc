@@ -13,7 +13,7 @@
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/eval/evaluation_plot.h"
 #include "mgsfm/io/database/database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/models/trajectory_io.h"
 #include "named_model.h"
 #include "true_trajectory.h"

@@ -4,7 +4,7 @@
 #include "command.h"
 #include "commands.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/rigs/rig_configuration.h"
+#include "mgsfm/io/models/rig_configuration.h"
 
 namespace mgsfm {
 namespace {

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "command.h"
-#include "io/files/image_list.h"
+#include "io/database/image_list.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"

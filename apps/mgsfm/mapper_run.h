@@ -8,8 +8,8 @@
 #include "extension/model_placement.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/pipeline/mapper.h"
 

@@ -6,7 +6,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 

@@ -11,7 +11,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/io/database/database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"

@@ -146,7 +146,7 @@ OracleResult SolveOracle(const Simulation& simulation, const MapperModel& model,
   for (const Point3D& point : model.reconstruction.points) {
     const auto start = Triangulate(bearings, cam_from_world, point.track);
     if (!start) continue;
-    initial.points.push_back({*start, point.color, -1.0, point.track});
+    initial.points.push_back({*start, point.color, std::nullopt, point.track});
   }
   return Solve(simulation, initial, LastLossScalePx(options, model.bundle),
                options, context);

@@ -19,7 +19,7 @@
 #include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/stage_time.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/rotation_recipe.h"
 #include "simulated_run.h"

@@ -14,7 +14,7 @@
 #include "features/image_file.h"
 #include "features/memory_budget.h"
 #include "features/ordered_pipeline.h"
-#include "io/files/image_list.h"
+#include "io/database/image_list.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 

@@ -283,7 +283,7 @@ TEST_F(BadInput, MatchesWithKeypointsThatDoNotExist) {
       "'cam0/000000.png'", kMatchAgain);
 }
 
-// They are what the matches were verified from, and no longer needed.
+// The matches were verified from them, and do not need them any more.
 TEST_F(BadInput, MatchesBeforeVerificationAreNotRead) {
   OpenDatabase(Database()).Execute("UPDATE matches SET data = x'00'");
   EXPECT_EQ(Map().exit_code, 0);
@@ -410,7 +410,7 @@ TEST_F(BadInput, OutputBelowAFile) {
                 AllOf(HasSubstr(Database()), HasSubstr("not a folder")));
 }
 
-// Where even root cannot.
+// These paths are not writable even for root.
 TEST_F(BadInput, OutputWhereNothingCanBeWritten) {
   ExpectRefused(
       MapperCall(Database(), "/proc/mgsfm_out"),

@@ -168,7 +168,7 @@ TEST_F(BundleAdjusterCommand, OptionsSayWhatIsHeld) {
   EXPECT_FALSE(ReadTextFile(Out() + "/cameras.bin") == cameras);
 }
 
-// As a rig_config.json from a calibration would.
+// The content of a rig_config.json from a calibration.
 TEST_F(BundleAdjusterCommand, PosesOfARigConfigurationAreHeld) {
   ASSERT_EQ(Adjust(DemoTruth()).exit_code, 0);
   fs::copy(Out() + "/rig_config.json", Path("rig.json"));

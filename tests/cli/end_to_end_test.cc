@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// From a simulated database to a model, through the built program.
+// The built program reconstructs a model from a simulated database.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the program says of itself and of bad usage.
+// Help, version and messages on bad usage.
 #include <algorithm>
 #include <sstream>
 #include <string>

@@ -92,7 +92,7 @@ TEST_F(Interruption, SighupIsNoDifferent) {
   ExpectStopped(SIGHUP, "view graph started");
 }
 
-// As `timeout` and a terminal do at times.
+// `timeout` and terminals may do this.
 TEST_F(Interruption, TheSameSignalTwiceAtATime) {
   RunningProgram mapper(MapperArguments());
   mapper.WaitUntilItSays("view graph started");
@@ -101,7 +101,7 @@ TEST_F(Interruption, TheSameSignalTwiceAtATime) {
   EXPECT_EQ(std::distance(fs::directory_iterator(Out()), {}), 1);
 }
 
-// As nohup does.
+// nohup does this.
 TEST_F(Interruption, SignalsThatTheCallerIgnoresStayIgnored) {
   std::signal(SIGHUP, SIG_IGN);
   {

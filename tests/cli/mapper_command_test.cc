@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The mapper as users run it: what it reads, writes, says and leaves alone.
+// The mapper command: its input, output, messages, and files that it must keep.
 #include <nlohmann/json.hpp>
 
 #include "cli/program_runs.h"
@@ -46,7 +46,7 @@ class MapperCommand : public testing::Test {
   Json Report() const {
     return Json::parse(ReadTextFile(Out() + "/report.json"));
   }
-  // Of a model against another one, by the evaluator.
+  // Errors of one model relative to another.
   Json Evaluate(const std::string& model, const std::string& truth) const {
     const std::string json = Path("evaluation.json");
     const CommandOutput output =
@@ -248,7 +248,7 @@ TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
   expect_refused("# nothing\n", "there is no line");
 }
 
-// As on a processor without AVX2 and FMA; see docs/architecture.md.
+// A processor without AVX2 and FMA runs these kernels (docs/architecture.md).
 TEST_F(MapperCommand, PortableKernelsGiveTheSameModel) {
   ASSERT_EQ(Map().exit_code, 0);
   fs::rename(Out(), Path("fast"));

@@ -200,7 +200,7 @@ TEST_F(ModelEvaluator, AllCamerasOfAMissingFrameAreCounted) {
     const Json with_rig = Evaluate(kitti + "--calib_path " + Path("calib.txt"));
     EXPECT_EQ(with_rig["num_registered"], 12);
     EXPECT_EQ(with_rig["num_images"], 14);
-    // Without calibration, only the reference camera has true poses.
+    // Only the reference camera has true poses if there is no calibration.
     ExpectCounts(Evaluate(kitti), 6, 7);
   }
 }

@@ -134,7 +134,7 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
                 HasSubstr("lists no image"));
   ExpectRefused(Run("mapper", First(), "--rig_name_rule none"),
                 AllOf(HasSubstr(First()), HasSubstr("rig_config_path")));
-  // Of other images.
+  // A database of other images.
   fs::create_directory(Path("in"));
   WriteTextFile(Path("in/cameras.txt"),
                 "1 SIMPLE_PINHOLE 640 480 500 320 240\n");
@@ -144,7 +144,7 @@ TEST_F(GoingOnCommand, BadInputIsExitCode1AndWritesNothing) {
                 AllOf(HasSubstr(Path("in")), HasSubstr("'a.png'"),
                       HasSubstr(DemoDatabase())));
   ExpectRefused(Run("point_triangulator", Path("in")), HasSubstr("'a.png'"));
-  // Of another camera.
+  // A database with another camera.
   WriteTextFile(Path("in/images.txt"),
                 "1 1 0 0 0 0 0 0 1 " +
                     ReadModelPoses(DemoTruth()).images[0].name + "\n\n");
@@ -163,7 +163,7 @@ TEST_F(GoingOnCommand, PointsAreTriangulatedAndPosesHeld) {
   EXPECT_LT(report["models"][0]["mean_reprojection_error_px"], 2.0);
 }
 
-// As COLMAP's users do: poses of another source, without any point.
+// COLMAP users do this with poses of another source, without any point.
 TEST_F(GoingOnCommand, ModelsOfPosesAloneGetPoints) {
   fs::create_directory(Path("in"));
   const PoseModel truth = ReadModelPoses(DemoTruth());

@@ -63,7 +63,7 @@ inline CommandOutput RunExecutable(const std::string& arguments) {
   return RunShell(MGSFM_EXECUTABLE " " + arguments);
 }
 
-// All files below a folder, hidden ones too, with what they hold; links are not
+// Contents of all files below a folder, including hidden ones; links are not
 // followed.
 using Files = std::map<std::string, std::string>;
 inline Files FilesIn(const std::filesystem::path& folder) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// From the images in data/rendered_rig to a model, through the built program.
+// The built program reconstructs a model from the images in data/rendered_rig.
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -52,7 +52,7 @@ TEST_F(ReconstructionTest, ImagesGiveTheRigAndItsPath) {
   EXPECT_LT(errors.at("position_m").at("mean"), 0.02) << errors;
   EXPECT_LT(errors.at("sensors").at(0).at("rotation_deg"), 0.2) << errors;
 
-  // What the database has is not done again.
+  // Existing features and matches are reused.
   const CommandOutput again = RunMgsfm(line_ + "--data_type individual");
   EXPECT_EQ(again.exit_code, 0) << again.err;
   EXPECT_THAT(again.err, HasSubstr("16 images already had features"));

@@ -8,9 +8,9 @@
 #include <functional>
 
 #include "geometry/so3.h"
-#include "io/files/image_list.h"
+#include "io/database/image_list.h"
 #include "io/test_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/partial_model.h"
 #include "support/permuted_ids.h"
@@ -103,7 +103,7 @@ TEST(ModelPlacing, ModelsWithoutTablesWillDo) {
   EXPECT_FALSE(Place(model, &scene).is_rigid);
 }
 
-// Without its images, it cannot tell where the rig is.
+// A reference sensor without images does not define the pose of the rig.
 TEST(ModelPlacing, AnotherReferenceTakesThePlaceOfOneWithoutImages) {
   const Simulation simulation = SmallDrive();
   Model model = WrittenPart(simulation);

@@ -19,7 +19,7 @@ using testing::HasSubstr;
 const std::vector<std::string> kNames = {"cam0/0.png", "cam0/1.png",
                                          "cam1/0.png", "cam1/1.png"};
 
-// With a rig of two cameras, one of unknown and one of known pose.
+// Contents with a rig of two cameras, one of unknown and one of known pose.
 DatabaseContents ContentsWithRig() {
   DatabaseContents contents = MakeContents(kNames);
   RigRow rig{RigId(4), CameraId(1), {}};
@@ -84,7 +84,7 @@ void ExpectSamePairs(const DatabaseContents& a, const DatabaseContents& b) {
   }
 }
 
-// All files below a folder with their contents.
+// Contents of all files below a folder.
 std::map<std::string, std::string> FilesIn(const fs::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
@@ -204,7 +204,8 @@ TEST_F(DatabaseTest, ReadsPositionsOfAllKeypointLayouts) {
 }
 
 TEST_F(DatabaseTest, AbsentGeometryIsNotSet) {
-  // As versions mark it: NULL, empty, zero, the identity, a zero quaternion.
+  // Versions mark unset values by NULL, empty, zero, identity or a zero
+  // quaternion.
   for (const std::string assignments :
        {"F = NULL, E = NULL, H = NULL, qvec = NULL, tvec = NULL",
         "F = x'', E = x'', H = x'', qvec = x'', tvec = x''",
@@ -355,7 +356,7 @@ TEST_F(DatabaseTest, ReadsTheWriteAheadLogWithoutTouchingIt) {
   SqliteDatabase writer = SqliteDatabase::OpenReadWrite(Path(), Path());
   writer.Execute("PRAGMA journal_mode = WAL");
   writer.Execute("UPDATE images SET name = 'cam0/new.png' WHERE image_id = 2");
-  // Both beside a program that has it open, and as left by a crash.
+  // The database is open in another program, or was left so by a crash.
   fs::create_directory(dir_.path() / "left");
   for (const std::string suffix : {"", "-wal"}) {
     fs::copy_file(Path() + suffix, Path("left/database.db" + suffix));

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
 

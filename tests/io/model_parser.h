@@ -79,7 +79,7 @@ class ModelFields {
     if (!is_text_) num_items_ = Get<uint64_t>();
   }
 
-  // Whether there is another item: binary files tell their number.
+  // Returns whether there is another item; binary files store their number.
   bool NextItem() {
     if (is_text_) return NextLine();
     return num_items_-- > 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// From a model back to the scene and reconstruction it was written from.
+// Conversion of a model to the scene and reconstruction that it was written
+// from.
 #include "mgsfm/io/models/model_scene.h"
 
 #include <gmock/gmock.h>
@@ -35,7 +36,7 @@ Model Written(const Simulation& simulation) {
   return ReadModel(dir.path());
 }
 
-// As COLMAP 3.8 has it.
+// The model of COLMAP 3.8.
 Model WithoutTables(Model model) {
   model.poses.rigs.clear();
   model.poses.frames.clear();

@@ -10,7 +10,7 @@
 #include "geometry/geodetic.h"
 #include "io/test_database.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -100,7 +100,7 @@ TEST_F(PosePriorsTest, NamesWhatIsWrong) {
             HasSubstr("not finite")));
   EXPECT_THAT(
       ErrorOfRows({Row(1, CoordinateSystem::kWgs84, {5430000.0, 4.0, 0.0})}),
-      HasSubstr("no latitude"));
+      HasSubstr("not a latitude"));
   EXPECT_THAT(
       ErrorOfRows({Row(0, CoordinateSystem::kWgs84, {49.0, 8.0, 0.0}),
                    Row(1, CoordinateSystem::kCartesian, {49.0, 8.0, 0.0})}),
@@ -184,7 +184,7 @@ void Execute(const std::string& path, const std::string& statement) {
   sqlite3_close(database);
 }
 
-// As COLMAP 3.13 has it.
+// The table of COLMAP 3.13.
 TEST_F(PosePriorsTest, GravityOfTheDatabase) {
   options_.use_prior_gravity = true;
   const std::string path = Path("in.db");

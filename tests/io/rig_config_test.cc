@@ -5,8 +5,8 @@
 #include <gtest/gtest.h>
 
 #include "io/test_database.h"
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/rigs/rig_configuration.h"
+#include "mgsfm/io/models/rig_configuration.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -43,7 +43,7 @@ class RigConfigurationTest : public testing::Test {
     WriteTextFile(options.rig_config_path, text);
     return options;
   }
-  // Of the frames, the names of their images.
+  // Names of the images of each frame.
   static std::set<std::set<std::string>> FramesOf(
       const DatabaseContents& contents) {
     std::map<ImageId, std::string> names;

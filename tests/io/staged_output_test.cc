@@ -22,7 +22,7 @@ using testing::HasSubstr;
 
 using Files = std::map<std::string, std::string>;
 
-// All files below a folder, hidden ones too, with what they hold; and empty
+// Contents of all files below a folder, including hidden ones, and empty
 // folders.
 Files FilesIn(const fs::path& folder) {
   Files files;
@@ -160,7 +160,7 @@ TEST_F(StagedOutputTest, RefusesAFileAsTarget) {
   EXPECT_EQ(FilesIn(dir_.path()), (Files{{"out", "mine"}}));
 }
 
-// Such as the sequences 00 to 21 of KITTI.
+// The sequences 00 to 21 of KITTI have such names.
 TEST_F(StagedOutputTest, KeepsFoldersThatHoldNoModel) {
   Put(target_ / "10" / "image_0" / "000000.png", "mine");
   Put(target_ / "0" / "database.db", "mine");
@@ -193,7 +193,7 @@ TEST_F(StagedOutputTest, RefusesAFolderThatCannotBeWritten) {
   fs::permissions(target_, fs::perms::owner_all);
 }
 
-// Such as a killed process leaves, in the target or beside a new one.
+// A killed process leaves such folders in the target, or beside a new one.
 TEST_F(StagedOutputTest, RemovesWhatKilledRunsLeft) {
   const fs::path beside = dir_.path() / ".out.mgsfm-a1B2c3";
   Put(beside / "0" / "images.bin", "half");
@@ -406,7 +406,7 @@ TEST_P(StagedOutputFault, AFailedCallLeavesTheOldOrTheNewOutput) {
   }
 }
 
-// Whether each model that is there is one of those before and after, whole.
+// Expects every model to be complete, in its state before or after.
 void ExpectWholeModels(const Replacement& r, const Files& found) {
   std::map<std::string, Files> before, after, models;
   const auto sort = [](const Files& files, std::map<std::string, Files>* by) {
@@ -480,8 +480,8 @@ TEST_P(StagedOutputFault, TwoKillsArePutRightByTheThirdRun) {
 INSTANTIATE_TEST_SUITE_P(WithAndWithoutExchange, StagedOutputFault,
                          testing::Bool());
 
-// What a loss of power may not reorder: files before the journal, the journal
-// before the first step, and the last step before the journal goes.
+// A loss of power must not reorder these: files before the journal, the journal
+// before the first step, and the last step before the removal of the journal.
 TEST_F(StagedOutputTest, EverythingIsOnTheDiskBeforeItIsReliedOn) {
   Put(target_ / "0" / "images.bin", "old");
   Put(target_ / "0" / "notes.txt", "mine");

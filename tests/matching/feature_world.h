@@ -12,7 +12,7 @@
 #include "matching/simulated_pair.h"
 #include "matching/test_descriptors.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 
 namespace mgsfm {
 

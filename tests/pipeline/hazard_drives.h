@@ -14,7 +14,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 

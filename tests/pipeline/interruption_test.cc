@@ -7,8 +7,8 @@
 #include <string>
 
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "support/temp_dir.h"
 

@@ -18,7 +18,7 @@
 #include "io/files/image_writing.h"
 #include "mgsfm/features/feature_extraction.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/matching/matching.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/rendering.h"

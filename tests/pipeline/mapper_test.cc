@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/model_comparison.h"
 #include "support/permuted_ids.h"

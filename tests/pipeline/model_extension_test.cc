@@ -12,7 +12,7 @@
 #include "extension/model_placement.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "pipeline/model_adjustment.h"

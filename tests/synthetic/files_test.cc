@@ -4,8 +4,8 @@
 
 #include <filesystem>
 
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
 

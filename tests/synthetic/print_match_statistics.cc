@@ -6,7 +6,7 @@
 #include <iostream>
 
 #include "mgsfm/base/timer.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/models/trajectory_io.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "synthetic/match_statistics.h"

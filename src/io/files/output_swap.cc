@@ -228,7 +228,13 @@ void OutputSwap::FinishPending(const fs::path& base, const fs::path& work,
   try {
     swap.DoAll();
   } catch (...) {
-    swap.UndoAll();
+    try {
+      swap.UndoAll();
+    } catch (const Error& error) {
+      throw Error("a killed run left a swap in '" + work.string() +
+                  "' that can neither be finished nor undone: " + error.what() +
+                  "; make the folder writable and run again");
+    }
   }
   swap.Retract();
 }

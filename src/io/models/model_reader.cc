@@ -78,6 +78,7 @@ std::vector<ModelPoint> ReadPoints(File file) {
     point.id = file.ReadLongId();
     for (double& value : point.point_in_world) value = file.ReadNumber();
     for (uint8_t& value : point.color) value = file.ReadByte();
+    // COLMAP writes -1 for an unknown error.
     const double error_px = file.ReadNumber();
     if (error_px >= 0.0) point.error_px = error_px;
     file.BeginList();

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "geometry/so3.h"
-#include "io/database/rows_to_scene.h"
 #include "io/models/model_rig_poses.h"
+#include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

@@ -17,6 +17,7 @@ namespace mgsfm {
 namespace {
 
 constexpr uint64_t kNoPoint = ~uint64_t{0};
+constexpr double kNoError = -1.0;  // in the file format of COLMAP
 constexpr int32_t kCameraSensorType = 0;
 
 // One file of a model. Numbers are little-endian, as on every machine that
@@ -298,7 +299,7 @@ void ModelWriter::WritePoints(ModelFile file) const {
     file.Write<uint64_t>(i + 1);
     for (const double value : point.point_in_world) file.Write(value);
     for (const uint8_t value : point.color) file.Write(value);
-    file.Write(point.error_px.value_or(-1.0));  // as COLMAP does
+    file.Write(point.error_px.value_or(kNoError));
     file.WriteCount(point.track.size());
     for (const Observation& o : point.track) {
       file.Write<uint32_t>(scene_.images[o.image_idx].id.value());

@@ -12,7 +12,6 @@
 #include "io/files/output_file.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/models/model_scene.h"
 
 namespace mgsfm {
 namespace {
@@ -338,16 +337,6 @@ std::vector<RigConfig> MakeRigConfigs(const Scene& scene,
 void WriteRigConfig(const std::string& path, const Scene& scene,
                     const Reconstruction& reconstruction) {
   WriteRigConfig(path, MakeRigConfigs(scene, reconstruction));
-}
-
-std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
-                                            const Context& context) {
-  namespace fs = std::filesystem;
-  if (!fs::is_directory(path)) return ReadRigConfig(path);
-  const fs::path config = fs::path(path) / "rig_config.json";
-  if (fs::exists(config)) return ReadRigConfig(config.string());
-  const ModelScene model = LoadModelScene(path, {}, context);
-  return MakeRigConfigs(model.scene, model.reconstruction);
 }
 
 }  // namespace mgsfm

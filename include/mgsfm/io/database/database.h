@@ -27,9 +27,9 @@ struct ImageRow {
 };
 
 // image_id1 < image_id2; matrices, pose and matches map from image 1 to 2.
-// What the database marks as not set (absent, all zero, or the identity pose
-// without translation) is nullopt, and so is what cannot be used (not finite, a
-// singular H).
+// Values that the database marks as unset (absent, all zero, or the identity
+// pose without translation) and unusable ones (not finite, a singular H) are
+// nullopt.
 struct TwoViewGeometryRow {
   ImageId image_id1;
   ImageId image_id2;
@@ -39,7 +39,7 @@ struct TwoViewGeometryRow {
   std::vector<Match> matches;
 };
 
-// A camera mounted in a rig. Only cameras are kept of a rig's sensors.
+// A camera mounted in a rig. Sensors that are not cameras are ignored.
 struct RigSensorRow {
   CameraId camera_id;
   std::optional<Rigid3> sensor_from_rig;  // identity for the reference
@@ -62,9 +62,9 @@ struct FrameRow {
   std::vector<FrameDataRow> data;
 };
 
-// The same pair seen from the other image: what maps from 1 to 2 is inverted or
-// transposed, the columns of the matches are exchanged. Breaks the order of
-// ids.
+// Swaps the two images of a pair: inverts or transposes the maps from 1 to 2
+// and exchanges the columns of the matches. The ids are in descending order
+// then.
 void SwapImages(TwoViewGeometryRow* pair);
 
 struct DatabaseContents {
@@ -76,14 +76,13 @@ struct DatabaseContents {
   std::vector<FrameRow> frames;  // empty before COLMAP 3.12
 };
 
-// Reads a database of any schema from COLMAP 3.8 to 4.2, told apart by its
-// tables and columns. The file and everything beside it stay as they are: no
-// lock, no journal and no shared-memory file is made, so a read-only folder
-// will do. If a write-ahead log (or a rollback journal of an interrupted
-// writer) holds changes, the database is read from a copy in the folder for
-// temporary files ($TMPDIR), log included. Throws Error for a file that is no
-// database, misses a table, has no image or holds a damaged row, which is
-// named, and if another program changed the database meanwhile.
+// Reads a database of any schema from COLMAP 3.8 to 4.2, recognised by its
+// tables and columns. Creates no lock, journal or shared-memory file, so a
+// read-only folder suffices. If a write-ahead log (or a rollback journal of an
+// interrupted writer) holds changes, reads a copy of both in the folder for
+// temporary files ($TMPDIR). Throws Error for a file that is not a database,
+// lacks a table, has no image or a damaged row, which is named, and if another
+// program changes the database during reading.
 [[nodiscard]] DatabaseContents ReadDatabase(const std::string& path,
                                             const Context& context);
 
@@ -95,7 +94,7 @@ enum class DatabaseSchema {
   k312,  // COLMAP 3.12 and 3.13
 };
 
-// Writes a new database that COLMAP of that version, and any later one, opens.
+// Writes a new database that this and every later version of COLMAP opens.
 // Matches are written both as raw and as verified matches; there are no
 // descriptors. Throws Error if the file exists; a failure leaves no file.
 void WriteDatabase(const std::string& path, const DatabaseContents& contents,

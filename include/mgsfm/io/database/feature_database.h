@@ -16,8 +16,8 @@
 
 namespace mgsfm {
 
-// A keypoint as COLMAP stores it: its place, and the matrix that maps the unit
-// circle to the region it describes.
+// A keypoint in COLMAP's format: its position, and the matrix that maps the
+// unit circle to the region it describes.
 struct FeatureKeypoint {
   float x_px = 0.0f;
   float y_px = 0.0f;
@@ -34,11 +34,11 @@ struct FeatureKeypoint {
   float OrientationRad() const;
 };
 
-// A row for each keypoint, 128 columns for SIFT.
+// One row per keypoint, with 128 columns for SIFT.
 using DescriptorMatrix =
     Eigen::Matrix<uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Where a camera was when it took an image, as far as known beforehand.
+// Measured position of a camera at the time of an image.
 struct PosePriorRow {
   enum class CoordinateSystem : int {
     kUndefined = -1,
@@ -51,16 +51,16 @@ struct PosePriorRow {
   std::optional<Eigen::Matrix3d> covariance;
 };
 
-// A pair that has a row, and how many matches that holds (it may be none).
+// A pair with a row, and the number of matches in it, which may be zero.
 struct PairCount {
   ImageId image_id1{0};  // < image_id2
   ImageId image_id2{0};
   size_t num_matches = 0;
 };
 
-// A COLMAP database to which the steps before reconstruction add: features,
-// matches, two-view geometries, rigs and frames. What a step finds there it
-// need not do again; so a step that was killed goes on where it stopped.
+// A COLMAP database to which the steps before reconstruction add features,
+// matches, two-view geometries, rigs and frames. Each step skips existing rows,
+// so a step that was killed continues where it stopped.
 //
 // A new database has the tables of COLMAP 3.8 and those that 3.9 to 3.13 add to
 // them when they open such a file (pose_priors, rigs, frames), with
@@ -69,10 +69,10 @@ struct PairCount {
 // (4.x after its usual migration). An existing database of any version from
 // 3.8 to 4.2 keeps its layout, and its missing tables are added.
 //
-// Nobody else can use the database meanwhile (ReadDatabase can, but takes the
-// lock away if it is called in the same process). Every write is a transaction
-// of its own unless DatabaseTransaction gathers several. To be used by one
-// thread at a time. Every failure throws Error, with the path and a remedy: no
+// The object locks the database against other programs (ReadDatabase still
+// works, but releases the lock if it is called in the same process). Every
+// write is a transaction unless DatabaseTransaction groups several. Not
+// thread-safe. Every failure throws Error with the path and a remedy: not a
 // database, not writable, in use by another program, disk full, a damaged row
 // (named).
 class FeatureDatabase {
@@ -94,7 +94,7 @@ class FeatureDatabase {
   // LoadScene. Without images if there are none.
   [[nodiscard]] DatabaseContents ReadStructure(const Context& context) const;
 
-  // Is there a row? It may hold no keypoint or match.
+  // Return whether there is a row, which may hold no keypoint or match.
   bool HasKeypoints(ImageId image_id) const;
   bool HasDescriptors(ImageId image_id) const;
   bool HasMatches(ImageId image_id1, ImageId image_id2) const;
@@ -114,13 +114,13 @@ class FeatureDatabase {
   // In the order of the arguments, too. nullopt without a row.
   std::optional<TwoViewGeometryRow> ReadTwoViewGeometry(
       ImageId image_id1, ImageId image_id2) const;
-  // Sorted by image. Positions that are not finite are left out; a database of
-  // COLMAP 3.8 does not tell the coordinate system.
+  // Sorted by image. Positions that are not finite are skipped; a database of
+  // COLMAP 3.8 does not store the coordinate system.
   std::vector<PosePriorRow> ReadPosePriors() const;
 
   // ------------------------------------------------------------ writing
 
-  // Under a new id; that of the argument has no meaning.
+  // Assigns a new id; that of the argument is ignored.
   CameraId AddCamera(const Camera& camera);
   void UpdateCamera(const Camera& camera);
   ImageId AddImage(const std::string& name, CameraId camera_id);
@@ -137,8 +137,8 @@ class FeatureDatabase {
   // Either image may have the smaller id.
   void WriteTwoViewGeometry(const TwoViewGeometryRow& pair);
 
-  // A new frame that holds this image only, in the rig of the camera, which is
-  // made if there is none.
+  // Adds a frame with this image only, in the rig of the camera, which is
+  // created if missing.
   void AddSingleImageFrame(ImageId image_id, CameraId camera_id);
   // Replace all rigs and all frames.
   void WriteRigsAndFrames(const std::vector<RigRow>& rigs,

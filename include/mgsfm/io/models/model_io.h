@@ -42,11 +42,11 @@ void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context = {});
 
-// Throws Error, naming the image, if the format cannot hold the name of one: in
+// Throws Error, naming the image, if the format cannot represent its name: in
 // text, names end at the first blank.
 void CheckFormat(const Scene& scene, ModelFormat format);
 
-// What ReadModelPoses reads of a model.
+// The poses of a model, without intrinsics, keypoints and points.
 struct ModelImage {
   ImageId id;
   std::string name;
@@ -72,8 +72,8 @@ struct ModelFrame {
   std::vector<ImageId> image_ids;
 };
 
-// Poses of images are those of the file of images, with which frames and rigs
-// of all writers agree.
+// Image poses are those of the images file, with which the frames and rigs of
+// all writers agree.
 struct PoseModel {
   std::vector<ModelImage> images;  // sorted by name
   std::vector<ModelRig> rigs;      // empty if the model has none (COLMAP 3.8)
@@ -110,8 +110,8 @@ struct Model {
   std::vector<ModelPoint> points;                     // sorted by id
 };
 
-// The same with all else that is in the model. Also throws Error if an image
-// has no camera, or points and keypoints do not refer to each other.
+// Reads a whole model. Also throws Error if an image has no camera, or if
+// points and keypoints do not refer to each other.
 Model ReadModel(const std::filesystem::path& folder);
 
 }  // namespace mgsfm

@@ -5,26 +5,26 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/io/database/scene_loading.h"
 #include "mgsfm/io/models/model_io.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
-// A model, as the stages take it.
+// A model in the types of the stages.
 struct ModelScene {
   // In canonical order. Intrinsics count as known (has_prior_focal_length), as
-  // a model does not say which are. Poses of sensors are known only where a
+  // a model does not store which are. Sensor poses are known only if a
   // rig_config.json gives them; those of the model are estimates.
   Scene scene;
   Reconstruction reconstruction;  // positions are those of scene
   std::string rig_source;         // in words
 };
 
-// Finds rigs and frames as the mapper does (see SceneLoadingOptions), with the
-// model's tables of rigs and frames in place of the database's. Without them
-// (COLMAP 3.8) the poses in the rig are those that most frames agree with: the
+// Finds rigs and frames as the mapper does (see SceneLoadingOptions), using the
+// rigs and frames of the model instead of those of the database. Without them
+// (COLMAP 3.8), sensor poses are robust averages over frames: the
 // relative rotation with the least sum of angles to the others, and the medians
 // of the coordinates of the relative translations. The pose of a frame follows
 // from its image of the reference sensor, else from its first image.
@@ -35,14 +35,14 @@ struct ModelScene {
 //   1e-4 rad or 1e-4 of the extent of the model,
 // - images whose names make them a rig do not move like one: the rotations in
 //   the rig differ by 5 degrees or more in half of the frames,
-// - nothing tells the pose of a sensor in its rig,
-// and what LoadScene throws.
+// - the pose of a sensor in its rig is unknown,
+// and for the same reasons as LoadScene.
 [[nodiscard]] ModelScene MakeModelScene(const Model& model,
                                         const std::filesystem::path& folder,
                                         const SceneLoadingOptions& options,
                                         const Context& context);
 
-// The same of the model in a folder; also throws what ReadModel throws.
+// Loads the model of a folder; also throws what ReadModel throws.
 [[nodiscard]] ModelScene LoadModelScene(const std::filesystem::path& folder,
                                         const SceneLoadingOptions& options,
                                         const Context& context);

@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// All readers throw Error, naming file and line, for what they cannot read.
+// All readers throw Error, naming file and line, for malformed input.
 
 // KITTI odometry: a 3x4 matrix world_from_cam0 in each line. Returns
 // cam_from_world.
@@ -25,7 +25,7 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path);
 
 // KITTI's calib.txt: a 3x4 projection matrix K [I | t] in each line, after an
 // optional name such as "P1:". Returns cam_k_from_cam0 in order of the lines;
-// other lines with other than 12 numbers are left out.
+// lines without exactly 12 numbers are skipped.
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path);
 
 // EuRoC's sensor.yaml: the matrix T_BS, body_from_sensor. Returns

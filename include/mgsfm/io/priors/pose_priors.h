@@ -12,10 +12,9 @@
 
 namespace mgsfm {
 
-// Measured positions of images, by GPS or in any Cartesian world: from the
-// table pose_priors of the database, or from a file with a line
-// "image_name X Y Z" for each, '#' starting comments. And their measured
-// gravity.
+// Measured positions of images, by GPS or in any Cartesian world, and measured
+// gravity: from the table pose_priors of the database, or from a file with one
+// line "image_name X Y Z" per image, where '#' starts comments.
 struct PosePriorOptions {
   bool use_prior_position = false;
   std::string ref_images_path;
@@ -30,31 +29,31 @@ struct PosePriorOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("use_prior_position", self.use_prior_position, AnyValue(), "",
-          "Use the positions of images in the table pose_priors (GPS, or "
-          "Cartesian): models are moved into their world, and bundle "
-          "adjustment keeps images near them.");
+          "Use the image positions in the table pose_priors (GPS or Cartesian) "
+          "to place models in their world and as priors of bundle adjustment.");
     visit("ref_images_path", self.ref_images_path, AnyValue(), "",
-          "Take positions from this file instead: a line `image_name X Y Z` "
-          "each.");
+          "Use the positions in this file instead, one line `image_name X Y Z` "
+          "per image.");
     visit("ref_is_gps", self.ref_is_gps, AnyValue(), "",
-          "Positions of that file, and of a database that does not say it, are "
-          "latitude, longitude (deg) and altitude (m).");
+          "Positions in that file, or in a database without coordinate system, "
+          "are latitude, longitude (deg) and altitude (m).");
     visit("overwrite_priors_covariance", self.overwrite_priors_covariance,
           AnyValue(), "",
-          "Use the standard deviations that follow even where the database has "
-          "covariances.");
+          "Use the standard deviations below instead of the covariances of the "
+          "database.");
     visit("prior_position_std_x", self.prior_position_std_x_m, GreaterThan(0.0),
-          "m", "Standard deviation of positions without covariance; east.");
+          "m", "Standard deviation of positions without covariance, east.");
     visit("prior_position_std_y", self.prior_position_std_y_m, GreaterThan(0.0),
-          "m", "The same to the north.");
+          "m", "Standard deviation of positions without covariance, north.");
     visit("prior_position_std_z", self.prior_position_std_z_m, GreaterThan(0.0),
-          "m", "The same upwards.");
+          "m", "Standard deviation of positions without covariance, up.");
     visit("use_prior_gravity", self.use_prior_gravity, AnyValue(), "",
-          "Use the directions of gravity in the table pose_priors: rotations "
-          "are levelled by them, and models come out with gravity along +y.");
-    visit("gravity_path", self.gravity_path, AnyValue(), "",
-          "Take them from this file instead: a line `image_name GX GY GZ` "
-          "each, in the frame of the camera.");
+          "Use the gravity directions in the table pose_priors to level the "
+          "rotations; gravity is along +y in the models.");
+    visit(
+        "gravity_path", self.gravity_path, AnyValue(), "",
+        "Use the gravity directions in this file instead, one line `image_name "
+        "GX GY GZ` per image, in the camera frame.");
   }
 
   bool AreUsed() const {

@@ -5,7 +5,6 @@
 #include <string>
 #include <vector>
 
-#include "mgsfm/base/context.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
@@ -34,27 +33,22 @@ struct RigConfig {
   std::vector<RigConfigCamera> cameras;
 };
 
-// Throws Error, naming file, rig and camera, for anything that is not as
-// described above: also for unknown keys, a second reference, half a pose.
+// Throws Error, naming file, rig and camera, for any deviation from the format
+// above, including unknown keys, a second reference and an incomplete pose.
 [[nodiscard]] std::vector<RigConfig> ReadRigConfig(const std::string& path);
 
 void WriteRigConfig(const std::string& path,
                     const std::vector<RigConfig>& rigs);
 
-// The rigs of a file as above, or of a folder: of its rig_config.json or, if it
-// has none, of the sparse model there, which any program may have written.
-[[nodiscard]] std::vector<RigConfig> ReadRigConfigOrModel(
-    const std::string& path, const Context& context);
-
 // The calibrated rigs of a model: poses where they are estimated, and
 // intrinsics. The format tells images apart by a prefix of their names, so a
 // rig whose cameras have images in several folders (seq1/cam0, seq2/cam0)
 // becomes one rig with the same poses per outer folder. Sensors without images
-// and rigs that no prefix can tell from others are left out.
+// and rigs that no prefix can distinguish are skipped.
 [[nodiscard]] std::vector<RigConfig> MakeRigConfigs(
     const Scene& scene, const Reconstruction& reconstruction);
 
-// Writes these.
+// Writes the result of MakeRigConfigs.
 void WriteRigConfig(const std::string& path, const Scene& scene,
                     const Reconstruction& reconstruction);
 

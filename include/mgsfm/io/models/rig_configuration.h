@@ -6,7 +6,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 
 namespace mgsfm {
 
@@ -15,15 +15,15 @@ struct RigConfigurationSummary {
   size_t num_sensors = 0;
   size_t num_frames = 0;
   size_t num_images = 0;
-  std::string rig_source;  // in words
+  std::string rig_source;  // for messages
 };
 
-// Finds rigs and frames as SceneLoadingOptions says, except that those in the
-// database are not looked at, and writes them there in place of these, in one
-// transaction. Images get the camera of their sensor: equal cameras of one
-// sensor are joined, a camera that two sensors share is copied for the second,
-// as COLMAP's rigs demand, and intrinsics of a configuration replace those of
-// the camera. Features and matches stay.
+// Finds rigs and frames according to SceneLoadingOptions, ignoring those of the
+// database, and replaces these in one transaction. Images get the camera of
+// their sensor: equal cameras of one sensor are merged, a camera that two
+// sensors share is copied for the second, as COLMAP's rigs require, and
+// intrinsics of a configuration replace those of the camera. Features and
+// matches stay.
 RigConfigurationSummary ConfigureRigs(const SceneLoadingOptions& options,
                                       FeatureDatabase* database,
                                       const Context& context);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/rigs/rig_configuration.h"
+#include "mgsfm/io/models/rig_configuration.h"
 
 #include <map>
 #include <utility>
 #include <vector>
 
-#include "io/database/rows_to_scene.h"
+#include "io/models/rows_to_scene.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 

@@ -1,17 +1,32 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/rows_to_scene.h"
+#include "io/models/rows_to_scene.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <numeric>
 #include <utility>
 
-#include "io/database/scene_builder.h"
 #include "io/rigs/rig_inference.h"
+#include "io/rigs/scene_builder.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/io/rigs/rig_config.h"
 
 namespace mgsfm {
 namespace {
+
+// Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
+// none, of the sparse model there, which any program may have written.
+std::vector<RigConfig> ReadRigConfigOrModel(const std::string& path,
+                                            const Context& context) {
+  namespace fs = std::filesystem;
+  if (!fs::is_directory(path)) return ReadRigConfig(path);
+  const fs::path config = fs::path(path) / "rig_config.json";
+  if (fs::exists(config)) return ReadRigConfig(config.string());
+  const ModelScene model = LoadModelScene(path, {}, context);
+  return MakeRigConfigs(model.scene, model.reconstruction);
+}
 
 RigInput MakeRigInput(const std::string& kind, DatabaseContents contents) {
   RigInput input;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/database/scene_builder.h"
+#include "io/rigs/scene_builder.h"
 
 #include <algorithm>
 #include <map>

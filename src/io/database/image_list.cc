@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/files/image_list.h"
+#include "io/database/image_list.h"
 
 #include <algorithm>
 #include <fstream>

@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/database.h"
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

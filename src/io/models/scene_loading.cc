@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/io/database/scene_loading.h"
+#include "mgsfm/io/models/scene_loading.h"
 
 #include <algorithm>
 #include <map>
 #include <tuple>
 #include <utility>
 
-#include "io/database/rows_to_scene.h"
+#include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {

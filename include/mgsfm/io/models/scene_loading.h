@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Sources of rigs and frames; the first one that is given is used:
+//
+// 1. `rig_config_path`: COLMAP's rig_config.json, see rig_config.h, or a folder
+//    with one or with a sparse model, whose calibration is taken. Images that
+//    no prefix covers are single: each camera a rig of its own, each image a
+//    frame.
+// 2. `rig_name_rule` other than "auto".
+//    "none": all images are single.
+//    A regular expression (ECMAScript) that matches all image names. The group
+//    (?<camera>...) identifies the camera of the rig, e.g.
+//      [^/]+/(?<camera>[^/]+)/.*       seqA/cam0/0001.jpg
+//      (?<camera>left|right)_.*        left_0001.jpg
+//    Images belong to one frame if their names agree without the camera group
+//    or, if there are groups (?<frame>...), if these agree. Images with
+//    different (?<rig>...) belong to different rigs.
+// 3. The tables rigs and frames of the database, if any rig there has several
+//    cameras or any frame several images (COLMAP's extractor writes one rig per
+//    camera and one frame per image, which carries no information).
+// 4. The folders in the image names. One level of folders identifies the
+//    camera: images belong to one frame if their names agree without that
+//    folder and the extension: cam0/seq/0001.jpg and cam1/seq/0001.jpg do,
+//    cam0/seqA/0001.jpg and cam0/seqB/0001.jpg do not. The level is the one
+//    whose folders are mostly named like cameras (cam, image, left, right,
+//    front, ...), else the one by which the most images share frames (10 % more
+//    than by any other), else the only one whose folders each have one set of
+//    intrinsics; if several levels remain, an Error asks for a rule.
+//    Names of different depth are independent. Folders that share a frame,
+//    directly or through others, make a rig; the images of all other folders
+//    are single.
+//
+// Where cameras of the same name have different intrinsics in different outer
+// folders (rig1/cam0, rig2/cam0), each outer folder is a separate rig. The
+// images of a camera folder must have one camera, or equal ones, which are
+// merged; otherwise LoadScene throws Error.
+//
+// The reference sensor is given by 1 or 3; otherwise it is the one with the
+// most images, ties by name. If it has no image, another sensor replaces it.
+struct SceneLoadingOptions {
+  std::string rig_config_path;
+  std::string rig_name_rule = "auto";
+
+  template <class Self, class Visitor>
+  static void Describe(Self& self, Visitor& visit) {
+    visit(
+        "rig_config_path", self.rig_config_path, AnyValue(), "",
+        "COLMAP's rig_config.json, or the folder of an earlier model with the "
+        "calibration. Overrides the rigs of the database.");
+    visit(
+        "rig_name_rule", self.rig_name_rule, AnyValue(), "",
+        "How image names identify cameras and frames: auto (by folder, unless "
+        "the database has rigs), none (single images), or a regular "
+        "expression with a group (?<camera>...) and optional groups "
+        "(?<frame>...) and (?<rig>...).");
+  }
+};
+
+struct LoadedScene {
+  Scene scene;
+  ViewGraph view_graph;
+  std::string rig_source;  // for messages and the report
+};
+
+// Reads a database (ReadDatabase) into the canonical order of Scene and
+// ViewGraph. Pairs without matches are dropped. Renumbering the database
+// changes nothing but the ids in the result. Throws Error for bad input.
+[[nodiscard]] LoadedScene LoadScene(const std::string& database_path,
+                                    const SceneLoadingOptions& options,
+                                    const Context& context);
+
+// The same for rows in memory.
+[[nodiscard]] LoadedScene LoadScene(DatabaseContents contents,
+                                    const SceneLoadingOptions& options,
+                                    const Context& context);
+
+}  // namespace mgsfm
