@@ -1,6 +1,6 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Fails if a module includes one that it must not (docs/architecture.md), if a
+# Fails if a module includes one that it must not (docs/development/architecture.md), if a
 # public header includes a third-party header other than Eigen's, or if the
 # library prints, ends the program or asks the environment.
 set -euo pipefail

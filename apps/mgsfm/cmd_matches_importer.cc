@@ -16,7 +16,7 @@ struct MatchesImporterOptions {
   static void Describe(Self& self, Visitor& visit) {
     MatchingInputOptions::Describe(self.input, visit);
     visit("match_list_path", self.match_list_path, Required(), "",
-          "Text file of pairs or matches, see docs/formats.md.");
+          "Text file of pairs or matches, see docs/reference/formats.md.");
     visit("match_type", self.match_type, AnyValue(), "",
           "Content of the file: pairs to match, raw matches to verify, or "
           "inlier matches that are imported as they are.");

@@ -47,7 +47,7 @@
 // 4. List its outputs in output_check.cc and its basic options in help.cc.
 //
 // The flags, their checks, --help, --config_path, --dump_config, the common
-// options below and the section of docs/options.md are generated.
+// options below and the section of docs/reference/options.md are generated.
 
 namespace mgsfm {
 

@@ -26,7 +26,7 @@ std::vector<Command> AllCommands() {
           MatchesImporterCommand()};
 }
 
-// For docs/options.md.
+// For docs/reference/options.md.
 void PrintOptionsMarkdown() {
   std::cout << "# Options\n\n"
                "Made by `scripts/gen_docs.sh` from the program itself; do not "

@@ -46,7 +46,7 @@ constexpr double kRidgeWeight = 1e-4;
 // A pair counts with at least this share of the lower quartile of its frames'
 // lengths. Otherwise pairs that match a vehicle ahead, with 1/50 to 1/100 of
 // the true length, outvote the others: on KITTI 01 with the cube6 rig the error
-// was 8 m instead of 0.8 m (docs/math/translation.md, section 3).
+// was 8 m instead of 0.8 m (docs/maths/translation.md, section 3).
 constexpr double kMinRelativeLength = 0.5;
 // Border of the arrow solver, which is dense; larger problems use the sparse
 // solver. A choice of speed.
@@ -352,7 +352,7 @@ MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
 // Holds undetermined directions at zero.
 void AddUnobservable(const MatrixXd& unobservable, const Unknowns& unknowns,
                      BlockSystem* system) {
-  // Heavier than all data rows can pull (docs/math/translation.md, section 3),
+  // Heavier than all data rows can pull (docs/maths/translation.md, section 3),
   // so that it holds exactly.
   const double weight = 0.1 * std::sqrt(system->num_rows());
   for (Eigen::Index k = 0; k < unobservable.rows(); ++k) {

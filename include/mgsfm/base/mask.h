@@ -23,7 +23,7 @@ class Mask {
   };
 
  public:
-  using const_iterator = std::vector<Flag>::const_iterator;
+  using const_iterator = std::vector<Flag>::const_iterator;  // NOLINT
 
   Mask() = default;
   explicit Mask(size_t size, bool value = false) : flags_(size, Flag{value}) {}

@@ -74,6 +74,13 @@ struct PairFilteringOptions {
 
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
+    DescribeRules(self, visit);
+    DescribeThresholds(self, visit);
+  }
+
+ private:
+  template <class Self, class Visitor>
+  static void DescribeRules(Self& self, Visitor& visit) {
     visit("use_skeletal_graph", self.use_skeletal_graph, AnyValue(), "",
           "Start rotations and positions from a skeletal graph. Without it, "
           "the two rules that compare pairs with the skeleton are off, too.");
@@ -101,6 +108,10 @@ struct PairFilteringOptions {
     visit("use_track_support", self.use_track_support, AnyValue(), "",
           "Estimate positions from tracks whose frames are connected by "
           "accepted pairs.");
+  }
+
+  template <class Self, class Visitor>
+  static void DescribeThresholds(Self& self, Visitor& visit) {
     visit("min_strength", self.min_strength, Between(0.0, 1.0), "",
           "Strength of a pair of frames, relative to the strongest pair of "
           "either frame, above which it joins the skeletal graph.");

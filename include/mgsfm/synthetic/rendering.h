@@ -13,7 +13,7 @@
 
 namespace mgsfm {
 
-// See docs/rendering.md.
+// See docs/reference/rendering.md.
 struct RenderingOptions {
   int samples_per_axis = 2;
   double max_view_angle_deg = 92.0;

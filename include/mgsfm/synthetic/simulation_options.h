@@ -56,7 +56,7 @@ struct EnumTable<WorldPreset> {
       {"scatter", WorldPreset::kScatter}, {"street", WorldPreset::kStreet}};
 };
 
-// See docs/simulation.md. The defaults suit small tests: exact data without
+// See docs/reference/simulation.md. The defaults suit small tests: exact data without
 // verification. StreetSimulation() returns realistic settings.
 struct SimulationOptions {
   RigPreset rig = RigPreset::kStereo;
