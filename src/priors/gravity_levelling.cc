@@ -7,6 +7,7 @@
 
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -15,11 +16,11 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
 constexpr double kOutlierInSigmas = 4.0;
 
-double RobustSigma(double given, std::vector<double> angles) {
-  return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
+// Angles to a direction are norms of vectors with two coordinates.
+double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
+  return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
 }
 
 // How far gravity is from `down` in a world.
@@ -96,7 +97,7 @@ GravitySummary JudgeGravity(
   summary.sigma_deg = sigma_deg;
   if (errors_deg.empty()) return summary;
   summary.median_error_deg = Median(errors_deg);
-  summary.sigma_deg = RobustSigma(sigma_deg, errors_deg);
+  summary.sigma_deg = SigmaOfAngles(sigma_deg, errors_deg);
   const double bound = kOutlierInSigmas * summary.sigma_deg;
   for (size_t i = 0; i < errors_deg.size(); ++i) {
     if (errors_deg[i] <= bound) continue;

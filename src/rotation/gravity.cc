@@ -8,7 +8,7 @@
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
-#include "math/statistics.h"
+#include "math/robust_scale.h"
 
 namespace mgsfm {
 namespace {
@@ -19,11 +19,11 @@ using Eigen::Vector3d;
 constexpr double kScaleInSigmas = 3.0;
 // Residuals of a mere chain of edges are zero, whatever their errors.
 constexpr double kMinSigmaRatio = 0.1;
-constexpr double kMedianOfNorms2 = 1.1774;  // of standard normal 2-vectors
 constexpr double kSmallestWeight = 1e-6;
 
-double RobustSigma(double given, std::vector<double> angles) {
-  return std::max(given, Median(std::move(angles)) / kMedianOfNorms2);
+// Angles to a direction are norms of vectors with two coordinates.
+double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
+  return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
 }
 
 }  // namespace
@@ -31,9 +31,9 @@ double RobustSigma(double given, std::vector<double> angles) {
 void GravityWeighting::AdjustScale(const std::vector<double>& angles,
                                    const std::vector<double>& edge_norms,
                                    bool edges_are_final) {
-  const double sigma = RobustSigma(problem_.gravity_sigma_rad, angles);
+  const double sigma = SigmaOfAngles(problem_.gravity_sigma_rad, angles);
   const double edge_sigma =
-      edge_norms.empty() ? 0.0 : RobustSigmaOfNorms3(edge_norms);
+      edge_norms.empty() ? 0.0 : RobustSigma<3>(edge_norms);
   const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
   const double target = kScaleInSigmas * sigma;

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/spanning_tree.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
@@ -505,7 +506,7 @@ Mask FindPairsWithinDrift(const Scene& scene, const ViewGraph& view_graph,
     if (distance) known.push_back(*distance);
   }
   if (known.empty()) return pair_is_used;
-  const double sigma = RobustSigmaOfNorms3(known);
+  const double sigma = RobustSigma<3>(known);
   const TreePathLengths ways =
       WaysOfBackbone(scene, view_graph, is_in_skeleton);
   Mask is_within = pair_is_used;

@@ -8,8 +8,8 @@
 
 #include "geometry/so3.h"
 #include "math/l1_admm.h"
+#include "math/robust_scale.h"
 #include "math/sparse_solver.h"
-#include "math/statistics.h"
 #include "rotation/gravity.h"
 #include "rotation/rotation_equations.h"
 #include "rotation/rotation_initialization.h"
@@ -125,7 +125,7 @@ double RootMeanSquare(const MatrixXd& step) {
 
 RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
   if (!is_final_) {
-    const double sigma = norms.empty() ? 0.0 : RobustSigmaOfNorms3(norms);
+    const double sigma = norms.empty() ? 0.0 : RobustSigma<3>(norms);
     const double target = std::max(kSmallestScaleRad, kScaleInSigmas * sigma);
     scale_rad_ = scale_.Next(target);
     is_final_ = scale_.IsAtTarget();

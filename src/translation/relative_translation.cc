@@ -10,6 +10,7 @@
 #include "base/parallel.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
@@ -173,7 +174,7 @@ void MotionEstimator::UpdateNoise() {
     const double residual2 = SquaredResidual(direction_, m);
     if (residual2 < max2) sizes_.push_back(std::sqrt(residual2));
   }
-  residual_sigma_ = sizes_.empty() ? max_residual_ : 1.4826 * Median(sizes_);
+  residual_sigma_ = sizes_.empty() ? max_residual_ : RobustSigma<1>(sizes_);
   inlier_residual_ = std::clamp(3.0 * residual_sigma_, 1e-6, max_residual_);
 }
 

@@ -9,6 +9,7 @@
 #include "base/parallel.h"
 #include "math/graph.h"
 #include "math/robust_loss.h"
+#include "math/robust_scale.h"
 #include "math/spanning_tree.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
@@ -55,7 +56,7 @@ bool MakeLink(const std::vector<DepthSample>& depths1,
   if (scratch->size() < kMinNumCommon) return false;
   link->log_ratio = Median(*scratch);
   for (double& value : *scratch) value = std::abs(value - link->log_ratio);
-  const double spread = 1.4826 * Median(*scratch);
+  const double spread = RobustSigma<1>(*scratch);
   // The median of n normal values has 1.25 times the error of their mean.
   link->sigma =
       std::hypot(1.25 * spread / std::sqrt(scratch->size()), kMinRatioSigma);
@@ -155,7 +156,7 @@ class ScaleAverager {
     for (size_t i = 0; i < sigmas.size(); ++i) {
       if (errors[i].empty()) continue;
       sigmas[i] =
-          std::min(std::hypot(1.4826 * Median(errors[i]), kMinScaleSigma),
+          std::min(std::hypot(RobustSigma<1>(errors[i]), kMinScaleSigma),
                    kMaxScaleSigma);
     }
     return sigmas;

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 #include "view_graph/focal_pair.h"
@@ -32,7 +33,6 @@ constexpr double kMaxStep = 0.2;
 constexpr double kMinStep = 1e-5;
 constexpr double kOutlierFactor = 3.0;
 // Median of |x| of a standard normal.
-constexpr double kMedianOfNormal = 0.6745;
 constexpr double kMinSigmaPx = 0.05;
 
 const char* const kReason =
@@ -340,7 +340,7 @@ void FocalLengthCalibrator::Judge() {
     inverse = reduced.hessian.inverse();
     sandwich = inverse * reduced.outer * inverse;
     const double sigma_px =
-        std::max(Median(std::move(residuals)) / kMedianOfNormal, kMinSigmaPx);
+        std::max(RobustSigma<1>(std::move(residuals)), kMinSigmaPx);
     const double pairs_per_image = 2.0 * static_cast<double>(pairs_.size()) /
                                    static_cast<double>(images.size());
     variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);
