@@ -9,6 +9,7 @@
 #include "base/parallel.h"
 #include "bundle/image_views.h"
 #include "geometry/triangulation.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -95,10 +96,7 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
     }
   }
   errors.resize(num_kept);
-  // The median norm of a standard normal 2-vector is sqrt(2 ln 2).
-  return errors.empty()
-             ? 0.0
-             : Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));
+  return errors.empty() ? 0.0 : RobustSigma<2>(std::move(errors));
 }
 
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,

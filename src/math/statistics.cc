@@ -20,10 +20,4 @@ double Median(std::vector<double> values) {
   return Quantile(std::move(values), 0.5);
 }
 
-double RobustSigmaOfNorms3(std::vector<double> norms) {
-  // Median of the norm of a standard normal 3-vector (chi with 3 degrees).
-  constexpr double kMedianOfChi3 = 1.5381722544550522;
-  return Median(std::move(norms)) / kMedianOfChi3;
-}
-
 }  // namespace mgsfm

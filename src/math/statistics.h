@@ -12,8 +12,4 @@ double Quantile(std::vector<double> values, double q);
 // Quantile(values, 0.5).
 double Median(std::vector<double> values);
 
-// The standard deviation of each coordinate of 3-vectors with isotropic normal
-// noise and some outliers, from the median of their norms.
-double RobustSigmaOfNorms3(std::vector<double> norms);
-
 }  // namespace mgsfm

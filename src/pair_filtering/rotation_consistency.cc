@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/drift_bound.h"
@@ -53,7 +54,7 @@ Mask FindInconsistentRotations(const Scene& scene, const FramePairIndex& index,
   const DriftBound bound(
       index, view_graph, is_in_skeleton, [](size_t) { return 1.0; },
       {DriftGrowth::kRandomWalk,
-       options.rotation_drift_in_sigmas * RobustSigmaOfNorms3(known),
+       options.rotation_drift_in_sigmas * RobustSigma<3>(known),
        DegToRad(options.max_rotation_drift_deg)});
   for (size_t i = 0; i < deviations.size(); ++i) {
     if (!deviations[i] || is_in_skeleton[i]) continue;

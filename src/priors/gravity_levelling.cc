@@ -7,6 +7,7 @@
 
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -15,13 +16,12 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// The median norm of standard normal 2-vectors, sqrt(2 ln 2).
-constexpr double kMedianOfNorms2 = 1.1774;
 // Normal errors of a direction exceed 4 sigma with probability exp(-8) = 3e-4.
 constexpr double kOutlierInSigmas = 4.0;
 
-double RobustSigma(double assumed, std::vector<double> angles) {
-  return std::max(assumed, Median(std::move(angles)) / kMedianOfNorms2);
+// Angles to a direction are norms of vectors with two coordinates.
+double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
+  return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
 }
 
 // The errors of measured gravity if `down` is its direction in the world.
@@ -98,7 +98,7 @@ GravitySummary EvaluateGravity(
   summary.sigma_deg = sigma_deg;
   if (errors_deg.empty()) return summary;
   summary.median_error_deg = Median(errors_deg);
-  summary.sigma_deg = RobustSigma(sigma_deg, errors_deg);
+  summary.sigma_deg = SigmaOfAngles(sigma_deg, errors_deg);
   const double bound = kOutlierInSigmas * summary.sigma_deg;
   for (size_t i = 0; i < errors_deg.size(); ++i) {
     if (errors_deg[i] <= bound) continue;

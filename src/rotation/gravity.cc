@@ -8,6 +8,7 @@
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -22,13 +23,12 @@ constexpr double kScaleInSigmas = 3.0;
 // The residuals of a chain are zero, whatever the errors of its edges. The
 // lower limit lets gravity act on a chain all the same.
 constexpr double kMinSigmaRatio = 0.1;
-// Median norm of standard normal 2-vectors: sqrt(2 ln 2).
-constexpr double kMedianOfNorms2 = 1.1774;
 // Keeps outliers from making the equations singular; too small to matter.
 constexpr double kMinWeight = 1e-6;
 
-double RobustSigma(double prior_sigma, std::vector<double> angles) {
-  return std::max(prior_sigma, Median(std::move(angles)) / kMedianOfNorms2);
+// Angles to a direction are norms of vectors with two coordinates.
+double SigmaOfAngles(double prior_sigma, std::vector<double> angles) {
+  return std::max(prior_sigma, RobustSigma<2>(std::move(angles)));
 }
 
 }  // namespace
@@ -36,9 +36,9 @@ double RobustSigma(double prior_sigma, std::vector<double> angles) {
 void GravityWeighting::AdjustScale(const std::vector<double>& angles,
                                    const std::vector<double>& edge_norms,
                                    bool edges_are_final) {
-  const double sigma = RobustSigma(problem_.gravity_sigma_rad, angles);
+  const double sigma = SigmaOfAngles(problem_.gravity_sigma_rad, angles);
   const double edge_sigma =
-      edge_norms.empty() ? 0.0 : RobustSigmaOfNorms3(edge_norms);
+      edge_norms.empty() ? 0.0 : RobustSigma<3>(edge_norms);
   const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
   const double target = kScaleInSigmas * sigma;

@@ -8,6 +8,7 @@
 
 #include "geometry/so3.h"
 #include "math/robust_loss.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "rotation/rotation_solver.h"
@@ -89,7 +90,7 @@ HandEyeResult CalibrateHandEye(const std::vector<MotionPair>& motions,
     }
   }
   result.second_axis_rms_rad = SecondAxisRms(motions, weights);
-  const double sigma = RobustSigmaOfNorms3(norms);
+  const double sigma = RobustSigma<3>(norms);
   result.median_error_rad = Median(std::move(norms));
   result.uncertainty_rad =
       sigma / std::max(1e-12, result.second_axis_rms_rad *

@@ -9,6 +9,7 @@
 
 #include "geometry/so3.h"
 #include "math/l1_admm.h"
+#include "math/robust_scale.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
 #include "rotation/gravity.h"
@@ -132,7 +133,7 @@ double RootMeanSquare(const MatrixXd& step) {
 
 RobustLoss RobustScaleSchedule::Next(const std::vector<double>& norms) {
   if (!is_final_) {
-    const double sigma = norms.empty() ? 0.0 : RobustSigmaOfNorms3(norms);
+    const double sigma = norms.empty() ? 0.0 : RobustSigma<3>(norms);
     const double target = std::max(kMinScaleRad, kScaleInSigmas * sigma);
     scale_rad_ = scale_.Next(target);
     is_final_ = scale_.IsAtTarget();

@@ -10,6 +10,7 @@
 #include "base/parallel.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
@@ -166,7 +167,7 @@ ResidualNoise EstimateNoise(const BaselineMatches& matches,
   }
   ResidualNoise noise;
   noise.sigma_rad =
-      scratch->empty() ? matches.max_residual_rad : 1.4826 * Median(*scratch);
+      scratch->empty() ? matches.max_residual_rad : RobustSigma<1>(*scratch);
   noise.max_inlier_rad =
       std::clamp(3.0 * noise.sigma_rad, 1e-6, matches.max_residual_rad);
   return noise;

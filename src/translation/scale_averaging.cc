@@ -11,6 +11,7 @@
 #include "base/parallel.h"
 #include "math/graph.h"
 #include "math/robust_loss.h"
+#include "math/robust_scale.h"
 #include "math/spanning_tree.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
@@ -73,7 +74,7 @@ bool MakeLink(const std::vector<DepthSample>& depths1,
   if (scratch->size() < kMinNumCommon) return false;
   link->log_ratio = Median(*scratch);
   for (double& value : *scratch) value = std::abs(value - link->log_ratio);
-  const double sigma = 1.4826 * Median(*scratch);
+  const double sigma = RobustSigma<1>(*scratch);
   // The median of n normal values has sqrt(pi / 2) = 1.25 times the error of
   // their mean.
   link->sigma =
@@ -261,7 +262,7 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
   std::vector<double> sigmas(log_scale.size(), kMinScaleSigma);
   for (size_t i = 0; i < sigmas.size(); ++i) {
     if (errors[i].empty()) continue;
-    sigmas[i] = std::min(std::hypot(1.4826 * Median(errors[i]), kMinScaleSigma),
+    sigmas[i] = std::min(std::hypot(RobustSigma<1>(errors[i]), kMinScaleSigma),
                          kMaxScaleSigma);
   }
   return sigmas;

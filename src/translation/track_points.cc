@@ -7,7 +7,7 @@
 
 #include "base/parallel.h"
 #include "geometry/triangulation.h"
-#include "math/statistics.h"
+#include "math/robust_scale.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -211,9 +211,7 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
                                     *points.point_in_world[t]));
     }
   }
-  if (errors.empty()) return 0.0;
-  // The median of the norm of a standard normal 2-vector is sqrt(2 log 2).
-  return Median(std::move(errors)) / std::sqrt(2.0 * std::log(2.0));
+  return errors.empty() ? 0.0 : RobustSigma<2>(std::move(errors));
 }
 
 std::vector<size_t> SelectTracks(const TrackRays& rays,

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 #include "view_graph/focal_pair.h"
@@ -42,8 +43,6 @@ constexpr double kMaxStep = 0.2;
 // A relative change of 1e-5 is 0.01 px at a focal length of 1000 px.
 constexpr double kMinStep = 1e-5;
 constexpr double kOutlierFactor = 3.0;
-// Median of |x| of a standard normal variable.
-constexpr double kMedianOfNormal = 0.6745;
 // Lower bound of the keypoint noise; keeps exact (simulated) data from
 // rejecting pairs and from zero variances.
 constexpr double kMinSigmaPx = 0.05;
@@ -322,7 +321,7 @@ Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
   const Eigen::MatrixXd inverse = reduced.hessian.inverse();
   const Eigen::MatrixXd sandwich = inverse * reduced.outer * inverse;
   const double sigma_px =
-      std::max(Median(std::move(residuals)) / kMedianOfNormal, kMinSigmaPx);
+      std::max(RobustSigma<1>(std::move(residuals)), kMinSigmaPx);
   const double pairs_per_image = 2.0 * static_cast<double>(pairs.size()) /
                                  static_cast<double>(images.size());
   const double variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);

@@ -248,7 +248,8 @@ TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
   expect_refused("# nothing\n", "there is no line");
 }
 
-// A processor without AVX2 and FMA runs these kernels (docs/development/architecture.md).
+// A processor without AVX2 and FMA runs these kernels
+// (docs/development/architecture.md).
 TEST_F(MapperCommand, PortableKernelsGiveTheSameModel) {
   ASSERT_EQ(Map().exit_code, 0);
   fs::rename(Out(), Path("fast"));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Prints the table of docs/reference/simulation.md: the real database kitti06_stereo, the
-// simulation of the same frames, and simulated drives. The argument is the data
-// folder, see support/shared_data.h.
+// Prints the table of docs/reference/simulation.md: the real database
+// kitti06_stereo, the simulation of the same frames, and simulated drives. The
+// argument is the data folder, see support/shared_data.h.
 #include <filesystem>
 #include <iostream>
 

@@ -56,8 +56,8 @@ struct EnumTable<WorldPreset> {
       {"scatter", WorldPreset::kScatter}, {"street", WorldPreset::kStreet}};
 };
 
-// See docs/reference/simulation.md. The defaults suit small tests: exact data without
-// verification. StreetSimulation() returns realistic settings.
+// See docs/reference/simulation.md. The defaults suit small tests: exact data
+// without verification. StreetSimulation() returns realistic settings.
 struct SimulationOptions {
   RigPreset rig = RigPreset::kStereo;
   PathPreset path = PathPreset::kCurve;
