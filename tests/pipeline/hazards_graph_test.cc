@@ -25,7 +25,7 @@ void AddContradictoryPairs(const PointsOfKeypoints& points,
 // All poses are finite. Frames that contain one of these names may be anywhere
 // or unregistered; all others are correct.
 void ExpectTheRest(const Drive& drive, const Outcome& outcome,
-                   const std::vector<std::string>& doubtful_frames,
+                   const std::vector<std::string>& uncertain_frames,
                    int num_others) {
   const Reconstruction& model = outcome.result.models[0].reconstruction;
   std::vector<ImagePoses> others;
@@ -36,7 +36,7 @@ void ExpectTheRest(const Drive& drive, const Outcome& outcome,
       EXPECT_TRUE(pose->translation.allFinite()) << name;
       EXPECT_NEAR(pose->rotation.norm(), 1.0, 1e-9) << name;
     }
-    if (std::none_of(doubtful_frames.begin(), doubtful_frames.end(),
+    if (std::none_of(uncertain_frames.begin(), uncertain_frames.end(),
                      [&](const std::string& f) { return Contains(name, f); })) {
       others.push_back({name, true, pose, drive.true_poses.at(name)});
     }
@@ -46,9 +46,10 @@ void ExpectTheRest(const Drive& drive, const Outcome& outcome,
   ExpectRight(evaluation);
   for (const UnregisteredFrame& frame : outcome.result.unregistered_frames) {
     const std::string name = FrameNameOf(outcome, frame);
-    EXPECT_TRUE(std::any_of(
-        doubtful_frames.begin(), doubtful_frames.end(),
-        [&](const std::string& doubtful) { return Contains(name, doubtful); }))
+    EXPECT_TRUE(std::any_of(uncertain_frames.begin(), uncertain_frames.end(),
+                            [&](const std::string& uncertain) {
+                              return Contains(name, uncertain);
+                            }))
         << name;
     EXPECT_FALSE(frame.reason.empty());
   }

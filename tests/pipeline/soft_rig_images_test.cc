@@ -72,11 +72,11 @@ TEST(SoftRigImagesTest, JitterIsRemovedFromMatchesToModel) {
   const Simulation simulation = Simulate(options);
   const Scene& scene = simulation.scene;
   const MapperResult rigid = Map(simulation, SoftRig::kNone);
-  const MapperResult loose = Map(simulation, SoftRig::kSoft);
+  const MapperResult soft = Map(simulation, SoftRig::kSoft);
   ASSERT_EQ(rigid.models.size(), 1u);
-  ASSERT_EQ(loose.models.size(), 1u);
+  ASSERT_EQ(soft.models.size(), 1u);
   EXPECT_FALSE(rigid.models[0].soft_rig_images.has_value());
-  const MapperModel& model = loose.models[0];
+  const MapperModel& model = soft.models[0];
   ASSERT_TRUE(model.soft_rig_images &&
               model.soft_rig_images->summary.is_usable);
   EXPECT_LT(
@@ -87,7 +87,7 @@ TEST(SoftRigImagesTest, JitterIsRemovedFromMatchesToModel) {
   RunDescription run;
   run.options_json = "{}";
   const Json report =
-      Json::parse(MapperReportToJson(scene, simulation.view_graph, loose, run));
+      Json::parse(MapperReportToJson(scene, simulation.view_graph, soft, run));
   const Json& summary = report["models"][0]["soft_rig"];
   ASSERT_EQ(summary["sensors"].size(), 2u);
   EXPECT_GT(summary["sensors"][0]["rms_position"], 0.01);
