@@ -8,10 +8,10 @@
 
 #include "command.h"
 #include "commands.h"
+#include "eval/evaluation_plot.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/eval/evaluation.h"
-#include "mgsfm/eval/evaluation_plot.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/models/trajectory_io.h"

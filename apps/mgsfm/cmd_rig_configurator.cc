@@ -3,8 +3,8 @@
 
 #include "command.h"
 #include "commands.h"
+#include "io/models/rig_configuration.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/io/models/rig_configuration.h"
 
 namespace mgsfm {
 namespace {

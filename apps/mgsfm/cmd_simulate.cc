@@ -15,9 +15,9 @@
 #include "mgsfm/io/models/trajectory_io.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/io/rigs/rig_config.h"
-#include "mgsfm/synthetic/position_measurement.h"
-#include "mgsfm/synthetic/rendering.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "synthetic/position_measurement.h"
+#include "synthetic/rendering.h"
 
 namespace mgsfm {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/synthetic/position_measurement.h"
+#include "synthetic/position_measurement.h"
 
 #include "geometry/so3.h"
 #include "math/random_vector.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/synthetic/rendering.h"
+#include "synthetic/rendering.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/eval/evaluation_plot.h"
+#include "eval/evaluation_plot.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -21,9 +21,9 @@
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/matching/matching.h"
 #include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/rendering.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"
+#include "synthetic/rendering.h"
 
 namespace mgsfm {
 namespace {

@@ -6,9 +6,9 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "priors/position_registration.h"
+#include "synthetic/position_measurement.h"
 
 namespace mgsfm {
 namespace {

@@ -6,8 +6,8 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/pipeline/mapper.h"
-#include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "synthetic/position_measurement.h"
 
 namespace mgsfm {
 namespace {

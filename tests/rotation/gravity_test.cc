@@ -12,9 +12,9 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/rotation/rotation_averaging.h"
-#include "mgsfm/synthetic/position_measurement.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "priors/gravity_levelling.h"
+#include "synthetic/position_measurement.h"
 
 namespace mgsfm {
 namespace {
