@@ -31,8 +31,10 @@ void AverageRotationsOf(const char* database_path) {
       mgsfm::ComputeBearings(input.scene, context.num_threads);
   const mgsfm::ViewGraphResult pairs = mgsfm::EstimateViewGraph(
       input.scene, bearings, input.view_graph, {}, context);
+  const mgsfm::Mask pair_is_used(pairs.estimate.pairs.size(), true);
   const mgsfm::RotationResult rotations =
-      mgsfm::AverageRotations(input.scene, pairs.estimate, {}, context);
+      mgsfm::AverageRotations(input.scene, pairs.estimate, pair_is_used,
+                              /*start=*/nullptr, {}, context);
   std::printf("# w x y z of rig_from_world per frame\n");
   PrintRotations("frame", rotations.estimate.rig_from_world);
   std::printf("# w x y z of sensor_from_rig per sensor\n");

@@ -145,8 +145,8 @@ void ColorModels(const Scene& scene, const std::string& image_path,
 void LogMissingColors(const std::string& image_path, const Context& context) {
   if (!image_path.empty()) return;
   context.Info(
-      "all points are black, as no image folder was given; pass --image_path "
-      "to colour them");
+      "all points are black because no image folder was given; pass "
+      "--image_path to colour them");
 }
 
 LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,

@@ -191,7 +191,7 @@ TEST_F(MapperCommand, LateCamerasAreFound) {
   const CommandOutput output =
       MapFrom(Path("late/database.db"), times + Path("late/timestamps.txt"));
   ASSERT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, HasSubstr("late by"));
+  EXPECT_THAT(output.err, HasSubstr("time offset"));
   const Json summary = Report()["models"][0]["soft_rig"];
   ASSERT_EQ(summary["sensors"].size(), 2u);
   EXPECT_NEAR(summary["sensors"][1]["time_offset_s"], 0.03, 0.003);

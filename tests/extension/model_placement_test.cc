@@ -177,8 +177,9 @@ TEST(ModelPlacing, FramesOfTheModelMustBeFramesOfTheScene) {
   SceneLoadingOptions single;
   single.rig_name_rule = "none";
   Scene scene = LoadScene(RowsOf(simulation), single, Context()).scene;
-  EXPECT_THAT(ErrorOf([&] { (void)Place(WrittenPart(simulation), &scene); }),
-              AllOf(HasSubstr("of one frame"), HasSubstr("rig_config_path")));
+  EXPECT_THAT(
+      ErrorOf([&] { (void)Place(WrittenPart(simulation), &scene); }),
+      AllOf(HasSubstr("belong to one frame"), HasSubstr("rig_config_path")));
 }
 
 TEST(ModelPlacing, GivenRigsMustBeThatOfTheModel) {
@@ -223,7 +224,7 @@ TEST(ImageList, LeavesOthersOut) {
 TEST(ImageList, UnknownNamesAndEmptyListsAreErrors) {
   DatabaseContents rows = RowsOf(SmallDrive());
   EXPECT_THAT(ErrorOf([&] { KeepListedImages({}, "list", &rows); }),
-              HasSubstr("names no image"));
+              HasSubstr("lists no image"));
   EXPECT_THAT(ErrorOf([&] { KeepListedImages({"a.png"}, "list", &rows); }),
               AllOf(HasSubstr("'list'"), HasSubstr("'a.png'")));
   EXPECT_THAT(ErrorOf([&] { (void)ReadImageList("/none/list"); }),
