@@ -7,14 +7,12 @@
 namespace mgsfm {
 
 // Compares the known poses of sensors in their rigs with the relative poses of
-// image pairs. Throws Error, naming both sensors, if they contradict each
-// other:
+// image pairs. Throws Error, naming both sensors, if they contradict:
 // - the relative rotation of two sensors within a frame differs by more than 10
 //   degrees in three quarters of at least 5 frames;
-// - so does the direction of their relative translation, by more than 45
-// degrees
-//   from the mean measured direction, provided that the measurements agree (the
-//   mean of the unit vectors is longer than 0.9);
+// - the direction of their relative translation differs by more than 45 degrees
+//   from the mean of at least 5 measurements that agree (the mean of the unit
+//   vectors is longer than 0.9);
 // - the rotations of two sensors between the same two frames, of at least 5
 //   degrees, differ by more than half of the rotation in three quarters of at
 //   least 10 pairs of frames.

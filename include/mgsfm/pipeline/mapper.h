@@ -57,10 +57,10 @@ struct MapperOptions {
   template <class Self, class Visitor>
   static void Describe(Self& self, Visitor& visit) {
     visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
-          "Connected parts with fewer frames do not become models.");
+          "Connected components with fewer frames do not become models.");
     visit("compute_covariances", self.compute_covariances, AnyValue(), "",
-          "Compute how exact the poses of cameras in the rig and of frames "
-          "are; to covariances.csv beside each model.");
+          "Compute the covariances of the poses of sensors in their rig and of "
+          "frames, and write them to covariances.csv next to each model.");
     visit.Group("FocalLengths", self.focal_lengths);
     visit.Group("ViewGraph", self.view_graph);
     visit.Group("PairFiltering", self.pair_filtering);
