@@ -8,7 +8,7 @@
 set -euo pipefail
 
 packages=(
-  cmake ninja-build g++ ccache
+  cmake ninja-build g++
   libeigen3-dev libceres-dev libsuitesparse-dev libopenblas0-serial
   libsqlite3-dev nlohmann-json3-dev
   libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev
@@ -16,7 +16,7 @@ packages=(
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(
-  clang-format clang-tidy colmap python3-pytest python3-matplotlib
+  ccache clang-format clang-tidy colmap python3-pytest python3-matplotlib
 )
 case "${1:-}" in
   "") ;;
