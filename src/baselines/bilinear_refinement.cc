@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "baselines/bilinear_refinement.h"
 
-#include <ceres/iteration_callback.h>
 #include <ceres/problem.h>
 #include <ceres/solver.h>
 
@@ -9,6 +8,7 @@
 #include <algorithm>
 
 #include "baselines/bilinear_costs.h"
+#include "least_squares/ceres_cancellation.h"
 
 namespace mgsfm {
 namespace {
@@ -20,21 +20,6 @@ using Eigen::Vector3d;
 constexpr double kMinScale = 1e-5;
 // Differences shorter than this start with the scale of this length.
 constexpr double kMinLength = 1e-9;
-
-class StopWhenCancelled : public ceres::IterationCallback {
- public:
-  explicit StopWhenCancelled(const Context& context) : context_(context) {}
-
-  ceres::CallbackReturnType operator()(
-      const ceres::IterationSummary&) override {
-    return context_.is_cancelled && context_.is_cancelled()
-               ? ceres::SOLVER_ABORT
-               : ceres::SOLVER_CONTINUE;
-  }
-
- private:
-  const Context& context_;
-};
 
 ceres::Problem::Options ProblemOptions() {
   ceres::Problem::Options options;

@@ -10,27 +10,13 @@
 #include <utility>
 #include <vector>
 
+#include "least_squares/ceres_cancellation.h"
 #include "least_squares/ceres_costs.h"
 
 namespace mgsfm {
 namespace {
 
 using Eigen::Vector3d;
-
-class StopWhenCancelled : public ceres::IterationCallback {
- public:
-  explicit StopWhenCancelled(const Context& context) : context_(context) {}
-
-  ceres::CallbackReturnType operator()(
-      const ceres::IterationSummary&) override {
-    return context_.is_cancelled && context_.is_cancelled()
-               ? ceres::SOLVER_ABORT
-               : ceres::SOLVER_CONTINUE;
-  }
-
- private:
-  const Context& context_;
-};
 
 template <class R>
 class CeresRigProblem {
