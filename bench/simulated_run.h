@@ -13,22 +13,20 @@ namespace mgsfm {
 
 // Common options of the benchmarks on simulated drives.
 struct SimulatedRunOptions {
-  std::string name;
-  std::string trajectory_path;
-  std::string json_path;
+  Option<std::string> name{"name", "", "What the run is called in its output."};
+  Option<std::string> trajectory_path{
+      "trajectory_path", "",
+      "Poses in KITTI's format, instead of Simulation.path."};
+  Option<std::string> json_path{"json_path", "",
+                                "File for all numbers of the run."};
   SimulationOptions simulation = StandardSimulation(RigPreset::kStereo);
   MapperOptions mapper;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("name", self.name, AnyValue(), "",
-          "What the run is called in its output.");
-    visit("trajectory_path", self.trajectory_path, AnyValue(), "",
-          "Poses in KITTI's format, instead of Simulation.path.");
-    visit("json_path", self.json_path, AnyValue(), "",
-          "File for all numbers of the run.");
-    visit.Group("Simulation", self.simulation);
-    visit.Group("Mapper", self.mapper);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(name, trajectory_path, json_path);
+    visit.Group("Simulation", simulation);
+    visit.Group("Mapper", mapper);
   }
 };
 

@@ -27,51 +27,51 @@ struct EnumTable<DataType> {
 namespace {
 
 struct AutomaticReconstructorOptions {
-  std::string workspace_path;
-  std::string image_path;
-  DataType data_type = DataType::kVideo;
-  ModelFormat output_format = ModelFormat::kBinary;
+  Option<std::string> workspace_path{
+      "workspace_path", "", Required(),
+      "Folder for database.db and the models in `sparse`; created if missing. "
+      "Features and matches in its database are reused."};
+  Option<std::string> image_path{
+      "image_path", "", Required(),
+      "Folder of images, with one subfolder per camera of the rig."};
+  Option<DataType> data_type{
+      "data_type", DataType::kVideo,
+      "video: images in temporal order by name; matches neighbours and closes "
+      "loops. individual: matches all pairs of images."};
+  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
+                                    "Format of the models: binary or text."};
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
-  std::string image_timestamps_path;
+  Option<std::string> image_timestamps_path{
+      "image_timestamps_path", "",
+      "File with a line `image_name SECONDS` for every image: its time of "
+      "exposure. SoftRig.method time_offset needs it."};
   PairMatchingOptions matching;
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
   VocabularyOptions vocabulary;
   MapperOptions mapper;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("workspace_path", self.workspace_path, Required(), "",
-          "Folder for database.db and the models in `sparse`; created if "
-          "missing. Features and matches in its database are reused.");
-    visit("image_path", self.image_path, Required(), "",
-          "Folder of images, with one subfolder per camera of the rig.");
-    visit("data_type", self.data_type, AnyValue(), "",
-          "video: images in temporal order by name; matches neighbours and "
-          "closes loops. individual: matches all pairs of images.");
-    visit("output_format", self.output_format, AnyValue(), "",
-          "Format of the models: binary or text.");
-    FeatureExtractionOptions::Describe(self.extraction, visit);
-    SceneLoadingOptions::Describe(self.loading, visit);
-    PosePriorOptions::Describe(self.priors, visit);
-    visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
-          "File with a line `image_name SECONDS` for every image: its time of "
-          "exposure. SoftRig.method time_offset needs it.");
-    PairMatchingOptions::Describe(self.matching, visit);
-    visit.Group("SequentialMatching", self.sequential);
-    visit.Group("ExhaustiveMatching", self.exhaustive);
-    visit.Group("VocabTree", self.vocabulary);
-    MapperOptions::Describe(self.mapper, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(workspace_path, image_path, data_type, output_format, extraction,
+          loading, priors, image_timestamps_path, matching);
+    visit.Group("SequentialMatching", sequential);
+    visit.Group("ExhaustiveMatching", exhaustive);
+    visit.Group("VocabTree", vocabulary);
+    visit(mapper);
   }
 };
 
 void Match(const std::string& database_path,
            const AutomaticReconstructorOptions& options,
            const Context& context) {
-  MatchingInput input = OpenMatchingInput(
-      {database_path, options.loading, options.matching}, context);
+  MatchingInputOptions input_options;
+  input_options.database_path = database_path;
+  input_options.loading = options.loading;
+  input_options.matching = options.matching;
+  MatchingInput input = OpenMatchingInput(input_options, context);
   if (options.data_type == DataType::kVideo) {
     MatchSequentially(&input.database, input.scene, options.sequential,
                       options.vocabulary, options.matching, context);
@@ -83,14 +83,14 @@ void Match(const std::string& database_path,
 
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
                               const Context& context) {
-  if (!std::filesystem::is_directory(options.image_path)) {
-    throw Error("--image_path '" + options.image_path + "' is not a folder");
+  if (!std::filesystem::is_directory(*options.image_path)) {
+    throw Error("--image_path '" + *options.image_path + "' is not a folder");
   }
-  const std::filesystem::path workspace = options.workspace_path;
+  const std::filesystem::path workspace = *options.workspace_path;
   std::error_code error;
   std::filesystem::create_directories(workspace, error);
   if (!std::filesystem::is_directory(workspace)) {
-    throw Error("--workspace_path '" + options.workspace_path +
+    throw Error("--workspace_path '" + *options.workspace_path +
                 "' cannot be created: " + error.message());
   }
   const std::string database_path = (workspace / "database.db").string();

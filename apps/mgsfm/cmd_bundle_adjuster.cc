@@ -23,35 +23,33 @@ namespace mgsfm {
 namespace {
 
 struct BundleAdjusterOptions {
-  std::string input_path;
-  std::string output_path;
-  ModelFormat output_format = ModelFormat::kBinary;
-  bool retriangulate = false;
-  bool compute_covariances = false;
+  Option<std::string> input_path{
+      "input_path", "", Required(),
+      "Folder of the model to adjust, with or without rigs and frames. "
+      "Intrinsics are fixed unless refine_focal_length or refine_extra_params "
+      "is yes; rig extrinsics are fixed if --rig_config_path gives them."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for the adjusted model. An earlier model is replaced when the "
+      "new one is complete; other files stay. May be the input."};
+  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
+                                    "Format of the model: binary or text."};
+  Option<bool> retriangulate{
+      "retriangulate", false,
+      "Reject outliers and retriangulate all points in rounds, as the mapper "
+      "does. Otherwise, one solve over all observations."};
+  Option<bool> compute_covariances{
+      "compute_covariances", false,
+      "Write the covariances of rig extrinsics and frame poses to "
+      "covariances.csv beside the model."};
   SceneLoadingOptions loading;
   BundleAdjustmentOptions bundle_adjustment;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("input_path", self.input_path, Required(), "",
-          "Folder of the model to adjust, with or without rigs and frames. "
-          "Intrinsics are fixed unless refine_focal_length or "
-          "refine_extra_params is yes; rig extrinsics are fixed if "
-          "--rig_config_path gives them.");
-    visit(
-        "output_path", self.output_path, Required(), "",
-        "Folder for the adjusted model. An earlier model is replaced when the "
-        "new one is complete; other files stay. May be the input.");
-    visit("output_format", self.output_format, AnyValue(), "",
-          "Format of the model: binary or text.");
-    visit("retriangulate", self.retriangulate, AnyValue(), "",
-          "Reject outliers and retriangulate all points in rounds, as the "
-          "mapper does. Otherwise, one solve over all observations.");
-    visit("compute_covariances", self.compute_covariances, AnyValue(), "",
-          "Write the covariances of rig extrinsics and frame poses to "
-          "covariances.csv beside the model.");
-    SceneLoadingOptions::Describe(self.loading, visit);
-    visit.Group("BundleAdjustment", self.bundle_adjustment);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input_path, output_path, output_format, retriangulate,
+          compute_covariances, loading);
+    visit.Group("BundleAdjustment", bundle_adjustment);
   }
 };
 
@@ -224,9 +222,9 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
     context.log(LogLevel::kError, "nothing was adjusted: " + reason);
     return kExitNotSolvable;
   };
-  StagedOutput output(options.output_path, OutputKind::kModel);
+  StagedOutput output(*options.output_path, OutputKind::kModel);
   const ModelScene input =
-      LoadModelScene(options.input_path, options.loading, context);
+      LoadModelScene(*options.input_path, options.loading, context);
   CheckFormat(input.scene, options.output_format);
   LogInput(input, context);
   const std::string reason = WhyNotAdjustable(input, options.bundle_adjustment);

@@ -11,10 +11,10 @@ struct ExhaustiveMatcherOptions {
   MatchingInputOptions input;
   ExhaustiveMatchingOptions exhaustive;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    MatchingInputOptions::Describe(self.input, visit);
-    visit.Group("ExhaustiveMatching", self.exhaustive);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input);
+    visit.Group("ExhaustiveMatching", exhaustive);
   }
 };
 

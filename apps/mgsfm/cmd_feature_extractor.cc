@@ -7,18 +7,17 @@ namespace mgsfm {
 namespace {
 
 struct FeatureExtractorOptions {
-  std::string database_path;
-  std::string image_path;
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database to add to; created if missing. Images that have "
+      "features there are skipped."};
+  Option<std::string> image_path{"image_path", "", Required(),
+                                 "Folder of images, searched recursively."};
   FeatureExtractionOptions extraction;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("database_path", self.database_path, Required(), "",
-          "COLMAP database to add to; created if missing. Images that have "
-          "features there are skipped.");
-    visit("image_path", self.image_path, Required(), "",
-          "Folder of images, searched recursively.");
-    FeatureExtractionOptions::Describe(self.extraction, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, image_path, extraction);
   }
 };
 

@@ -7,45 +7,42 @@ namespace mgsfm {
 namespace {
 
 struct MapperCommandOptions {
-  std::string database_path;
-  std::string output_path;
-  std::string image_path;
-  std::string input_path;
-  std::string image_list_path;
-  ModelFormat output_format = ModelFormat::kBinary;
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database with verified matches. It is only read."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for the models 0, 1, ... and report.json. Those of an earlier "
+      "run are replaced when the new ones are complete; other files stay."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Folder of the images, to colour the points. Without it, all points are "
+      "black."};
+  Option<std::string> input_path{
+      "input_path", "",
+      "Folder of a model to extend: adds the frames of the database that it "
+      "lacks."};
+  Option<std::string> image_list_path{
+      "image_list_path", "",
+      "File with one image name per line; uses only these images and those of "
+      "the model to extend."};
+  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
+                                    "Format of the models: binary or text."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
-  std::string image_timestamps_path;
+  Option<std::string> image_timestamps_path{
+      "image_timestamps_path", "",
+      "File with a line `image_name SECONDS` for every image: its time of "
+      "exposure. SoftRig.method time_offset needs it."};
   BaselineOptions baseline;
   MapperOptions mapper;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("database_path", self.database_path, Required(), "",
-          "COLMAP database with verified matches. It is only read.");
-    visit(
-        "output_path", self.output_path, Required(), "",
-        "Folder for the models 0, 1, ... and report.json. Those of an earlier "
-        "run are replaced when the new ones are complete; other files stay.");
-    visit("image_path", self.image_path, AnyValue(), "",
-          "Folder of the images, to colour the points. Without it, all points "
-          "are black.");
-    visit("input_path", self.input_path, AnyValue(), "",
-          "Folder of a model to extend: adds the frames of the database that "
-          "it lacks.");
-    visit("image_list_path", self.image_list_path, AnyValue(), "",
-          "File with one image name per line; uses only these images and those "
-          "of the model to extend.");
-    visit("output_format", self.output_format, AnyValue(), "",
-          "Format of the models: binary or text.");
-    SceneLoadingOptions::Describe(self.loading, visit);
-    PosePriorOptions::Describe(self.priors, visit);
-    visit("image_timestamps_path", self.image_timestamps_path, AnyValue(), "",
-          "File with a line `image_name SECONDS` for every image: its time of "
-          "exposure. SoftRig.method time_offset needs it.");
-    BaselineOptions::Describe(self.baseline, visit);
-    MapperOptions::Describe(self.mapper, visit);
-    visit.Group("Mapper", self.mapper.extension);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, output_path, image_path, input_path, image_list_path,
+          output_format, loading, priors, image_timestamps_path, baseline,
+          mapper);
+    visit.Group("Mapper", mapper.extension);
   }
 };
 

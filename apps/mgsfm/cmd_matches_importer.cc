@@ -9,17 +9,17 @@ namespace {
 
 struct MatchesImporterOptions {
   MatchingInputOptions input;
-  std::string match_list_path;
-  MatchListType match_type = MatchListType::kPairs;
+  Option<std::string> match_list_path{
+      "match_list_path", "", Required(),
+      "Text file of pairs or matches, see docs/reference/formats.md."};
+  Option<MatchListType> match_type{
+      "match_type", MatchListType::kPairs,
+      "Content of the file: pairs to match, raw matches to verify, or inlier "
+      "matches that are imported as they are."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    MatchingInputOptions::Describe(self.input, visit);
-    visit("match_list_path", self.match_list_path, Required(), "",
-          "Text file of pairs or matches, see docs/reference/formats.md.");
-    visit("match_type", self.match_type, AnyValue(), "",
-          "Content of the file: pairs to match, raw matches to verify, or "
-          "inlier matches that are imported as they are.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input, match_list_path, match_type);
   }
 };
 

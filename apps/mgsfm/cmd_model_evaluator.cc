@@ -37,60 +37,55 @@ struct EnumTable<TruthFormat> {
 namespace {
 
 struct EvaluatorOptions {
-  std::string input_path;
-  std::string gt_path;
-  TruthFormat gt_format = TruthFormat::kColmap;
-  std::string calib_path;
-  std::string database_path;
-  std::string image_prefix;
-  std::string reference;
-  std::string rig_name_rule = "auto";
-  Alignment alignment = Alignment::kSimilarity;
-  std::string json;
-  std::string svg_path;
-  std::string position_thresholds = "0.05,0.1,0.5,1";
-  std::string rotation_thresholds = "0.5,1,5";
+  Option<std::string> input_path{"input_path", "", Required(),
+                                 "Folder of the model to evaluate."};
+  Option<std::string> gt_path{
+      "gt_path", "", "True poses: a folder (colmap) or a file (kitti, tum)."};
+  Option<TruthFormat> gt_format{
+      "gt_format", TruthFormat::kColmap,
+      "colmap: a model with the same image names. kitti, tum: poses of the "
+      "reference camera, assigned by the number (kitti) or the time in s or ns "
+      "(tum) in the image name, else in frame order. rig: only the rig of "
+      "--calib_path."};
+  Option<std::string> calib_path{
+      "calib_path", "",
+      "True rig: KITTI's calib.txt, or EuRoC's sensor.yaml of every camera, "
+      "separated by commas, in the order of the camera folders."};
+  Option<std::string> database_path{
+      "database_path", "",
+      "Database of the model, for kitti and tum: counts images that are "
+      "missing in the model as unregistered. Without it, only images in gaps "
+      "between frames of the model count."};
+  Option<std::string> image_prefix{
+      "image_prefix", "",
+      "Evaluates only images whose names start with this, such as seq1/."};
+  Option<std::string> reference{
+      "reference", "",
+      "Folder of the camera whose poses --gt_path holds; by default the "
+      "reference sensor of the model's rig, or the first folder."};
+  Option<std::string> rig_name_rule{
+      "rig_name_rule", "auto",
+      "How image names identify cameras and frames if the model has no rigs; "
+      "as for the mapper."};
+  Option<Alignment> alignment{
+      "alignment", Alignment::kSimilarity,
+      "Alignment of the model before it is compared: similarity; rigid for "
+      "metric models; none for models in the world of the ground truth."};
+  Option<std::string> json{"json", "", "Write the errors to a JSON file."};
+  Option<std::string> svg_path{
+      "svg_path", "", "Write an SVG plot of the trajectory and its errors."};
+  Option<std::string> position_thresholds{
+      "position_thresholds", "0.05,0.1,0.5,1", AnyValue(), "m",
+      "Position thresholds of the areas under the curve, separated by commas."};
+  Option<std::string> rotation_thresholds{
+      "rotation_thresholds", "0.5,1,5", AnyValue(), "deg",
+      "Rotation thresholds of the areas under the curve, separated by commas."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("input_path", self.input_path, Required(), "",
-          "Folder of the model to evaluate.");
-    visit("gt_path", self.gt_path, AnyValue(), "",
-          "True poses: a folder (colmap) or a file (kitti, tum).");
-    visit("gt_format", self.gt_format, AnyValue(), "",
-          "colmap: a model with the same image names. kitti, tum: poses of the "
-          "reference camera, assigned by the number (kitti) or the time in s "
-          "or ns (tum) in the image name, else in frame order. rig: only the "
-          "rig of --calib_path.");
-    visit(
-        "calib_path", self.calib_path, AnyValue(), "",
-        "True rig: KITTI's calib.txt, or EuRoC's sensor.yaml of every camera, "
-        "separated by commas, in the order of the camera folders.");
-    visit("database_path", self.database_path, AnyValue(), "",
-          "Database of the model, for kitti and tum: counts images that are "
-          "missing in the model as unregistered. Without it, only images in "
-          "gaps between frames of the model count.");
-    visit("image_prefix", self.image_prefix, AnyValue(), "",
-          "Evaluates only images whose names start with this, such as seq1/.");
-    visit("reference", self.reference, AnyValue(), "",
-          "Folder of the camera whose poses --gt_path holds; by default the "
-          "reference sensor of the model's rig, or the first folder.");
-    visit("rig_name_rule", self.rig_name_rule, AnyValue(), "",
-          "How image names identify cameras and frames if the model has no "
-          "rigs; as for the mapper.");
-    visit("alignment", self.alignment, AnyValue(), "",
-          "Alignment of the model before it is compared: similarity; rigid for "
-          "metric models; none for models in the world of the ground truth.");
-    visit("json", self.json, AnyValue(), "",
-          "Write the errors to a JSON file.");
-    visit("svg_path", self.svg_path, AnyValue(), "",
-          "Write an SVG plot of the trajectory and its errors.");
-    visit("position_thresholds", self.position_thresholds, AnyValue(), "m",
-          "Position thresholds of the areas under the curve, separated by "
-          "commas.");
-    visit("rotation_thresholds", self.rotation_thresholds, AnyValue(), "deg",
-          "Rotation thresholds of the areas under the curve, separated by "
-          "commas.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input_path, gt_path, gt_format, calib_path, database_path,
+          image_prefix, reference, rig_name_rule, alignment, json, svg_path,
+          position_thresholds, rotation_thresholds);
   }
 };
 
@@ -267,13 +262,13 @@ Comparison CompareWithRig(const NamedModel& model,
 // Images of the database that are not in the model.
 ImageNames ReadOtherImages(const EvaluatorOptions& options,
                            const NamedModel& model) {
-  if (options.database_path.empty()) return std::nullopt;
+  if (options.database_path->empty()) return std::nullopt;
   std::set<std::string> in_model;
   for (const Image& image : model.scene.images) in_model.insert(image.name);
   std::vector<std::string> others;
   for (std::string& name : ReadImageNames(options.database_path)) {
-    const bool has_prefix =
-        name.compare(0, options.image_prefix.size(), options.image_prefix) == 0;
+    const bool has_prefix = name.compare(0, options.image_prefix->size(),
+                                         options.image_prefix) == 0;
     if (has_prefix && in_model.count(name) == 0) {
       others.push_back(std::move(name));
     }
@@ -288,9 +283,9 @@ Comparison CompareWithTrajectory(const EvaluatorOptions& options,
   const std::vector<std::string> frames = FrameNames(model, others);
   const TrueTrajectory trajectory =
       options.gt_format == TruthFormat::kKitti
-          ? AssignByNumber(frames, ReadKittiPoses(options.gt_path),
+          ? AssignByNumber(frames, ReadKittiPoses(*options.gt_path),
                            options.gt_path)
-          : AssignByTime(frames, ReadTumPoses(options.gt_path),
+          : AssignByTime(frames, ReadTumPoses(*options.gt_path),
                          options.gt_path);
   return {PairWithTrajectory(model, trajectory, true_sensors, others),
           PairSensors(model, true_sensors), true};
@@ -312,13 +307,13 @@ Comparison Compare(const EvaluatorOptions& options) {
 
 void CheckUsage(const EvaluatorOptions& options) {
   const bool is_rig = options.gt_format == TruthFormat::kRig;
-  if (is_rig && options.calib_path.empty()) {
+  if (is_rig && options.calib_path->empty()) {
     throw Error("--gt_format rig needs --calib_path");
   }
-  if (!is_rig && options.gt_path.empty()) {
+  if (!is_rig && options.gt_path->empty()) {
     throw Error("--gt_path is needed, or --gt_format rig with --calib_path");
   }
-  if (is_rig && !options.svg_path.empty()) {
+  if (is_rig && !options.svg_path->empty()) {
     throw Error(
         "--svg_path needs true poses; choose another --gt_format than rig");
   }
@@ -334,11 +329,12 @@ int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
                thresholds);
-  if (!options.json.empty()) {
-    WriteFile(options.json, EvaluationToJson(evaluation));
+  if (!options.json->empty()) {
+    WriteFile(*options.json, EvaluationToJson(evaluation));
   }
-  if (!options.svg_path.empty()) {
-    WriteFile(options.svg_path, EvaluationToSvg(comparison.images, evaluation));
+  if (!options.svg_path->empty()) {
+    WriteFile(*options.svg_path,
+              EvaluationToSvg(comparison.images, evaluation));
   }
   std::cout << EvaluationToText(evaluation);
   return kExitSuccess;

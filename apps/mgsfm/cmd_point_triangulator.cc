@@ -23,41 +23,39 @@ BundleAdjustmentOptions FixCameras() {
 }
 
 struct PointTriangulatorOptions {
-  std::string database_path;
-  std::string image_path;
-  std::string input_path;
-  std::string output_path;
-  bool clear_points = true;
-  ModelFormat output_format = ModelFormat::kBinary;
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database with verified matches. It is only read."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Folder of the images, to colour the points. Without it, all points are "
+      "black."};
+  Option<std::string> input_path{
+      "input_path", "", Required(),
+      "Folder of the model whose poses and intrinsics are fixed. Its images "
+      "are matched with those of the database by name."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for the model and report.json. An earlier model is replaced when "
+      "the new one is complete; other files stay. May be the input."};
+  Option<bool> clear_points{"clear_points", true,
+                            "Discard the points of the model; 0 extends them."};
+  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
+                                    "Format of the model: binary or text."};
   SceneLoadingOptions loading;
   ViewGraphOptions view_graph;
   TrackOptions tracks;
   MatchSelectionOptions match_selection;
   BundleAdjustmentOptions bundle_adjustment = FixCameras();
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("database_path", self.database_path, Required(), "",
-          "COLMAP database with verified matches. It is only read.");
-    visit("image_path", self.image_path, AnyValue(), "",
-          "Folder of the images, to colour the points. Without it, all points "
-          "are black.");
-    visit(
-        "input_path", self.input_path, Required(), "",
-        "Folder of the model whose poses and intrinsics are fixed. Its images "
-        "are matched with those of the database by name.");
-    visit("output_path", self.output_path, Required(), "",
-          "Folder for the model and report.json. An earlier model is replaced "
-          "when the new one is complete; other files stay. May be the input.");
-    visit("clear_points", self.clear_points, AnyValue(), "",
-          "Discard the points of the model; 0 extends them.");
-    visit("output_format", self.output_format, AnyValue(), "",
-          "Format of the model: binary or text.");
-    SceneLoadingOptions::Describe(self.loading, visit);
-    visit.Group("ViewGraph", self.view_graph);
-    visit.Group("Tracks", self.tracks);
-    visit.Group("MatchSelection", self.match_selection);
-    visit.Group("BundleAdjustment", self.bundle_adjustment);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, image_path, input_path, output_path, clear_points,
+          output_format, loading);
+    visit.Group("ViewGraph", view_graph);
+    visit.Group("Tracks", tracks);
+    visit.Group("MatchSelection", match_selection);
+    visit.Group("BundleAdjustment", bundle_adjustment);
   }
 };
 
@@ -73,7 +71,7 @@ MapperOptions StageOptions(const PointTriangulatorOptions& options) {
 int RunPointTriangulator(const PointTriangulatorOptions& options,
                          const Context& context) {
   CheckImagePath(options.image_path);
-  StagedOutput output(options.output_path, OutputKind::kModel);
+  StagedOutput output(*options.output_path, OutputKind::kModel);
   MapperRun run;
   run.database_path = options.database_path;
   run.input_path = options.input_path;

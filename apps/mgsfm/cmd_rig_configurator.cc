@@ -10,15 +10,15 @@ namespace mgsfm {
 namespace {
 
 struct RigConfiguratorOptions {
-  std::string database_path;
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database. Replaces its rigs and frames; keeps features and "
+      "matches."};
   SceneLoadingOptions rigs;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("database_path", self.database_path, Required(), "",
-          "COLMAP database. Replaces its rigs and frames; keeps features and "
-          "matches.");
-    SceneLoadingOptions::Describe(self.rigs, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, rigs);
   }
 };
 

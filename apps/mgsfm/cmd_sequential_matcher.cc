@@ -12,11 +12,11 @@ struct SequentialMatcherOptions {
   SequentialMatchingOptions sequential;
   VocabularyOptions vocabulary;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    MatchingInputOptions::Describe(self.input, visit);
-    visit.Group("SequentialMatching", self.sequential);
-    visit.Group("VocabTree", self.vocabulary);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input);
+    visit.Group("SequentialMatching", sequential);
+    visit.Group("VocabTree", vocabulary);
   }
 };
 

@@ -62,63 +62,56 @@ constexpr char kSummary[] =
     "Simulates a drive: database or images, and ground truth.";
 
 struct SimulateCommandOptions {
-  std::string output_path;
-  SimulationPreset preset = SimulationPreset::kSmall;
-  std::string trajectory_path;
-  TrajectoryFormat trajectory_format = TrajectoryFormat::kKitti;
-  std::string rig_config_path;
-  DatabaseSchema database_schema = DatabaseSchema::k38;
-  bool render = false;
-  double render_scale = 1.0;
-  ImageFormat render_format = ImageFormat::kPng;
-  int render_jpeg_quality = 95;
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for database.db or images, the ground-truth model in `truth` and "
+      "the times of frames in timestamps.txt; if cameras do not trigger "
+      "simultaneously, also image poses in `truth_images`."};
+  Option<SimulationPreset> preset{
+      "preset", SimulationPreset::kSmall,
+      "Defaults of all other options. small: a few frames without noise. "
+      "street: a realistic street without noise. standard: street with noise, "
+      "mismatches, vehicles and wrong pairs. aliased: standard with duplicated "
+      "facades."};
+  Option<std::string> trajectory_path{
+      "trajectory_path", "",
+      "File with the poses of the reference camera, instead of `path`."};
+  Option<TrajectoryFormat> trajectory_format{
+      "trajectory_format", TrajectoryFormat::kKitti,
+      "kitti: a 3x4 matrix per line; tum: time, position, quaternion."};
+  Option<std::string> rig_config_path{
+      "rig_config_path", "",
+      "COLMAP's rig_config.json instead of `rig`: one rig with the poses, "
+      "models and parameters of its cameras. Image sizes are twice the "
+      "principal points."};
+  Option<DatabaseSchema> database_schema{
+      "database_schema", DatabaseSchema::k38,
+      "COLMAP version of the database schema; 3.8 has no rigs."};
+  Option<bool> render{
+      "render", false,
+      "Render images of a textured street instead of writing a database; adds "
+      "cameras.txt for --ImageReader.camera_params_path. Options of features, "
+      "matches and vehicles have no effect."};
+  Option<double> render_scale{
+      "render_scale", 1.0, GreaterThan(0.0),
+      "Scale of the images relative to the cameras of the rig."};
+  Option<ImageFormat> render_format{"render_format", ImageFormat::kPng,
+                                    "File format of the images."};
+  Option<int> render_jpeg_quality{"render_jpeg_quality", 95, Between(1, 100),
+                                  "Quality of JPEG images; 100 is best."};
   RenderingOptions rendering;
   SimulationOptions simulation;
   PositionMeasurementOptions positions;
   GravityMeasurementOptions gravity;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("output_path", self.output_path, Required(), "",
-          "Folder for database.db or images, the ground-truth model in `truth` "
-          "and the times of frames in timestamps.txt; if cameras do not "
-          "trigger simultaneously, also image poses in `truth_images`.");
-    visit("preset", self.preset, AnyValue(), "",
-          "Defaults of all other options. small: a few frames without noise. "
-          "street: a realistic street without noise. standard: street with "
-          "noise, mismatches, vehicles and wrong pairs. aliased: standard with "
-          "duplicated facades.");
-    visit("trajectory_path", self.trajectory_path, AnyValue(), "",
-          "File with the poses of the reference camera, instead of `path`.");
-    visit("trajectory_format", self.trajectory_format, AnyValue(), "",
-          "kitti: a 3x4 matrix per line; tum: time, position, quaternion.");
-    visit("rig_config_path", self.rig_config_path, AnyValue(), "",
-          "COLMAP's rig_config.json instead of `rig`: one rig with the poses, "
-          "models and parameters of its cameras. Image sizes are twice the "
-          "principal points.");
-    visit("database_schema", self.database_schema, AnyValue(), "",
-          "COLMAP version of the database schema; 3.8 has no rigs.");
-    DescribeRendering(self, visit);
-    SimulationOptions::Describe(self.simulation, visit);
-    PositionMeasurementOptions::Describe(self.positions, visit);
-    GravityMeasurementOptions::Describe(self.gravity, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(output_path, preset, trajectory_path, trajectory_format,
+          rig_config_path, database_schema, render, render_scale, render_format,
+          render_jpeg_quality, rendering, simulation, positions, gravity);
   }
 
  private:
-  template <class Self, class Visitor>
-  static void DescribeRendering(Self& self, Visitor& visit) {
-    visit("render", self.render, AnyValue(), "",
-          "Render images of a textured street instead of writing a database; "
-          "adds cameras.txt for --ImageReader.camera_params_path. Options of "
-          "features, matches and vehicles have no effect.");
-    visit("render_scale", self.render_scale, GreaterThan(0.0), "",
-          "Scale of the images relative to the cameras of the rig.");
-    visit("render_format", self.render_format, AnyValue(), "",
-          "File format of the images.");
-    visit("render_jpeg_quality", self.render_jpeg_quality, Between(1, 100), "",
-          "Quality of JPEG images; 100 is best.");
-    RenderingOptions::Describe(self.rendering, visit);
-  }
 };
 
 SimulationOptions OptionsOf(SimulationPreset preset) {
@@ -170,20 +163,20 @@ std::vector<SimulatedCamera> ReadRig(const std::string& path) {
 
 SimulationInput ReadInput(const SimulateCommandOptions& options) {
   SimulationInput input;
-  if (!options.rig_config_path.empty()) {
+  if (!options.rig_config_path->empty()) {
     input.rig = ReadRig(options.rig_config_path);
   }
-  if (options.trajectory_path.empty()) return input;
+  if (options.trajectory_path->empty()) return input;
   if (options.trajectory_format == TrajectoryFormat::kKitti) {
-    input.rig_from_world_path = ReadKittiPoses(options.trajectory_path);
+    input.rig_from_world_path = ReadKittiPoses(*options.trajectory_path);
   } else {
-    for (const TimedPose& pose : ReadTumPoses(options.trajectory_path)) {
+    for (const TimedPose& pose : ReadTumPoses(*options.trajectory_path)) {
       input.rig_from_world_path.push_back(pose.cam_from_world);
       input.timestamps_s.push_back(pose.timestamp_s);
     }
   }
   if (input.rig_from_world_path.empty()) {
-    throw Error("'" + options.trajectory_path + "' contains no pose");
+    throw Error("'" + *options.trajectory_path + "' contains no pose");
   }
   return input;
 }
@@ -256,7 +249,7 @@ void RenderImages(const SimulateCommandOptions& options,
 }
 
 int RunRender(const SimulateCommandOptions& options, const Context& context) {
-  const std::filesystem::path output_path = options.output_path;
+  const std::filesystem::path output_path = *options.output_path;
   if (std::filesystem::exists(output_path / "images")) {
     throw Error("'" + (output_path / "images").string() +
                 "' exists; choose a new folder");
@@ -304,7 +297,7 @@ void WritePositions(const Simulation& simulation,
 
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
-  const std::filesystem::path output_path = options.output_path;
+  const std::filesystem::path output_path = *options.output_path;
   if (std::filesystem::exists(output_path / "database.db")) {
     throw Error("'" + (output_path / "database.db").string() +
                 "' exists; choose a new folder");

@@ -11,10 +11,10 @@ struct SpatialMatcherOptions {
   MatchingInputOptions input;
   SpatialMatchingOptions spatial;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    MatchingInputOptions::Describe(self.input, visit);
-    visit.Group("SpatialMatching", self.spatial);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input);
+    visit.Group("SpatialMatching", spatial);
   }
 };
 

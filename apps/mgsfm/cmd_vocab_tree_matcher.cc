@@ -12,11 +12,11 @@ struct VocabTreeMatcherOptions {
   VocabTreeMatchingOptions retrieval;
   VocabularyOptions vocabulary;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    MatchingInputOptions::Describe(self.input, visit);
-    visit.Group("VocabTreeMatching", self.retrieval);
-    visit.Group("VocabTree", self.vocabulary);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input);
+    visit.Group("VocabTreeMatching", retrieval);
+    visit.Group("VocabTree", vocabulary);
   }
 };
 

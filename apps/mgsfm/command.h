@@ -11,7 +11,7 @@
 #include "mgsfm/base/options_io.h"
 
 // How to add a command `foo`:
-// 1. Write apps/mgsfm/cmd_foo.cc with its options, in one struct with Describe
+// 1. Write apps/mgsfm/cmd_foo.cc with its options, in one struct
 //    (see mgsfm/base/options.h). Paths are strings named `*_path`; those that
 //    must be given have the range Required(). The options of a stage go into a
 //    group of their own; those of a whole pipeline can be listed along:
@@ -20,13 +20,14 @@
 //      namespace {
 //
 //      struct FooCommandOptions {
-//        std::string input_path;
+//        Option<std::string> input_path{"input_path", "", Required(),
+//                                       "Folder of the model to read."};
 //        TrackOptions tracks;
-//        template <class Self, class Visitor>
-//        static void Describe(Self& self, Visitor& visit) {
-//          visit("input_path", self.input_path, Required(), "",
-//                "Folder of the model to read.");
-//          visit.Group("Tracks", self.tracks);
+//
+//        template <class Visitor>
+//        void Describe(Visitor& visit) {
+//          visit(input_path);
+//          visit.Group("Tracks", tracks);
 //        }
 //      };
 //
@@ -83,18 +84,18 @@ struct EnumTable<LogLevel> {
 
 // The options that every command has.
 struct CommonOptions {
-  int num_threads = -1;
-  int random_seed = 0;
-  LogLevel log_level = LogLevel::kInfo;
+  Option<int> num_threads{
+      "num_threads", -1, Between(-1, 1024), "threads",
+      "-1 or 0: all processor cores. Does not change results."};
+  Option<int> random_seed{"random_seed", 0, AtLeast(0),
+                          "Equal input, options and seed give equal results."};
+  Option<LogLevel> log_level{
+      "log_level", LogLevel::kInfo,
+      "Minimum level of the messages on the standard error stream."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("num_threads", self.num_threads, Between(-1, 1024), "threads",
-          "-1 or 0: all processor cores. Does not change results.");
-    visit("random_seed", self.random_seed, AtLeast(0), "",
-          "Equal input, options and seed give equal results.");
-    visit("log_level", self.log_level, AnyValue(), "",
-          "Minimum level of the messages on the standard error stream.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(num_threads, random_seed, log_level);
   }
 };
 
@@ -104,10 +105,9 @@ struct AllOptions {
   Options command;
   CommonOptions common;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    Options::Describe(self.command, visit);
-    CommonOptions::Describe(self.common, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(command, common);
   }
 };
 

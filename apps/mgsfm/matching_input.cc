@@ -13,7 +13,7 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
                            FeatureDatabase::OpenMode::kExisting);
   DatabaseContents contents = database.ReadStructure(context);
   if (contents.images.empty()) {
-    throw Error("database '" + options.database_path +
+    throw Error("database '" + *options.database_path +
                 "' has no images; run feature_extractor first");
   }
   // Missing matches are expected here, so no warning about them.

@@ -14,18 +14,16 @@ namespace mgsfm {
 
 // The options that all matching commands share.
 struct MatchingInputOptions {
-  std::string database_path;
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database with features. Adds matches; pairs that have matches "
+      "are skipped."};
   SceneLoadingOptions loading;
   PairMatchingOptions matching;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit(
-        "database_path", self.database_path, Required(), "",
-        "COLMAP database with features. Adds matches; pairs that have matches "
-        "are skipped.");
-    SceneLoadingOptions::Describe(self.loading, visit);
-    PairMatchingOptions::Describe(self.matching, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, loading, matching);
   }
 };
 

@@ -33,22 +33,22 @@ using Json = nlohmann::ordered_json;
 
 struct BenchmarkOptions {
   SimulatedRunOptions run;
-  std::string database_path;
-  double start_max_error_px = 16.0;
-  double function_tolerance = 1e-9;
-  int max_num_iterations = 100;
+  Option<std::string> database_path{
+      "database_path", "",
+      "Database with verified matches, instead of a simulation."};
+  Option<double> start_max_error_px{
+      "start_max_error", 16.0, GreaterThan(0.0), "px",
+      "Observations with larger errors at the start are left out."};
+  Option<double> function_tolerance{
+      "function_tolerance", 1e-9, Between(0.0, 1.0),
+      "A solve ends when the cost changes by less than this part."};
+  Option<int> max_num_iterations{"max_num_iterations", 100, AtLeast(2),
+                                 "iterations", "Most iterations of one solve."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    SimulatedRunOptions::Describe(self.run, visit);
-    visit("database_path", self.database_path, AnyValue(), "",
-          "Database with verified matches, instead of a simulation.");
-    visit("start_max_error", self.start_max_error_px, GreaterThan(0.0), "px",
-          "Observations with larger errors at the start are left out.");
-    visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
-          "A solve ends when the cost changes by less than this part.");
-    visit("max_num_iterations", self.max_num_iterations, AtLeast(2),
-          "iterations", "Most iterations of one solve.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(run, database_path, start_max_error_px, function_tolerance,
+          max_num_iterations);
   }
 };
 

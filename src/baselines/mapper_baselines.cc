@@ -9,24 +9,25 @@ namespace {
 
 struct MethodDefaults {
   RotationStrategy rotations;
-  PositionBaselineOptions positions;
+  TranslationSource input;
+  TranslationObjective objective;
 };
 
 MethodDefaults DefaultsOf(MapperMethod method) {
   switch (method) {
     case MapperMethod::kDmraMgp:
     case MapperMethod::kSingle:
-      return {RotationStrategy::kDecoupled,
-              {TranslationSource::kTracks, TranslationObjective::kBilinear}};
+      return {RotationStrategy::kDecoupled, TranslationSource::kTracks,
+              TranslationObjective::kBilinear};
     case MapperMethod::kMma:
       return {RotationStrategy::kJoint,
-              {TranslationSource::kRelativeTranslations,
-               TranslationObjective::kDistance}};
+              TranslationSource::kRelativeTranslations,
+              TranslationObjective::kDistance};
     case MapperMethod::kMgsfm:
       break;
   }
-  return {RotationStrategy::kAuto,
-          {TranslationSource::kAuto, TranslationObjective::kAuto}};
+  return {RotationStrategy::kAuto, TranslationSource::kAuto,
+          TranslationObjective::kAuto};
 }
 
 // The step of the product is EstimatePositions().
@@ -45,13 +46,13 @@ BaselineOptions ResolveBaseline(const BaselineOptions& options,
   BaselineOptions resolved = options;
   PositionBaselineOptions& positions = resolved.positions;
   if (positions.input == TranslationSource::kAuto) {
-    positions.input = defaults.positions.input;
+    positions.input = defaults.input;
   }
   if (positions.objective == TranslationObjective::kAuto) {
-    positions.objective = defaults.positions.objective;
+    positions.objective = defaults.objective;
   }
   CheckPositionBaseline(positions);
-  RotationStrategy& strategy = mapper->rotation_averaging.strategy;
+  Option<RotationStrategy>& strategy = mapper->rotation_averaging.strategy;
   if (strategy == RotationStrategy::kAuto) strategy = defaults.rotations;
   return resolved;
 }

@@ -31,17 +31,18 @@ struct EnumTable<MapperMethod> {
 };
 
 struct BaselineOptions {
-  MapperMethod method = MapperMethod::kMgsfm;
+  Option<MapperMethod> method{
+      "method", MapperMethod::kMgsfm,
+      "mgsfm, or a method to compare with: dmra_mgp (global positioning of "
+      "rigs), mma (joint rotations, distances), single (global positioning of "
+      "single images, without rigs). It sets the options that are auto; others "
+      "keep their values."};
   PositionBaselineOptions positions;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("method", self.method, AnyValue(), "",
-          "mgsfm, or a method to compare with: dmra_mgp (global positioning of "
-          "rigs), mma (joint rotations, distances), single (global positioning "
-          "of single images, without rigs). It sets the options that are auto; "
-          "others keep their values.");
-    visit.Group("TranslationAveraging", self.positions);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(method);
+    visit.Group("TranslationAveraging", positions);
   }
 };
 

@@ -70,8 +70,8 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   refinement_options.starts_at_random = true;
   refinement_options.backend = options.averaging.backend;
   refinement_options.function_tolerance = kFunctionTolerance;
-  refinement_options.max_num_iterations =
-      std::max(kNumRandomStartIterations, options.averaging.max_num_iterations);
+  refinement_options.max_num_iterations = std::max(
+      kNumRandomStartIterations, *options.averaging.max_num_iterations);
   Positions positions = start.initial.positions;
   TrackPoints points = start.points;
   PositionResult result;

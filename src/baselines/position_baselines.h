@@ -48,20 +48,21 @@ struct EnumTable<TranslationObjective> {
 };
 
 struct PositionBaselineOptions {
-  TranslationSource input = TranslationSource::kAuto;
-  TranslationObjective objective = TranslationObjective::kAuto;
+  Option<TranslationSource> input{
+      "input", TranslationSource::kAuto,
+      "Measurements that positions are estimated from: relative translations "
+      "of pairs, tracks from a random start, or both (hybrid). auto: as the "
+      "method of the mapper, by default hybrid."};
+  Option<TranslationObjective> objective{
+      "objective", TranslationObjective::kAuto,
+      "Objective of the refinement: angles (non_bilinear), angles with one "
+      "scale per observation (bilinear), or none (distance, for "
+      "relative_translations). auto: as the method of the mapper, by default "
+      "non_bilinear."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("input", self.input, AnyValue(), "",
-          "Measurements that positions are estimated from: relative "
-          "translations of pairs, tracks from a random start, or both "
-          "(hybrid). auto: as the method of the mapper, by default hybrid.");
-    visit("objective", self.objective, AnyValue(), "",
-          "Objective of the refinement: angles (non_bilinear), angles with one "
-          "scale per observation (bilinear), or none (distance, for "
-          "relative_translations). auto: as the method of the mapper, by "
-          "default non_bilinear.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input, objective);
   }
 };
 

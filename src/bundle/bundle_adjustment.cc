@@ -57,13 +57,13 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left) {
   const double largest = std::ldexp(options.max_max_error_px, num_rounds_left);
-  return std::min(largest, std::max(options.min_max_error_px,
+  return std::min(largest, std::max(*options.min_max_error_px,
                                     options.error_sigma_factor * sigma_px));
 }
 
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
-      options.loss_scale_px,
+      *options.loss_scale_px,
       std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
 }
 

@@ -54,16 +54,16 @@ void SetParams(const std::vector<std::string>& texts, const std::string& what,
 
 Camera ParseTemplate(const ImageReaderOptions& options) {
   const CameraModelInfo* model =
-      FindCameraModel(std::string_view(options.camera_model));
+      FindCameraModel(std::string_view(*options.camera_model));
   if (model == nullptr) {
     throw Error(
         "ImageReader.camera_model: there is no camera model '" +
-        options.camera_model +
+        *options.camera_model +
         "'; use PINHOLE, SIMPLE_RADIAL, OPENCV, OPENCV_FISHEYE or another of "
         "COLMAP's models");
   }
   Camera camera{CameraId(0), model->id, 0, 0, {}, false};
-  if (options.camera_params.empty()) return camera;
+  if (options.camera_params->empty()) return camera;
   std::vector<std::string> texts;
   std::istringstream stream(options.camera_params);
   for (std::string text; std::getline(stream, text, ',');) {
@@ -180,7 +180,7 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
   for (const std::string& name : image_names) {
     const std::string folder = FolderOf(name);
     if (camera_of_folder_.count(folder) == 0) {
-      throw Error("'" + options_.camera_params_path +
+      throw Error("'" + *options_.camera_params_path +
                   "' has no line for the folder '" + folder + "' of image '" +
                   name + "'; add it");
     }
@@ -188,8 +188,8 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
   }
   for (const auto& [folder, camera] : camera_of_folder_) {
     if (folders.count(folder) > 0) continue;
-    context.Warning("'" + options_.camera_params_path + "' names the folder '" +
-                    folder + "', which has no images");
+    context.Warning("'" + *options_.camera_params_path +
+                    "' names the folder '" + folder + "', which has no images");
   }
 }
 

@@ -164,9 +164,9 @@ std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
                                                const std::string& name,
                                                bool* has_mask) const {
   std::vector<GrayImage> masks;
-  if (!options_.reader.mask_path.empty()) {
+  if (!options_.reader.mask_path->empty()) {
     const std::string path =
-        (fs::path(options_.reader.mask_path) / (name + ".png")).string();
+        (fs::path(*options_.reader.mask_path) / (name + ".png")).string();
     *has_mask = fs::exists(path);
     std::optional<GrayImage> mask;
     try {
@@ -341,9 +341,9 @@ FeatureExtractionSummary ExtractFeatures(
       num_done += images.size();
     }
   }
-  if (!options.reader.mask_path.empty() && !missing.empty() && !has_mask) {
+  if (!options.reader.mask_path->empty() && !missing.empty() && !has_mask) {
     context.Warning(
-        "no image has a mask in '" + options.reader.mask_path +
+        "no image has a mask in '" + *options.reader.mask_path +
         "' (ImageReader.mask_path); the mask of a/b.jpg must be named "
         "a/b.jpg.png");
   }

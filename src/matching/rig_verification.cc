@@ -68,7 +68,7 @@ std::optional<Rigid3> EstimateMotion(const std::vector<UnitImagePair>& pairs,
   }
   RansacOptions ransac;
   ransac.confidence = options.confidence;
-  ransac.max_num_trials = std::min(options.max_num_trials, kMaxNumTrials);
+  ransac.max_num_trials = std::min(*options.max_num_trials, kMaxNumTrials);
   return EstimateUnitPose(matches, guesses, ransac, random);
 }
 

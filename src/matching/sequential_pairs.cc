@@ -22,7 +22,7 @@ std::vector<int> FrameDistances(const SequentialPairOptions& options) {
   for (int d = 1; d <= options.overlap; ++d) distances.push_back(d);
   constexpr int kMaxExponent = 30;  // 2^30 fits into an int
   if (options.quadratic_overlap) {
-    for (int k = 0; k < std::min(options.overlap, kMaxExponent); ++k) {
+    for (int k = 0; k < std::min(*options.overlap, kMaxExponent); ++k) {
       if ((1 << k) > options.overlap) distances.push_back(1 << k);
     }
   }
@@ -40,7 +40,7 @@ std::vector<int> SensorPairDistances(const SequentialPairOptions& options) {
 std::vector<int> ProbeFrames(const FrameSequence& sequence,
                              const SequentialPairOptions& options) {
   const int num_probes =
-      std::min(options.num_probe_frames, sequence.num_frames());
+      std::min(*options.num_probe_frames, sequence.num_frames());
   std::vector<int> frames(num_probes);
   for (int i = 0; i < num_probes; ++i) {
     frames[i] =

@@ -150,7 +150,7 @@ class PairVerifier {
   }
 
   double MinInlierRatio() const {
-    return std::max(options_.min_inlier_ratio,
+    return std::max(*options_.min_inlier_ratio,
                     options_.min_num_inliers /
                         std::max(1.0, static_cast<double>(matches_.size())));
   }

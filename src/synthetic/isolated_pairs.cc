@@ -128,7 +128,7 @@ std::vector<Match> IsolatedPairMaker::MakeMatches(const PairPlan& plan,
                                                   const Rigid3& cam2_from_cam1,
                                                   Random* random) {
   const size_t num_wanted = std::max(
-      options_.min_num_matches,
+      *options_.min_num_matches,
       kMinNumMatches +
           static_cast<int>(random->Index(kMaxNumMatches - kMinNumMatches + 1)));
   const Rigid3 pose{cam2_from_cam1.rotation,

@@ -11,16 +11,17 @@
 namespace mgsfm {
 
 struct PositionMeasurementOptions {
-  double sigma_m = 0.0;  // 0 disables measured positions
-  double outlier_ratio = 0.0;
+  Option<double> sigma_m{
+      "prior_sigma", 0.0, AtLeast(0.0), "m",
+      "Standard deviation of each coordinate of the measured positions of "
+      "frames in the table pose_priors; 0 writes no positions."};
+  Option<double> outlier_ratio{
+      "prior_outlier_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of measured positions with an error of 20 to 200 m."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("prior_sigma", self.sigma_m, AtLeast(0.0), "m",
-          "Standard deviation of each coordinate of the measured positions of "
-          "frames in the table pose_priors; 0 writes no positions.");
-    visit("prior_outlier_ratio", self.outlier_ratio, Between(0.0, 0.9), "",
-          "Fraction of measured positions with an error of 20 to 200 m.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(sigma_m, outlier_ratio);
   }
 };
 
@@ -31,17 +32,17 @@ PositionPriors MeasurePositions(const Simulation& simulation,
                                 uint64_t random_seed);
 
 struct GravityMeasurementOptions {
-  double sigma_deg = 0.0;  // 0 disables measured gravity
-  double outlier_ratio = 0.0;
+  Option<double> sigma_deg{
+      "gravity_sigma", 0.0, AtLeast(0.0), "deg",
+      "Standard deviation, about each of two axes, of the measured directions "
+      "of gravity in gravity.txt, one image per frame; 0 writes no file."};
+  Option<double> outlier_ratio{
+      "gravity_outlier_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of gravity measurements with a random direction."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("gravity_sigma", self.sigma_deg, AtLeast(0.0), "deg",
-          "Standard deviation, about each of two axes, of the measured "
-          "directions of gravity in gravity.txt, one image per frame; 0 writes "
-          "no file.");
-    visit("gravity_outlier_ratio", self.outlier_ratio, Between(0.0, 0.9), "",
-          "Fraction of gravity measurements with a random direction.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(sigma_deg, outlier_ratio);
   }
 };
 

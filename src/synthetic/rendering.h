@@ -15,18 +15,18 @@ namespace mgsfm {
 
 // See docs/reference/rendering.md.
 struct RenderingOptions {
-  int samples_per_axis = 2;
-  double max_view_angle_deg = 92.0;
+  Option<int> samples_per_axis{
+      "render_samples", 2, Between(1, 16),
+      "Number of rays along each side of a pixel. Increase it to reduce "
+      "aliasing."};
+  Option<double> max_view_angle_deg{
+      "render_max_view_angle", 92.0, Between(1.0, 180.0), "deg",
+      "Largest angle to the optical axis; pixels beyond it are black. The "
+      "default does not affect perspective images."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("render_samples", self.samples_per_axis, Between(1, 16), "",
-          "Number of rays along each side of a pixel. Increase it to reduce "
-          "aliasing.");
-    visit("render_max_view_angle", self.max_view_angle_deg, Between(1.0, 180.0),
-          "deg",
-          "Largest angle to the optical axis; pixels beyond it are black. The "
-          "default does not affect perspective images.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(samples_per_axis, max_view_angle_deg);
   }
 };
 

@@ -58,7 +58,7 @@ TEST(LoadOptions, ReadsSectionsCommentsAndFullNames) {
       "[ Solver.Loss ]\n"
       "scale_px = 4",
       &options);
-  EXPECT_EQ(options.input_path, "a=b # not a comment");
+  EXPECT_EQ(*options.input_path, "a=b # not a comment");
   EXPECT_EQ(options.solver.loss.kind, SampleLoss::kCauchy);
   EXPECT_EQ(options.solver.max_num_iterations, 8);
   EXPECT_EQ(options.solver.loss.scale_px, 4.0);
@@ -76,13 +76,13 @@ TEST(LoadOptions, DumpIsReadBackAsIs) {
   const SampleOptions options = MakeUnusualOptions();
   SampleOptions loaded;
   Load(SampleDump(options), &loaded);
-  EXPECT_EQ(loaded.input_path, options.input_path);
+  EXPECT_EQ(*loaded.input_path, *options.input_path);
   EXPECT_EQ(loaded.verbose, options.verbose);
   EXPECT_EQ(loaded.solver.max_num_iterations,
             options.solver.max_num_iterations);
   EXPECT_EQ(loaded.solver.loss.kind, options.solver.loss.kind);
   EXPECT_EQ(loaded.solver.loss.scale_px, options.solver.loss.scale_px);
-  EXPECT_EQ(loaded.title, options.title);
+  EXPECT_EQ(*loaded.title, *options.title);
 }
 
 TEST(LoadOptions, DumpOfDefaultsLeavesOutWhatIsRequired) {
@@ -124,13 +124,13 @@ TEST(LoadOptions, MissingFileIsAnError) {
   EXPECT_THROW(LoadOptions(dir.path(), list), Error);
   WriteTextFile(dir.path() / "some.ini", "title = t\n");
   LoadOptions(dir.path() / "some.ini", list);
-  EXPECT_EQ(options.title, "t");
+  EXPECT_EQ(*options.title, "t");
 }
 
 TEST(OptionsToJson, KeepsTypes) {
   const auto json =
       nlohmann::json::parse(OptionsToJsonOf(MakeUnusualOptions()));
-  EXPECT_EQ(json["input_path"], MakeUnusualOptions().input_path);
+  EXPECT_EQ(json["input_path"], *MakeUnusualOptions().input_path);
   EXPECT_EQ(json["verbose"], true);
   EXPECT_EQ(json["Solver"]["max_num_iterations"], 3);
   EXPECT_EQ(json["Solver"]["Loss"]["kind"], "cauchy");

@@ -51,6 +51,69 @@ TEST(Range, ToStringIsAnInterval) {
   EXPECT_EQ(Between(1e-12, 100000).ToString(), "[1e-12, 100000]");
 }
 
+TEST(Option, ConvertsToItsValue) {
+  const SampleSolverOptions options;
+  const int num_iterations = options.max_num_iterations;
+  EXPECT_EQ(num_iterations, 50);
+  EXPECT_EQ(options.max_num_iterations + 1, 51);
+  EXPECT_EQ(*options.loss.kind, SampleLoss::kTrivial);
+  const Option<std::string> text("text", "abc", "A text.");
+  EXPECT_EQ(text->size(), 3u);
+  EXPECT_EQ(*text + "d", "abcd");
+}
+
+TEST(Option, AssignmentChangesTheValueOnly) {
+  Option<int> a("a", 1, AtLeast(0), "s", "First.");
+  const Option<int> b("b", 2, AtLeast(1), "m", "Second.");
+  a = b;
+  EXPECT_EQ(a, 2);
+  a = 3;
+  EXPECT_EQ(a, 3);
+  EXPECT_STREQ(a.Info().name, "a");
+  EXPECT_STREQ(a.Info().unit, "s");
+  EXPECT_STREQ(a.Info().help, "First.");
+  EXPECT_EQ(a.Info().range.min, 0.0);
+  EXPECT_EQ(b, 2);
+}
+
+TEST(Option, CopyHasValueAndDocumentation) {
+  Option<int> a("a", 1, AtLeast(0), "s", "First.");
+  a = 5;
+  const Option<int> copy = a;
+  EXPECT_EQ(copy, 5);
+  EXPECT_STREQ(copy.Info().name, "a");
+  EXPECT_EQ(copy.Info().range.ToString(), "[0, inf)");
+}
+
+TEST(Option, ShortFormsHaveNeitherUnitNorBounds) {
+  const Option<bool> flag("flag", true, "A flag.");
+  EXPECT_TRUE(flag);
+  EXPECT_EQ(flag.Info().range.ToString(), "");
+  EXPECT_STREQ(flag.Info().unit, "");
+  const Option<double> ratio("ratio", 0.5, Between(0.0, 1.0), "A ratio.");
+  EXPECT_EQ(ratio.Info().range.ToString(), "[0, 1]");
+  EXPECT_STREQ(ratio.Info().unit, "");
+}
+
+struct FlatOptions {
+  SampleLossOptions loss;
+  Option<bool> verbose{"verbose", false, "Say more."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(loss, verbose);
+  }
+};
+
+TEST(ListOptions, NestedStructsWithoutGroupHaveNoPrefix) {
+  FlatOptions options;
+  std::vector<std::string> names;
+  for (const OptionEntry& entry : ListOptions(&options)) {
+    names.push_back(entry.name);
+  }
+  EXPECT_EQ(names, (std::vector<std::string>{"kind", "scale_px", "verbose"}));
+}
+
 TEST_F(OptionsTest, ListHasAllFieldsInOrder) {
   std::vector<std::string> names;
   for (const OptionEntry& entry : list_) names.push_back(entry.name);
@@ -70,7 +133,7 @@ TEST_F(OptionsTest, SetReachesTheField) {
   SetOption(list_, "Solver.max_num_iterations", "7");
   SetOption(list_, "Solver.Loss.kind", "cauchy");
   SetOption(list_, "Solver.Loss.scale_px", "2.5e-1");
-  EXPECT_EQ(options_.input_path, "a b");
+  EXPECT_EQ(*options_.input_path, "a b");
   EXPECT_TRUE(options_.verbose);
   EXPECT_EQ(options_.solver.max_num_iterations, 7);
   EXPECT_EQ(options_.solver.loss.kind, SampleLoss::kCauchy);

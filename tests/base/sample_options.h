@@ -20,40 +20,39 @@ struct EnumTable<SampleLoss> {
 };
 
 struct SampleLossOptions {
-  SampleLoss kind = SampleLoss::kTrivial;
-  double scale_px = 1.5;
+  Option<SampleLoss> kind{"kind", SampleLoss::kTrivial, "Shape of the loss."};
+  Option<double> scale_px{"scale_px", 1.5, GreaterThan(0.0), "px",
+                          "Its scale."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("kind", self.kind, AnyValue(), "", "Shape of the loss.");
-    visit("scale_px", self.scale_px, GreaterThan(0.0), "px", "Its scale.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(kind, scale_px);
   }
 };
 
 struct SampleSolverOptions {
-  int max_num_iterations = 50;
+  Option<int> max_num_iterations{"max_num_iterations", 50, Between(1, 100),
+                                 "iterations", "Most iterations."};
   SampleLossOptions loss;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("max_num_iterations", self.max_num_iterations, Between(1, 100),
-          "iterations", "Most iterations.");
-    visit.Group("Loss", self.loss);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(max_num_iterations);
+    visit.Group("Loss", loss);
   }
 };
 
 struct SampleOptions {
-  std::string input_path;
-  bool verbose = false;
+  Option<std::string> input_path{"input_path", "", Required(), "What to read."};
+  Option<bool> verbose{"verbose", false, "Say more | less."};
   SampleSolverOptions solver;
-  std::string title;
+  Option<std::string> title{"title", "", "Printed first."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("input_path", self.input_path, Required(), "", "What to read.");
-    visit("verbose", self.verbose, AnyValue(), "", "Say more | less.");
-    visit.Group("Solver", self.solver);
-    visit("title", self.title, AnyValue(), "", "Printed first.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input_path, verbose);
+    visit.Group("Solver", solver);
+    visit(title);
   }
 };
 

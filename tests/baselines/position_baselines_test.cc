@@ -24,6 +24,14 @@ SimulationOptions Drive(RigPreset rig) {
   return options;
 }
 
+PositionBaselineOptions Baseline(TranslationSource source,
+                                 TranslationObjective objective) {
+  PositionBaselineOptions options;
+  options.input = source;
+  options.objective = objective;
+  return options;
+}
+
 PositionResult Estimate(const TranslationInput& input,
                         const PositionBaselineOptions& baseline,
                         int num_threads = 1,
@@ -45,7 +53,7 @@ TEST_P(PositionBaselinesTest, RecoversTheTruth) {
   const auto [source, objective] = GetParam();
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
     const TranslationInput input = MakeTranslationInput(Drive(rig));
-    const PositionResult result = Estimate(input, {source, objective});
+    const PositionResult result = Estimate(input, Baseline(source, objective));
     EXPECT_TRUE(result.summary.initialization.IsUsable());
     EXPECT_TRUE(result.summary.camera_refinement.IsUsable());
     EXPECT_TRUE(result.summary.joint_refinement.IsUsable());
@@ -74,7 +82,8 @@ TEST(PositionBaselinesTest, AutoIsHybridAndNonBilinear) {
   const TranslationInput input = MakeTranslationInput(drive);
   const PositionResult by_default = Estimate(input, PositionBaselineOptions());
   const PositionResult named = Estimate(
-      input, {TranslationSource::kHybrid, TranslationObjective::kNonBilinear});
+      input,
+      Baseline(TranslationSource::kHybrid, TranslationObjective::kNonBilinear));
   EXPECT_EQ(by_default.estimate.frame_center_in_world,
             named.estimate.frame_center_in_world);
   const PositionResult recipe = EstimatePositions(
@@ -95,7 +104,7 @@ TEST(PositionBaselinesTest, EachComboIsItsOwn) {
         TranslationSource::kHybrid}) {
     for (const auto objective : {TranslationObjective::kBilinear,
                                  TranslationObjective::kNonBilinear}) {
-      const auto result = Estimate(input, {source, objective});
+      const auto result = Estimate(input, Baseline(source, objective));
       EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 0.05);
       centers.push_back(*result.estimate.frame_center_in_world[5]);
     }
@@ -112,8 +121,8 @@ TEST(PositionBaselinesTest, ThreadsDoNotMatter) {
   for (const auto source :
        {TranslationSource::kRelativeTranslations, TranslationSource::kTracks,
         TranslationSource::kHybrid}) {
-    const PositionBaselineOptions baseline{source,
-                                           TranslationObjective::kBilinear};
+    const PositionBaselineOptions baseline =
+        Baseline(source, TranslationObjective::kBilinear);
     EXPECT_EQ(Estimate(input, baseline, 1).estimate.frame_center_in_world,
               Estimate(input, baseline, 3).estimate.frame_center_in_world);
   }
@@ -126,7 +135,7 @@ TEST(PositionBaselinesTest, KnownExtrinsicsMakeTracksMetric) {
   for (const auto objective :
        {TranslationObjective::kBilinear, TranslationObjective::kNonBilinear}) {
     const PositionResult result =
-        Estimate(input, {TranslationSource::kTracks, objective});
+        Estimate(input, Baseline(TranslationSource::kTracks, objective));
     EXPECT_TRUE(result.summary.is_metric);
     EXPECT_NEAR(MeasureCenters(input, result.estimate).scale, 1.0, 0.02);
   }
@@ -135,12 +144,12 @@ TEST(PositionBaselinesTest, KnownExtrinsicsMakeTracksMetric) {
 TEST(PositionBaselinesTest, DistancesNeedRelativeTranslations) {
   for (const auto source :
        {TranslationSource::kTracks, TranslationSource::kHybrid}) {
-    EXPECT_THROW(
-        CheckPositionBaseline({source, TranslationObjective::kDistance}),
-        Error);
+    EXPECT_THROW(CheckPositionBaseline(
+                     Baseline(source, TranslationObjective::kDistance)),
+                 Error);
   }
   EXPECT_NO_THROW(CheckPositionBaseline(
-      {TranslationSource::kAuto, TranslationObjective::kDistance}));
+      Baseline(TranslationSource::kAuto, TranslationObjective::kDistance)));
 }
 
 // A random start has no information about positions.
@@ -150,8 +159,8 @@ TEST(PositionBaselinesTest, RandomStartsLeadToTheSamePlace) {
   drive.num_points_per_frame = 60;
   drive.max_num_features_per_image = 120;
   const TranslationInput input = MakeTranslationInput(drive);
-  const PositionBaselineOptions baseline{TranslationSource::kTracks,
-                                         TranslationObjective::kBilinear};
+  const PositionBaselineOptions baseline =
+      Baseline(TranslationSource::kTracks, TranslationObjective::kBilinear);
   EXPECT_LT(
       MeasureCenters(input, Estimate(input, baseline).estimate).max_relative,
       0.01);

@@ -114,7 +114,7 @@ TEST_F(FeatureExtractionTest, ReadsCameraParamsPerFolderFromFile) {
   WriteFolders();
   FeatureExtractionOptions options;
   options.reader.camera_params_path = (dir_.path() / "cameras.txt").string();
-  WriteTextFile(options.reader.camera_params_path,
+  WriteTextFile(*options.reader.camera_params_path,
                 "# a comment\n"
                 "left SIMPLE_PINHOLE 120 90 99 61 44\n"
                 "right OPENCV_FISHEYE 120 90 80 80 60 45 0.1 0 0 0\n");
@@ -126,10 +126,10 @@ TEST_F(FeatureExtractionTest, ReadsCameraParamsPerFolderFromFile) {
                                     : CameraModelId::kOpenCVFisheye);
     EXPECT_EQ(camera.params[0], is_left ? 99.0 : 80.0);
   }
-  WriteTextFile(options.reader.camera_params_path,
+  WriteTextFile(*options.reader.camera_params_path,
                 "left SIMPLE_PINHOLE 120 90 99 61 44\n");
   EXPECT_THAT(Problem(options), HasSubstr("no line for the folder 'right'"));
-  WriteTextFile(options.reader.camera_params_path, "left 120 90 99 61 44\n");
+  WriteTextFile(*options.reader.camera_params_path, "left 120 90 99 61 44\n");
   EXPECT_THAT(Problem(options), HasSubstr("line 1"));
 }
 
@@ -255,10 +255,10 @@ TEST_F(FeatureExtractionTest, UsesTheImagesOfAList) {
   WriteFolders();
   FeatureExtractionOptions options;
   options.image_list_path = (dir_.path() / "list.txt").string();
-  WriteTextFile(options.image_list_path, "right/1.png\r\n\nleft/2.png\n");
+  WriteTextFile(*options.image_list_path, "right/1.png\r\n\nleft/2.png\n");
   Extract(options);
   EXPECT_EQ(Images().size(), 2u);
-  WriteTextFile(options.image_list_path, "right/3.png\nright/1.png\n");
+  WriteTextFile(*options.image_list_path, "right/3.png\nright/1.png\n");
   Extract(options, "b.db");
   EXPECT_TRUE(IsWarned("right/3.png", "does not exist"));
 }

@@ -46,7 +46,7 @@ class PosePriorsTest : public testing::Test {
   }
   std::string ErrorOfFile(const std::string& text) {
     options_.ref_images_path = Path("positions.txt");
-    WriteTextFile(options_.ref_images_path, text);
+    WriteTextFile(*options_.ref_images_path, text);
     return ErrorOfRows({});
   }
 
@@ -110,7 +110,7 @@ TEST_F(PosePriorsTest, NamesWhatIsWrong) {
 
 TEST_F(PosePriorsTest, ReadsFiles) {
   options_.ref_images_path = Path("positions.txt");
-  WriteTextFile(options_.ref_images_path,
+  WriteTextFile(*options_.ref_images_path,
                 "# name X Y Z\na b/2.png 1.5 -2 3e1\r\n\na b/0.png 1 1 1\n");
   const PositionPriors priors = Make({});
   EXPECT_EQ(priors.images[2]->position, Eigen::Vector3d(1.5, -2.0, 30.0));

@@ -165,8 +165,8 @@ TEST_F(RigConfigTest, CalibratedRigsAreReadBack) {
       "one/cam0/0.png", "one/cam1/0.png", "one/cam2/0.png", "one/cam2/1.png",
       "one/cam1/1.png", "two/left/0.png", "two/right/0.png"};
   const LoadedScene from_names =
-      LoadScene(MakeContents(names), {"", "(?<rig>[^/]+)/(?<camera>[^/]+)/.*"},
-                Context());
+      LoadScene(MakeContents(names),
+                LoadingBy("(?<rig>[^/]+)/(?<camera>[^/]+)/.*"), Context());
   Reconstruction model = MakeModel(from_names.scene);
   model.cameras[0].params[0] = 123.0;
   model.sensor_from_rig[2].reset();
@@ -244,7 +244,7 @@ TEST_F(RigConfigTest, OneRigInTwoFoldersIsWrittenTwice) {
 
 TEST_F(RigConfigTest, RigsWithoutTellingPrefixAreLeftOut) {
   DatabaseContents contents = MakeContents({"0.png", "1.png", "cam0/0.png"});
-  const Scene scene = LoadScene(contents, {"", "none"}, Context()).scene;
+  const Scene scene = LoadScene(contents, LoadingBy("none"), Context()).scene;
   WriteRigConfig(Path(), scene, MakeModel(scene));
   const std::vector<RigConfig> rigs = ReadRigConfig(Path());
   ASSERT_EQ(rigs.size(), 1u);

@@ -40,7 +40,7 @@ class RigConfigurationTest : public testing::Test {
   SceneLoadingOptions WithConfig(const std::string& text) const {
     SceneLoadingOptions options;
     options.rig_config_path = (dir_.path() / "rig.json").string();
-    WriteTextFile(options.rig_config_path, text);
+    WriteTextFile(*options.rig_config_path, text);
     return options;
   }
   // Names of the images of each frame.

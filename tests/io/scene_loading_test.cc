@@ -22,7 +22,7 @@ using Names = std::vector<std::string>;
 
 LoadedScene Load(const DatabaseContents& contents,
                  const std::string& rule = "auto") {
-  return LoadScene(contents, {"", rule}, Context());
+  return LoadScene(contents, LoadingBy(rule), Context());
 }
 
 Scene LoadNames(const Names& names, const std::string& rule = "auto") {
@@ -467,7 +467,7 @@ TEST_F(SceneLoadingTest, ConfigGoesBeforeTables) {
   DatabaseContents contents = StereoWithTables();
   for (ImageRow& image : contents.images) image.camera_id = CameraId(1);
   const LoadedScene loaded =
-      LoadScene(contents, {Path("rig.json"), "none"}, Context());
+      LoadScene(contents, LoadingBy("none", Path("rig.json")), Context());
   const Scene& scene = loaded.scene;
   EXPECT_THAT(loaded.rig_source, HasSubstr("rig.json"));
   EXPECT_THAT(Rigs(scene), ElementsAre(Names{"cam1", "cam0"}, Names{"phone"}));

@@ -11,6 +11,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/random.h"
 #include "mgsfm/io/database/database.h"
+#include "mgsfm/io/models/scene_loading.h"
 
 namespace mgsfm {
 
@@ -41,6 +42,14 @@ inline TwoViewGeometryRow RandomPair(const ImageRow& image1,
     pair.matches.push_back({random->Index(20), random->Index(20)});
   }
   return pair;
+}
+
+inline SceneLoadingOptions LoadingBy(const std::string& rig_name_rule,
+                                     const std::string& rig_config_path = "") {
+  SceneLoadingOptions options;
+  options.rig_config_path = rig_config_path;
+  options.rig_name_rule = rig_name_rule;
+  return options;
 }
 
 // A database of images with random keypoints; each is matched with the next two

@@ -16,6 +16,13 @@ namespace {
 
 constexpr int kLapFrames = 4 * FeatureWorld::kFramesPerSide;
 
+// Several blocks, of which the last is not full.
+ExhaustiveMatchingOptions SmallBlocks() {
+  ExhaustiveMatchingOptions options;
+  options.block_size = 7;
+  return options;
+}
+
 class MatchingTest : public testing::Test {
  protected:
   FeatureDatabase MakeDatabase(const std::string& name, int num_frames,
@@ -29,8 +36,8 @@ class MatchingTest : public testing::Test {
   static PairMatchingSummary MatchAll(FeatureDatabase* database,
                                       const Context& context = {},
                                       const PairMatchingOptions& options = {}) {
-    return MatchExhaustively(database, LoadSceneOf(*database), {7}, options,
-                             context);
+    return MatchExhaustively(database, LoadSceneOf(*database), SmallBlocks(),
+                             options, context);
   }
 
   std::string WriteList(const std::string& text) const {
@@ -227,7 +234,7 @@ TEST_F(MatchingTest, KnownRigIsVerifiedJointly) {
     WriteFewMatches(single, names, scene, &known);
   }
   const auto match = [&](const Context& context) {
-    MatchExhaustively(&known, scene, {7}, {}, context);
+    MatchExhaustively(&known, scene, SmallBlocks(), {}, context);
   };
   std::atomic<int> num_calls{0};
   Context interrupted;
@@ -262,7 +269,8 @@ TEST_F(MatchingTest, RigVerificationIsOptional) {
   FeatureDatabase known = MakeDatabase("b.db", 4);
   PairMatchingOptions options;
   options.rig_verification.rig_verification = false;
-  MatchExhaustively(&known, WithKnownRig(LoadSceneOf(known)), {7}, options, {});
+  MatchExhaustively(&known, WithKnownRig(LoadSceneOf(known)), SmallBlocks(),
+                    options, {});
   EXPECT_TRUE(AreEqual(ReadGeometries(known), ReadGeometries(database)));
 }
 

@@ -8,7 +8,7 @@
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "priors/position_registration.h"
-#include "synthetic/position_measurement.h"
+#include "support/prior_measurement.h"
 
 namespace mgsfm {
 namespace {
@@ -112,7 +112,7 @@ DeformedModel Deform(const Simulation& simulation, const Reconstruction& start,
 
 TEST(PoseGraphDeformationTest, DriftOfRotationAndScaleIsRemoved) {
   const Simulation simulation = LongDrive(RigPreset::kMono);
-  const PositionPriors priors = MeasurePositions(simulation, {0.5, 0.1}, 0);
+  const PositionPriors priors = MeasuredPositions(simulation, 0.5, 0.1);
   const DeformedModel deformed =
       Deform(simulation, Drifted(simulation, 0.3, 1.002), priors, false);
   ASSERT_TRUE(deformed.deformation.has_value());
@@ -138,7 +138,7 @@ TEST(PoseGraphDeformationTest, RigsDoNotChangeTheirScale) {
   const Simulation simulation = LongDrive(RigPreset::kStereo);
   const DeformedModel deformed =
       Deform(simulation, Drifted(simulation, 0.3, 1.0),
-             MeasurePositions(simulation, {0.5, 0.1}, 0), true);
+             MeasuredPositions(simulation, 0.5, 0.1), true);
   ASSERT_TRUE(deformed.deformation.has_value());
   const Errors after = Compare(simulation, deformed.model);
   EXPECT_GT(deformed.before.max_position, 5.0);
@@ -149,7 +149,7 @@ TEST(PoseGraphDeformationTest, RigsDoNotChangeTheirScale) {
 
 TEST(PoseGraphDeformationTest, ConsistentModelIsBitwiseUnchanged) {
   const Simulation simulation = LongDrive(RigPreset::kMono);
-  const PositionPriors priors = MeasurePositions(simulation, {0.5, 0.1}, 0);
+  const PositionPriors priors = MeasuredPositions(simulation, 0.5, 0.1);
   Reconstruction model = simulation.ground_truth;
   PositionPriors used = priors;
   const Mask all(simulation.view_graph.pairs.size(), true);
@@ -188,7 +188,7 @@ TEST(PoseGraphDeformationTest, ComponentsShareOneWorld) {
               pairs.end());
   const MapperResult result =
       RunMapper({simulation.scene, simulation.view_graph,
-                 MeasurePositions(simulation, {0.2, 0.1}, 0)},
+                 MeasuredPositions(simulation, 0.2, 0.1)},
                 MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 2u);
   for (const MapperModel& model : result.models) {

@@ -7,7 +7,7 @@
 #include "mgsfm/base/random.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
-#include "synthetic/position_measurement.h"
+#include "support/prior_measurement.h"
 
 namespace mgsfm {
 namespace {
@@ -22,11 +22,6 @@ SimulationOptions DriveOptions(PathPreset path) {
   options.frame_spacing_m = 2.0;
   options.pixel_noise_px = 0.5;
   return options;
-}
-
-PositionPriors Measured(const Simulation& simulation, double sigma_m,
-                        double outlier_ratio) {
-  return MeasurePositions(simulation, {sigma_m, outlier_ratio}, 0);
 }
 
 // The largest distance of camera centres, without alignment.
@@ -49,7 +44,7 @@ TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
   Reconstruction model = simulation.ground_truth;
   TransformWorld(kModelFromWorld, &model);
-  const PositionPriors priors = Measured(simulation, 0.1, 0.3);
+  const PositionPriors priors = MeasuredPositions(simulation, 0.1, 0.3);
   auto [summary, used] = RegisterToPriors(simulation.scene, priors, {},
                                           /*is_metric=*/false, 0, &model);
   EXPECT_TRUE(summary.is_registered);
@@ -69,7 +64,7 @@ TEST(PositionRegistrationTest, MetricModelKeepsItsUnit) {
   Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
   Reconstruction model = simulation.ground_truth;
   TransformWorld({1.0, kModelFromWorld.rotation, {1.0, 2.0, 3.0}}, &model);
-  PositionPriors priors = Measured(simulation, 0.1, 0.0);
+  PositionPriors priors = MeasuredPositions(simulation, 0.1, 0.0);
   for (auto& prior : priors.images) {
     if (prior) prior->position *= 1.01;
   }
@@ -89,7 +84,7 @@ TEST(PositionRegistrationTest, CamerasOnALineAreUpright) {
   ASSERT_LT(
       (earth_from_world * Vector3d(0.0, -1.0, 0.0) - Vector3d::UnitZ()).norm(),
       1e-12);
-  PositionPriors priors = Measured(simulation, 0.01, 0.0);
+  PositionPriors priors = MeasuredPositions(simulation, 0.01, 0.0);
   for (auto& prior : priors.images) {
     if (prior) prior->position = earth_from_world * prior->position;
   }
@@ -109,7 +104,8 @@ TEST(PositionRegistrationTest, WithoutExtentTheModelKeepsItsWorld) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kStanding));
   Reconstruction model = simulation.ground_truth;
   const PositionRegistration registration = RegisterToPriors(
-      simulation.scene, Measured(simulation, 0.5, 0.0), {}, false, 0, &model);
+      simulation.scene, MeasuredPositions(simulation, 0.5, 0.0), {}, false, 0,
+      &model);
   EXPECT_FALSE(registration.summary.is_registered);
   EXPECT_NE(registration.summary.message, "");
   EXPECT_TRUE(registration.used.IsEmpty());
@@ -118,9 +114,10 @@ TEST(PositionRegistrationTest, WithoutExtentTheModelKeepsItsWorld) {
 
 TEST(PositionRegistrationTest, MapperPlacesTheModel) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
-  const MapperResult result = RunMapper(
-      {simulation.scene, simulation.view_graph, Measured(simulation, 0.3, 0.1)},
-      MapperOptions(), Context());
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph,
+                 MeasuredPositions(simulation, 0.3, 0.1)},
+                MapperOptions(), Context());
   ASSERT_EQ(result.models.size(), 1u);
   const MapperModel& model = result.models[0];
   ASSERT_TRUE(model.position_priors.has_value());

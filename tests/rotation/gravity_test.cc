@@ -14,7 +14,7 @@
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "priors/gravity_levelling.h"
-#include "synthetic/position_measurement.h"
+#include "support/prior_measurement.h"
 
 namespace mgsfm {
 namespace {
@@ -201,7 +201,7 @@ RotationResult Average(const Simulation& simulation,
 TEST(Gravity, KeepsAWeakChainLevel) {
   for (const RigPreset rig : {RigPreset::kMono, RigPreset::kStereo}) {
     const Simulation simulation = WeakDrive(rig);
-    const GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.1}, 0);
+    const GravityPriors gravity = MeasuredGravity(simulation, 0.5, 0.1);
     const auto average = [&](const GravityPriors& used) {
       return Average(simulation, used);
     };
@@ -221,7 +221,7 @@ TEST(Gravity, KeepsAWeakChainLevel) {
 
 TEST(Gravity, OutliersAreFound) {
   const Simulation simulation = WeakDrive(RigPreset::kStereo);
-  const GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.1}, 0);
+  const GravityPriors gravity = MeasuredGravity(simulation, 0.5, 0.1);
   const GravitySummary summary = *Average(simulation, gravity).summary.gravity;
   Mask is_listed(gravity.images.size(), false);
   for (const auto& outlier : summary.outliers) {
@@ -247,7 +247,7 @@ TEST(Gravity, OutliersAreFound) {
 // rig is unknown.
 TEST(Gravity, OfAnyCameraHelps) {
   const Simulation simulation = WeakDrive(RigPreset::kStereo);
-  GravityPriors gravity = MeasureGravity(simulation, {0.5, 0.0}, 0);
+  GravityPriors gravity = MeasuredGravity(simulation, 0.5, 0.0);
   for (const Frame& frame : simulation.scene.frames) {
     for (const int image_idx : frame.image_idxs) {
       const bool is_second = simulation.scene.images[image_idx].sensor_idx == 1;

@@ -10,27 +10,6 @@
 
 namespace mgsfm {
 
-// An options struct describes each of its fields once:
-//
-//   struct TrackOptions {
-//     int min_track_length = 3;
-//     template <class Self, class Visitor>
-//     static void Describe(Self& self, Visitor& visit) {
-//       visit("min_track_length", self.min_track_length, AtLeast(2), "images",
-//             "Minimum number of images of a track.");
-//     }
-//   };
-//
-// Self is the struct, const or not. A field is a bool, int, double, std::string
-// or an enum with a table of names (see EnumTable). A struct that contains
-// other options structs nests them under a prefix:
-//
-//   visit.Group("Tracks", self.tracks);
-//
-// Command-line flags, configuration files, range checks, the report and the
-// options reference are all generated from this description
-// (mgsfm/base/options_io.h).
-
 // The valid values of a number, or the valid lengths of a string. Open ends are
 // excluded. Ignored for other types.
 struct Range {
@@ -47,14 +26,84 @@ struct Range {
   std::string ToString() const;
 };
 
-inline Range AnyValue() { return {}; }
-inline Range AtLeast(double min) { return {min, Range().max, false, false}; }
-inline Range GreaterThan(double min) { return {min, Range().max, true, false}; }
-inline Range Between(double min, double max) {
+constexpr Range AnyValue() { return {}; }
+constexpr Range AtLeast(double min) { return {min, Range().max, false, false}; }
+constexpr Range GreaterThan(double min) {
+  return {min, Range().max, true, false};
+}
+constexpr Range Between(double min, double max) {
   return {min, max, false, false};
 }
 // For strings that must not be empty.
-inline Range Required() { return AtLeast(1); }
+constexpr Range Required() { return AtLeast(1); }
+
+// The documentation of an option. Texts are literals.
+struct OptionInfo {
+  const char* name;
+  Range range;
+  const char* unit;
+  const char* help;
+};
+
+// A value with its documentation. T is bool, int, double, std::string or an
+// enum with a table of names (see EnumTable). An options struct documents each
+// option at its declaration and lists all of them once:
+//
+//   struct TrackOptions {
+//     Option<int> min_track_length{"min_track_length", 3, AtLeast(2), "images",
+//                                  "Minimum track length."};
+//     Option<bool> use_all{"use_all", false, "Use all tracks."};
+//     SplitOptions split;
+//     LossOptions loss;
+//
+//     template <class Visitor>
+//     void Describe(Visitor& visit) {
+//       visit(min_track_length, use_all, split);
+//       visit.Group("Loss", loss);
+//     }
+//   };
+//
+// The options of a nested struct follow under their own names (`split`) or
+// under a prefix (`Loss.`). Command-line flags, configuration files, range
+// checks, the report and the options reference are generated from this list
+// (mgsfm/base/options_io.h).
+//
+// An option converts to its value and can be assigned one. Templates and member
+// functions need `*option` or `option->`, and `auto` should be avoided:
+//
+//   const int min_length = options.min_track_length;
+//   if (!options.output_path->empty()) Write(*options.output_path + ".txt");
+template <class T>
+class Option {
+ public:
+  constexpr Option(const char* name, T value, const char* help)
+      : Option(name, std::move(value), AnyValue(), "", help) {}
+  constexpr Option(const char* name, T value, const Range& range,
+                   const char* help)
+      : Option(name, std::move(value), range, "", help) {}
+  constexpr Option(const char* name, T value, const Range& range,
+                   const char* unit, const char* help)
+      : value_(std::move(value)), info_{name, range, unit, help} {}
+
+  // Assignments change the value only.
+  Option(const Option&) = default;
+  Option& operator=(const Option& other) { return *this = other.value_; }
+  Option& operator=(T value) {
+    value_ = std::move(value);
+    return *this;
+  }
+
+  // NOLINTNEXTLINE(google-explicit-constructor)
+  constexpr operator const T&() const { return value_; }
+  constexpr const T& operator*() const { return value_; }
+  constexpr const T* operator->() const { return &value_; }
+
+  constexpr const OptionInfo& Info() const { return info_; }
+
+ private:
+  T value_;
+  OptionInfo info_;
+};
 
 // The names of the values of an enum option. Specialise with
 // `static constexpr std::pair<std::string_view, E> kNames[] = {...};`.

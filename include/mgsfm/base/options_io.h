@@ -37,49 +37,61 @@ struct OptionEntry {
 
 using OptionList = std::vector<OptionEntry>;
 
-// A visitor for Describe that collects the fields in a list. All other
+// A visitor for Describe that collects the options in a list. All other
 // functions operate on this list.
 class OptionLister {
  public:
-  template <class T>
-  void operator()(std::string_view name, T& field, const Range& range,
-                  std::string_view unit, std::string_view help) {
-    OptionEntry entry;
-    entry.name = prefix_ + std::string(name);
-    entry.unit = unit;
-    entry.help = help;
-    entry.range = range;
-    if constexpr (std::is_enum_v<T>) {
-      for (const auto& choice : EnumTable<T>::kNames) {
-        entry.choices.emplace_back(choice.first);
-      }
-      entry.get = [&field]() -> OptionValue {
-        return std::string(EnumName(field));
-      };
-      entry.set = [&field](const OptionValue& value) {
-        field = EnumValue<T>(std::get<std::string>(value));
-      };
-    } else {
-      entry.get = [&field]() -> OptionValue { return field; };
-      entry.set = [&field](const OptionValue& value) {
-        field = std::get<T>(value);
-      };
-    }
-    entry.default_value = entry.get();
-    entries_.push_back(std::move(entry));
+  // Options, and structs whose options are listed under their own names.
+  template <class... Items>
+  void operator()(Items&... items) {
+    (List(items), ...);
   }
 
-  template <class T>
-  void Group(std::string_view name, T& group) {
+  // A struct whose options are listed under a prefix.
+  template <class Options>
+  void Group(const char* name, Options& options) {
     const std::string outer_prefix = prefix_;
     prefix_ += std::string(name) + ".";
-    T::Describe(group, *this);
+    List(options);
     prefix_ = outer_prefix;
   }
 
   OptionList TakeEntries() { return std::move(entries_); }
 
  private:
+  template <class Options>
+  void List(Options& options) {
+    options.Describe(*this);
+  }
+
+  template <class T>
+  void List(Option<T>& option) {
+    const OptionInfo& info = option.Info();
+    OptionEntry entry;
+    entry.name = prefix_ + info.name;
+    entry.unit = info.unit;
+    entry.help = info.help;
+    entry.range = info.range;
+    if constexpr (std::is_enum_v<T>) {
+      for (const auto& choice : EnumTable<T>::kNames) {
+        entry.choices.emplace_back(choice.first);
+      }
+      entry.get = [&option]() -> OptionValue {
+        return std::string(EnumName<T>(option));
+      };
+      entry.set = [&option](const OptionValue& value) {
+        option = EnumValue<T>(std::get<std::string>(value));
+      };
+    } else {
+      entry.get = [&option]() -> OptionValue { return *option; };
+      entry.set = [&option](const OptionValue& value) {
+        option = std::get<T>(value);
+      };
+    }
+    entry.default_value = entry.get();
+    entries_.push_back(std::move(entry));
+  }
+
   std::string prefix_;
   OptionList entries_;
 };
@@ -87,7 +99,7 @@ class OptionLister {
 template <class Options>
 OptionList ListOptions(Options* options) {
   OptionLister lister;
-  Options::Describe(*options, lister);
+  lister(*options);
   return lister.TakeEntries();
 }
 

@@ -78,147 +78,134 @@ struct EnumTable<RefineMode> {
 };
 
 struct BundleAdjustmentOptions {
-  SolverBackend backend = SolverBackend::kNative;
-  int max_num_iterations = 100;
-  double function_tolerance = 1e-6;
-  double loss_scale_px = 1.0;
-  double loss_sigma_factor = 1.345;
-  bool refine_rig_from_world = true;
-  RefineMode refine_sensor_from_rig = RefineMode::kAuto;
-  bool refine_points = true;
-  RefineMode refine_focal_length = RefineMode::kAuto;
-  bool refine_principal_point = false;
-  RefineMode refine_extra_params = RefineMode::kAuto;
-  double focal_length_prior_sigma = 1e-3;
-  double focal_length_start_sigma = 0.2;
-  double max_focal_length_sigma = 0.01;
-  double min_focal_length_ratio = 0.1;
-  double max_focal_length_ratio = 10.0;
-  double max_extra_param = 1.0;
-  double sensor_from_rig_prior_sigma_deg = 0.1;
-  double sensor_from_rig_prior_sigma = 0.01;
-  double prior_position_loss_scale = 2.8;
+  Option<SolverBackend> backend{
+      "backend", SolverBackend::kNative,
+      "native is this library's solver, ceres uses Ceres with the same "
+      "derivatives. For comparison."};
+  Option<int> max_num_iterations{"max_num_iterations", 100, AtLeast(1),
+                                 "iterations",
+                                 "Maximum number of iterations of one solve."};
+  Option<double> function_tolerance{
+      "function_tolerance", 1e-6, Between(0.0, 1.0),
+      "A solve has converged when the relative change of the cost is at most "
+      "this."};
+  Option<double> loss_scale_px{
+      "loss_scale", 1.0, GreaterThan(0.0), "px",
+      "Threshold of the Huber loss of reprojection errors."};
+  Option<double> loss_sigma_factor{
+      "loss_sigma_factor", 1.345, GreaterThan(0.0),
+      "Upper bound of loss_scale in standard deviations of the keypoint noise, "
+      "after the first triangulation. 1.345 is 95 % efficient for normal "
+      "noise."};
+  Option<bool> refine_rig_from_world{"refine_rig_from_world", true,
+                                     "Refine frame poses."};
+  Option<RefineMode> refine_sensor_from_rig{
+      "refine_sensor_from_rig", RefineMode::kAuto,
+      "Refine sensor_from_rig. auto: sensors without a prior. yes: all; "
+      "sensors with a prior stay near it."};
+  Option<bool> refine_points{"refine_points", true, "Refine 3D points."};
+  Option<RefineMode> refine_focal_length{
+      "refine_focal_length", RefineMode::kAuto,
+      "Refine focal lengths. auto: those without a prior."};
+  Option<bool> refine_principal_point{"refine_principal_point", false,
+                                      "Refine principal points."};
+  Option<RefineMode> refine_extra_params{
+      "refine_extra_params", RefineMode::kAuto,
+      "Refine distortion parameters. auto: of cameras without a prior focal "
+      "length."};
+  Option<double> focal_length_prior_sigma{
+      "focal_length_prior_sigma", 1e-3, GreaterThan(0.0),
+      "Relative standard deviation of prior focal lengths that are refined."};
+  Option<double> focal_length_start_sigma{
+      "focal_length_start_sigma", 0.2, GreaterThan(0.0),
+      "The same for initial focal lengths that are not priors. It keeps a "
+      "focal length near its initial value if the motion does not determine "
+      "it."};
+  Option<double> max_focal_length_sigma{
+      "max_focal_length_sigma", 0.01, GreaterThan(0.0),
+      "Refined focal lengths with a larger relative standard deviation are "
+      "reported as unobservable."};
+  Option<double> min_focal_length_ratio{
+      "min_focal_length_ratio", 0.1, GreaterThan(0.0),
+      "Refined focal lengths below this multiple of the larger image side are "
+      "reported as implausible."};
+  Option<double> max_focal_length_ratio{"max_focal_length_ratio", 10.0,
+                                        GreaterThan(0.0),
+                                        "The same for focal lengths above."};
+  Option<double> max_extra_param{
+      "max_extra_param", 1.0, GreaterThan(0.0),
+      "The same for refined distortion parameters of larger magnitude."};
+  Option<double> sensor_from_rig_prior_sigma_deg{
+      "sensor_from_rig_prior_sigma_deg", 0.1, GreaterThan(0.0), "deg",
+      "Standard deviation of prior rotations of sensor_from_rig that are "
+      "refined."};
+  Option<double> sensor_from_rig_prior_sigma{
+      "sensor_from_rig_prior_sigma", 0.01, GreaterThan(0.0),
+      "The same for prior translations, as a fraction of the largest one in "
+      "the rig."};
+  Option<double> prior_position_loss_scale{
+      "prior_position_loss_scale", 2.8, GreaterThan(0.0), "standard deviations",
+      "Threshold of the Cauchy loss of measured positions. 2.8 is the 95 % "
+      "quantile of normal noise."};
 
-  int num_rounds = 3;
-  double error_sigma_factor = 4.0;
-  double min_max_error_px = 0.5;
-  double max_max_error_px = 4.0;
-  double min_triangulation_angle_deg = 1.0;
-  double min_two_view_angle_deg = 2.0;
-  int min_num_observations = 2;
-  double min_track_share = 0.75;
-  double max_relative_distance = 40.0;
-  double min_two_view_relative_distance = 0.1;
-  int min_num_observations_per_frame = 6;
+  Option<int> num_rounds{
+      "num_rounds", 3, AtLeast(0), "rounds",
+      "Number of rounds of a solve and a triangulation of all points."};
+  Option<double> error_sigma_factor{
+      "error_sigma_factor", 4.0, GreaterThan(0.0),
+      "Observations with a reprojection error above this many standard "
+      "deviations of the keypoint noise are outliers."};
+  Option<double> min_max_error_px{
+      "min_max_error", 0.5, GreaterThan(0.0), "px",
+      "Observations with a reprojection error below this are inliers."};
+  Option<double> max_max_error_px{
+      "max_max_error", 4.0, GreaterThan(0.0), "px",
+      "Observations with a reprojection error above this are outliers in the "
+      "last round. The bound doubles for each earlier round."};
+  Option<double> min_triangulation_angle_deg{
+      "min_triangulation_angle_deg", 1.0, Between(0.0, 90.0), "deg",
+      "Points with a smaller triangulation angle are removed."};
+  Option<double> min_two_view_angle_deg{
+      "min_two_view_angle_deg", 2.0, Between(0.0, 90.0), "deg",
+      "The same bound for points with two observations."};
+  Option<int> min_num_observations{
+      "min_num_observations", 2, AtLeast(2), "observations",
+      "Points with fewer observations are removed."};
+  Option<double> min_track_share{
+      "min_track_share", 0.75, Between(0.0, 1.0),
+      "Points are removed if a smaller share of the images of their track are "
+      "inliers. Most of these are on moving objects."};
+  Option<double> max_relative_distance{
+      "max_relative_distance", 40.0, AtLeast(0.0),
+      "Points farther from all of their cameras, in median distances, are "
+      "removed. A vehicle alongside appears infinitely far and biases the "
+      "rotation of the rig. 0 disables the test."};
+  Option<double> min_two_view_relative_distance{
+      "min_two_view_relative_distance", 0.1, Between(0.0, 1.0),
+      "Points with two observations nearer to one of their cameras, in median "
+      "distances, are removed. Most are wrong matches, and near points "
+      "constrain the frame strongly."};
+  Option<int> min_num_observations_per_frame{
+      "min_num_observations_per_frame", 6, AtLeast(0), "observations",
+      "Frames with fewer observations are reported as weak."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("backend", self.backend, AnyValue(), "",
-          "native is this library's solver, ceres uses Ceres with the same "
-          "derivatives. For comparison.");
-    visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
-          "iterations", "Maximum number of iterations of one solve.");
-    visit("function_tolerance", self.function_tolerance, Between(0.0, 1.0), "",
-          "A solve has converged when the relative change of the cost is at "
-          "most this.");
-    visit("loss_scale", self.loss_scale_px, GreaterThan(0.0), "px",
-          "Threshold of the Huber loss of reprojection errors.");
-    visit("loss_sigma_factor", self.loss_sigma_factor, GreaterThan(0.0), "",
-          "Upper bound of loss_scale in standard deviations of the keypoint "
-          "noise, after the first triangulation. 1.345 is 95 % efficient for "
-          "normal noise.");
-    visit("refine_rig_from_world", self.refine_rig_from_world, AnyValue(), "",
-          "Refine frame poses.");
-    visit("refine_sensor_from_rig", self.refine_sensor_from_rig, AnyValue(), "",
-          "Refine sensor_from_rig. auto: sensors without a prior. yes: all; "
-          "sensors with a prior stay near it.");
-    visit("refine_points", self.refine_points, AnyValue(), "",
-          "Refine 3D points.");
-    visit("refine_focal_length", self.refine_focal_length, AnyValue(), "",
-          "Refine focal lengths. auto: those without a prior.");
-    visit("refine_principal_point", self.refine_principal_point, AnyValue(), "",
-          "Refine principal points.");
-    visit("refine_extra_params", self.refine_extra_params, AnyValue(), "",
-          "Refine distortion parameters. auto: of cameras without a prior "
-          "focal length.");
-    DescribePriors(self, visit);
-    visit("num_rounds", self.num_rounds, AtLeast(0), "rounds",
-          "Number of rounds of a solve and a triangulation of all points.");
-    visit("error_sigma_factor", self.error_sigma_factor, GreaterThan(0.0), "",
-          "Observations with a reprojection error above this many standard "
-          "deviations of the keypoint noise are outliers.");
-    visit("min_max_error", self.min_max_error_px, GreaterThan(0.0), "px",
-          "Observations with a reprojection error below this are inliers.");
-    visit("max_max_error", self.max_max_error_px, GreaterThan(0.0), "px",
-          "Observations with a reprojection error above this are outliers in "
-          "the last round. The bound doubles for each earlier round.");
-    DescribePoints(self, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(backend, max_num_iterations, function_tolerance, loss_scale_px,
+          loss_sigma_factor, refine_rig_from_world, refine_sensor_from_rig,
+          refine_points, refine_focal_length, refine_principal_point,
+          refine_extra_params, focal_length_prior_sigma,
+          focal_length_start_sigma, max_focal_length_sigma,
+          min_focal_length_ratio, max_focal_length_ratio, max_extra_param,
+          sensor_from_rig_prior_sigma_deg, sensor_from_rig_prior_sigma,
+          prior_position_loss_scale, num_rounds, error_sigma_factor,
+          min_max_error_px, max_max_error_px, min_triangulation_angle_deg,
+          min_two_view_angle_deg, min_num_observations, min_track_share,
+          max_relative_distance, min_two_view_relative_distance,
+          min_num_observations_per_frame);
   }
 
  private:
-  template <class Self, class Visitor>
-  static void DescribePoints(Self& self, Visitor& visit) {
-    visit("min_triangulation_angle_deg", self.min_triangulation_angle_deg,
-          Between(0.0, 90.0), "deg",
-          "Points with a smaller triangulation angle are removed.");
-    visit("min_two_view_angle_deg", self.min_two_view_angle_deg,
-          Between(0.0, 90.0), "deg",
-          "The same bound for points with two observations.");
-    visit("min_num_observations", self.min_num_observations, AtLeast(2),
-          "observations", "Points with fewer observations are removed.");
-    visit("min_track_share", self.min_track_share, Between(0.0, 1.0), "",
-          "Points are removed if a smaller share of the images of their track "
-          "are inliers. Most of these are on moving objects.");
-    visit("max_relative_distance", self.max_relative_distance, AtLeast(0.0), "",
-          "Points farther from all of their cameras, in median distances, are "
-          "removed. A vehicle alongside appears infinitely far and biases the "
-          "rotation of the rig. 0 disables the test.");
-    visit("min_two_view_relative_distance", self.min_two_view_relative_distance,
-          Between(0.0, 1.0), "",
-          "Points with two observations nearer to one of their cameras, in "
-          "median distances, are removed. Most are wrong matches, and near "
-          "points constrain the frame strongly.");
-    visit("min_num_observations_per_frame", self.min_num_observations_per_frame,
-          AtLeast(0), "observations",
-          "Frames with fewer observations are reported as weak.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribePriors(Self& self, Visitor& visit) {
-    visit("focal_length_prior_sigma", self.focal_length_prior_sigma,
-          GreaterThan(0.0), "",
-          "Relative standard deviation of prior focal lengths that are "
-          "refined.");
-    visit("focal_length_start_sigma", self.focal_length_start_sigma,
-          GreaterThan(0.0), "",
-          "The same for initial focal lengths that are not priors. It keeps "
-          "a focal length near its initial value if the motion does not "
-          "determine it.");
-    visit("max_focal_length_sigma", self.max_focal_length_sigma,
-          GreaterThan(0.0), "",
-          "Refined focal lengths with a larger relative standard deviation are "
-          "reported as unobservable.");
-    visit("min_focal_length_ratio", self.min_focal_length_ratio,
-          GreaterThan(0.0), "",
-          "Refined focal lengths below this multiple of the larger image side "
-          "are reported as implausible.");
-    visit("max_focal_length_ratio", self.max_focal_length_ratio,
-          GreaterThan(0.0), "", "The same for focal lengths above.");
-    visit("max_extra_param", self.max_extra_param, GreaterThan(0.0), "",
-          "The same for refined distortion parameters of larger magnitude.");
-    visit("sensor_from_rig_prior_sigma_deg",
-          self.sensor_from_rig_prior_sigma_deg, GreaterThan(0.0), "deg",
-          "Standard deviation of prior rotations of sensor_from_rig that are "
-          "refined.");
-    visit("sensor_from_rig_prior_sigma", self.sensor_from_rig_prior_sigma,
-          GreaterThan(0.0), "",
-          "The same for prior translations, as a fraction of the largest one "
-          "in the rig.");
-    visit("prior_position_loss_scale", self.prior_position_loss_scale,
-          GreaterThan(0.0), "standard deviations",
-          "Threshold of the Cauchy loss of measured positions. 2.8 is the 95 % "
-          "quantile of normal noise.");
-  }
 };
 
 // The points and observations before and after a step between two solves.

@@ -30,26 +30,24 @@ namespace mgsfm {
 // one pass over the keypoints of a frame per sample. Frames run in parallel.
 
 struct ResectionOptions {
-  double abs_pose_max_error_px = 12.0;
-  int abs_pose_min_num_inliers = 30;
-  double abs_pose_min_inlier_ratio = 0.25;
-  int abs_pose_max_num_trials = 2000;
+  Option<double> abs_pose_max_error_px{
+      "abs_pose_max_error", 12.0, GreaterThan(0.0), "px",
+      "Maximum reprojection error of an inlier in absolute pose estimation. "
+      "Increase it for images of very high resolution."};
+  Option<int> abs_pose_min_num_inliers{
+      "abs_pose_min_num_inliers", 30, AtLeast(4), "keypoints",
+      "Minimum number of inliers, over all images of a frame, to register it."};
+  Option<double> abs_pose_min_inlier_ratio{
+      "abs_pose_min_inlier_ratio", 0.25, Between(0.0, 1.0),
+      "Minimum inlier ratio, over all images of a frame, to register it."};
+  Option<int> abs_pose_max_num_trials{
+      "abs_pose_max_num_trials", 2000, AtLeast(1), "trials",
+      "Maximum number of RANSAC trials per frame."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("abs_pose_max_error", self.abs_pose_max_error_px, GreaterThan(0.0),
-          "px",
-          "Maximum reprojection error of an inlier in absolute pose "
-          "estimation. Increase it for images of very high resolution.");
-    visit("abs_pose_min_num_inliers", self.abs_pose_min_num_inliers, AtLeast(4),
-          "keypoints",
-          "Minimum number of inliers, over all images of a frame, to register "
-          "it.");
-    visit("abs_pose_min_inlier_ratio", self.abs_pose_min_inlier_ratio,
-          Between(0.0, 1.0), "",
-          "Minimum inlier ratio, over all images of a frame, to register it.");
-    visit("abs_pose_max_num_trials", self.abs_pose_max_num_trials, AtLeast(1),
-          "trials", "Maximum number of RANSAC trials per frame.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(abs_pose_max_error_px, abs_pose_min_num_inliers,
+          abs_pose_min_inlier_ratio, abs_pose_max_num_trials);
   }
 };
 

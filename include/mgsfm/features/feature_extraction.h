@@ -21,95 +21,95 @@ namespace mgsfm {
 // refined. In cases 2 and 3 the principal point is the image center and there
 // is no distortion. An image whose size differs from its camera is rejected.
 struct ImageReaderOptions {
-  bool single_camera = false;
-  bool single_camera_per_folder = false;
-  bool single_camera_per_image = false;
-  std::string camera_model = "SIMPLE_RADIAL";
-  std::string camera_params;
-  std::string camera_params_path;
-  double default_focal_length_factor = 1.2;
-  std::string mask_path;
-  std::string camera_mask_path;
+  Option<bool> single_camera{"single_camera", false,
+                             "Whether to use the same camera for all images."};
+  Option<bool> single_camera_per_folder{
+      "single_camera_per_folder", false,
+      "Whether to use the same camera for all images in the same folder. This "
+      "is the default."};
+  Option<bool> single_camera_per_image{
+      "single_camera_per_image", false,
+      "Whether to use a different camera for each image. Set it if images in "
+      "one folder differ in size, zoom or focus."};
+  Option<std::string> camera_model{
+      "camera_model", "SIMPLE_RADIAL", Required(),
+      "Name of the COLMAP camera model of new cameras."};
+  Option<std::string> camera_params{
+      "camera_params", "",
+      "Manual specification of camera parameters, separated by commas, in the "
+      "order of COLMAP's model. They are trusted."};
+  Option<std::string> camera_params_path{
+      "camera_params_path", "",
+      "File with a line `folder MODEL width height params...` per folder of "
+      "images; '.' is the image folder itself. Takes precedence over "
+      "camera_model and camera_params."};
+  Option<double> default_focal_length_factor{
+      "default_focal_length_factor", 1.2, GreaterThan(0.0),
+      "of the larger side",
+      "Initial focal length if there is neither a parameter nor an EXIF tag, "
+      "as a factor of the larger image side."};
+  Option<std::string> mask_path{
+      "mask_path", "",
+      "Folder of masks. Features are not kept where the mask cam0/a.jpg.png of "
+      "image cam0/a.jpg is black."};
+  Option<std::string> camera_mask_path{"camera_mask_path", "",
+                                       "Mask for all images. Use it to mask "
+                                       "out a vehicle that its cameras see."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("single_camera", self.single_camera, AnyValue(), "",
-          "Whether to use the same camera for all images.");
-    visit("single_camera_per_folder", self.single_camera_per_folder, AnyValue(),
-          "",
-          "Whether to use the same camera for all images in the same folder. "
-          "This is the default.");
-    visit("single_camera_per_image", self.single_camera_per_image, AnyValue(),
-          "",
-          "Whether to use a different camera for each image. Set it if images "
-          "in one folder differ in size, zoom or focus.");
-    visit("camera_model", self.camera_model, Required(), "",
-          "Name of the COLMAP camera model of new cameras.");
-    visit("camera_params", self.camera_params, AnyValue(), "",
-          "Manual specification of camera parameters, separated by commas, in "
-          "the order of COLMAP's model. They are trusted.");
-    visit("camera_params_path", self.camera_params_path, AnyValue(), "",
-          "File with a line `folder MODEL width height params...` per folder "
-          "of images; '.' is the image folder itself. Takes precedence over "
-          "camera_model and camera_params.");
-    visit("default_focal_length_factor", self.default_focal_length_factor,
-          GreaterThan(0.0), "of the larger side",
-          "Initial focal length if there is neither a parameter nor an EXIF "
-          "tag, as a factor of the larger image side.");
-    visit("mask_path", self.mask_path, AnyValue(), "",
-          "Folder of masks. Features are not kept where the mask "
-          "cam0/a.jpg.png of image cam0/a.jpg is black.");
-    visit("camera_mask_path", self.camera_mask_path, AnyValue(), "",
-          "Mask for all images. Use it to mask out a vehicle that its cameras "
-          "see.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(single_camera, single_camera_per_folder, single_camera_per_image,
+          camera_model, camera_params, camera_params_path,
+          default_focal_length_factor, mask_path, camera_mask_path);
   }
 };
 
 // Names are COLMAP's; the detector is described in src/features/sift.h.
 struct SiftOptions {
-  int max_image_size = 3200;
-  int max_num_features = 8192;
-  int num_octaves = 4;
-  int octave_resolution = 3;
-  double peak_threshold = 0.02 / 3.0;
-  double edge_threshold = 10.0;
-  int max_num_orientations = 2;
+  Option<int> max_image_size{
+      "max_image_size", 3200, AtLeast(16), "px",
+      "Maximum image width or height; larger images are downscaled. Keypoints "
+      "are in pixels of the original image."};
+  Option<int> max_num_features{
+      "max_num_features", 8192, AtLeast(1), "features",
+      "Maximum number of features per image; those of larger scale are kept. "
+      "Decrease it to match faster."};
+  Option<int> num_octaves{
+      "num_octaves", 4, Between(1, 16), "octaves",
+      "Number of octaves; the first one is the image at twice its size."};
+  Option<int> octave_resolution{"octave_resolution", 3, Between(1, 10),
+                                "levels", "Number of levels per octave."};
+  Option<double> peak_threshold{
+      "peak_threshold", 0.02 / 3.0, GreaterThan(0.0),
+      "Peak threshold for detection, in gray values from 0 to 1. Decrease it "
+      "for images of low contrast."};
+  Option<double> edge_threshold{"edge_threshold", 10.0, GreaterThan(1.0),
+                                "Edge threshold for detection: maximum ratio "
+                                "of the principal curvatures."};
+  Option<int> max_num_orientations{
+      "max_num_orientations", 2, Between(1, 4),
+      "Maximum number of orientations per keypoint."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("max_image_size", self.max_image_size, AtLeast(16), "px",
-          "Maximum image width or height; larger images are downscaled. "
-          "Keypoints are in pixels of the original image.");
-    visit("max_num_features", self.max_num_features, AtLeast(1), "features",
-          "Maximum number of features per image; those of larger scale are "
-          "kept. Decrease it to match faster.");
-    visit("num_octaves", self.num_octaves, Between(1, 16), "octaves",
-          "Number of octaves; the first one is the image at twice its size.");
-    visit("octave_resolution", self.octave_resolution, Between(1, 10), "levels",
-          "Number of levels per octave.");
-    visit("peak_threshold", self.peak_threshold, GreaterThan(0.0), "",
-          "Peak threshold for detection, in gray values from 0 to 1. Decrease "
-          "it for images of low contrast.");
-    visit("edge_threshold", self.edge_threshold, GreaterThan(1.0), "",
-          "Edge threshold for detection: maximum ratio of the principal "
-          "curvatures.");
-    visit("max_num_orientations", self.max_num_orientations, Between(1, 4), "",
-          "Maximum number of orientations per keypoint.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(max_image_size, max_num_features, num_octaves, octave_resolution,
+          peak_threshold, edge_threshold, max_num_orientations);
   }
 };
 
 struct FeatureExtractionOptions {
-  std::string image_list_path;
+  Option<std::string> image_list_path{
+      "image_list_path", "",
+      "File with one image name per line, relative to the image folder. By "
+      "default all images of the folder are used."};
   ImageReaderOptions reader;
   SiftOptions sift;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("image_list_path", self.image_list_path, AnyValue(), "",
-          "File with one image name per line, relative to the image folder. "
-          "By default all images of the folder are used.");
-    visit.Group("ImageReader", self.reader);
-    visit.Group("SiftExtraction", self.sift);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(image_list_path);
+    visit.Group("ImageReader", reader);
+    visit.Group("SiftExtraction", sift);
   }
 };
 

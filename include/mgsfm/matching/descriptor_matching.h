@@ -22,25 +22,25 @@ struct DescriptorView {
 
 // Names and defaults are COLMAP's.
 struct DescriptorMatchingOptions {
-  double max_ratio = 0.8;
-  double max_distance = 0.7;
-  bool cross_check = true;
-  int max_num_matches = 32768;
+  Option<double> max_ratio{
+      "max_ratio", 0.8, GreaterThan(0.0),
+      "Maximum distance ratio between the best and the second best match. "
+      "Decrease it if structures repeat."};
+  Option<double> max_distance{
+      "max_distance", 0.7, GreaterThan(0.0), "rad",
+      "Maximum distance to the best match, as the angle between the "
+      "descriptors."};
+  Option<bool> cross_check{
+      "cross_check", true,
+      "Keep a match only if each descriptor is the best match of the other."};
+  Option<int> max_num_matches{
+      "max_num_matches", 32768, AtLeast(1), "features",
+      "Maximum number of features matched per image; those after it in the "
+      "database are ignored."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("max_ratio", self.max_ratio, GreaterThan(0.0), "",
-          "Maximum distance ratio between the best and the second best match. "
-          "Decrease it if structures repeat.");
-    visit("max_distance", self.max_distance, GreaterThan(0.0), "rad",
-          "Maximum distance to the best match, as the angle between the "
-          "descriptors.");
-    visit("cross_check", self.cross_check, AnyValue(), "",
-          "Keep a match only if each descriptor is the best match of the "
-          "other.");
-    visit("max_num_matches", self.max_num_matches, AtLeast(1), "features",
-          "Maximum number of features matched per image; those after it in "
-          "the database are ignored.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(max_ratio, max_distance, cross_check, max_num_matches);
   }
 };
 

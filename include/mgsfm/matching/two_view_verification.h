@@ -14,44 +14,44 @@ namespace mgsfm {
 
 // Names are COLMAP's.
 struct TwoViewGeometryOptions {
-  int min_num_inliers = 15;
-  double min_inlier_ratio = 0.25;
-  double max_error = 4.0;
-  double confidence = 0.999;
-  int max_num_trials = 10000;
+  Option<int> min_num_inliers{
+      "min_num_inliers", 15, AtLeast(8), "matches",
+      "Minimum number of inliers of a verified image pair."};
+  Option<double> min_inlier_ratio{
+      "min_inlier_ratio", 0.25, Between(0.0, 1.0),
+      "Minimum inlier ratio of a verified image pair."};
+  Option<double> max_error{
+      "max_error", 4.0, GreaterThan(0.0), "px",
+      "Maximum epipolar or homography transfer error of an inlier. Increase it "
+      "for images of very high resolution."};
+  Option<double> confidence{
+      "confidence", 0.999, Between(0.0, 0.999999),
+      "Confidence of RANSAC: probability that at least one sample is free of "
+      "outliers."};
+  Option<int> max_num_trials{"max_num_trials", 10000, AtLeast(1), "trials",
+                             "Maximum number of RANSAC trials per image pair."};
   // COLMAP's spelling. NOLINTNEXTLINE(readability-identifier-naming)
-  double max_H_inlier_ratio = 0.8;
-  bool detect_watermark = true;
-  double watermark_border_size = 0.1;
-  double watermark_min_inlier_ratio = 0.7;
+  Option<double> max_H_inlier_ratio{
+      "max_H_inlier_ratio", 0.8, Between(0.0, 1.0),
+      "An image pair is planar or panoramic if the ratio of homography inliers "
+      "to inliers exceeds this value."};
+  Option<bool> detect_watermark{
+      "detect_watermark", true,
+      "Detect pairs whose inliers are a watermark, that is, a translated "
+      "pattern at the image border."};
+  Option<double> watermark_border_size{
+      "watermark_border_size", 0.1, Between(0.0, 0.5), "of the diagonal",
+      "Width of the border in which watermarks are searched."};
+  Option<double> watermark_min_inlier_ratio{
+      "watermark_min_inlier_ratio", 0.7, Between(0.0, 1.0),
+      "Minimum ratio of inliers in the border that share one translation for a "
+      "pair to be a watermark."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("min_num_inliers", self.min_num_inliers, AtLeast(8), "matches",
-          "Minimum number of inliers of a verified image pair.");
-    visit("min_inlier_ratio", self.min_inlier_ratio, Between(0.0, 1.0), "",
-          "Minimum inlier ratio of a verified image pair.");
-    visit("max_error", self.max_error, GreaterThan(0.0), "px",
-          "Maximum epipolar or homography transfer error of an inlier. "
-          "Increase it for images of very high resolution.");
-    visit("confidence", self.confidence, Between(0.0, 0.999999), "",
-          "Confidence of RANSAC: probability that at least one sample is "
-          "free of outliers.");
-    visit("max_num_trials", self.max_num_trials, AtLeast(1), "trials",
-          "Maximum number of RANSAC trials per image pair.");
-    visit("max_H_inlier_ratio", self.max_H_inlier_ratio, Between(0.0, 1.0), "",
-          "An image pair is planar or panoramic if the ratio of homography "
-          "inliers to inliers exceeds this value.");
-    visit("detect_watermark", self.detect_watermark, AnyValue(), "",
-          "Detect pairs whose inliers are a watermark, that is, a translated "
-          "pattern at the image border.");
-    visit("watermark_border_size", self.watermark_border_size,
-          Between(0.0, 0.5), "of the diagonal",
-          "Width of the border in which watermarks are searched.");
-    visit("watermark_min_inlier_ratio", self.watermark_min_inlier_ratio,
-          Between(0.0, 1.0), "",
-          "Minimum ratio of inliers in the border that share one translation "
-          "for a pair to be a watermark.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_inliers, min_inlier_ratio, max_error, confidence,
+          max_num_trials, max_H_inlier_ratio, detect_watermark,
+          watermark_border_size, watermark_min_inlier_ratio);
   }
 };
 

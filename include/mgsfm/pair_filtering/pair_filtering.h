@@ -51,108 +51,93 @@ namespace mgsfm {
 // Objects that move along with the rig look like static structure.
 
 struct PairFilteringOptions {
-  bool use_skeletal_graph = true;
-  bool use_strict_skeletal_graph = true;
-  bool use_triplet_support = true;
-  bool use_rotation_consistency = true;
-  bool use_unsupported_bridges = true;
-  bool use_baseline_drift_bound = true;
-  bool use_baseline_consistency = true;
-  bool use_track_support = true;
+  Option<bool> use_skeletal_graph{
+      "use_skeletal_graph", true,
+      "Start rotations and positions from a skeletal graph. Without it, the "
+      "two rules that compare pairs with the skeleton are off, too."};
+  Option<bool> use_strict_skeletal_graph{
+      "use_strict_skeletal_graph", true,
+      "Screen the skeletal graph for positions with a stricter one."};
+  Option<bool> use_triplet_support{
+      "use_triplet_support", true,
+      "Select the skeletal graph by triplet-consistent matches first, instead "
+      "of by all matches."};
+  Option<bool> use_rotation_consistency{
+      "use_rotation_consistency", true,
+      "Reject pairs whose rotation is beyond the drift bound of the skeletal "
+      "graph."};
+  Option<bool> use_unsupported_bridges{
+      "use_unsupported_bridges", true,
+      "Reject pairs that alone connect two components without triplet support "
+      "and against other pairs."};
+  Option<bool> use_baseline_drift_bound{
+      "use_baseline_drift_bound", true,
+      "Ignore baselines beyond the drift bound of the skeletal graph when "
+      "positions are initialised."};
+  Option<bool> use_baseline_consistency{
+      "use_baseline_consistency", true,
+      "Reject pairs whose baseline contradicts the estimated positions."};
+  Option<bool> use_track_support{
+      "use_track_support", true,
+      "Estimate positions from tracks whose frames are connected by accepted "
+      "pairs."};
 
-  double min_strength = 0.6;
-  double min_connecting_strength = 0.5;
-  double strict_min_strength = 0.9;
-  double strict_min_connecting_strength = 0.9;
-  double max_rotation_error_deg = 3.0;
-  double rotation_drift_in_sigmas = 2.0;
-  double max_rotation_drift_deg = 17.0;
-  double min_share_against_bridge = 0.5;
-  double max_baseline_drift = 0.2;
-  double max_baseline_error_in_depths = 0.25;
-  double max_relative_baseline_error = 0.5;
+  Option<double> min_strength{
+      "min_strength", 0.6, Between(0.0, 1.0),
+      "Strength of a pair of frames, relative to the strongest pair of either "
+      "frame, above which it joins the skeletal graph."};
+  Option<double> min_connecting_strength{
+      "min_connecting_strength", 0.5, Between(0.0, 1.0),
+      "Strength, relative to the strongest pair that leaves a component, from "
+      "which a pair connects components of the skeletal graph."};
+  Option<double> strict_min_strength{
+      "strict_min_strength", 0.9, Between(0.0, 1.0),
+      "min_strength of the strict skeletal graph."};
+  Option<double> strict_min_connecting_strength{
+      "strict_min_connecting_strength", 0.9, Between(0.0, 1.0),
+      "min_connecting_strength of the strict skeletal graph."};
+  Option<double> max_rotation_error_deg{
+      "max_rotation_error_deg", 3.0, Between(0.0, 180.0), "deg",
+      "Deviation of a pair from the rotations of the skeletal graph that is "
+      "accepted without any drift."};
+  Option<double> rotation_drift_in_sigmas{
+      "rotation_drift_in_sigmas", 2.0, AtLeast(0.0), "sigmas",
+      "Drift bound of rotations in standard deviations of a random walk along "
+      "the skeletal graph."};
+  Option<double> max_rotation_drift_deg{
+      "max_rotation_drift_deg", 17.0, Between(0.0, 180.0), "deg",
+      "Upper limit of the drift bound of rotations."};
+  Option<double> min_share_against_bridge{
+      "min_share_against_bridge", 0.5, AtLeast(0.0),
+      "Matches of contradicting pairs, relative to those of a bridge, from "
+      "which the bridge is rejected."};
+  Option<double> max_baseline_drift{
+      "max_baseline_drift", 0.2, GreaterThan(0.0),
+      "Largest drift bound of positions, as a share of the path length. It is "
+      "tightened to a tenth while positions violate the skeletal graph."};
+  Option<double> max_baseline_error_in_depths{
+      "max_baseline_error_in_depths", 0.25, AtLeast(0.0), "depths",
+      "Error of a baseline, in typical depths of points, that never rejects a "
+      "pair. Loop closures miss by the drift, which is small compared with "
+      "what the cameras see."};
+  Option<double> max_relative_baseline_error{
+      "max_relative_baseline_error", 0.5, AtLeast(0.0),
+      "Error of a baseline, relative to the longer of the measured and the "
+      "estimated one, that never rejects a pair."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    DescribeRules(self, visit);
-    DescribeThresholds(self, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(use_skeletal_graph, use_strict_skeletal_graph, use_triplet_support,
+          use_rotation_consistency, use_unsupported_bridges,
+          use_baseline_drift_bound, use_baseline_consistency, use_track_support,
+          min_strength, min_connecting_strength, strict_min_strength,
+          strict_min_connecting_strength, max_rotation_error_deg,
+          rotation_drift_in_sigmas, max_rotation_drift_deg,
+          min_share_against_bridge, max_baseline_drift,
+          max_baseline_error_in_depths, max_relative_baseline_error);
   }
 
  private:
-  template <class Self, class Visitor>
-  static void DescribeRules(Self& self, Visitor& visit) {
-    visit("use_skeletal_graph", self.use_skeletal_graph, AnyValue(), "",
-          "Start rotations and positions from a skeletal graph. Without it, "
-          "the two rules that compare pairs with the skeleton are off, too.");
-    visit("use_strict_skeletal_graph", self.use_strict_skeletal_graph,
-          AnyValue(), "",
-          "Screen the skeletal graph for positions with a stricter one.");
-    visit("use_triplet_support", self.use_triplet_support, AnyValue(), "",
-          "Select the skeletal graph by triplet-consistent matches first, "
-          "instead of by all matches.");
-    visit("use_rotation_consistency", self.use_rotation_consistency, AnyValue(),
-          "",
-          "Reject pairs whose rotation is beyond the drift bound of the "
-          "skeletal graph.");
-    visit("use_unsupported_bridges", self.use_unsupported_bridges, AnyValue(),
-          "",
-          "Reject pairs that alone connect two components without triplet "
-          "support and against other pairs.");
-    visit("use_baseline_drift_bound", self.use_baseline_drift_bound, AnyValue(),
-          "",
-          "Ignore baselines beyond the drift bound of the skeletal graph when "
-          "positions are initialised.");
-    visit("use_baseline_consistency", self.use_baseline_consistency, AnyValue(),
-          "",
-          "Reject pairs whose baseline contradicts the estimated positions.");
-    visit("use_track_support", self.use_track_support, AnyValue(), "",
-          "Estimate positions from tracks whose frames are connected by "
-          "accepted pairs.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribeThresholds(Self& self, Visitor& visit) {
-    visit("min_strength", self.min_strength, Between(0.0, 1.0), "",
-          "Strength of a pair of frames, relative to the strongest pair of "
-          "either frame, above which it joins the skeletal graph.");
-    visit("min_connecting_strength", self.min_connecting_strength,
-          Between(0.0, 1.0), "",
-          "Strength, relative to the strongest pair that leaves a component, "
-          "from which a pair connects components of the skeletal graph.");
-    visit("strict_min_strength", self.strict_min_strength, Between(0.0, 1.0),
-          "", "min_strength of the strict skeletal graph.");
-    visit("strict_min_connecting_strength", self.strict_min_connecting_strength,
-          Between(0.0, 1.0), "",
-          "min_connecting_strength of the strict skeletal graph.");
-    visit("max_rotation_error_deg", self.max_rotation_error_deg,
-          Between(0.0, 180.0), "deg",
-          "Deviation of a pair from the rotations of the skeletal graph that "
-          "is accepted without any drift.");
-    visit("rotation_drift_in_sigmas", self.rotation_drift_in_sigmas,
-          AtLeast(0.0), "sigmas",
-          "Drift bound of rotations in standard deviations of a random walk "
-          "along the skeletal graph.");
-    visit("max_rotation_drift_deg", self.max_rotation_drift_deg,
-          Between(0.0, 180.0), "deg",
-          "Upper limit of the drift bound of rotations.");
-    visit("min_share_against_bridge", self.min_share_against_bridge,
-          AtLeast(0.0), "",
-          "Matches of contradicting pairs, relative to those of a bridge, from "
-          "which the bridge is rejected.");
-    visit("max_baseline_drift", self.max_baseline_drift, GreaterThan(0.0), "",
-          "Largest drift bound of positions, as a share of the path length. "
-          "It is tightened to a tenth while positions violate the skeletal "
-          "graph.");
-    visit("max_baseline_error_in_depths", self.max_baseline_error_in_depths,
-          AtLeast(0.0), "depths",
-          "Error of a baseline, in typical depths of points, that never "
-          "rejects a pair. Loop closures miss by the drift, which is small "
-          "compared with what the cameras see.");
-    visit("max_relative_baseline_error", self.max_relative_baseline_error,
-          AtLeast(0.0), "",
-          "Error of a baseline, relative to the longer of the measured and "
-          "the estimated one, that never rejects a pair.");
-  }
 };
 
 // Why a pair is not used. A pair has the reason of the first rule it fails.

@@ -40,8 +40,13 @@ namespace mgsfm {
 // own.
 
 struct MapperOptions {
-  int min_num_frames = 3;
-  bool compute_covariances = false;
+  Option<int> min_num_frames{
+      "min_num_frames", 3, AtLeast(2), "frames",
+      "Connected components with fewer frames do not become models."};
+  Option<bool> compute_covariances{
+      "compute_covariances", false,
+      "Compute the covariances of the poses of sensors in their rig and of "
+      "frames, and write them to covariances.csv next to each model."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
@@ -54,22 +59,18 @@ struct MapperOptions {
   ExtensionOptions extension;  // listed by commands that can have a start
   SoftRigOptions soft_rig;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("min_num_frames", self.min_num_frames, AtLeast(2), "frames",
-          "Connected components with fewer frames do not become models.");
-    visit("compute_covariances", self.compute_covariances, AnyValue(), "",
-          "Compute the covariances of the poses of sensors in their rig and of "
-          "frames, and write them to covariances.csv next to each model.");
-    visit.Group("FocalLengths", self.focal_lengths);
-    visit.Group("ViewGraph", self.view_graph);
-    visit.Group("PairFiltering", self.pair_filtering);
-    visit.Group("RotationAveraging", self.rotation_averaging);
-    visit.Group("Tracks", self.tracks);
-    visit.Group("MatchSelection", self.match_selection);
-    visit.Group("TranslationAveraging", self.translation_averaging);
-    visit.Group("BundleAdjustment", self.bundle_adjustment);
-    visit.Group("SoftRig", self.soft_rig);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_frames, compute_covariances);
+    visit.Group("FocalLengths", focal_lengths);
+    visit.Group("ViewGraph", view_graph);
+    visit.Group("PairFiltering", pair_filtering);
+    visit.Group("RotationAveraging", rotation_averaging);
+    visit.Group("Tracks", tracks);
+    visit.Group("MatchSelection", match_selection);
+    visit.Group("TranslationAveraging", translation_averaging);
+    visit.Group("BundleAdjustment", bundle_adjustment);
+    visit.Group("SoftRig", soft_rig);
   }
 };
 

@@ -25,14 +25,14 @@ namespace mgsfm {
 // adjustment dominates.
 
 struct ExtensionOptions {
-  bool fix_existing_frames = false;
+  Option<bool> fix_existing_frames{
+      "fix_existing_frames", false,
+      "Fix the frames of the existing model and the sensors of its rigs."};
   ResectionOptions resection;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("fix_existing_frames", self.fix_existing_frames, AnyValue(), "",
-          "Fix the frames of the existing model and the sensors of its rigs.");
-    ResectionOptions::Describe(self.resection, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(fix_existing_frames, resection);
   }
 };
 

@@ -83,41 +83,41 @@ struct EnumTable<RotationStrategy> {
 };
 
 struct RotationAveragingOptions {
-  RotationStrategy strategy = RotationStrategy::kAuto;
-  double max_error_deg = 10.0;
-  int inlier_cap = 200;
-  int max_num_l1_iterations = 5;
-  int max_num_iterations = 100;
-  double step_tolerance_deg = 5e-5;
-  double min_hand_eye_rotation_deg = 3.0;
-  double gravity_sigma_deg = 1.0;
+  Option<RotationStrategy> strategy{
+      "strategy", RotationStrategy::kAuto,
+      "Estimate sensor_from_rig rotations first and frames next (decoupled), "
+      "or all jointly (joint); auto: as the method of the mapper requires, "
+      "else decoupled."};
+  Option<double> max_error_deg{
+      "max_error_deg", 10.0, Between(0.0, 180.0), "deg",
+      "Pairs whose relative rotation deviates more from the estimate are "
+      "rejected."};
+  Option<int> inlier_cap{
+      "inlier_cap", 200, AtLeast(1), "matches",
+      "Matches beyond this count do not increase the weight of a pair."};
+  Option<int> max_num_l1_iterations{
+      "max_num_l1_iterations", 5, AtLeast(0), "iterations",
+      "Maximum number of linearisations of L1 averaging."};
+  Option<int> max_num_iterations{
+      "max_num_iterations", 100, AtLeast(1), "iterations",
+      "Maximum number of iterations of re-weighted least squares."};
+  Option<double> step_tolerance_deg{
+      "step_tolerance_deg", 5e-5, GreaterThan(0.0), "deg",
+      "Iterations stop when no rotation changes by more than this angle."};
+  Option<double> min_hand_eye_rotation_deg{
+      "min_hand_eye_rotation_deg", 3.0, Between(0.0, 90.0), "deg",
+      "A sensor without overlap is unobservable if its rotations about a "
+      "second axis have a smaller root mean square."};
+  Option<double> gravity_sigma_deg{
+      "gravity_sigma_deg", 1.0, GreaterThan(0.0), "deg",
+      "Standard deviation of gravity priors; larger errors are detected and "
+      "raise it."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("strategy", self.strategy, AnyValue(), "",
-          "Estimate sensor_from_rig rotations first and frames next "
-          "(decoupled), or all jointly (joint); auto: as the method of the "
-          "mapper requires, else decoupled.");
-    visit("max_error_deg", self.max_error_deg, Between(0.0, 180.0), "deg",
-          "Pairs whose relative rotation deviates more from the estimate are "
-          "rejected.");
-    visit("inlier_cap", self.inlier_cap, AtLeast(1), "matches",
-          "Matches beyond this count do not increase the weight of a pair.");
-    visit("max_num_l1_iterations", self.max_num_l1_iterations, AtLeast(0),
-          "iterations", "Maximum number of linearisations of L1 averaging.");
-    visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
-          "iterations",
-          "Maximum number of iterations of re-weighted least squares.");
-    visit("step_tolerance_deg", self.step_tolerance_deg, GreaterThan(0.0),
-          "deg",
-          "Iterations stop when no rotation changes by more than this angle.");
-    visit("min_hand_eye_rotation_deg", self.min_hand_eye_rotation_deg,
-          Between(0.0, 90.0), "deg",
-          "A sensor without overlap is unobservable if its rotations about a "
-          "second axis have a smaller root mean square.");
-    visit("gravity_sigma_deg", self.gravity_sigma_deg, GreaterThan(0.0), "deg",
-          "Standard deviation of gravity priors; larger errors are detected "
-          "and raise it.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(strategy, max_error_deg, inlier_cap, max_num_l1_iterations,
+          max_num_iterations, step_tolerance_deg, min_hand_eye_rotation_deg,
+          gravity_sigma_deg);
   }
 };
 

@@ -83,31 +83,30 @@ struct EnumTable<SoftRig> {
 };
 
 struct SoftRigOptions {
-  SoftRig method = SoftRig::kNone;
-  int max_num_rounds = 15;
-  double sigma_tolerance = 0.05;
-  double time_offset_tolerance_s = 1e-5;
-  double max_time_offset_sigma = 0.1;
+  Option<SoftRig> method{
+      "method", SoftRig::kNone,
+      "soft estimates a pose per image near the one the rig predicts, "
+      "time_offset also a trigger delay per camera from image timestamps. For "
+      "cameras that do not trigger simultaneously."};
+  Option<int> max_num_rounds{
+      "max_num_rounds", 15, AtLeast(1), "rounds",
+      "Maximum number of rounds. Raise it if the estimate has not converged."};
+  Option<double> sigma_tolerance{
+      "sigma_tolerance", 0.05, GreaterThan(0.0),
+      "Converged when no standard deviation of the deviations changes by more "
+      "than this fraction."};
+  Option<double> time_offset_tolerance_s{
+      "time_offset_tolerance", 1e-5, GreaterThan(0.0), "s",
+      "Converged when no time offset changes by more than this."};
+  Option<double> max_time_offset_sigma{
+      "max_time_offset_sigma", 0.1, GreaterThan(0.0),
+      "A time offset is unobservable if its standard deviation exceeds this "
+      "fraction of the median time between two frames."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("method", self.method, AnyValue(), "",
-          "soft estimates a pose per image near the one the rig predicts, "
-          "time_offset also a trigger delay per camera from image timestamps. "
-          "For cameras that do not trigger simultaneously.");
-    visit("max_num_rounds", self.max_num_rounds, AtLeast(1), "rounds",
-          "Maximum number of rounds. Raise it if the estimate has not "
-          "converged.");
-    visit("sigma_tolerance", self.sigma_tolerance, GreaterThan(0.0), "",
-          "Converged when no standard deviation of the deviations changes by "
-          "more than this fraction.");
-    visit("time_offset_tolerance", self.time_offset_tolerance_s,
-          GreaterThan(0.0), "s",
-          "Converged when no time offset changes by more than this.");
-    visit("max_time_offset_sigma", self.max_time_offset_sigma, GreaterThan(0.0),
-          "",
-          "A time offset is unobservable if its standard deviation exceeds "
-          "this fraction of the median time between two frames.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(method, max_num_rounds, sigma_tolerance, time_offset_tolerance_s,
+          max_time_offset_sigma);
   }
 };
 

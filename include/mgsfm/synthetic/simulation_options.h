@@ -59,150 +59,122 @@ struct EnumTable<WorldPreset> {
 // See docs/reference/simulation.md. The defaults suit small tests: exact data
 // without verification. StreetSimulation() returns realistic settings.
 struct SimulationOptions {
-  RigPreset rig = RigPreset::kStereo;
-  PathPreset path = PathPreset::kCurve;
-  int num_frames = 20;
-  double frame_spacing_m = 1.0;
-  int frame_step = 1;
-  double frame_rate_hz = 10.0;
+  Option<RigPreset> rig{"rig", RigPreset::kStereo,
+                        "Preset of the cameras and their poses in the rig."};
+  Option<PathPreset> path{"path", PathPreset::kCurve,
+                          "Preset of the trajectory of the rig."};
+  Option<int> num_frames{"num_frames", 20, Between(1, 100000), "frames",
+                         "Number of frames of `path`."};
+  Option<double> frame_spacing_m{
+      "frame_spacing", 1.0, GreaterThan(0.0), "m",
+      "Distance between consecutive frames of `path`."};
+  Option<int> frame_step{
+      "frame_step", 1, AtLeast(1),
+      "Use every n-th pose of an input trajectory as a frame."};
+  Option<double> frame_rate_hz{
+      "frame_rate", 10.0, GreaterThan(0.0), "Hz",
+      "Poses per second of a trajectory without timestamps."};
 
-  WorldPreset world = WorldPreset::kScatter;
-  int num_points_per_frame = 300;
-  double max_visible_distance_m = 30.0;
-  int max_num_features_per_image = 500;
-  double repeatability = 0.5;
-  double clutter_ratio = 0.0;
+  Option<WorldPreset> world{"world", WorldPreset::kScatter,
+                            "Preset of the scene."};
+  Option<int> num_points_per_frame{
+      "num_points_per_frame", 300, AtLeast(1), "points",
+      "Number of points around each frame of a scattered world."};
+  Option<double> max_visible_distance_m{
+      "max_visible_distance", 30.0, GreaterThan(1.0), "m",
+      "Maximum distance of visible points. In a street, the skyline is always "
+      "visible."};
+  Option<int> max_num_features_per_image{
+      "max_num_features", 500, AtLeast(1), "features",
+      "Maximum number of features per image."};
+  Option<double> repeatability{
+      "repeatability", 0.5, Between(0.0, 1.0),
+      "Mean probability of detecting a visible point of a street. Scattered "
+      "points are always detected."};
+  Option<double> clutter_ratio{
+      "clutter_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of features that do not correspond to a world point."};
 
-  int num_matched_frames = 3;
-  bool match_different_sensors = true;
-  int num_matched_frames_across = 100000;
-  int max_num_loop_images = 0;
-  int min_num_matches = 15;
-  double max_verification_error_px = 0.0;
+  Option<int> num_matched_frames{
+      "num_matched_frames", 3, AtLeast(0), "frames",
+      "Match images up to this many frames apart, also between the ends of a "
+      "closed path."};
+  Option<bool> match_different_sensors{
+      "match_different_sensors", true,
+      "Also match images of different sensors."};
+  Option<int> num_matched_frames_across{
+      "num_matched_frames_across", 100000, Between(0, 100000), "frames",
+      "Additional limit on num_matched_frames for images of different "
+      "sensors."};
+  Option<int> max_num_loop_images{
+      "max_num_loop_images", 0, AtLeast(0), "images",
+      "Maximum number of earlier images matched with each image of a revisited "
+      "place, those with the most common points."};
+  Option<int> min_num_matches{"min_num_matches", 15, AtLeast(1), "matches",
+                              "Minimum number of matches of an image pair."};
+  Option<double> max_verification_error_px{
+      "max_verification_error", 0.0, AtLeast(0.0), "px",
+      "Maximum epipolar error of verified matches; 0 accepts all matches."};
 
-  double pixel_noise_px = 0.0;
-  double mismatch_ratio = 0.0;
-  double epipolar_outlier_ratio = 0.0;
-  double moving_feature_ratio = 0.0;
-  double relative_rotation_noise_deg = 0.0;
-  double wrong_pair_ratio = 0.0;
-  double isolated_wrong_pair_ratio = 0.0;
-  double duplicated_pair_ratio = 0.0;
-  double missing_image_ratio = 0.0;
-  double trigger_jitter_ms = 0.0;
-  double trigger_offset_ms = 0.0;
+  Option<double> pixel_noise_px{
+      "pixel_noise", 0.0, AtLeast(0.0), "px",
+      "Standard deviation of each coordinate of the keypoints."};
+  Option<double> mismatch_ratio{
+      "mismatch_ratio", 0.0, Between(0.0, 1.0),
+      "Fraction of random matches before verification."};
+  Option<double> epipolar_outlier_ratio{
+      "epipolar_outlier_ratio", 0.0, Between(0.0, 1.0),
+      "Fraction of wrong matches that satisfy the epipolar constraint."};
+  Option<double> moving_feature_ratio{
+      "moving_feature_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of features on moving vehicles in images that show one."};
+  Option<double> relative_rotation_noise_deg{
+      "relative_rotation_noise", 0.0, AtLeast(0.0), "deg",
+      "Standard deviation, about each axis, of the error added to relative "
+      "rotations."};
+  Option<double> missing_image_ratio{"missing_image_ratio", 0.0,
+                                     Between(0.0, 1.0),
+                                     "Fraction of missing images."};
+  Option<double> trigger_jitter_ms{
+      "trigger_jitter", 0.0, AtLeast(0.0), "ms",
+      "Maximum deviation of the capture time of an image from the time of its "
+      "frame."};
+  Option<double> trigger_offset_ms{
+      "trigger_offset", 0.0, AnyValue(), "ms",
+      "Delay of the images of all sensors except the first relative to their "
+      "frame."};
+  Option<double> wrong_pair_ratio{
+      "wrong_pair_ratio", 0.0, Between(0.0, 1.0),
+      "Fraction of pairs with a random relative pose and random matches."};
+  Option<double> isolated_wrong_pair_ratio{
+      "isolated_wrong_pair_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of pairs between unrelated places with a plausible relative "
+      "pose and 15 to 60 consistent matches."};
+  Option<double> duplicated_pair_ratio{
+      "duplicated_pair_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of pairs that match duplicate structures, i.e. copies of a "
+      "facade, in groups of mutually consistent pairs."};
 
-  bool extrinsics_are_known = false;  // sets Sensor::sensor_from_rig
-  uint64_t random_seed = 0;           // Context::random_seed of commands
+  Option<bool> extrinsics_are_known{
+      "extrinsics_are_known", false,
+      "Write the true poses of the sensors in the rig as known."};
+  uint64_t random_seed = 0;  // Context::random_seed of commands
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    DescribeDrive(self, visit);
-    DescribeWorld(self, visit);
-    DescribeMatching(self, visit);
-    DescribeHardships(self, visit);
-    DescribeWrongPairs(self, visit);
-    visit("extrinsics_are_known", self.extrinsics_are_known, AnyValue(), "",
-          "Write the true poses of the sensors in the rig as known.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(rig, path, num_frames, frame_spacing_m, frame_step, frame_rate_hz,
+          world, num_points_per_frame, max_visible_distance_m,
+          max_num_features_per_image, repeatability, clutter_ratio,
+          num_matched_frames, match_different_sensors,
+          num_matched_frames_across, max_num_loop_images, min_num_matches,
+          max_verification_error_px, pixel_noise_px, mismatch_ratio,
+          epipolar_outlier_ratio, moving_feature_ratio,
+          relative_rotation_noise_deg, missing_image_ratio, trigger_jitter_ms,
+          trigger_offset_ms, wrong_pair_ratio, isolated_wrong_pair_ratio,
+          duplicated_pair_ratio, extrinsics_are_known);
   }
 
  private:
-  template <class Self, class Visitor>
-  static void DescribeDrive(Self& self, Visitor& visit) {
-    visit("rig", self.rig, AnyValue(), "",
-          "Preset of the cameras and their poses in the rig.");
-    visit("path", self.path, AnyValue(), "",
-          "Preset of the trajectory of the rig.");
-    visit("num_frames", self.num_frames, Between(1, 100000), "frames",
-          "Number of frames of `path`.");
-    visit("frame_spacing", self.frame_spacing_m, GreaterThan(0.0), "m",
-          "Distance between consecutive frames of `path`.");
-    visit("frame_step", self.frame_step, AtLeast(1), "",
-          "Use every n-th pose of an input trajectory as a frame.");
-    visit("frame_rate", self.frame_rate_hz, GreaterThan(0.0), "Hz",
-          "Poses per second of a trajectory without timestamps.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribeWorld(Self& self, Visitor& visit) {
-    visit("world", self.world, AnyValue(), "", "Preset of the scene.");
-    visit("num_points_per_frame", self.num_points_per_frame, AtLeast(1),
-          "points", "Number of points around each frame of a scattered world.");
-    visit("max_visible_distance", self.max_visible_distance_m, GreaterThan(1.0),
-          "m",
-          "Maximum distance of visible points. In a street, the skyline is "
-          "always visible.");
-    visit("max_num_features", self.max_num_features_per_image, AtLeast(1),
-          "features", "Maximum number of features per image.");
-    visit(
-        "repeatability", self.repeatability, Between(0.0, 1.0), "",
-        "Mean probability of detecting a visible point of a street. Scattered "
-        "points are always detected.");
-    visit("clutter_ratio", self.clutter_ratio, Between(0.0, 0.9), "",
-          "Fraction of features that do not correspond to a world point.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribeMatching(Self& self, Visitor& visit) {
-    visit("num_matched_frames", self.num_matched_frames, AtLeast(0), "frames",
-          "Match images up to this many frames apart, also between the ends of "
-          "a closed path.");
-    visit("match_different_sensors", self.match_different_sensors, AnyValue(),
-          "", "Also match images of different sensors.");
-    visit("num_matched_frames_across", self.num_matched_frames_across,
-          Between(0, 100000), "frames",
-          "Additional limit on num_matched_frames for images of different "
-          "sensors.");
-    visit("max_num_loop_images", self.max_num_loop_images, AtLeast(0), "images",
-          "Maximum number of earlier images matched with each image of a "
-          "revisited place, those with the most common points.");
-    visit("min_num_matches", self.min_num_matches, AtLeast(1), "matches",
-          "Minimum number of matches of an image pair.");
-    visit("max_verification_error", self.max_verification_error_px,
-          AtLeast(0.0), "px",
-          "Maximum epipolar error of verified matches; 0 accepts all matches.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribeHardships(Self& self, Visitor& visit) {
-    visit("pixel_noise", self.pixel_noise_px, AtLeast(0.0), "px",
-          "Standard deviation of each coordinate of the keypoints.");
-    visit("mismatch_ratio", self.mismatch_ratio, Between(0.0, 1.0), "",
-          "Fraction of random matches before verification.");
-    visit("epipolar_outlier_ratio", self.epipolar_outlier_ratio,
-          Between(0.0, 1.0), "",
-          "Fraction of wrong matches that satisfy the epipolar constraint.");
-    visit("moving_feature_ratio", self.moving_feature_ratio, Between(0.0, 0.9),
-          "",
-          "Fraction of features on moving vehicles in images that show one.");
-    visit("relative_rotation_noise", self.relative_rotation_noise_deg,
-          AtLeast(0.0), "deg",
-          "Standard deviation, about each axis, of the error added to relative "
-          "rotations.");
-    visit("missing_image_ratio", self.missing_image_ratio, Between(0.0, 1.0),
-          "", "Fraction of missing images.");
-    visit("trigger_jitter", self.trigger_jitter_ms, AtLeast(0.0), "ms",
-          "Maximum deviation of the capture time of an image from the time of "
-          "its frame.");
-    visit("trigger_offset", self.trigger_offset_ms, AnyValue(), "ms",
-          "Delay of the images of all sensors except the first relative to "
-          "their frame.");
-  }
-
-  template <class Self, class Visitor>
-  static void DescribeWrongPairs(Self& self, Visitor& visit) {
-    visit("wrong_pair_ratio", self.wrong_pair_ratio, Between(0.0, 1.0), "",
-          "Fraction of pairs with a random relative pose and random matches.");
-    visit(
-        "isolated_wrong_pair_ratio", self.isolated_wrong_pair_ratio,
-        Between(0.0, 0.9), "",
-        "Fraction of pairs between unrelated places with a plausible relative "
-        "pose and 15 to 60 consistent matches.");
-    visit("duplicated_pair_ratio", self.duplicated_pair_ratio,
-          Between(0.0, 0.9), "",
-          "Fraction of pairs that match duplicate structures, i.e. copies of a "
-          "facade, in groups of mutually consistent pairs.");
-  }
 };
 
 // Realistic settings without degradations: a street with 400 features per

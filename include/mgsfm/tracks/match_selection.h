@@ -13,14 +13,15 @@
 namespace mgsfm {
 
 struct MatchSelectionOptions {
-  double min_pair_share = 0.4;
+  Option<double> min_pair_share{
+      "min_pair_share", 0.4, Between(0.0, 1.0),
+      "Minimum ratio of the matches between two frames that agree with their "
+      "poses; otherwise all of them are rejected. Increase it if structures "
+      "repeat."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("min_pair_share", self.min_pair_share, Between(0.0, 1.0), "",
-          "Minimum ratio of the matches between two frames that agree with "
-          "their poses; otherwise all of them are rejected. Increase it if "
-          "structures repeat.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_pair_share);
   }
 };
 

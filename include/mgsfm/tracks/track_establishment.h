@@ -14,30 +14,29 @@
 namespace mgsfm {
 
 struct TrackOptions {
-  int min_track_length = 3;
-  int min_tracks_per_image = 50;
-  int max_tracks_per_image = 0;
-  double max_duplicate_distance_px = 3.0;
+  Option<int> min_track_length{
+      "min_track_length", 3, AtLeast(2), "images",
+      "Minimum track length. Shorter tracks are only used in images with fewer "
+      "than min_tracks_per_image tracks."};
+  Option<int> min_tracks_per_image{
+      "min_tracks_per_image", 50, AtLeast(0), "tracks",
+      "Minimum number of tracks per image. Images with fewer also use shorter "
+      "tracks, the longest first."};
+  Option<int> max_tracks_per_image{
+      "max_tracks_per_image", 0, AtLeast(0), "tracks",
+      "Maximum number of tracks per image: a track is dropped if all its "
+      "images have that many longer ones; 0 keeps all. Set it to save time and "
+      "memory."};
+  Option<double> max_duplicate_distance_px{
+      "max_duplicate_distance_px", 3.0, AtLeast(0.0), "px",
+      "Maximum distance of two keypoints of an image that count as one feature "
+      "detected twice. More distant keypoints of one image in a track are a "
+      "conflict and split it."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("min_track_length", self.min_track_length, AtLeast(2), "images",
-          "Minimum track length. Shorter tracks are only used in images with "
-          "fewer than min_tracks_per_image tracks.");
-    visit("min_tracks_per_image", self.min_tracks_per_image, AtLeast(0),
-          "tracks",
-          "Minimum number of tracks per image. Images with fewer also use "
-          "shorter tracks, the longest first.");
-    visit("max_tracks_per_image", self.max_tracks_per_image, AtLeast(0),
-          "tracks",
-          "Maximum number of tracks per image: a track is dropped if all its "
-          "images have that many longer ones; 0 keeps all. Set it to save time "
-          "and memory.");
-    visit("max_duplicate_distance_px", self.max_duplicate_distance_px,
-          AtLeast(0.0), "px",
-          "Maximum distance of two keypoints of an image that count as one "
-          "feature detected twice. More distant keypoints of one image in a "
-          "track are a conflict and split it.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_track_length, min_tracks_per_image, max_tracks_per_image,
+          max_duplicate_distance_px);
   }
 };
 

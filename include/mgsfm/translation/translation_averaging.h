@@ -42,32 +42,30 @@ namespace mgsfm {
 // stages 2 (3 unknowns per frame), 3 and 5.
 
 struct TranslationAveragingOptions {
-  SolverBackend backend = SolverBackend::kNative;
-  double min_parallax_deg = 0.3;
-  double max_angle_error_deg = 0.5;
-  int max_num_iterations = 50;
-  int min_num_points_per_image = 200;
+  Option<SolverBackend> backend{
+      "backend", SolverBackend::kNative,
+      "Solver of the refinements. ceres uses the same derivatives and serves "
+      "as a reference."};
+  Option<double> min_parallax_deg{
+      "min_parallax_deg", 0.3, Between(0.0, 60.0), "deg",
+      "Smallest parallax of matches that determine relative translations, and "
+      "of points. Decrease it for small baselines and precise keypoints."};
+  Option<double> max_angle_error_deg{
+      "max_angle_error_deg", 0.5, GreaterThan(0.0), "deg",
+      "Largest scale of the robust loss on angles. Rays that miss their point "
+      "by more than twice this angle are rejected."};
+  Option<int> max_num_iterations{
+      "max_num_iterations", 50, AtLeast(1), "iterations",
+      "Iteration limit of the last solve of each refinement."};
+  Option<int> min_num_points_per_image{
+      "min_num_points_per_image", 200, AtLeast(0), "points",
+      "Positions are refined with the longest tracks until each image has this "
+      "many observations. 0 uses all tracks, which takes longer."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("backend", self.backend, AnyValue(), "",
-          "Solver of the refinements. ceres uses the same derivatives and "
-          "serves as a reference.");
-    visit("min_parallax_deg", self.min_parallax_deg, Between(0.0, 60.0), "deg",
-          "Smallest parallax of matches that determine relative translations, "
-          "and of points. Decrease it for small baselines and precise "
-          "keypoints.");
-    visit("max_angle_error_deg", self.max_angle_error_deg, GreaterThan(0.0),
-          "deg",
-          "Largest scale of the robust loss on angles. Rays that miss their "
-          "point by more than twice this angle are rejected.");
-    visit("max_num_iterations", self.max_num_iterations, AtLeast(1),
-          "iterations",
-          "Iteration limit of the last solve of each refinement.");
-    visit("min_num_points_per_image", self.min_num_points_per_image, AtLeast(0),
-          "points",
-          "Positions are refined with the longest tracks until each image has "
-          "this many observations. 0 uses all tracks, which takes longer.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(backend, min_parallax_deg, max_angle_error_deg, max_num_iterations,
+          min_num_points_per_image);
   }
 };
 

@@ -49,21 +49,22 @@ namespace mgsfm {
 // Cost: linear in at most max_num_pairs pairs per camera and 200 matches per
 // pair.
 struct FocalLengthOptions {
-  bool calibrate = true;
-  double max_sigma = 0.01;
-  int max_num_pairs = 300;
+  Option<bool> calibrate{
+      "calibrate", true,
+      "Estimate the focal lengths of cameras without a prior from all image "
+      "pairs, before the view graph."};
+  Option<double> max_sigma{
+      "max_sigma", 0.01, GreaterThan(0.0),
+      "Maximum relative standard deviation of an estimated focal length; a "
+      "camera with a larger one keeps its initial focal length."};
+  Option<int> max_num_pairs{
+      "max_num_pairs", 300, AtLeast(1), "pairs",
+      "Maximum number of image pairs per camera, selected at equal spacing. "
+      "Decrease it to save time."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("calibrate", self.calibrate, AnyValue(), "",
-          "Estimate the focal lengths of cameras without a prior from all "
-          "image pairs, before the view graph.");
-    visit("max_sigma", self.max_sigma, GreaterThan(0.0), "",
-          "Maximum relative standard deviation of an estimated focal length; "
-          "a camera with a larger one keeps its initial focal length.");
-    visit("max_num_pairs", self.max_num_pairs, AtLeast(1), "pairs",
-          "Maximum number of image pairs per camera, selected at equal "
-          "spacing. Decrease it to save time.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(calibrate, max_sigma, max_num_pairs);
   }
 };
 

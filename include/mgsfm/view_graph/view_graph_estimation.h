@@ -9,40 +9,38 @@
 namespace mgsfm {
 
 struct ViewGraphOptions {
-  int min_num_inliers = 15;
-  double min_inlier_ratio = 0.25;
-  double max_error_px = 2.0;
-  double loss_scale = 1.0;
-  double min_row_inlier_ratio = 0.5;
-  double min_parallax_px = 2.0;
-  double min_parallax_ratio = 0.05;
-  int max_num_trials = 2000;
+  Option<int> min_num_inliers{"min_num_inliers", 15, AtLeast(5), "matches",
+                              "Minimum number of inliers of an image pair."};
+  Option<double> min_inlier_ratio{"min_inlier_ratio", 0.25, Between(0.0, 1.0),
+                                  "Minimum inlier ratio of an image pair."};
+  Option<double> max_error_px{
+      "max_error_px", 2.0, GreaterThan(0.0), "px",
+      "Maximum epipolar error of an inlier. Increase it for images of very "
+      "high resolution."};
+  Option<double> loss_scale{
+      "loss_scale", 1.0, GreaterThan(0.0), "median errors",
+      "Scale of the Cauchy loss on epipolar errors, as a multiple of the "
+      "median error of the pair."};
+  Option<double> min_row_inlier_ratio{
+      "min_row_inlier_ratio", 0.5, Between(0.0, 1.0),
+      "Minimum inlier ratio of the two-view geometry in the database to "
+      "initialize the relative pose; otherwise it is re-estimated."};
+  Option<double> min_parallax_px{
+      "min_parallax_px", 2.0, AtLeast(0.0), "px",
+      "Minimum error of a match to a pure rotation that counts as parallax."};
+  Option<double> min_parallax_ratio{
+      "min_parallax_ratio", 0.05, Between(0.0, 1.0),
+      "Minimum ratio of inliers with parallax; pairs with a smaller one get a "
+      "relative rotation without translation direction."};
+  Option<int> max_num_trials{
+      "max_num_trials", 2000, AtLeast(1), "trials",
+      "Maximum number of RANSAC trials per re-estimated pair."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("min_num_inliers", self.min_num_inliers, AtLeast(5), "matches",
-          "Minimum number of inliers of an image pair.");
-    visit("min_inlier_ratio", self.min_inlier_ratio, Between(0.0, 1.0), "",
-          "Minimum inlier ratio of an image pair.");
-    visit("max_error_px", self.max_error_px, GreaterThan(0.0), "px",
-          "Maximum epipolar error of an inlier. Increase it for images of very "
-          "high resolution.");
-    visit("loss_scale", self.loss_scale, GreaterThan(0.0), "median errors",
-          "Scale of the Cauchy loss on epipolar errors, as a multiple of the "
-          "median error of the pair.");
-    visit("min_row_inlier_ratio", self.min_row_inlier_ratio, Between(0.0, 1.0),
-          "",
-          "Minimum inlier ratio of the two-view geometry in the database to "
-          "initialize the relative pose; otherwise it is re-estimated.");
-    visit("min_parallax_px", self.min_parallax_px, AtLeast(0.0), "px",
-          "Minimum error of a match to a pure rotation that counts as "
-          "parallax.");
-    visit(
-        "min_parallax_ratio", self.min_parallax_ratio, Between(0.0, 1.0), "",
-        "Minimum ratio of inliers with parallax; pairs with a smaller one get "
-        "a relative rotation without translation direction.");
-    visit("max_num_trials", self.max_num_trials, AtLeast(1), "trials",
-          "Maximum number of RANSAC trials per re-estimated pair.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_inliers, min_inlier_ratio, max_error_px, loss_scale,
+          min_row_inlier_ratio, min_parallax_px, min_parallax_ratio,
+          max_num_trials);
   }
 };
 

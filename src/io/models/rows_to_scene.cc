@@ -61,13 +61,13 @@ RigAssignment AssignAllSingle(const RigInput& input) {
 RigAssignment AssignRigs(const RigInput& input,
                          const SceneLoadingOptions& options,
                          const Context& context) {
-  if (!options.rig_config_path.empty()) {
+  if (!options.rig_config_path->empty()) {
     return AssignByConfig(
         input, ReadRigConfigOrModel(options.rig_config_path, context),
         options.rig_config_path);
   }
-  if (options.rig_name_rule == "none") return AssignAllSingle(input);
-  if (options.rig_name_rule != "auto") {
+  if (*options.rig_name_rule == "none") return AssignAllSingle(input);
+  if (*options.rig_name_rule != "auto") {
     return AssignByRule(input, options.rig_name_rule);
   }
   if (auto assignment = AssignByTables(input)) return *std::move(assignment);

@@ -196,7 +196,7 @@ PositionPriors MakePositionPriors(const Scene& scene,
                                   const PosePriorOptions& options) {
   if (!options.AreUsed()) return {};
   PriorMaker maker(scene, options);
-  if (options.ref_images_path.empty()) {
+  if (options.ref_images_path->empty()) {
     maker.TakeRows(rows, database_path);
   } else {
     maker.ReadLines();
@@ -208,7 +208,7 @@ PositionPriors ReadPositionPriors(const Scene& scene,
                                   const std::string& database_path,
                                   const PosePriorOptions& options) {
   std::vector<PosePriorRow> rows;
-  if (options.AreUsed() && options.ref_images_path.empty()) {
+  if (options.AreUsed() && options.ref_images_path->empty()) {
     const SqliteSnapshot snapshot(database_path);
     if (snapshot.database().HasTable("pose_priors")) {
       SqliteStatement row =
@@ -222,7 +222,7 @@ PositionPriors ReadPositionPriors(const Scene& scene,
 
 GravityPriors ReadGravity(const Scene& scene, const std::string& database_path,
                           const PosePriorOptions& options) {
-  if (!options.gravity_path.empty()) {
+  if (!options.gravity_path->empty()) {
     return ReadGravityFile(scene, options.gravity_path);
   }
   if (!options.use_prior_gravity) return {};

@@ -49,21 +49,20 @@ namespace mgsfm {
 // The reference sensor is given by 1 or 3; otherwise it is the one with the
 // most images, ties by name. If it has no image, another sensor replaces it.
 struct SceneLoadingOptions {
-  std::string rig_config_path;
-  std::string rig_name_rule = "auto";
+  Option<std::string> rig_config_path{
+      "rig_config_path", "",
+      "COLMAP's rig_config.json, or the folder of an earlier model with the "
+      "calibration. Overrides the rigs of the database."};
+  Option<std::string> rig_name_rule{
+      "rig_name_rule", "auto",
+      "How image names identify cameras and frames: auto (by folder, unless "
+      "the database has rigs), none (single images), or a regular expression "
+      "with a group (?<camera>...) and optional groups (?<frame>...) and "
+      "(?<rig>...)."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit(
-        "rig_config_path", self.rig_config_path, AnyValue(), "",
-        "COLMAP's rig_config.json, or the folder of an earlier model with the "
-        "calibration. Overrides the rigs of the database.");
-    visit(
-        "rig_name_rule", self.rig_name_rule, AnyValue(), "",
-        "How image names identify cameras and frames: auto (by folder, unless "
-        "the database has rigs), none (single images), or a regular "
-        "expression with a group (?<camera>...) and optional groups "
-        "(?<frame>...) and (?<rig>...).");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(rig_config_path, rig_name_rule);
   }
 };
 

@@ -16,48 +16,50 @@ namespace mgsfm {
 // gravity: from the table pose_priors of the database, or from a file with one
 // line "image_name X Y Z" per image, where '#' starts comments.
 struct PosePriorOptions {
-  bool use_prior_position = false;
-  std::string ref_images_path;
-  bool ref_is_gps = false;
-  bool overwrite_priors_covariance = false;
-  double prior_position_std_x_m = 1.0;
-  double prior_position_std_y_m = 1.0;
-  double prior_position_std_z_m = 1.0;
-  bool use_prior_gravity = false;
-  std::string gravity_path;
+  Option<bool> use_prior_position{
+      "use_prior_position", false,
+      "Use the image positions in the table pose_priors (GPS or Cartesian) to "
+      "place models in their world and as priors of bundle adjustment."};
+  Option<std::string> ref_images_path{
+      "ref_images_path", "",
+      "Use the positions in this file instead, one line `image_name X Y Z` per "
+      "image."};
+  Option<bool> ref_is_gps{
+      "ref_is_gps", false,
+      "Positions in that file, or in a database without coordinate system, are "
+      "latitude, longitude (deg) and altitude (m)."};
+  Option<bool> overwrite_priors_covariance{
+      "overwrite_priors_covariance", false,
+      "Use the standard deviations below instead of the covariances of the "
+      "database."};
+  Option<double> prior_position_std_x_m{
+      "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation of positions without covariance, east."};
+  Option<double> prior_position_std_y_m{
+      "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation of positions without covariance, north."};
+  Option<double> prior_position_std_z_m{
+      "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
+      "Standard deviation of positions without covariance, up."};
+  Option<bool> use_prior_gravity{
+      "use_prior_gravity", false,
+      "Use the gravity directions in the table pose_priors to level the "
+      "rotations; gravity is along +y in the models."};
+  Option<std::string> gravity_path{
+      "gravity_path", "",
+      "Use the gravity directions in this file instead, one line `image_name "
+      "GX GY GZ` per image, in the camera frame."};
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    visit("use_prior_position", self.use_prior_position, AnyValue(), "",
-          "Use the image positions in the table pose_priors (GPS or Cartesian) "
-          "to place models in their world and as priors of bundle adjustment.");
-    visit("ref_images_path", self.ref_images_path, AnyValue(), "",
-          "Use the positions in this file instead, one line `image_name X Y Z` "
-          "per image.");
-    visit("ref_is_gps", self.ref_is_gps, AnyValue(), "",
-          "Positions in that file, or in a database without coordinate system, "
-          "are latitude, longitude (deg) and altitude (m).");
-    visit("overwrite_priors_covariance", self.overwrite_priors_covariance,
-          AnyValue(), "",
-          "Use the standard deviations below instead of the covariances of the "
-          "database.");
-    visit("prior_position_std_x", self.prior_position_std_x_m, GreaterThan(0.0),
-          "m", "Standard deviation of positions without covariance, east.");
-    visit("prior_position_std_y", self.prior_position_std_y_m, GreaterThan(0.0),
-          "m", "Standard deviation of positions without covariance, north.");
-    visit("prior_position_std_z", self.prior_position_std_z_m, GreaterThan(0.0),
-          "m", "Standard deviation of positions without covariance, up.");
-    visit("use_prior_gravity", self.use_prior_gravity, AnyValue(), "",
-          "Use the gravity directions in the table pose_priors to level the "
-          "rotations; gravity is along +y in the models.");
-    visit(
-        "gravity_path", self.gravity_path, AnyValue(), "",
-        "Use the gravity directions in this file instead, one line `image_name "
-        "GX GY GZ` per image, in the camera frame.");
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(use_prior_position, ref_images_path, ref_is_gps,
+          overwrite_priors_covariance, prior_position_std_x_m,
+          prior_position_std_y_m, prior_position_std_z_m, use_prior_gravity,
+          gravity_path);
   }
 
   bool AreUsed() const {
-    return use_prior_position || !ref_images_path.empty();
+    return use_prior_position || !ref_images_path->empty();
   }
 };
 
