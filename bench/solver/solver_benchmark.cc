@@ -75,7 +75,8 @@ Reconstruction RunStages(const Input& input, const MapperOptions& options,
   const ViewGraphResult view_graph = EstimateViewGraph(
       scene, bearings, input.view_graph, options.view_graph, context);
   const EstimatedRotations rotation = EstimateRotations(
-      scene, view_graph.estimate, {}, options.rotation_averaging, {}, context);
+      scene, FramePairIndex(scene, view_graph.estimate), view_graph.estimate,
+      {}, options.rotation_averaging, {}, context);
   const TrackResult tracks = EstablishTracks(scene, view_graph.estimate,
                                              rotation.estimate.pair_is_inlier,
                                              options.tracks, context);

@@ -59,7 +59,6 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   const TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
                                           context.num_threads);
   const RandomStart start = StartAtRandom(problem, rays, context.random_seed);
-  const FramePairIndex index(input.scene, input.view_graph);
   const PairMeasurements no_pairs;
   const Mask no_pair_is_used;
   const RefinementInput refinement{problem, no_pairs.baselines, no_pairs.scales,
@@ -78,7 +77,7 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   TranslationSummary& summary = result.summary;
   summary.joint_refinement = ObjectiveOf(baseline).refine_cameras_and_points(
       refinement, rays,
-      SelectSupportedTracks(refinement, rays, points, input.scene, &index,
+      SelectSupportedTracks(refinement, rays, points, input.scene, &input.index,
                             options.averaging, context.num_threads),
       refinement_options, context, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
@@ -138,7 +137,7 @@ PositionResult PositionByPairs(const PositionBaselineOptions& baseline,
       is_refined && baseline.input != TranslationSource::kRelativeTranslations;
   if (is_hybrid) {
     TrackRefinement refined = RefineWithTracks(
-        refinement, positions, measured.rays, input.scene, &measured.index,
+        refinement, positions, measured.rays, input.scene, &input.index,
         options.averaging, context, ObjectiveOf(baseline));
     summary.joint_refinement = std::move(refined.solve);
     summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;

@@ -63,8 +63,9 @@ Mask UsedPairs(const RotationEstimate& rotations,
 
 // Groups of pairs that the rotations or positions of the component contradict.
 std::vector<RejectedGroup> FindRejectedGroups(
-    const Scene& scene, const ViewGraph& view_graph,
-    const RotationEstimate& rotations, const Mask& pair_is_inconsistent) {
+    const Scene& scene, const FramePairIndex& index,
+    const ViewGraph& view_graph, const RotationEstimate& rotations,
+    const Mask& pair_is_inconsistent) {
   Mask is_rejected = pair_is_inconsistent;
   for (size_t i = 0; i < is_rejected.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
@@ -75,7 +76,7 @@ std::vector<RejectedGroup> FindRejectedGroups(
       is_rejected[i] = true;
     }
   }
-  return GroupRejectedPairs(FramePairIndex(scene, view_graph), is_rejected);
+  return GroupRejectedPairs(index, is_rejected);
 }
 
 void WarnOfRejectedGroups(const Scene& scene,
@@ -88,12 +89,25 @@ void WarnOfRejectedGroups(const Scene& scene,
   }
 }
 
-MapperModel ReconstructComponent(
-    const PositionStep& estimate_positions, const Scene& scene,
-    const Bearings& bearings, const ViewGraph& view_graph,
-    const RotationEstimate& rotations, const PositionPriors& priors,
-    const GravityPriors& gravity, const MapperOptions& options,
-    const Context& context, PairVerdicts* verdicts) {
+// The measurements that all connected components share.
+struct Measurements {
+  const Scene& scene;
+  const Bearings& bearings;
+  const ViewGraph& view_graph;
+  const FramePairIndex& index;  // of the view graph
+  const PositionPriors& position_priors;
+  const GravityPriors& gravity_priors;
+};
+
+MapperModel ReconstructComponent(const PositionStep& estimate_positions,
+                                 const Measurements& measurements,
+                                 const RotationEstimate& rotations,
+                                 const MapperOptions& options,
+                                 const Context& context,
+                                 PairVerdicts* verdicts) {
+  const Scene& scene = measurements.scene;
+  const ViewGraph& view_graph = measurements.view_graph;
+  const FramePairIndex& index = measurements.index;
   MapperModel model;
   const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
     return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
@@ -104,19 +118,21 @@ MapperModel ReconstructComponent(
   PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
         return estimate_positions(
-            {scene, bearings, view_graph, rotations, tracks.estimate},
+            {scene, measurements.bearings, view_graph, index, rotations,
+             tracks.estimate},
             {options.translation_averaging, options.pair_filtering}, context);
       });
   model.translation = std::move(translation.summary);
   Reject(translation.pair_is_inconsistent,
          RejectionReason::kInconsistentBaseline, verdicts);
-  model.rejected_groups = FindRejectedGroups(scene, view_graph, rotations,
-                                             translation.pair_is_inconsistent);
+  model.rejected_groups = FindRejectedGroups(
+      scene, index, view_graph, rotations, translation.pair_is_inconsistent);
   WarnOfRejectedGroups(scene, model.rejected_groups, context);
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
-  AdjustmentInput input{scene, view_graph, priors, gravity};
+  AdjustmentInput input{scene, view_graph, measurements.position_priors,
+                        measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
   AdjustModel(input, options, context, std::move(initial), &model);
@@ -180,25 +196,31 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     return result;
   }
 
+  const FramePairIndex index(scene, verified.estimate);
   EstimatedRotations rotation =
       Timed("rotation averaging", context, &result.times, [&] {
-        return EstimateRotations(scene, verified.estimate, input.gravity_priors,
-                                 options.rotation_averaging,
-                                 options.pair_filtering, context);
+        return EstimateRotations(
+            scene, index, verified.estimate, input.gravity_priors,
+            options.rotation_averaging, options.pair_filtering, context);
       });
   result.rotation = std::move(rotation.summary);
 
+  const Measurements measurements{scene,
+                                  bearings,
+                                  verified.estimate,
+                                  index,
+                                  input.position_priors,
+                                  input.gravity_priors};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   for (size_t component = 0; component < num_frames.size(); ++component) {
     if (num_frames[component] < options.min_num_frames) continue;
     context.Info("component " + std::to_string(component) + ": " +
                  std::to_string(num_frames[component]) + " frames");
     MapperModel model = ReconstructComponent(
-        estimate_positions, scene, bearings, verified.estimate,
+        estimate_positions, measurements,
         SelectComponent(scene, verified.estimate, rotation.estimate,
                         static_cast<int>(component)),
-        input.position_priors, input.gravity_priors, options, context,
-        &rotation.verdicts);
+        options, context, &rotation.verdicts);
     model.num_frames_in_component = num_frames[component];
     if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
         !model.reconstruction.points.empty()) {

@@ -73,7 +73,7 @@ Mask BeyondDrift(const PositionInput& input,
   const BaselineComparison by_skeleton =
       CompareMeasured(measured, skeleton.initial, skeleton.initial.positions);
   return FindInconsistentBaselines(
-      measured.index, input.view_graph, skeleton.is_in_skeleton,
+      input.index, input.view_graph, skeleton.is_in_skeleton,
       by_skeleton.measured, by_skeleton.centers, drift_bound, options);
 }
 
@@ -91,19 +91,18 @@ PositionSkeleton FindSkeleton(const PositionInput& input,
         measured.pairs.baselines[i].kind == BaselineKind::kDirection;
   }
   if (options.filtering.use_strict_skeletal_graph) {
-    const PositionSkeleton strict =
-        PositionBySkeleton(measured,
-                           SelectStrictSkeletalGraph(
-                               measured.index, input.view_graph, is_candidate,
-                               options.filtering, context.num_threads),
-                           min_parallax_deg, context);
+    const PositionSkeleton strict = PositionBySkeleton(
+        measured,
+        SelectStrictSkeletalGraph(input.index, input.view_graph, is_candidate,
+                                  options.filtering, context.num_threads),
+        min_parallax_deg, context);
     is_candidate.Remove(BeyondDrift(
         input, measured, strict, BaselineDriftBounds(options.filtering).front(),
         options.filtering));
   }
   return PositionBySkeleton(
       measured,
-      SelectSkeletalGraph(measured.index, input.view_graph, is_candidate,
+      SelectSkeletalGraph(input.index, input.view_graph, is_candidate,
                           options.filtering, context.num_threads),
       min_parallax_deg, context);
 }
@@ -146,8 +145,7 @@ PositionMeasurements MeasurePositions(const PositionInput& input,
       MeasurePairs(input.scene, input.bearings, input.view_graph,
                    input.rotations.pair_is_inlier, problem,
                    options.averaging.min_parallax_deg, context);
-  return {std::move(problem), std::move(rays), std::move(pairs),
-          FramePairIndex(input.scene, input.view_graph)};
+  return {std::move(problem), std::move(rays), std::move(pairs)};
 }
 
 ScreenedPositions ScreenAndInitialize(
@@ -255,7 +253,7 @@ PositionResult EstimatePositions(const PositionInput& input,
                                    pair_is_used};
   TrackRefinement by_tracks = RefineWithTracks(
       refinement, by_pairs.positions, measured.rays, input.scene,
-      options.filtering.use_track_support ? &measured.index : nullptr,
+      options.filtering.use_track_support ? &input.index : nullptr,
       options.averaging, context);
   log.Finish("refinement with tracks");
 

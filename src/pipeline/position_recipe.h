@@ -44,6 +44,7 @@ struct PositionInput {
   const Scene& scene;
   const Bearings& bearings;
   const ViewGraph& view_graph;
+  const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
 };
@@ -73,7 +74,6 @@ struct PositionMeasurements {
   PositionProblem problem;
   TrackRays rays;
   PairMeasurements pairs;
-  FramePairIndex index;
 };
 PositionMeasurements MeasurePositions(const PositionInput& input,
                                       const PositionOptions& options,

@@ -154,6 +154,7 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
 }  // namespace
 
 EstimatedRotations EstimateRotations(const Scene& scene,
+                                     const FramePairIndex& index,
                                      const ViewGraph& view_graph,
                                      const GravityPriors& gravity,
                                      const RotationAveragingOptions& options,
@@ -170,7 +171,6 @@ EstimatedRotations EstimateRotations(const Scene& scene,
     result.summary = std::move(averaged.summary);
     return result;
   }
-  const FramePairIndex index(scene, view_graph);
   const SkeletonResult skeleton = FilterBySkeleton(
       scene, index, view_graph, is_used, options, filtering, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);

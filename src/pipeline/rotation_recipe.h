@@ -8,6 +8,7 @@
 #include "mgsfm/scene/gravity_priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
@@ -28,8 +29,9 @@ struct EstimatedRotations {
 // Gravity priors take part in the second averaging only. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
 [[nodiscard]] EstimatedRotations EstimateRotations(
-    const Scene& scene, const ViewGraph& view_graph,
-    const GravityPriors& gravity, const RotationAveragingOptions& options,
+    const Scene& scene, const FramePairIndex& index,
+    const ViewGraph& view_graph, const GravityPriors& gravity,
+    const RotationAveragingOptions& options,
     const PairFilteringOptions& filtering, const Context& context);
 
 }  // namespace mgsfm

@@ -38,10 +38,12 @@ PositionResult Estimate(const TranslationInput& input,
                         const PositionOptions& options = {}) {
   Context context;
   context.num_threads = num_threads;
+  const Scene& scene = input.simulation.scene;
+  const ViewGraph& view_graph = input.simulation.view_graph;
+  const FramePairIndex index(scene, view_graph);
   return EstimatePositionsByBaseline(
       baseline,
-      {input.simulation.scene, input.bearings, input.simulation.view_graph,
-       input.rotations, input.tracks},
+      {scene, input.bearings, view_graph, index, input.rotations, input.tracks},
       options, context);
 }
 
@@ -86,9 +88,11 @@ TEST(PositionBaselinesTest, AutoIsHybridAndNonBilinear) {
       Baseline(TranslationSource::kHybrid, TranslationObjective::kNonBilinear));
   EXPECT_EQ(by_default.estimate.frame_center_in_world,
             named.estimate.frame_center_in_world);
+  const FramePairIndex index(input.simulation.scene,
+                             input.simulation.view_graph);
   const PositionResult recipe = EstimatePositions(
       {input.simulation.scene, input.bearings, input.simulation.view_graph,
-       input.rotations, input.tracks},
+       index, input.rotations, input.tracks},
       PositionOptions(), Context());
   EXPECT_EQ(recipe.estimate.frame_center_in_world,
             named.estimate.frame_center_in_world);

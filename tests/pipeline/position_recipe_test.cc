@@ -28,9 +28,11 @@ SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
 PositionResult Estimate(const TranslationInput& input, int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
+  const FramePairIndex index(input.simulation.scene,
+                             input.simulation.view_graph);
   return EstimatePositions(
       {input.simulation.scene, input.bearings, input.simulation.view_graph,
-       input.rotations, input.tracks},
+       index, input.rotations, input.tracks},
       PositionOptions(), context);
 }
 
