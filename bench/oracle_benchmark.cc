@@ -12,7 +12,7 @@
 #include "command.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "oracle/oracle.h"

@@ -6,7 +6,7 @@
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "mapper_run.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 

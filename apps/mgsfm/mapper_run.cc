@@ -12,7 +12,7 @@
 #include "io/models/point_colors.h"
 #include "io/rigs/image_timestamps.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 #include "pipeline/covariance_report.h"

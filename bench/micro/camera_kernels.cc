@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "micro/camera_of_model.h"
 #include "micro/groups.h"

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/triangulation.h"
 #include "math/l1_admm.h"
 #include "math/sparse_solver.h"
-#include "mgsfm/base/random.h"
 #include "micro/groups.h"
 
 namespace mgsfm {

@@ -6,12 +6,11 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/tracks.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

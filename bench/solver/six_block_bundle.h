@@ -2,7 +2,7 @@
 #pragma once
 
 #include "least_squares/rig_problem.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

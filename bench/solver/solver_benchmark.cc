@@ -18,7 +18,7 @@
 #include "machine_limits.h"
 #include "math/sparse_solver.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/rotation_recipe.h"

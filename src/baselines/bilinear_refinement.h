@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "translation/refinement_terms.h"
 
 namespace mgsfm {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "baselines/random_start.h"
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 namespace mgsfm {
 namespace {

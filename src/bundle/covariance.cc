@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/bundle/covariance.h"
-
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -9,6 +7,7 @@
 #include "bundle/problem_builder.h"
 #include "geometry/so3.h"
 #include "least_squares/pose_covariances.h"
+#include "mgsfm/bundle/uncertainty.h"
 
 namespace mgsfm {
 namespace {

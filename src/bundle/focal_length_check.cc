@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/bundle/focal_length_check.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -8,7 +6,7 @@
 #include "bundle/problem_builder.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {

@@ -4,7 +4,6 @@
 #include "bundle/point_filters.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 
 namespace mgsfm {
 

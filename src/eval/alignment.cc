@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
 
 namespace mgsfm {

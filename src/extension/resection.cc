@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/extension/resection.h"
-
 #include <algorithm>
 #include <optional>
 #include <utility>
 
 #include "base/parallel.h"
+#include "base/random.h"
 #include "extension/point_matches.h"
 #include "geometry/absolute_pose.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
+#include "mgsfm/extension/model_extension.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "scene/typical_pose.h"
 

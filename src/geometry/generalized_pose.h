@@ -5,11 +5,11 @@
 #include <optional>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/epipolar.h"
 #include "geometry/ransac.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 #include "geometry/so3.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {

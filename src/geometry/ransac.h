@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 namespace mgsfm {
 

@@ -7,9 +7,9 @@
 #include <cmath>
 #include <limits>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

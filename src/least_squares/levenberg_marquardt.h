@@ -3,7 +3,7 @@
 
 #include "least_squares/rig_solver.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

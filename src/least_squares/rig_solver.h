@@ -5,8 +5,7 @@
 
 #include "least_squares/rig_problem.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/backend.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

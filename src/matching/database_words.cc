@@ -6,8 +6,8 @@
 #include <numeric>
 
 #include "base/parallel.h"
+#include "base/random.h"
 #include "matching/feature_cache.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm::internal {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/descriptor_matching.h"
+#include "matching/descriptor_matching.h"
 
 #include <algorithm>
 #include <cmath>

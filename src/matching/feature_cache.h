@@ -6,10 +6,10 @@
 #include <optional>
 #include <vector>
 
+#include "matching/descriptor_matching.h"
+#include "matching/two_view_verification.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/matching/descriptor_matching.h"
-#include "mgsfm/matching/two_view_verification.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm::internal {

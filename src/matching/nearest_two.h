@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "matching/descriptor_matching.h"
 #include "matching/dot_tiles.h"
-#include "mgsfm/matching/descriptor_matching.h"
 
 namespace mgsfm {
 

@@ -4,8 +4,8 @@
 #include <Eigen/Core>
 #include <optional>
 
+#include "base/random.h"
 #include "geometry/epipolar.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm::internal {
 

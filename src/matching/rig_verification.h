@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/view_graph.h"

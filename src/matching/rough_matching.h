@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/matching/descriptor_matching.h"
+#include "matching/descriptor_matching.h"
 
 namespace mgsfm::internal {
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <tuple>
 
+#include "base/random.h"
 #include "matching/pair_lists.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm::internal {
 

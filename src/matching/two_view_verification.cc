@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/matching/two_view_verification.h"
+#include "matching/two_view_verification.h"
 
 #include <Eigen/LU>
 #include <algorithm>

@@ -7,8 +7,8 @@
 #include <numeric>
 
 #include "base/parallel.h"
+#include "base/random.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "mgsfm/matching/two_view_verification.h"
+#include "matching/two_view_verification.h"
 
 namespace mgsfm::internal {
 

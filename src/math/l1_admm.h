@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 namespace mgsfm {
 

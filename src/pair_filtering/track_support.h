@@ -2,8 +2,8 @@
 #pragma once
 
 #include "mgsfm/base/mask.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {

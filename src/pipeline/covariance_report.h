@@ -3,14 +3,14 @@
 
 #include <string>
 
-#include "mgsfm/bundle/covariance.h"
+#include "mgsfm/bundle/uncertainty.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
 // A line of column names, then one line per sensor and frame with a covariance:
 // kind (sensor or frame), name, the standard deviations of the rotation (deg)
-// and the translation in the coordinates of mgsfm/bundle/covariance.h, the
+// and the translation in the coordinates of mgsfm/bundle/uncertainty.h, the
 // number of unobservable directions of both, and the upper triangle of the
 // covariance, row by row (rad, unit of length).
 std::string CovariancesToCsv(const Scene& scene,

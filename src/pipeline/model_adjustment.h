@@ -8,8 +8,7 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 

@@ -6,13 +6,13 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
-// Extends `start` as mgsfm/pipeline/model_extension.h describes. `view_graph`
+// Extends `start` as mgsfm/extension/model_extension.h describes. `view_graph`
 // has relative poses and inlier matches. Adds to the result the model, the
 // reason for every frame that could not be added, and the sensors' part of the
 // summary of rotations. Throws Error if frames are to be fixed although

@@ -6,7 +6,6 @@
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/translation/translation_averaging.h"
 #include "pair_filtering/frame_pair_index.h"

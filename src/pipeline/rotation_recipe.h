@@ -5,7 +5,7 @@
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/gravity_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "pair_filtering/frame_pair_index.h"

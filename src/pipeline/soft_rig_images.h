@@ -3,7 +3,6 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
 

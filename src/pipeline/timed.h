@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 
 namespace mgsfm {
 

@@ -6,9 +6,8 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/gravity_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

@@ -6,9 +6,8 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 

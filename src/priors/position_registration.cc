@@ -9,10 +9,10 @@
 #include <limits>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -5,9 +5,8 @@
 #include <cstdint>
 #include <optional>
 
-#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

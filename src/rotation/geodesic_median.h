@@ -4,7 +4,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

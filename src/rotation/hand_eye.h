@@ -5,7 +5,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

@@ -7,7 +7,7 @@
 #include "math/robust_loss.h"
 #include "math/robust_scale.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "rotation/rotation_initialization.h"
 #include "rotation/rotation_problem.h"

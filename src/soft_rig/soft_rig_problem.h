@@ -7,7 +7,6 @@
 #include "bundle/problem_builder.h"
 #include "least_squares/rig_problem.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"

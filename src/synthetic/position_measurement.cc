@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "synthetic/position_measurement.h"
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

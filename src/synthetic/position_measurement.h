@@ -4,8 +4,7 @@
 #include <cstdint>
 
 #include "mgsfm/base/options.h"
-#include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 namespace mgsfm {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "synthetic/drive.h"
 #include "synthetic/road.h"
 

@@ -6,10 +6,10 @@
 #include <vector>
 
 #include "mgsfm/base/mask.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
-#include "mgsfm/tracks/match_selection.h"
+#include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm::internal {
 

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/tracks/match_selection.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -12,6 +10,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm {
 namespace {

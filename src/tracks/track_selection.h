@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include "mgsfm/scene/tracks.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm::internal {

@@ -8,12 +8,12 @@
 #include <optional>
 
 #include "base/parallel.h"
+#include "base/random.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

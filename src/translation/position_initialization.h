@@ -6,7 +6,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
 #include "translation/scale_averaging.h"

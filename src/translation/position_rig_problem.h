@@ -8,7 +8,7 @@
 #include "least_squares/rig_problem.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "translation/refinement_terms.h"
 
 namespace mgsfm {

@@ -6,8 +6,7 @@
 #include "math/robust_loss.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/backend.h"
+#include "mgsfm/base/solver.h"
 #include "translation/position_initialization.h"
 #include "translation/track_points.h"
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "mgsfm/base/mask.h"
+#include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 #include "translation/position_problem.h"
 
 namespace mgsfm {

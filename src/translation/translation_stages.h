@@ -5,7 +5,7 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"

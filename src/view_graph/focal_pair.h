@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"

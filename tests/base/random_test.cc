@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 #include <gtest/gtest.h>
 

@@ -7,10 +7,10 @@
 #include <cmath>
 #include <vector>
 
+#include "base/random.h"
 #include "baselines/bilinear_costs.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "support/translation_input.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <vector>
 
+#include "base/random.h"
 #include "bundle/problem_builder.h"
 #include "geometry/so3.h"
 #include "least_squares/rig_fixtures.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/bundle/covariance.h"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
 #include <cmath>
 
 #include "bundle/bundle_fixtures.h"
+#include "mgsfm/bundle/uncertainty.h"
 
 namespace mgsfm {
 namespace {

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/bundle/focal_length_check.h"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "bundle/bundle_fixtures.h"
+#include "mgsfm/bundle/uncertainty.h"
 
 namespace mgsfm {
 namespace {

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Frames removed from true models are registered at their true poses.
-#include "mgsfm/extension/resection.h"
-
 #include <gtest/gtest.h>
 
 #include "geometry/so3.h"
+#include "mgsfm/extension/model_extension.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/partial_model.h"
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <vector>
 
+#include "base/random.h"
 #include "features/sift.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 

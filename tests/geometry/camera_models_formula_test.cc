@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/geometry/camera_models.h"
 
 // Independent implementations of the formulas of the models.

@@ -7,10 +7,10 @@
 #include <cmath>
 #include <sstream>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "geometry/test_cameras.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -6,9 +6,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "io/test_database.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/temp_dir.h"

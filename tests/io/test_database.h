@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
 

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "geometry/test_cameras.h"
 #include "least_squares/rig_problem.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 

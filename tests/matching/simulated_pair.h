@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
+#include "matching/two_view_verification.h"
 #include "mgsfm/geometry/camera_models.h"
-#include "mgsfm/matching/two_view_verification.h"
 
 namespace mgsfm {
 

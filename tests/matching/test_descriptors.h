@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "mgsfm/base/random.h"
-#include "mgsfm/matching/descriptor_matching.h"
+#include "base/random.h"
+#include "matching/descriptor_matching.h"
 
 namespace mgsfm {
 

@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <limits>
 
+#include "base/random.h"
 #include "math/spanning_tree.h"
 #include "math/union_find.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

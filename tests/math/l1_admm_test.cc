@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "base/random.h"
 #include "math/sparse_solver.h"
 #include "math/statistics.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/random.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

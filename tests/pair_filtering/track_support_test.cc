@@ -5,9 +5,9 @@
 
 #include <optional>
 
+#include "base/random.h"
 #include "math/graph.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

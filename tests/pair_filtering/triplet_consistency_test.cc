@@ -7,8 +7,8 @@
 #include <set>
 #include <tuple>
 
+#include "base/random.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

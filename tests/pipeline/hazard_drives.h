@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/pipeline/mapper.h"

@@ -3,8 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/prior_measurement.h"

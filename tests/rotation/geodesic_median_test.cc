@@ -3,10 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -7,10 +7,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "priors/gravity_levelling.h"

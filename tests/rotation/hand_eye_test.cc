@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -9,10 +9,10 @@
 #include <limits>
 #include <numeric>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "rotation/rotation_test_utils.h"
 

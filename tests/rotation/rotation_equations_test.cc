@@ -6,9 +6,9 @@
 #include <Eigen/QR>
 #include <cmath>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -5,9 +5,9 @@
 
 #include <algorithm>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "math/random_vector.h"
-#include "mgsfm/base/random.h"
 #include "rotation/rotation_initialization.h"
 
 namespace mgsfm {

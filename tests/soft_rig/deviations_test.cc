@@ -6,8 +6,8 @@
 #include <Eigen/LU>
 #include <cmath>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "soft_rig/rig_calibration.h"
 

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/scene/estimates.h"
 

@@ -6,7 +6,7 @@
 #include <limits>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/synthetic/simulation.h"
 

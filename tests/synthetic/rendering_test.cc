@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 #include "synthetic/drive.h"
 #include "synthetic/ground.h"
 #include "synthetic/road.h"

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/tracks/match_selection.h"
-
 #include <gtest/gtest.h>
 
 #include <cstddef>
@@ -8,6 +6,7 @@
 
 #include "mgsfm/base/mask.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm {
 namespace {

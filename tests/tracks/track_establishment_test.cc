@@ -9,8 +9,8 @@
 #include <tuple>
 #include <vector>
 
+#include "base/random.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

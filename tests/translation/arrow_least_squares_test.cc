@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 #include <vector>
 
-#include "mgsfm/base/random.h"
+#include "base/random.h"
 
 namespace mgsfm {
 namespace {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
+#include "base/random.h"
 #include "mgsfm/base/mask.h"
-#include "mgsfm/base/random.h"
 #include "translation/block_penalties.h"
 
 namespace mgsfm {

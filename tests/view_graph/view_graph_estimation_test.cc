@@ -8,8 +8,8 @@
 #include <cmath>
 #include <vector>
 
+#include "base/random.h"
 #include "geometry/so3.h"
-#include "mgsfm/base/random.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -9,12 +11,10 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/base/summary.h"
-#include "mgsfm/bundle/bundle_priors.h"
-#include "mgsfm/least_squares/backend.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 
 namespace mgsfm {
 
@@ -237,6 +237,21 @@ struct BundleSummary {
 struct BundleResult {
   Reconstruction estimate;
   BundleSummary summary;
+};
+
+// The gravity terms of bundle adjustment: measured directions in images, and
+// the direction in the world of the model that they are compared with.
+struct GravityTerms {
+  GravityPriors priors;
+  Eigen::Vector3d down_in_world = Eigen::Vector3d::UnitY();  // unit vector
+  double sigma_rad = 1.0;  // of each of the two angles of a direction
+};
+
+// The measurements beyond keypoints that bundle adjustment uses. Positions must
+// be in the world of the model. Empty: none.
+struct BundlePriors {
+  PositionPriors positions;
+  std::optional<GravityTerms> gravity;
 };
 
 // Poses that are constant regardless of the options. Empty: none.

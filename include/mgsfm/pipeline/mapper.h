@@ -7,17 +7,14 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/bundle/covariance.h"
-#include "mgsfm/bundle/focal_length_check.h"
+#include "mgsfm/bundle/uncertainty.h"
+#include "mgsfm/extension/model_extension.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/pipeline/model_extension.h"
-#include "mgsfm/priors/prior_summaries.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/soft_rig/soft_rig.h"
@@ -115,7 +112,7 @@ struct MapperResult {
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
-  // Measured camera centres, see `scene/position_priors.h`. Models are
+  // Measured camera centres, see `scene/priors.h`. Models are
   // registered to the frame of the priors where these determine it, and
   // deformed towards them where they drifted.
   PositionPriors position_priors = {};
@@ -123,7 +120,7 @@ struct MapperInput {
   // existing model place in a world frame have gravity along +y.
   GravityPriors gravity_priors = {};
   // A model of some frames of the scene, with the indices of the scene. The
-  // mapper then adds the other frames (mgsfm/pipeline/model_extension.h) and
+  // mapper then adds the other frames (mgsfm/extension/model_extension.h) and
   // returns this one model.
   std::optional<Reconstruction> existing_model = {};
 };

@@ -10,10 +10,9 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/base/summary.h"
-#include "mgsfm/priors/prior_summaries.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/gravity_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 

@@ -9,9 +9,8 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
-#include "mgsfm/bundle/bundle_priors.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"

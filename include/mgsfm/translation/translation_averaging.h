@@ -6,11 +6,9 @@
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
-#include "mgsfm/base/summary.h"
-#include "mgsfm/least_squares/backend.h"
+#include "mgsfm/base/solver.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/tracks.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {

@@ -6,8 +6,7 @@
 
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "mgsfm/scene/gravity_priors.h"
-#include "mgsfm/scene/position_priors.h"
+#include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {

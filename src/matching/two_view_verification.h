@@ -5,55 +5,12 @@
 #include <optional>
 #include <vector>
 
-#include "mgsfm/base/options.h"
-#include "mgsfm/base/random.h"
+#include "base/random.h"
+#include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
-
-// Names are COLMAP's.
-struct TwoViewGeometryOptions {
-  Option<int> min_num_inliers{
-      "min_num_inliers", 15, AtLeast(8), "matches",
-      "Minimum number of inliers of a verified image pair."};
-  Option<double> min_inlier_ratio{
-      "min_inlier_ratio", 0.25, Between(0.0, 1.0),
-      "Minimum inlier ratio of a verified image pair."};
-  Option<double> max_error{
-      "max_error", 4.0, GreaterThan(0.0), "px",
-      "Maximum epipolar or homography transfer error of an inlier. Increase it "
-      "for images of very high resolution."};
-  Option<double> confidence{
-      "confidence", 0.999, Between(0.0, 0.999999),
-      "Confidence of RANSAC: probability that at least one sample is free of "
-      "outliers."};
-  Option<int> max_num_trials{"max_num_trials", 10000, AtLeast(1), "trials",
-                             "Maximum number of RANSAC trials per image pair."};
-  // COLMAP's spelling. NOLINTNEXTLINE(readability-identifier-naming)
-  Option<double> max_H_inlier_ratio{
-      "max_H_inlier_ratio", 0.8, Between(0.0, 1.0),
-      "An image pair is planar or panoramic if the ratio of homography inliers "
-      "to inliers exceeds this value."};
-  Option<bool> detect_watermark{
-      "detect_watermark", true,
-      "Detect pairs whose inliers are a watermark, that is, a translated "
-      "pattern at the image border."};
-  Option<double> watermark_border_size{
-      "watermark_border_size", 0.1, Between(0.0, 0.5), "of the diagonal",
-      "Width of the border in which watermarks are searched."};
-  Option<double> watermark_min_inlier_ratio{
-      "watermark_min_inlier_ratio", 0.7, Between(0.0, 1.0),
-      "Minimum ratio of inliers in the border that share one translation for a "
-      "pair to be a watermark."};
-
-  template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(min_num_inliers, min_inlier_ratio, max_error, confidence,
-          max_num_trials, max_H_inlier_ratio, detect_watermark,
-          watermark_border_size, watermark_min_inlier_ratio);
-  }
-};
 
 // One image of a pair to verify. Refers to data that must outlive it. `rays`
 // holds the unit viewing ray of each keypoint in the camera frame; nullopt if

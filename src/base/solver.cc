@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/base/summary.h"
+#include "mgsfm/base/solver.h"
 
 namespace mgsfm {
 

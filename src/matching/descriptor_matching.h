@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "mgsfm/base/options.h"
+#include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
@@ -18,30 +18,6 @@ struct DescriptorView {
   size_t size = 0;  // number of rows
 
   const uint8_t* Row(size_t i) const { return data + i * kDim; }
-};
-
-// Names and defaults are COLMAP's.
-struct DescriptorMatchingOptions {
-  Option<double> max_ratio{
-      "max_ratio", 0.8, GreaterThan(0.0),
-      "Maximum distance ratio between the best and the second best match. "
-      "Decrease it if structures repeat."};
-  Option<double> max_distance{
-      "max_distance", 0.7, GreaterThan(0.0), "rad",
-      "Maximum distance to the best match, as the angle between the "
-      "descriptors."};
-  Option<bool> cross_check{
-      "cross_check", true,
-      "Keep a match only if each descriptor is the best match of the other."};
-  Option<int> max_num_matches{
-      "max_num_matches", 32768, AtLeast(1), "features",
-      "Maximum number of features matched per image; those after it in the "
-      "database are ignored."};
-
-  template <class Visitor>
-  void Describe(Visitor& visit) {
-    visit(max_ratio, max_distance, cross_check, max_num_matches);
-  }
 };
 
 // Matches two images by exact nearest neighbours, sorted by the first keypoint.

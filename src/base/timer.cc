@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/base/stage_time.h"
+#include "mgsfm/base/timer.h"
 
 #include <sys/resource.h>
 
