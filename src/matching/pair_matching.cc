@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "matching/descriptor_matching.h"
 #include "matching/feature_cache.h"
 #include "matching/scene_pairs.h"
 #include "matching/unit_verification.h"

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "matching/two_view_verification.h"
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/matching/matching_options.h"
 #include "mgsfm/scene/view_graph.h"

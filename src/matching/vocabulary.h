@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "matching/descriptor_matching.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/matching/matching_options.h"
 
