@@ -2,7 +2,6 @@
 #include "io/rigs/image_timestamps.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -11,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/natural_order.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -18,36 +18,6 @@ namespace mgsfm {
 namespace {
 
 constexpr char kBlanks[] = " \t\r";
-
-bool IsDigit(char c) {
-  return std::isdigit(static_cast<unsigned char>(c)) != 0;
-}
-
-// The digits at a position, without leading zeros.
-std::string NumberAt(const std::string& text, size_t* position) {
-  const size_t begin = *position;
-  while (*position < text.size() && IsDigit(text[*position])) ++*position;
-  const std::string digits = text.substr(begin, *position - begin);
-  return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
-}
-
-// "2.png" comes before "10.png".
-bool IsNameBefore(const std::string& a, const std::string& b) {
-  size_t i = 0, j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (IsDigit(a[i]) && IsDigit(b[j])) {
-      const std::string number_a = NumberAt(a, &i), number_b = NumberAt(b, &j);
-      if (number_a.size() != number_b.size()) {
-        return number_a.size() < number_b.size();
-      }
-      if (number_a != number_b) return number_a < number_b;
-    } else {
-      if (a[i] != b[j]) return a[i] < b[j];
-      ++i, ++j;
-    }
-  }
-  return a.size() - i < b.size() - j;
-}
 
 class TimestampReader {
  public:
@@ -134,7 +104,7 @@ void TimestampReader::CheckOrder(int rig_idx) const {
     return scene_.frames[frame_idx].name;
   };
   std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
-    return IsNameBefore(name_of(a), name_of(b));
+    return IsNaturallyBefore(name_of(a), name_of(b));
   });
   const auto image_name = [&](int frame_idx) {
     return "'" + scene_.images[scene_.frames[frame_idx].image_idxs[0]].name +

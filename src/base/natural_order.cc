@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "base/natural_order.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cstddef>
+
+namespace mgsfm {
+namespace {
+
+bool IsDigit(char c) {
+  return std::isdigit(static_cast<unsigned char>(c)) != 0;
+}
+
+// The digits at a position, without leading zeros.
+std::string NumberAt(const std::string& text, size_t* position) {
+  const size_t begin = *position;
+  while (*position < text.size() && IsDigit(text[*position])) ++*position;
+  const std::string digits = text.substr(begin, *position - begin);
+  return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
+}
+
+}  // namespace
+
+bool IsNaturallyBefore(const std::string& a, const std::string& b) {
+  size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (IsDigit(a[i]) && IsDigit(b[j])) {
+      const std::string number_a = NumberAt(a, &i), number_b = NumberAt(b, &j);
+      if (number_a.size() != number_b.size()) {
+        return number_a.size() < number_b.size();
+      }
+      if (number_a != number_b) return number_a < number_b;
+    } else {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i, ++j;
+    }
+  }
+  return a.size() - i < b.size() - j;
+}
+
+}  // namespace mgsfm
