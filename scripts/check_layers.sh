@@ -29,10 +29,11 @@ view_graph: base math geometry scene
 rotation: base math geometry scene priors
 tracks: base math geometry scene pair_filtering
 translation: base math geometry least_squares scene pair_filtering
+confidence: base math geometry scene pair_filtering
 extension: base math geometry scene io
 bundle: base math geometry least_squares scene
 soft_rig: base math geometry least_squares scene bundle
-pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation extension bundle soft_rig
+pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation confidence extension bundle soft_rig
 baselines: base math geometry least_squares scene pair_filtering rotation translation pipeline
 '
 

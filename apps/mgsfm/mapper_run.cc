@@ -103,6 +103,10 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
       WriteFile(folder / "covariances.csv",
                 CovariancesToCsv(input.scene, *covariances));
     }
+    if (!result.models[i].confidence.of_frame.empty()) {
+      WriteFile(folder / "frames.csv",
+                FramesToCsv(input.scene, result.models[i]));
+    }
     LogModel(input.scene, result.models[i], i, context);
   }
 }

@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <tuple>
 
+#include "pair_filtering/temporal_order.h"
+
 namespace mgsfm {
 
-FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph)
+FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
+                               FrameSequence sequence)
     : num_frames_(static_cast<int>(scene.frames.size())),
       frame_pair_of_pair_(view_graph.pairs.size()) {
   std::vector<std::tuple<int, int, size_t>> order;
@@ -26,6 +29,14 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph)
     }
     frame_pairs_.back().pair_idxs.push_back(i);
     frame_pair_of_pair_[i] = frame_pairs_.size() - 1;
+  }
+  if (sequence == FrameSequence::kNo) return;
+  const TemporalOrder temporal_order(scene);
+  is_sequence_ = sequence == FrameSequence::kYes ||
+                 IsSequence(scene, view_graph, temporal_order);
+  if (!is_sequence_) return;
+  for (FramePair& frames : frame_pairs_) {
+    frames.time_gap = temporal_order.Gap(frames.frame_idx1, frames.frame_idx2);
   }
 }
 

@@ -2,12 +2,18 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
+#include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
+
+// Frames of a sequence at most this far apart are neighbours: the usual overlap
+// of sequential matching.
+constexpr int kMaxSequentialGap = 10;
 
 // The pairs of a view graph by the frames of their images. All rules of pair
 // filtering share one index.
@@ -18,14 +24,25 @@ class FramePairIndex {
     int frame_idx1 = 0;  // <= frame_idx2
     int frame_idx2 = 0;
     std::vector<size_t> pair_idxs;  // ascending; never empty
+    // Difference of the ranks of the frames in a sequence; nullopt if the
+    // frames are not of one sequence.
+    std::optional<int> time_gap = std::nullopt;
 
     bool IsBetweenFrames() const { return frame_idx1 != frame_idx2; }
   };
 
-  // Cost: O(n log n) for n pairs.
-  FramePairIndex(const Scene& scene, const ViewGraph& view_graph);
+  // `sequence` states whether the frames are in temporal order. Cost:
+  // O(n log n) for n pairs.
+  FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
+                 FrameSequence sequence = FrameSequence::kAuto);
 
   int num_frames() const { return num_frames_; }
+  bool is_sequence() const { return is_sequence_; }
+  // The frames are distant in a sequence, or of different sequences.
+  bool IsLoop(const FramePair& frames) const {
+    return is_sequence_ &&
+           (!frames.time_gap || *frames.time_gap > kMaxSequentialGap);
+  }
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
   // Sorted by (frame_idx1, frame_idx2), each at most once.
   const std::vector<FramePair>& frame_pairs() const { return frame_pairs_; }
@@ -35,6 +52,7 @@ class FramePairIndex {
 
  private:
   int num_frames_ = 0;
+  bool is_sequence_ = false;
   std::vector<FramePair> frame_pairs_;
   std::vector<size_t> frame_pair_of_pair_;  // per image pair
 };

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdlib>
 #include <tuple>
+#include <utility>
 
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
@@ -22,19 +23,18 @@ constexpr int kMaxGapOfVehicles = 10;
 struct RejectedLink {
   int frame_idx1;
   int frame_idx2;
-  int num_pairs;
+  std::vector<size_t> pair_idxs;
 };
 
 std::vector<RejectedLink> CollectLinks(const FramePairIndex& index,
                                        const Mask& pair_is_rejected) {
   std::vector<RejectedLink> links;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    const auto num_pairs =
-        std::count_if(frames.pair_idxs.begin(), frames.pair_idxs.end(),
-                      [&](size_t i) { return pair_is_rejected[i]; });
-    if (num_pairs == 0) continue;
-    links.push_back(
-        {frames.frame_idx1, frames.frame_idx2, static_cast<int>(num_pairs)});
+    RejectedLink link{frames.frame_idx1, frames.frame_idx2, {}};
+    for (const size_t i : frames.pair_idxs) {
+      if (pair_is_rejected[i]) link.pair_idxs.push_back(i);
+    }
+    if (!link.pair_idxs.empty()) links.push_back(std::move(link));
   }
   return links;
 }
@@ -62,24 +62,25 @@ std::vector<RejectedGroup> GroupRejectedPairs(const FramePairIndex& index,
   UnionFind sets = JoinNeighbours(links);
   std::vector<RejectedGroup> group_of_set(links.size());
   for (size_t i = 0; i < links.size(); ++i) {
-    const auto& [frame1, frame2, num_pairs] = links[i];
+    const auto& [frame1, frame2, pair_idxs] = links[i];
     RejectedGroup& group = group_of_set[sets.Find(i)];
-    if (group.num_pairs == 0) group = {0, frame1, frame1, frame2, frame2};
-    group.num_pairs += num_pairs;
+    if (group.pair_idxs.empty()) group = {{}, frame1, frame1, frame2, frame2};
+    group.pair_idxs.insert(group.pair_idxs.end(), pair_idxs.begin(),
+                           pair_idxs.end());
     group.first_frame_idx1 = std::min(group.first_frame_idx1, frame1);
     group.last_frame_idx1 = std::max(group.last_frame_idx1, frame1);
     group.first_frame_idx2 = std::min(group.first_frame_idx2, frame2);
     group.last_frame_idx2 = std::max(group.last_frame_idx2, frame2);
   }
   std::vector<RejectedGroup> groups;
-  for (const RejectedGroup& group : group_of_set) {
-    if (group.num_pairs > 0) groups.push_back(group);
+  for (RejectedGroup& group : group_of_set) {
+    if (!group.pair_idxs.empty()) groups.push_back(std::move(group));
   }
   std::stable_sort(groups.begin(), groups.end(),
                    [](const RejectedGroup& a, const RejectedGroup& b) {
-                     return std::tuple(-a.num_pairs, a.first_frame_idx1,
+                     return std::tuple(b.pair_idxs.size(), a.first_frame_idx1,
                                        a.first_frame_idx2) <
-                            std::tuple(-b.num_pairs, b.first_frame_idx1,
+                            std::tuple(a.pair_idxs.size(), b.first_frame_idx1,
                                        b.first_frame_idx2);
                    });
   return groups;
@@ -92,7 +93,7 @@ std::string DescribeRejectedGroup(const Scene& scene,
   };
   const bool is_near =
       group.first_frame_idx2 - group.last_frame_idx1 <= kMaxGapOfVehicles;
-  return std::to_string(group.num_pairs) + " pairs between frames " +
+  return std::to_string(group.pair_idxs.size()) + " pairs between frames " +
          name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
          " and " + name(group.first_frame_idx2) + " to " +
          name(group.last_frame_idx2) +

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "math/union_find.h"
@@ -13,6 +15,10 @@ namespace mgsfm {
 namespace {
 
 using FramePair = FramePairIndex::FramePair;
+
+// Rounds of selection in a sequence: pairs of frames at most this far apart in
+// time. One frame between neighbours may be missing.
+constexpr int kMaxTimeGaps[] = {2, kMaxSequentialGap};
 
 struct Thresholds {
   double min_strength;
@@ -44,17 +50,17 @@ std::vector<int> CountMatches(const ViewGraph& view_graph) {
   return num_matches;
 }
 
-// Per pair of images: the strength of its frames; 0 for pairs that are not used
-// or have no support of their own.
+// Per pair of images: the strength of its frames; 0 for pairs that are not
+// candidates or have no support of their own.
 std::vector<double> ComputeStrengths(const FramePairIndex& index,
-                                     const Mask& pair_is_used,
+                                     const Mask& is_candidate,
                                      const std::vector<int>& support) {
   std::vector<int> best(index.num_frames(), 1);  // support of the best partner
   std::vector<int> support_of_frames;            // per pair of frames
   for (const FramePair& frames : index.frame_pairs()) {
     int sum = 0;
     for (const size_t i : frames.pair_idxs) {
-      if (pair_is_used[i] && frames.IsBetweenFrames()) sum += support[i];
+      if (is_candidate[i] && frames.IsBetweenFrames()) sum += support[i];
     }
     support_of_frames.push_back(sum);
     best[frames.frame_idx1] = std::max(best[frames.frame_idx1], sum);
@@ -66,7 +72,7 @@ std::vector<double> ComputeStrengths(const FramePairIndex& index,
     const int smaller_best =
         std::min(best[frames.frame_idx1], best[frames.frame_idx2]);
     for (const size_t i : frames.pair_idxs) {
-      if (!pair_is_used[i] || support[i] == 0) continue;
+      if (!is_candidate[i] || support[i] == 0) continue;
       strengths[i] = static_cast<double>(support_of_frames[k]) / smaller_best;
     }
   }
@@ -117,12 +123,12 @@ bool ConnectComponents(const FramePairIndex& index,
 }
 
 void SelectPairsBetweenFrames(const FramePairIndex& index,
-                              const Mask& pair_is_used,
+                              const Mask& is_candidate,
                               const std::vector<int>& support,
                               const Thresholds& thresholds,
                               Skeleton* skeleton) {
   const std::vector<double> strengths =
-      ComputeStrengths(index, pair_is_used, support);
+      ComputeStrengths(index, is_candidate, support);
   std::vector<size_t> strong;
   for (size_t i = 0; i < strengths.size(); ++i) {
     if (strengths[i] > thresholds.min_strength &&
@@ -136,6 +142,24 @@ void SelectPairsBetweenFrames(const FramePairIndex& index,
   }
 }
 
+// The candidates of each round: in a sequence, first its neighbours only.
+std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
+                                     const Mask& pair_is_used) {
+  std::vector<Mask> rounds;
+  if (index.is_sequence()) {
+    for (const int max_time_gap : kMaxTimeGaps) {
+      Mask is_near = pair_is_used;
+      for (size_t i = 0; i < is_near.size(); ++i) {
+        const std::optional<int>& time_gap = index.Of(i).time_gap;
+        if (!time_gap || *time_gap > max_time_gap) is_near[i] = false;
+      }
+      rounds.push_back(std::move(is_near));
+    }
+  }
+  rounds.push_back(pair_is_used);
+  return rounds;
+}
+
 Mask Select(const FramePairIndex& index, const ViewGraph& view_graph,
             const Mask& pair_is_used, const Thresholds& thresholds,
             bool use_triplet_support, int num_threads) {
@@ -144,14 +168,23 @@ Mask Select(const FramePairIndex& index, const ViewGraph& view_graph,
   Skeleton skeleton{Mask(pair_is_used.size(), false),
                     UnionFind(static_cast<size_t>(index.num_frames()))};
   SelectPairsWithinFrames(index, pair_is_used, &skeleton);
+  std::vector<std::vector<int>> supports;
   if (use_triplet_support) {
-    SelectPairsBetweenFrames(
-        index, pair_is_used,
-        CountTripletConsistentMatches(view_graph, pair_is_used, num_threads),
-        thresholds, &skeleton);
+    supports.push_back(
+        CountTripletConsistentMatches(view_graph, pair_is_used, num_threads));
   }
-  SelectPairsBetweenFrames(index, pair_is_used, CountMatches(view_graph),
-                           thresholds, &skeleton);
+  supports.push_back(CountMatches(view_graph));
+  const std::vector<Mask> rounds = CandidatesOfRounds(index, pair_is_used);
+  for (const std::vector<int>& support : supports) {
+    for (size_t i = 0; i + 1 < rounds.size(); ++i) {
+      SelectPairsBetweenFrames(index, rounds[i], support, thresholds,
+                               &skeleton);
+    }
+  }
+  for (const std::vector<int>& support : supports) {
+    SelectPairsBetweenFrames(index, rounds.back(), support, thresholds,
+                             &skeleton);
+  }
   return skeleton.is_selected;
 }
 

@@ -27,6 +27,11 @@ namespace mgsfm {
 // support, because a chain in which only neighbours are matched has no
 // triplets.
 //
+// If the frames are a sequence, neighbours in time come first: the selection
+// runs on pairs of frames at most two apart, then at most ten, and other pairs
+// only connect what is still apart. A weak cut of the sequence is thus decided
+// by the few correct pairs across it, not by the many of a duplicate structure.
+//
 // Per pair; false where pair_is_used is false.
 Mask SelectSkeletalGraph(const FramePairIndex& index,
                          const ViewGraph& view_graph, const Mask& pair_is_used,

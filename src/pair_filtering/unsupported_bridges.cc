@@ -20,6 +20,7 @@ struct Link {
   int frame_idx1 = 0;
   int frame_idx2 = 0;
   int num_matches = 0;
+  bool is_loop = false;  // of distant frames of a sequence
   std::vector<size_t> pair_idxs;
 
   int Other(int frame_idx) const {
@@ -55,7 +56,8 @@ LinkGraph BuildLinkGraph(const FramePairIndex& index,
   graph.links_of_frame.resize(index.num_frames());
   for (const FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames()) continue;
-    Link link{frames.frame_idx1, frames.frame_idx2, 0, {}};
+    Link link{
+        frames.frame_idx1, frames.frame_idx2, 0, index.IsLoop(frames), {}};
     for (const size_t i : frames.pair_idxs) {
       if (!pair_is_consistent[i]) continue;
       link.num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
@@ -187,9 +189,10 @@ Mask FindUnsupportedBridges(const FramePairIndex& index,
       continue;
     }
     const Link& bridge = graph.links[*top->link_to_parent];
-    if (CountMatchesAgainst(index, view_graph, pair_is_consistent, forest,
+    if (!bridge.is_loop &&
+        CountMatchesAgainst(index, view_graph, pair_is_consistent, forest,
                             *top) <
-        options.min_share_against_bridge * bridge.num_matches) {
+            options.min_share_against_bridge * bridge.num_matches) {
       continue;
     }
     for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;

@@ -19,7 +19,8 @@ namespace mgsfm {
 //   none of its matches is triplet-consistent,
 //   some match of another link of one of its frames is, and
 //   the inconsistent pairs between the two components have, together, at least
-//   min_share_against_bridge times as many matches.
+//   min_share_against_bridge times as many matches, or the link is a loop: its
+//   frames are distant in a sequence.
 //
 // The third condition spares chains in which only neighbours were matched: they
 // have no triplets, and one wrong pair would cut them all.

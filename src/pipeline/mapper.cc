@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "confidence/seams.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/frame_pair_index.h"
@@ -82,10 +83,34 @@ std::vector<RejectedGroup> FindRejectedGroups(
 void WarnOfRejectedGroups(const Scene& scene,
                           const std::vector<RejectedGroup>& groups,
                           const Context& context) {
-  constexpr int kMinNumPairs = 5;  // smaller groups are isolated wrong pairs
+  constexpr size_t kMinNumPairs = 5;  // smaller groups are isolated wrong pairs
   for (const RejectedGroup& group : groups) {
-    if (group.num_pairs < kMinNumPairs) continue;
+    if (group.pair_idxs.size() < kMinNumPairs) continue;
     context.Warning(DescribeRejectedGroup(scene, group));
+  }
+}
+
+std::string DescribeSeam(const Scene& scene, const Seam& seam) {
+  char numbers[160];
+  std::snprintf(numbers, sizeof(numbers),
+                "%zu frames beyond it, %d points across it, %d matches for and "
+                "%d against",
+                seam.frame_idxs_beyond.size(), seam.num_tracks,
+                seam.num_confirmed, seam.num_against);
+  return "seam between frames '" + scene.frames[seam.frame_idx_core].name +
+         "' and '" + scene.frames[seam.frame_idx_beyond].name + "': " + numbers;
+}
+
+void LogSeams(const Scene& scene, const Confidence& confidence,
+              const Context& context) {
+  constexpr size_t kMaxNumLines = 5;
+  const std::vector<Seam>& seams = confidence.seams;
+  for (size_t i = 0; i < std::min(seams.size(), kMaxNumLines); ++i) {
+    context.Warning(DescribeSeam(scene, seams[i]));
+  }
+  if (seams.size() > kMaxNumLines) {
+    context.Warning(std::to_string(seams.size() - kMaxNumLines) +
+                    " more seams are in the report");
   }
 }
 
@@ -136,6 +161,11 @@ MapperModel ReconstructComponent(const PositionStep& estimate_positions,
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
   AdjustModel(input, options, context, std::move(initial), &model);
+  model.confidence =
+      EstimateConfidence({scene, index, view_graph, input.pair_is_used,
+                          model.rejected_groups, model.reconstruction},
+                         options.confidence);
+  LogSeams(scene, model.confidence, context);
   return model;
 }
 
@@ -196,7 +226,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     return result;
   }
 
-  const FramePairIndex index(scene, verified.estimate);
+  const FramePairIndex index(scene, verified.estimate,
+                             options.pair_filtering.is_sequence);
   EstimatedRotations rotation =
       Timed("rotation averaging", context, &result.times, [&] {
         return EstimateRotations(

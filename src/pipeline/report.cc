@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
 
 #include "geometry/so3.h"
+#include "mgsfm/base/mask.h"
 #include "pipeline/covariance_report.h"
 
 namespace mgsfm {
@@ -161,9 +164,57 @@ Json ToJson(const Scene& scene, const std::vector<RejectedGroup>& groups) {
   };
   for (const RejectedGroup& group : groups) {
     json.push_back(
-        {{"num_pairs", group.num_pairs},
+        {{"num_pairs", group.pair_idxs.size()},
          {"frames1", names(group.first_frame_idx1, group.last_frame_idx1)},
          {"frames2", names(group.first_frame_idx2, group.last_frame_idx2)}});
+  }
+  return json;
+}
+
+// Stretches of consecutive registered frames on one side of a seam, each by its
+// first and last name.
+Json StretchesOfSide(const Scene& scene, const Reconstruction& reconstruction,
+                     const Mask& frame_is_beyond, bool is_beyond) {
+  Json stretches = Json::array();
+  bool continues = false;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (!reconstruction.rig_from_world[i]) continue;
+    const bool is_on_side = (frame_is_beyond[i] != 0) == is_beyond;
+    const std::string& name = scene.frames[i].name;
+    if (is_on_side && continues) stretches.back()[1] = name;
+    if (is_on_side && !continues) stretches.push_back({name, name});
+    continues = is_on_side;
+  }
+  return stretches;
+}
+
+// "Before" and "after" are the sides in the order of their first frames.
+Json ToJson(const Scene& scene, const Reconstruction& reconstruction,
+            const std::vector<Seam>& seams) {
+  Json json = Json::array();
+  for (const Seam& seam : seams) {
+    Mask is_beyond(scene.frames.size(), false);
+    for (const int i : seam.frame_idxs_beyond) is_beyond[i] = true;
+    const Json core = StretchesOfSide(scene, reconstruction, is_beyond, false);
+    const Json beyond = StretchesOfSide(scene, reconstruction, is_beyond, true);
+    const auto first = std::find_if(
+        reconstruction.rig_from_world.begin(),
+        reconstruction.rig_from_world.end(),
+        [](const std::optional<Rigid3>& pose) { return pose.has_value(); });
+    const bool beyond_is_first =
+        is_beyond[first - reconstruction.rig_from_world.begin()];
+    json.push_back(
+        {{"reason", EnumName(seam.reason)},
+         {"frames_before", beyond_is_first ? beyond : core},
+         {"frames_after", beyond_is_first ? core : beyond},
+         {"weaker_side", beyond_is_first ? "before" : "after"},
+         {"num_frames_of_weaker_side", seam.frame_idxs_beyond.size()},
+         {"num_pairs", seam.num_pairs},
+         {"num_tracks", seam.num_tracks},
+         {"num_confirmed_matches", seam.num_confirmed},
+         {"num_matches_against", seam.num_against},
+         {"sigma_position", ToJson(seam.sigma_position)},
+         {"sigma_rotation_deg", ToJson(seam.sigma_rotation_deg)}});
   }
   return json;
 }
@@ -381,6 +432,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
     json["tracks"] = ToJson(model.tracks);
     json["translation_averaging"] = ToJson(model.translation);
     json["rejected_groups"] = ToJson(scene, model.rejected_groups);
+    json["seams"] = ToJson(scene, model.reconstruction, model.confidence.seams);
   }
   json["bundle_adjustment"] = ToJson(scene, model.bundle);
   if (model.position_priors) {
@@ -435,6 +487,28 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
   AddTimes(times, &report);
   report["peak_memory_mib"] = run.peak_memory_mib;
   return report.dump(2) + "\n";
+}
+
+std::string FramesToCsv(const Scene& scene, const MapperModel& model) {
+  std::vector<size_t> num_images(scene.frames.size(), 0);
+  std::vector<size_t> num_observations(scene.frames.size(), 0);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    num_images[scene.images[i].frame_idx] +=
+        model.reconstruction.IsRegistered(scene, static_cast<int>(i));
+  }
+  for (const Point3D& point : model.reconstruction.points) {
+    for (const Observation& observation : point.track) {
+      ++num_observations[scene.images[observation.image_idx].frame_idx];
+    }
+  }
+  std::ostringstream csv;
+  csv << "frame,num_images,num_observations,confidence\n";
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (!model.confidence.of_frame[i]) continue;
+    csv << '"' << scene.frames[i].name << "\"," << num_images[i] << ','
+        << num_observations[i] << ',' << *model.confidence.of_frame[i] << '\n';
+  }
+  return csv.str();
 }
 
 }  // namespace mgsfm

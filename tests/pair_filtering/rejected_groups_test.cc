@@ -36,12 +36,12 @@ TEST(RejectedGroups, AreStretchesOfNeighbours) {
   const std::vector<RejectedGroup> groups = GroupRejectedPairs(
       FramePairIndex(scene, view_graph), {true, true, true, true, false});
   ASSERT_EQ(groups.size(), 2u);
-  EXPECT_EQ(groups[0].num_pairs, 3);
+  EXPECT_THAT(groups[0].pair_idxs, testing::UnorderedElementsAre(0, 1, 2));
   EXPECT_EQ(groups[0].first_frame_idx1, 10);
   EXPECT_EQ(groups[0].last_frame_idx1, 12);
   EXPECT_EQ(groups[0].first_frame_idx2, 49);
   EXPECT_EQ(groups[0].last_frame_idx2, 52);
-  EXPECT_EQ(groups[1].num_pairs, 1);
+  EXPECT_THAT(groups[1].pair_idxs, testing::ElementsAre(3));
   EXPECT_EQ(groups[1].first_frame_idx2, 90);
 }
 
@@ -50,11 +50,13 @@ TEST(RejectedGroups, ShowVehiclesIfNear) {
   const auto describe = [&](const RejectedGroup& group) {
     return DescribeRejectedGroup(scene, group);
   };
-  EXPECT_THAT(describe({7, 10, 30, 20, 45}),
+  EXPECT_THAT(describe({{0, 1, 2, 3, 4, 5, 6}, 10, 30, 20, 45}),
               testing::AllOf(testing::HasSubstr("7 pairs"),
                              testing::HasSubstr("vehicles")));
-  EXPECT_THAT(describe({7, 10, 30, 35, 45}), testing::HasSubstr("vehicles"));
-  EXPECT_THAT(describe({7, 10, 30, 60, 75}), testing::HasSubstr("duplicate"));
+  EXPECT_THAT(describe({{0, 1, 2, 3, 4, 5, 6}, 10, 30, 35, 45}),
+              testing::HasSubstr("vehicles"));
+  EXPECT_THAT(describe({{0, 1, 2, 3, 4, 5, 6}, 10, 30, 60, 75}),
+              testing::HasSubstr("duplicate"));
 }
 
 TEST(PairVerdicts, TheFirstReasonHolds) {

@@ -41,15 +41,17 @@ void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
           view_graph);
 }
 
-Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph) {
-  return SelectSkeletalGraph(FramePairIndex(scene, view_graph), view_graph,
-                             Mask(view_graph.pairs.size(), true), {}, 1);
+Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph,
+                  FrameSequence sequence = FrameSequence::kNo) {
+  return SelectSkeletalGraph(FramePairIndex(scene, view_graph, sequence),
+                             view_graph, Mask(view_graph.pairs.size(), true),
+                             {}, 1);
 }
 
 Mask SelectStrict(const Scene& scene, const ViewGraph& view_graph) {
-  return SelectStrictSkeletalGraph(FramePairIndex(scene, view_graph),
-                                   view_graph,
-                                   Mask(view_graph.pairs.size(), true), {}, 1);
+  return SelectStrictSkeletalGraph(
+      FramePairIndex(scene, view_graph, FrameSequence::kNo), view_graph,
+      Mask(view_graph.pairs.size(), true), {}, 1);
 }
 
 TEST(SkeletalGraph, ContainsNeighboursAndNoDuplicates) {
@@ -144,6 +146,33 @@ TEST(SkeletalGraph, ContainsNoUnusedPairs) {
   EXPECT_EQ(SelectSkeletalGraph(FramePairIndex(scene, view_graph), view_graph,
                                 {false, true}, {}, 1),
             (Mask{false, true}));
+}
+
+// Two stretches of a drive with one weak pair between them. Duplicate
+// structures of distant frames support each other by triplets and are much
+// stronger.
+TEST(SkeletalGraph, NeighboursInTimeDecideWeakCutsOfASequence) {
+  const Scene scene = MakeScene(40);
+  ViewGraph view_graph;
+  const auto add_stretch = [&](int begin, int end) {
+    for (int i = begin; i + 1 < end; ++i) AddPair(i, i + 1, 100, &view_graph);
+  };
+  add_stretch(0, 20);
+  add_stretch(20, 40);
+  const size_t true_pair = view_graph.pairs.size();
+  AddPair(19, 20, 20, &view_graph);
+  const size_t first_wrong = view_graph.pairs.size();
+  AddPair(2, 30, 9000, 9060, &view_graph);
+  AddPair(2, 31, 9000, 9060, &view_graph);
+  AddPair(30, 31, 9000, 9060, &view_graph);
+  const Mask as_sequence =
+      SelectNormal(scene, view_graph, FrameSequence::kAuto);
+  EXPECT_TRUE(as_sequence[true_pair]);
+  EXPECT_FALSE(as_sequence[first_wrong]);
+  EXPECT_FALSE(as_sequence[first_wrong + 1]);
+  const Mask unordered = SelectNormal(scene, view_graph);
+  EXPECT_FALSE(unordered[true_pair]);
+  EXPECT_TRUE(unordered[first_wrong]);
 }
 
 }  // namespace

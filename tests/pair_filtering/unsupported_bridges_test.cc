@@ -35,10 +35,11 @@ class Graph {
     }
   }
 
-  std::vector<size_t> UnsupportedPairs() const {
+  std::vector<size_t> UnsupportedPairs(
+      FrameSequence sequence = FrameSequence::kNo) const {
     const Mask is_unsupported =
-        FindUnsupportedBridges(FramePairIndex(scene_, view_graph_), view_graph_,
-                               is_consistent_, {}, 1);
+        FindUnsupportedBridges(FramePairIndex(scene_, view_graph_, sequence),
+                               view_graph_, is_consistent_, {}, 1);
     std::vector<size_t> unsupported;
     for (size_t i = 0; i < is_unsupported.size(); ++i) {
       if (is_unsupported[i]) unsupported.push_back(i);
@@ -108,6 +109,23 @@ TEST(UnsupportedBridges, CanFollowEachOther) {
   const size_t second = graph.AddPair(4, 5, 40);
   graph.AddPair(1, 7, 30, false);
   EXPECT_EQ(graph.UnsupportedPairs(), (Pairs{first, second}));
+}
+
+TEST(UnsupportedBridges, MustNotBeLoopsOfASequence) {
+  Graph graph(30);
+  graph.AddPlace(0, 15);
+  graph.AddPlace(15, 30);
+  const size_t loop = graph.AddPair(1, 28, 40);
+  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // no pair contradicts it
+  EXPECT_EQ(graph.UnsupportedPairs(FrameSequence::kYes), Pairs{loop});
+}
+
+TEST(UnsupportedBridges, MayConnectNeighboursOfASequence) {
+  Graph graph(30);
+  graph.AddPlace(0, 15);
+  graph.AddPlace(15, 30);
+  graph.AddPair(14, 15, 20);
+  EXPECT_EQ(graph.UnsupportedPairs(FrameSequence::kYes), Pairs{});
 }
 
 }  // namespace

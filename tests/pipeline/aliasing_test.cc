@@ -156,7 +156,8 @@ TEST_P(AliasingTest, EqualFacadesDoNotFoldTheRoad) {
                 .max_position,
             0.3);
   ExpectNamed(copies, result.models[0]);
-  EXPECT_EQ(result.models[0].rejected_groups[0].num_pairs, num_wrong_pairs);
+  EXPECT_EQ(result.models[0].rejected_groups[0].pair_idxs.size(),
+            num_wrong_pairs);
 }
 
 TEST_P(AliasingTest, ADriveWithoutDuplicatesHasNoRejectedGroups) {

@@ -26,7 +26,7 @@ namespace mgsfm {
 //    Neighbouring frames share most of what they see, duplicates share only the
 //    duplicate. A sparse graph of the strongest pairs gives first rotations and
 //    positions. A strict graph, hardly more than a chain, first screens the
-//    candidates for positions.
+//    candidates for positions. In a sequence, neighbours in time come first.
 // 2. Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
 //    triplet_consistency.h). A match counts as support if a third image matches
 //    both of its keypoints. Unrelated places have no such matches.
@@ -50,7 +50,29 @@ namespace mgsfm {
 // neighbours of a place are missing, its duplicate can be the strongest pair.
 // Objects that move along with the rig look like static structure.
 
+// Whether frames are in the order in which they were captured, by their
+// timestamps or names.
+enum class FrameSequence {
+  kAuto,  // yes if most frames share most matches with a neighbour in that
+          // order
+  kYes,
+  kNo,
+};
+
+template <>
+struct EnumTable<FrameSequence> {
+  static constexpr std::pair<std::string_view, FrameSequence> kNames[] = {
+      {"auto", FrameSequence::kAuto},
+      {"yes", FrameSequence::kYes},
+      {"no", FrameSequence::kNo}};
+};
+
 struct PairFilteringOptions {
+  Option<FrameSequence> is_sequence{
+      "is_sequence", FrameSequence::kAuto,
+      "Whether timestamps or names give the temporal order of frames. Then "
+      "pairs of neighbours decide how the trajectory continues, not loop "
+      "pairs."};
   Option<bool> use_skeletal_graph{
       "use_skeletal_graph", true,
       "Start rotations and positions from a skeletal graph. Without it, the "
@@ -127,10 +149,11 @@ struct PairFilteringOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(use_skeletal_graph, use_strict_skeletal_graph, use_triplet_support,
-          use_rotation_consistency, use_unsupported_bridges,
-          use_baseline_drift_bound, use_baseline_consistency, use_track_support,
-          min_strength, min_connecting_strength, strict_min_strength,
+    visit(is_sequence, use_skeletal_graph, use_strict_skeletal_graph,
+          use_triplet_support, use_rotation_consistency,
+          use_unsupported_bridges, use_baseline_drift_bound,
+          use_baseline_consistency, use_track_support, min_strength,
+          min_connecting_strength, strict_min_strength,
           strict_min_connecting_strength, max_rotation_error_deg,
           rotation_drift_in_sigmas, max_rotation_drift_deg,
           min_share_against_bridge, max_baseline_drift,
@@ -190,7 +213,7 @@ std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts);
 // to last_frame_idx1 and first_frame_idx2 to last_frame_idx2. A large group
 // indicates duplicate structures.
 struct RejectedGroup {
-  int num_pairs = 0;
+  std::vector<size_t> pair_idxs;
   int first_frame_idx1 = 0;
   int last_frame_idx1 = 0;
   int first_frame_idx2 = 0;

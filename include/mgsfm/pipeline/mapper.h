@@ -10,6 +10,7 @@
 #include "mgsfm/base/timer.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/bundle/uncertainty.h"
+#include "mgsfm/confidence/confidence.h"
 #include "mgsfm/extension/model_extension.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation/rotation_averaging.h"
@@ -55,6 +56,7 @@ struct MapperOptions {
   BundleAdjustmentOptions bundle_adjustment;
   ExtensionOptions extension;  // listed by commands that can have a start
   SoftRigOptions soft_rig;
+  ConfidenceOptions confidence;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -68,6 +70,7 @@ struct MapperOptions {
     visit.Group("TranslationAveraging", translation_averaging);
     visit.Group("BundleAdjustment", bundle_adjustment);
     visit.Group("SoftRig", soft_rig);
+    visit.Group("Confidence", confidence);
   }
 };
 
@@ -88,6 +91,7 @@ struct MapperModel {
   std::optional<SoftRigImages> soft_rig_images;
   // Groups of pairs that contradict the rotations or positions.
   std::vector<RejectedGroup> rejected_groups;
+  Confidence confidence;         // not of extended models
   std::vector<StageTime> times;  // in the order in which stages ran
 };
 

@@ -29,4 +29,8 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                                const MapperResult& result,
                                const RunDescription& run);
 
+// One line per registered frame: name, number of registered images, number of
+// observations, and its confidence in [0, 1].
+std::string FramesToCsv(const Scene& scene, const MapperModel& model);
+
 }  // namespace mgsfm

@@ -11,7 +11,7 @@ namespace mgsfm {
 // these files and no others.
 
 // cameras, images, points3D, rigs and frames as .bin or .txt; rig_config.json,
-// geo_origin.json and covariances.csv.
+// geo_origin.json, covariances.csv and frames.csv.
 bool IsModelFileName(const std::filesystem::path& name);
 
 // images.bin or images.txt: a folder without either is not a model.

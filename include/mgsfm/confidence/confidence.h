@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/options.h"
+
+namespace mgsfm {
+
+// Where is a model weak?
+//
+// A model is rigid only as far as observations tie its frames together. The
+// maximum spanning tree of the frames, weighted by confirmed matches, names the
+// cuts to look at: removal of one of its edges leaves two sides. A match is
+// confirmed if one point of the model observes both of its keypoints. Of each
+// cut, this stage counts
+//
+//   num_tracks   points observed on both sides,
+//   confirmed    confirmed matches of used pairs between the sides,
+//   against      matches of the largest group of rejected pairs between the
+//                sides. Such a group tells a different story of the trajectory
+//                with one voice; isolated wrong pairs do not.
+//
+// The confidence of a cut is the share that agrees, less if few points cross:
+//
+//   confirmed / (confirmed + against) * num_tracks / (num_tracks + n0),
+//
+// and that of a frame is the smallest of the cuts between it and the core, the
+// frame that no cut separates from most others. A cut is a seam if few tracks
+// cross it or if the share against it is large. Wrong models break at seams:
+// robust averaging decides there by a few votes.
+//
+// The uncertainty of a seam is that of a rigid motion of one side against the
+// other, with both sides and the noise of keypoints fixed and the points that
+// cross the seam free. It assumes that these points are correct.
+
+struct ConfidenceOptions {
+  Option<int> min_num_tracks{
+      "min_num_tracks", 60, AtLeast(0), "tracks",
+      "A cut of a model that fewer tracks cross is reported as a seam."};
+  Option<double> max_share_against{
+      "max_share_against", 0.6, Between(0.0, 1.0),
+      "A cut is reported as a seam if the largest group of rejected pairs "
+      "across it has more than this share of the matches."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_tracks, max_share_against);
+  }
+};
+
+enum class SeamReason {
+  kFewTracks,     // few observations tie the sides together
+  kContradicted,  // a group of rejected pairs disagrees with the model
+};
+
+template <>
+struct EnumTable<SeamReason> {
+  static constexpr std::pair<std::string_view, SeamReason> kNames[] = {
+      {"few_tracks", SeamReason::kFewTracks},
+      {"contradicted", SeamReason::kContradicted}};
+};
+
+struct Seam {
+  SeamReason reason = SeamReason::kFewTracks;
+  // The frames on the side away from the core, ascending, and the frame next to
+  // the seam on either side.
+  std::vector<int> frame_idxs_beyond;
+  int frame_idx_beyond = 0;
+  int frame_idx_core = 0;
+  int num_pairs = 0;   // used pairs that cross the seam
+  int num_tracks = 0;  // points observed on both sides
+  int num_confirmed = 0;
+  int num_against = 0;
+  // Standard deviations (root mean square of the three axes times sqrt 3) of
+  // the position and rotation of one side against the other; nullopt if the
+  // points do not determine them.
+  std::optional<double> sigma_position;
+  std::optional<double> sigma_rotation_deg;
+};
+
+struct Confidence {
+  std::vector<Seam> seams;  // by ascending confidence
+  // Per frame of the scene, in [0, 1]; nullopt for unregistered frames.
+  std::vector<std::optional<double>> of_frame;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "confidence/frame_cuts.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "math/spanning_tree.h"
+
+namespace mgsfm {
+
+FrameCuts::FrameCuts(int num_frames, const std::vector<GraphEdge>& edges)
+    : parent_(num_frames),
+      depth_(num_frames, 0),
+      root_(num_frames),
+      enter_(num_frames, 0),
+      leave_(num_frames),
+      order_(num_frames) {
+  const std::vector<ForestStep> steps =
+      WalkForest(num_frames, edges, MaximumSpanningForest(num_frames, edges));
+  std::vector<int> num_below(num_frames, 1);  // with the frame itself
+  for (auto step = steps.rbegin(); step != steps.rend(); ++step) {
+    if (step->from) num_below[step->from->parent] += num_below[step->node];
+  }
+  // Each frame hands out consecutive numbers to its subtrees.
+  std::vector<int> next(num_frames);
+  int next_of_roots = 0;
+  for (const ForestStep& step : steps) {
+    const int frame = step.node;
+    int& position = step.from ? next[step.from->parent] : next_of_roots;
+    enter_[frame] = position;
+    leave_[frame] = position += num_below[frame];
+    next[frame] = enter_[frame] + 1;
+    parent_[frame] = step.from ? step.from->parent : frame;
+    root_[frame] = step.from ? root_[parent_[frame]] : frame;
+    depth_[frame] = step.from ? depth_[parent_[frame]] + 1 : 0;
+    order_[enter_[frame]] = frame;
+  }
+  for (const int frame : order_) {
+    if (parent_[frame] != frame) cuts_.push_back({frame, parent_[frame]});
+  }
+}
+
+bool FrameCuts::CoreIsAbove(size_t cut_idx) const {
+  const int frame = cuts_[cut_idx].frame_below;
+  return 2 * NumBelow(frame) <= NumBelow(root_[frame]);
+}
+
+std::vector<int> FrameCuts::FramesOfSide(size_t cut_idx, bool is_below) const {
+  const int frame = cuts_[cut_idx].frame_below;
+  const int root = root_[frame];
+  std::vector<int> frames;
+  const auto append = [&](int begin, int end) {
+    frames.insert(frames.end(), order_.begin() + begin, order_.begin() + end);
+  };
+  if (is_below) {
+    append(enter_[frame], leave_[frame]);
+  } else {
+    append(enter_[root], enter_[frame]);
+    append(leave_[frame], leave_[root]);
+  }
+  std::sort(frames.begin(), frames.end());
+  return frames;
+}
+
+// The cuts with the core below form the path from the root to the core. Values
+// are therefore passed up along this path first, then down everywhere.
+std::vector<double> FrameCuts::SmallestToCore(
+    const std::vector<double>& value_of_cut) const {
+  std::vector<double> smallest(order_.size(), 1.0);
+  for (size_t k = cuts_.size(); k-- > 0;) {
+    const auto& [below, above] = cuts_[k];
+    if (!CoreIsAbove(k)) {
+      smallest[above] = std::min(smallest[below], value_of_cut[k]);
+    }
+  }
+  for (size_t k = 0; k < cuts_.size(); ++k) {
+    const auto& [below, above] = cuts_[k];
+    if (CoreIsAbove(k)) {
+      smallest[below] = std::min(smallest[above], value_of_cut[k]);
+    }
+  }
+  return smallest;
+}
+
+int FrameCuts::CommonAncestor(int frame_idx1, int frame_idx2) const {
+  int a = frame_idx1, b = frame_idx2;
+  while (a != b) {
+    int& lower = depth_[a] >= depth_[b] ? a : b;
+    lower = parent_[lower];
+  }
+  return a;
+}
+
+FrameCuts::Sums::Sums(const FrameCuts& cuts)
+    : cuts_(cuts), at_frame_(cuts.parent_.size(), 0.0) {}
+
+void FrameCuts::Sums::Add(int frame_idx1, int frame_idx2, double amount) {
+  if (cuts_.root_[frame_idx1] != cuts_.root_[frame_idx2]) return;
+  at_frame_[frame_idx1] += amount;
+  at_frame_[frame_idx2] += amount;
+  at_frame_[cuts_.CommonAncestor(frame_idx1, frame_idx2)] -= 2.0 * amount;
+}
+
+// The closed tour through the frames in depth-first order passes each edge
+// between them exactly twice.
+void FrameCuts::Sums::AddGroup(std::vector<int> frame_idxs, double amount) {
+  std::sort(frame_idxs.begin(), frame_idxs.end(),
+            [this](int a, int b) { return cuts_.enter_[a] < cuts_.enter_[b]; });
+  for (size_t i = 0; i < frame_idxs.size(); ++i) {
+    Add(frame_idxs[i], frame_idxs[(i + 1) % frame_idxs.size()], 0.5 * amount);
+  }
+}
+
+std::vector<double> FrameCuts::Sums::Finish() const {
+  std::vector<double> before(cuts_.order_.size() + 1, 0.0);
+  for (size_t i = 0; i < cuts_.order_.size(); ++i) {
+    before[i + 1] = before[i] + at_frame_[cuts_.order_[i]];
+  }
+  std::vector<double> sums;
+  for (const Cut& cut : cuts_.cuts_) {
+    sums.push_back(before[cuts_.leave_[cut.frame_below]] -
+                   before[cuts_.enter_[cut.frame_below]]);
+  }
+  return sums;
+}
+
+}  // namespace mgsfm

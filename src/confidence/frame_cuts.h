@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <utility>
+#include <vector>
+
+#include "math/graph.h"
+
+namespace mgsfm {
+
+// The cuts of a graph of frames that its maximum spanning forest names: each
+// edge of the forest, if it is removed, splits one tree into the frames below
+// the edge and the others. Every weak place of the graph is near one of these
+// cuts, because the forest crosses it by its strongest edge.
+class FrameCuts {
+ public:
+  struct Cut {
+    int frame_below = 0;  // ends of the removed edge
+    int frame_above = 0;
+  };
+
+  FrameCuts(int num_frames, const std::vector<GraphEdge>& edges);
+
+  const std::vector<Cut>& cuts() const { return cuts_; }
+
+  // The core of a tree is a frame that no cut separates from more than half of
+  // its frames.
+  bool CoreIsAbove(size_t cut_idx) const;
+  // Ascending.
+  std::vector<int> FramesOfSide(size_t cut_idx, bool is_below) const;
+  // Per frame: the smallest value of the cuts between it and the core of its
+  // tree; 1 for the core.
+  std::vector<double> SmallestToCore(
+      const std::vector<double>& value_of_cut) const;
+
+  // Adds amounts to all cuts that separate two frames. Frames of different
+  // trees do not count.
+  class Sums {
+   public:
+    explicit Sums(const FrameCuts& cuts);
+    void Add(int frame_idx1, int frame_idx2, double amount);
+    // Adds the amount once to each cut that separates any two of the frames.
+    void AddGroup(std::vector<int> frame_idxs, double amount);
+    // Per cut.
+    std::vector<double> Finish() const;
+
+   private:
+    const FrameCuts& cuts_;
+    std::vector<double> at_frame_;  // sums over a subtree make that of its edge
+  };
+
+ private:
+  int CommonAncestor(int frame_idx1, int frame_idx2) const;
+  int NumBelow(int frame_idx) const {  // with the frame itself
+    return leave_[frame_idx] - enter_[frame_idx];
+  }
+
+  std::vector<Cut> cuts_;  // in depth-first order of frame_below
+  // Per frame.
+  std::vector<int> parent_;  // itself for roots
+  std::vector<int> depth_;
+  std::vector<int> root_;
+  std::vector<int>
+      enter_;  // frames below a frame are entered in [enter, leave)
+  std::vector<int> leave_;
+  std::vector<int> order_;  // frames by enter_
+};
+
+}  // namespace mgsfm

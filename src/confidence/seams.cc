@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "confidence/seams.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+#include "confidence/frame_cuts.h"
+#include "confidence/seam_uncertainty.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+using FramePair = FramePairIndex::FramePair;
+
+// n0 of the confidence: pairs of images with fewer inliers are not accepted.
+constexpr double kFewTracks = 15.0;
+
+// The point that observes each keypoint.
+class PointOfKeypoint {
+ public:
+  PointOfKeypoint(const Scene& scene, const Reconstruction& reconstruction) {
+    for (const Image& image : scene.images) {
+      points_.emplace_back(image.keypoints_px.size());
+    }
+    for (size_t i = 0; i < reconstruction.points.size(); ++i) {
+      for (const Observation& o : reconstruction.points[i].track) {
+        points_[o.image_idx][o.keypoint_idx] = i;
+      }
+    }
+  }
+
+  int CountConfirmed(const ImagePair& pair) const {
+    return static_cast<int>(std::count_if(
+        pair.matches.begin(), pair.matches.end(), [&](const Match& match) {
+          const auto& point1 = points_[pair.image_idx1][match.keypoint_idx1];
+          return point1 &&
+                 point1 == points_[pair.image_idx2][match.keypoint_idx2];
+        }));
+  }
+
+ private:
+  std::vector<std::vector<std::optional<size_t>>> points_;  // per image
+};
+
+// Per image pair.
+std::vector<int> CountConfirmed(const ConfidenceInput& input) {
+  const PointOfKeypoint points(input.scene, input.reconstruction);
+  std::vector<int> num_confirmed;
+  for (const ImagePair& pair : input.view_graph.pairs) {
+    num_confirmed.push_back(points.CountConfirmed(pair));
+  }
+  return num_confirmed;
+}
+
+FrameCuts FindCuts(const FramePairIndex& index,
+                   const std::vector<int>& num_confirmed) {
+  std::vector<GraphEdge> edges;
+  for (const FramePair& frames : index.frame_pairs()) {
+    if (!frames.IsBetweenFrames()) continue;
+    double weight = 0.0;
+    for (const size_t i : frames.pair_idxs) weight += num_confirmed[i];
+    if (weight == 0.0) continue;
+    edges.push_back({frames.frame_idx1, frames.frame_idx2, weight});
+  }
+  return {index.num_frames(), edges};
+}
+
+// What crosses each cut.
+struct CutEvidence {
+  std::vector<double> num_tracks;
+  std::vector<double> num_pairs;
+  std::vector<double> num_confirmed;
+  std::vector<double> num_against;
+
+  double ShareAgainst(size_t cut_idx) const {
+    const double sum = num_confirmed[cut_idx] + num_against[cut_idx];
+    return sum > 0.0 ? num_against[cut_idx] / sum : 0.0;
+  }
+  double ConfidenceOf(size_t cut_idx) const {
+    return (1.0 - ShareAgainst(cut_idx)) * num_tracks[cut_idx] /
+           (num_tracks[cut_idx] + kFewTracks);
+  }
+};
+
+std::vector<double> SumTracks(const ConfidenceInput& input,
+                              const FrameCuts& cuts) {
+  FrameCuts::Sums sums(cuts);
+  for (const Point3D& point : input.reconstruction.points) {
+    std::vector<int> frames;
+    for (const Observation& observation : point.track) {
+      frames.push_back(input.scene.images[observation.image_idx].frame_idx);
+    }
+    std::sort(frames.begin(), frames.end());
+    frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+    sums.AddGroup(std::move(frames), 1.0);
+  }
+  return sums.Finish();
+}
+
+// Sums amount_of(pair_idx) over the pairs of a list that cross each cut.
+template <class PairIdxs, class Amount>
+std::vector<double> SumPairs(const FramePairIndex& index, const FrameCuts& cuts,
+                             const PairIdxs& pair_idxs,
+                             const Amount& amount_of) {
+  FrameCuts::Sums sums(cuts);
+  for (const size_t i : pair_idxs) {
+    const FramePair& frames = index.Of(i);
+    sums.Add(frames.frame_idx1, frames.frame_idx2, amount_of(i));
+  }
+  return sums.Finish();
+}
+
+std::vector<double> MostAgainst(const ConfidenceInput& input,
+                                const FrameCuts& cuts,
+                                const std::vector<int>& num_confirmed) {
+  std::vector<double> most(cuts.cuts().size(), 0.0);
+  for (const RejectedGroup& group : input.rejected_groups) {
+    const std::vector<double> of_group =
+        SumPairs(input.index, cuts, group.pair_idxs, [&](size_t i) {
+          return static_cast<double>(input.view_graph.pairs[i].matches.size()) -
+                 num_confirmed[i];
+        });
+    for (size_t k = 0; k < most.size(); ++k) {
+      most[k] = std::max(most[k], of_group[k]);
+    }
+  }
+  return most;
+}
+
+CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
+                            const std::vector<int>& num_confirmed) {
+  std::vector<size_t> used;
+  for (size_t i = 0; i < input.pair_is_used.size(); ++i) {
+    if (input.pair_is_used[i]) used.push_back(i);
+  }
+  CutEvidence evidence;
+  evidence.num_tracks = SumTracks(input, cuts);
+  evidence.num_pairs =
+      SumPairs(input.index, cuts, used, [](size_t) { return 1.0; });
+  evidence.num_confirmed = SumPairs(input.index, cuts, used, [&](size_t i) {
+    return static_cast<double>(num_confirmed[i]);
+  });
+  evidence.num_against = MostAgainst(input, cuts, num_confirmed);
+  return evidence;
+}
+
+std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
+                                   const ConfidenceOptions& options) {
+  if (evidence.num_tracks[cut_idx] < options.min_num_tracks) {
+    return SeamReason::kFewTracks;
+  }
+  if (evidence.ShareAgainst(cut_idx) > options.max_share_against) {
+    return SeamReason::kContradicted;
+  }
+  return std::nullopt;
+}
+
+Seam MakeSeam(const ConfidenceInput& input, const FrameCuts& cuts,
+              const CutEvidence& evidence, size_t cut_idx, SeamReason reason) {
+  const FrameCuts::Cut& cut = cuts.cuts()[cut_idx];
+  const bool core_is_above = cuts.CoreIsAbove(cut_idx);
+  Seam seam;
+  seam.reason = reason;
+  seam.frame_idx_beyond = core_is_above ? cut.frame_below : cut.frame_above;
+  seam.frame_idx_core = core_is_above ? cut.frame_above : cut.frame_below;
+  seam.frame_idxs_beyond = cuts.FramesOfSide(cut_idx, core_is_above);
+  seam.num_pairs = static_cast<int>(evidence.num_pairs[cut_idx]);
+  seam.num_tracks = static_cast<int>(evidence.num_tracks[cut_idx]);
+  seam.num_confirmed = static_cast<int>(evidence.num_confirmed[cut_idx]);
+  seam.num_against = static_cast<int>(evidence.num_against[cut_idx]);
+  if (const auto uncertainty = EstimateSeamUncertainty(
+          input.scene, input.reconstruction, seam.frame_idxs_beyond,
+          seam.frame_idx_beyond)) {
+    seam.sigma_position = uncertainty->sigma_position;
+    seam.sigma_rotation_deg = uncertainty->sigma_rotation_deg;
+  }
+  return seam;
+}
+
+}  // namespace
+
+Confidence EstimateConfidence(const ConfidenceInput& input,
+                              const ConfidenceOptions& options) {
+  MGSFM_CHECK_EQ(input.index.num_pairs(), input.view_graph.pairs.size());
+  MGSFM_CHECK_EQ(input.pair_is_used.size(), input.view_graph.pairs.size());
+  const std::vector<int> num_confirmed = CountConfirmed(input);
+  const FrameCuts cuts = FindCuts(input.index, num_confirmed);
+  const CutEvidence evidence = CollectEvidence(input, cuts, num_confirmed);
+  std::vector<double> confidences;
+  std::vector<std::pair<double, Seam>> seams;
+  for (size_t k = 0; k < cuts.cuts().size(); ++k) {
+    confidences.push_back(evidence.ConfidenceOf(k));
+    if (const auto reason = ReasonOf(evidence, k, options)) {
+      seams.emplace_back(confidences.back(),
+                         MakeSeam(input, cuts, evidence, k, *reason));
+    }
+  }
+  std::stable_sort(
+      seams.begin(), seams.end(),
+      [](const auto& a, const auto& b) { return a.first < b.first; });
+  Confidence result;
+  for (auto& [confidence, seam] : seams)
+    result.seams.push_back(std::move(seam));
+  const std::vector<double> of_frame = cuts.SmallestToCore(confidences);
+  for (size_t i = 0; i < input.scene.frames.size(); ++i) {
+    const bool is_registered =
+        input.reconstruction.rig_from_world[i].has_value();
+    result.of_frame.push_back(is_registered ? std::optional(of_frame[i])
+                                            : std::nullopt);
+  }
+  return result;
+}
+
+}  // namespace mgsfm

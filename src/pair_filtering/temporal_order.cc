@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/temporal_order.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <map>
+#include <utility>
+
+#include "base/natural_order.h"
+
+namespace mgsfm {
+namespace {
+
+// One frame may be missing or blurred.
+constexpr int kMaxNeighbourGap = 2;
+constexpr double kMinShareOfNeighbours = 0.75;
+
+bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
+  return std::all_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame_idx) {
+    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
+    return std::all_of(images.begin(), images.end(), [&](int image_idx) {
+      return scene.images[image_idx].timestamp_s.has_value();
+    });
+  });
+}
+
+void SortByTime(const Scene& scene, std::vector<int>* frame_idxs) {
+  if (HasTimes(scene, *frame_idxs)) {
+    std::vector<double> times_s(scene.frames.size(), 0.0);
+    for (const int i : *frame_idxs) times_s[i] = TimeOfFrame(scene, i);
+    std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
+                     [&](int a, int b) { return times_s[a] < times_s[b]; });
+    return;
+  }
+  std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
+    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
+  });
+}
+
+}  // namespace
+
+TemporalOrder::TemporalOrder(const Scene& scene)
+    : rank_of_frame_(scene.frames.size()) {
+  std::vector<std::vector<int>> frames_of_rig(scene.rigs.size());
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const int rig_idx = scene.frames[i].rig_idx;
+    rig_of_frame_.push_back(rig_idx);
+    if (rig_idx >= static_cast<int>(frames_of_rig.size())) {
+      frames_of_rig.resize(rig_idx + 1);
+    }
+    frames_of_rig[rig_idx].push_back(static_cast<int>(i));
+  }
+  for (std::vector<int>& frames : frames_of_rig) {
+    SortByTime(scene, &frames);
+    for (size_t rank = 0; rank < frames.size(); ++rank) {
+      rank_of_frame_[frames[rank]] = static_cast<int>(rank);
+    }
+  }
+}
+
+std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {
+  if (rig_of_frame_[frame_idx1] != rig_of_frame_[frame_idx2]) {
+    return std::nullopt;
+  }
+  return std::abs(rank_of_frame_[frame_idx1] - rank_of_frame_[frame_idx2]);
+}
+
+bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
+                const TemporalOrder& order) {
+  std::map<std::pair<int, int>, size_t> num_matches;  // per pair of frames
+  for (const ImagePair& pair : view_graph.pairs) {
+    const auto frames = std::minmax({scene.images[pair.image_idx1].frame_idx,
+                                     scene.images[pair.image_idx2].frame_idx});
+    if (frames.first != frames.second &&
+        order.Gap(frames.first, frames.second)) {
+      num_matches[frames] += pair.matches.size();
+    }
+  }
+  struct Partner {
+    size_t num_matches = 0;
+    bool is_neighbour = false;
+  };
+  std::vector<Partner> strongest(scene.frames.size());
+  for (const auto& [frames, number] : num_matches) {
+    const int gap = *order.Gap(frames.first, frames.second);
+    for (const int frame_idx : {frames.first, frames.second}) {
+      Partner& partner = strongest[frame_idx];
+      if (number > partner.num_matches) {
+        partner = {number, gap <= kMaxNeighbourGap};
+      }
+    }
+  }
+  size_t num_frames = 0, num_with_neighbour = 0;
+  for (const Partner& partner : strongest) {
+    num_frames += partner.num_matches > 0;
+    num_with_neighbour += partner.is_neighbour;
+  }
+  return num_frames > 0 &&
+         static_cast<double>(num_with_neighbour) >=
+             kMinShareOfNeighbours * static_cast<double>(num_frames);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// The frames of each rig in the order of their capture times, or of their names
+// ("9" before "10") if not all images of the rig have a time.
+class TemporalOrder {
+ public:
+  explicit TemporalOrder(const Scene& scene);
+
+  // 1 for consecutive frames; nullopt for frames of different rigs.
+  std::optional<int> Gap(int frame_idx1, int frame_idx2) const;
+
+ private:
+  std::vector<int> rig_of_frame_;
+  std::vector<int> rank_of_frame_;  // within its rig
+};
+
+// Whether the order of the frames is that of a camera path: most frames share
+// more matches with a frame just before or after them than with any other frame
+// of their rig. Among n frames in random order, a share of about 4 / n would.
+bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
+                const TemporalOrder& order);
+
+}  // namespace mgsfm

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "confidence/seams.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+#include "mgsfm/synthetic/simulation.h"
+#include "pair_filtering/rejected_groups.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumFrames = 12;
+constexpr int kFirstBeyond = 8;  // of the frames that the tests cut off
+
+struct Drive {
+  Simulation simulation;
+  Mask pair_is_used;
+  std::vector<RejectedGroup> rejected_groups;
+
+  Drive() {
+    SimulationOptions options;
+    options.num_frames = kNumFrames;
+    simulation = Simulate(options);
+    pair_is_used = Mask(simulation.view_graph.pairs.size(), true);
+  }
+
+  int FrameOf(int image_idx) const {
+    return simulation.scene.images[image_idx].frame_idx;
+  }
+  bool Crosses(int frame1, int frame2) const {
+    return (frame1 < kFirstBeyond) != (frame2 < kFirstBeyond);
+  }
+
+  // Splits the tracks of all but the first points at the cut.
+  void KeepCrossingPoints(int num_kept) {
+    std::vector<Point3D> points;
+    for (Point3D& point : simulation.ground_truth.points) {
+      Point3D beyond = point;
+      const auto is_beyond = [&](const Observation& o) {
+        return FrameOf(o.image_idx) >= kFirstBeyond;
+      };
+      const bool crosses =
+          std::any_of(point.track.begin(), point.track.end(), is_beyond) &&
+          !std::all_of(point.track.begin(), point.track.end(), is_beyond);
+      if (crosses && num_kept-- <= 0) {
+        point.track.erase(
+            std::remove_if(point.track.begin(), point.track.end(), is_beyond),
+            point.track.end());
+        beyond.track.erase(
+            std::remove_if(beyond.track.begin(), beyond.track.end(),
+                           [&](const auto& o) { return !is_beyond(o); }),
+            beyond.track.end());
+        if (beyond.track.size() >= 2) points.push_back(beyond);
+      }
+      if (point.track.size() >= 2) points.push_back(point);
+    }
+    simulation.ground_truth.points = std::move(points);
+  }
+
+  // Rejects most of the pairs across the cut: they contradict the model.
+  void RejectCrossingPairs() {
+    Mask is_rejected(pair_is_used.size(), false);
+    for (size_t i = 0; i < is_rejected.size(); ++i) {
+      const ImagePair& pair = simulation.view_graph.pairs[i];
+      is_rejected[i] =
+          Crosses(FrameOf(pair.image_idx1), FrameOf(pair.image_idx2)) &&
+          i % 8 != 0;
+    }
+    pair_is_used.Remove(is_rejected);
+    rejected_groups = GroupRejectedPairs(Index(), is_rejected);
+  }
+
+  FramePairIndex Index() const {
+    return {simulation.scene, simulation.view_graph};
+  }
+  Confidence Estimate() const {
+    const FramePairIndex index = Index();
+    return EstimateConfidence(
+        {simulation.scene, index, simulation.view_graph, pair_is_used,
+         rejected_groups, simulation.ground_truth},
+        {});
+  }
+};
+
+std::vector<int> FramesBeyond() {
+  std::vector<int> frames(kNumFrames - kFirstBeyond);
+  std::iota(frames.begin(), frames.end(), kFirstBeyond);
+  return frames;
+}
+
+TEST(Seams, AreNotInASoundModel) {
+  const Confidence confidence = Drive().Estimate();
+  EXPECT_TRUE(confidence.seams.empty());
+  for (const auto& of_frame : confidence.of_frame) {
+    ASSERT_TRUE(of_frame.has_value());
+    EXPECT_GT(*of_frame, 0.8);
+  }
+}
+
+TEST(Seams, AreWhereFewPointsCross) {
+  Drive drive;
+  drive.KeepCrossingPoints(12);
+  const Confidence confidence = drive.Estimate();
+  ASSERT_EQ(confidence.seams.size(), 1u);
+  const Seam& seam = confidence.seams[0];
+  EXPECT_EQ(seam.reason, SeamReason::kFewTracks);
+  EXPECT_EQ(seam.frame_idxs_beyond, FramesBeyond());
+  EXPECT_GE(seam.frame_idx_beyond, kFirstBeyond);
+  EXPECT_LT(seam.frame_idx_core, kFirstBeyond);
+  EXPECT_EQ(seam.num_tracks, 12);
+  EXPECT_TRUE(seam.sigma_position.has_value());
+  for (int i = 0; i < kNumFrames; ++i) {
+    EXPECT_EQ(*confidence.of_frame[i] < 0.5, i >= kFirstBeyond) << i;
+  }
+}
+
+TEST(Seams, AreWhereManyPairsDisagree) {
+  Drive drive;
+  drive.KeepCrossingPoints(80);
+  drive.RejectCrossingPairs();
+  const Confidence confidence = drive.Estimate();
+  ASSERT_FALSE(confidence.seams.empty());
+  const Seam& seam = confidence.seams[0];
+  EXPECT_EQ(seam.reason, SeamReason::kContradicted);
+  EXPECT_EQ(seam.frame_idxs_beyond, FramesBeyond());
+  EXPECT_GT(seam.num_against, seam.num_confirmed);
+}
+
+TEST(Seams, LeaveUnregisteredFramesWithoutConfidence) {
+  Drive drive;
+  drive.simulation.ground_truth.rig_from_world[3].reset();
+  const Confidence confidence = drive.Estimate();
+  EXPECT_FALSE(confidence.of_frame[3].has_value());
+  EXPECT_TRUE(confidence.of_frame[4].has_value());
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/temporal_order.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "base/random.h"
+
+namespace mgsfm {
+namespace {
+
+// Frames of one image each, with these names.
+Scene MakeScene(const std::vector<std::string>& names) {
+  Scene scene;
+  scene.rigs.resize(1);
+  for (size_t i = 0; i < names.size(); ++i) {
+    const int idx = static_cast<int>(i);
+    const auto id = static_cast<uint32_t>(i + 1);
+    scene.images.push_back({ImageId(id), names[i], 0, 0, idx, {}});
+    scene.frames.push_back({FrameId(id), names[i], 0, {idx}});
+  }
+  return scene;
+}
+
+// Frames with these ranks in time share fewer matches the further they are
+// apart.
+ViewGraph MatchNeighbours(const std::vector<int>& time_of_frame) {
+  const int num_frames = static_cast<int>(time_of_frame.size());
+  ViewGraph view_graph;
+  for (int i = 0; i < num_frames; ++i) {
+    for (int j = i + 1; j < num_frames; ++j) {
+      const int gap = std::abs(time_of_frame[i] - time_of_frame[j]);
+      if (gap > 5) continue;
+      ImagePair pair;
+      pair.image_idx1 = i;
+      pair.image_idx2 = j;
+      pair.matches.resize(100 / gap);
+      view_graph.pairs.push_back(pair);
+    }
+  }
+  return view_graph;
+}
+
+TEST(TemporalOrder, FollowsNumbersInNames) {
+  const Scene scene = MakeScene({"f1", "f10", "f100", "f2", "f9"});
+  const TemporalOrder order(scene);
+  EXPECT_EQ(order.Gap(0, 3), 1);  // 1, 2
+  EXPECT_EQ(order.Gap(3, 4), 1);  // 2, 9
+  EXPECT_EQ(order.Gap(1, 4), 1);  // 9, 10
+  EXPECT_EQ(order.Gap(2, 0), 4);
+}
+
+TEST(TemporalOrder, PrefersTimestamps) {
+  Scene scene = MakeScene({"a", "b", "c"});
+  scene.images[0].timestamp_s = 2.0;
+  scene.images[1].timestamp_s = 0.0;
+  EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), 1);  // not all have a time
+  scene.images[2].timestamp_s = 1.0;
+  EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), 2);
+}
+
+TEST(TemporalOrder, DoesNotSpanRigs) {
+  Scene scene = MakeScene({"a", "b"});
+  scene.rigs.resize(2);
+  scene.frames[1].rig_idx = 1;
+  EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), std::nullopt);
+}
+
+TEST(TemporalOrder, IsThatOfACameraPathOrNot) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 60; ++i) names.push_back(std::to_string(100 + i));
+  const Scene scene = MakeScene(names);
+  const TemporalOrder order(scene);
+  std::vector<int> times(names.size());
+  std::iota(times.begin(), times.end(), 0);
+  EXPECT_TRUE(IsSequence(scene, MatchNeighbours(times), order));
+  Random random(7);
+  for (size_t i = times.size(); i > 1; --i) {
+    std::swap(times[i - 1], times[random.Index(static_cast<uint32_t>(i))]);
+  }
+  EXPECT_FALSE(IsSequence(scene, MatchNeighbours(times), order));
+  EXPECT_FALSE(IsSequence(scene, ViewGraph(), order));
+}
+
+}  // namespace
+}  // namespace mgsfm
