@@ -17,6 +17,7 @@
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
 #include "pipeline/timed.h"
+#include "pipeline/weak_seams.h"
 
 namespace mgsfm {
 namespace {
@@ -90,30 +91,6 @@ void WarnOfRejectedGroups(const Scene& scene,
   }
 }
 
-std::string DescribeSeam(const Scene& scene, const Seam& seam) {
-  char numbers[160];
-  std::snprintf(numbers, sizeof(numbers),
-                "%zu frames beyond it, %d points across it, %d matches for and "
-                "%d against",
-                seam.frame_idxs_beyond.size(), seam.num_tracks,
-                seam.num_confirmed, seam.num_against);
-  return "seam between frames '" + scene.frames[seam.frame_idx_core].name +
-         "' and '" + scene.frames[seam.frame_idx_beyond].name + "': " + numbers;
-}
-
-void LogSeams(const Scene& scene, const Confidence& confidence,
-              const Context& context) {
-  constexpr size_t kMaxNumLines = 5;
-  const std::vector<Seam>& seams = confidence.seams;
-  for (size_t i = 0; i < std::min(seams.size(), kMaxNumLines); ++i) {
-    context.Warning(DescribeSeam(scene, seams[i]));
-  }
-  if (seams.size() > kMaxNumLines) {
-    context.Warning(std::to_string(seams.size() - kMaxNumLines) +
-                    " more seams are in the report");
-  }
-}
-
 // The measurements that all connected components share.
 struct Measurements {
   const Scene& scene;
@@ -124,12 +101,11 @@ struct Measurements {
   const GravityPriors& gravity_priors;
 };
 
-MapperModel ReconstructComponent(const PositionStep& estimate_positions,
-                                 const Measurements& measurements,
-                                 const RotationEstimate& rotations,
-                                 const MapperOptions& options,
-                                 const Context& context,
-                                 PairVerdicts* verdicts) {
+// The models of one connected component: one, unless it is split at seams.
+std::vector<MapperModel> ReconstructComponent(
+    const PositionStep& estimate_positions, const Measurements& measurements,
+    const RotationEstimate& rotations, const MapperOptions& options,
+    const Context& context, PairVerdicts* verdicts) {
   const Scene& scene = measurements.scene;
   const ViewGraph& view_graph = measurements.view_graph;
   const FramePairIndex& index = measurements.index;
@@ -166,14 +142,24 @@ MapperModel ReconstructComponent(const PositionStep& estimate_positions,
                           model.rejected_groups, model.reconstruction},
                          options.confidence);
   LogSeams(scene, model.confidence, context);
-  return model;
+  if (options.weak_seams == WeakSeams::kSplit &&
+      !model.confidence.seams.empty()) {
+    return SplitAtSeams(input, index, options, context, model);
+  }
+  return {std::move(model)};
 }
 
-int NumRegisteredFrames(const Reconstruction& reconstruction) {
-  return static_cast<int>(std::count_if(
-      reconstruction.rig_from_world.begin(),
-      reconstruction.rig_from_world.end(),
-      [](const std::optional<Rigid3>& pose) { return pose.has_value(); }));
+// By descending number of frames; the parts of split components move.
+void SortBySize(std::vector<MapperModel>* models) {
+  const auto num_frames = [](const MapperModel& model) {
+    const auto& poses = model.reconstruction.rig_from_world;
+    return std::count_if(poses.begin(), poses.end(),
+                         [](const auto& pose) { return pose.has_value(); });
+  };
+  std::stable_sort(models->begin(), models->end(),
+                   [&](const MapperModel& a, const MapperModel& b) {
+                     return num_frames(a) > num_frames(b);
+                   });
 }
 
 std::vector<UnregisteredFrame> ExplainUnregistered(
@@ -195,7 +181,10 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
       reason = "its connected component has fewer than " +
                std::to_string(options.min_num_frames) + " frames";
     } else {
-      reason = "too few points constrain its position";
+      reason = options.weak_seams == WeakSeams::kSplit
+                   ? "a weak seam separates it, or too few points constrain "
+                     "its position"
+                   : "too few points constrain its position";
     }
     unregistered.push_back({static_cast<int>(i), reason});
   }
@@ -247,17 +236,18 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     if (num_frames[component] < options.min_num_frames) continue;
     context.Info("component " + std::to_string(component) + ": " +
                  std::to_string(num_frames[component]) + " frames");
-    MapperModel model = ReconstructComponent(
+    std::vector<MapperModel> models = ReconstructComponent(
         estimate_positions, measurements,
         SelectComponent(scene, verified.estimate, rotation.estimate,
                         static_cast<int>(component)),
         options, context, &rotation.verdicts);
-    model.num_frames_in_component = num_frames[component];
-    if (NumRegisteredFrames(model.reconstruction) >= options.min_num_frames &&
-        !model.reconstruction.points.empty()) {
+    for (MapperModel& model : models) {
+      if (!IsLargeEnough(model, options)) continue;
+      model.num_frames_in_component = num_frames[component];
       result.models.push_back(std::move(model));
     }
   }
+  SortBySize(&result.models);
   result.rejected_pairs = CountRejections(rotation.verdicts);
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, options, result.models);

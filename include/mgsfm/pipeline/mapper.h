@@ -3,6 +3,8 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -37,6 +39,18 @@ namespace mgsfm {
 // at least `min_num_frames` frames becomes a model with a world frame of its
 // own.
 
+// What happens at the weak seams of a model (mgsfm/confidence/confidence.h).
+enum class WeakSeams {
+  kKeep,   // they are reported
+  kSplit,  // each side becomes a model of its own
+};
+
+template <>
+struct EnumTable<WeakSeams> {
+  static constexpr std::pair<std::string_view, WeakSeams> kNames[] = {
+      {"keep", WeakSeams::kKeep}, {"split", WeakSeams::kSplit}};
+};
+
 struct MapperOptions {
   Option<int> min_num_frames{
       "min_num_frames", 3, AtLeast(2), "frames",
@@ -45,6 +59,11 @@ struct MapperOptions {
       "compute_covariances", false,
       "Compute the covariances of the poses of sensors in their rig and of "
       "frames, and write them to covariances.csv next to each model."};
+
+  Option<WeakSeams> weak_seams{
+      "Mapper.weak_seams", WeakSeams::kKeep,
+      "Weak seams of a model: keep reports them, split makes a model of each "
+      "side. Split if a wrong model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
@@ -60,7 +79,7 @@ struct MapperOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_frames, compute_covariances);
+    visit(min_num_frames, compute_covariances, weak_seams);
     visit.Group("FocalLengths", focal_lengths);
     visit.Group("ViewGraph", view_graph);
     visit.Group("PairFiltering", pair_filtering);

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/weak_seams.h"
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "confidence/seams.h"
+#include "mgsfm/base/mask.h"
+
+namespace mgsfm {
+namespace {
+
+std::string DescribeSeam(const Scene& scene, const Seam& seam) {
+  char numbers[160];
+  std::snprintf(numbers, sizeof(numbers),
+                "%zu frames are beyond it, %d points cross it, %d matches "
+                "confirm it and %d contradict it",
+                seam.frame_idxs_beyond.size(), seam.num_tracks,
+                seam.num_confirmed, seam.num_against);
+  return "weak seam between frames '" + scene.frames[seam.frame_idx_core].name +
+         "' and '" + scene.frames[seam.frame_idx_beyond].name + "': " + numbers;
+}
+
+// Per frame: the set of frames that no seam separates from it. Sets are
+// numbered in the order of their first frames.
+std::vector<int> SegmentsOfFrames(const Scene& scene,
+                                  const std::vector<Seam>& seams) {
+  std::vector<int> segments(scene.frames.size(), 0);
+  for (const Seam& seam : seams) {
+    Mask is_beyond(segments.size(), false);
+    for (const int i : seam.frame_idxs_beyond) is_beyond[i] = true;
+    std::map<std::pair<int, bool>, int> numbers;
+    for (size_t i = 0; i < segments.size(); ++i) {
+      const std::pair<int, bool> key(segments[i], is_beyond[i]);
+      segments[i] =
+          numbers.emplace(key, static_cast<int>(numbers.size())).first->second;
+    }
+  }
+  return segments;
+}
+
+Reconstruction KeepSegment(const Scene& scene,
+                           const std::vector<int>& segment_of_frame,
+                           int segment, Reconstruction model) {
+  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
+    if (segment_of_frame[i] != segment) model.rig_from_world[i].reset();
+  }
+  std::vector<Point3D> points;
+  for (Point3D& point : model.points) {
+    const auto is_elsewhere = [&](const Observation& observation) {
+      return !model.IsRegistered(scene, observation.image_idx);
+    };
+    point.track.erase(
+        std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
+        point.track.end());
+    if (point.track.size() >= 2) points.push_back(std::move(point));
+  }
+  model.points = std::move(points);
+  return model;
+}
+
+Mask PairsOfSegment(const FramePairIndex& index,
+                    const std::vector<int>& segment_of_frame, int segment,
+                    Mask pair_is_used) {
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    const FramePairIndex::FramePair& frames = index.Of(i);
+    if (segment_of_frame[frames.frame_idx1] != segment ||
+        segment_of_frame[frames.frame_idx2] != segment) {
+      pair_is_used[i] = false;
+    }
+  }
+  return pair_is_used;
+}
+
+}  // namespace
+
+void LogSeams(const Scene& scene, const Confidence& confidence,
+              const Context& context) {
+  constexpr size_t kMaxNumLines = 5;  // a screen shows the other messages, too
+  const std::vector<Seam>& seams = confidence.seams;
+  for (size_t i = 0; i < std::min(seams.size(), kMaxNumLines); ++i) {
+    context.Warning(DescribeSeam(scene, seams[i]));
+  }
+  if (seams.size() > kMaxNumLines) {
+    context.Warning(std::to_string(seams.size() - kMaxNumLines) +
+                    " more weak seams are listed in the report");
+  }
+}
+
+std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
+                                      const FramePairIndex& index,
+                                      const MapperOptions& options,
+                                      const Context& context,
+                                      const MapperModel& model) {
+  const Scene& scene = input.scene;
+  const std::vector<int> segment_of_frame =
+      SegmentsOfFrames(scene, model.confidence.seams);
+  const int num_segments =
+      1 + *std::max_element(segment_of_frame.begin(), segment_of_frame.end());
+  std::vector<MapperModel> parts;
+  for (int segment = 0; segment < num_segments; ++segment) {
+    MapperModel part = model;
+    part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
+                                      std::move(part.reconstruction));
+    if (!IsLargeEnough(part, options)) continue;
+    AdjustmentInput of_part = input;
+    of_part.pair_is_used =
+        PairsOfSegment(index, segment_of_frame, segment, input.pair_is_used);
+    Reconstruction initial = std::move(part.reconstruction);
+    AdjustModel(of_part, options, context, std::move(initial), &part);
+    if (!IsLargeEnough(part, options)) continue;
+    part.confidence = EstimateConfidence(
+        {scene, index, input.view_graph, of_part.pair_is_used,
+         part.rejected_groups, part.reconstruction},
+        options.confidence);
+    parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+bool IsLargeEnough(const MapperModel& model, const MapperOptions& options) {
+  const auto& poses = model.reconstruction.rig_from_world;
+  const auto num_frames =
+      std::count_if(poses.begin(), poses.end(),
+                    [](const auto& pose) { return pose.has_value(); });
+  return num_frames >= options.min_num_frames &&
+         !model.reconstruction.points.empty();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pipeline/model_adjustment.h"
+
+namespace mgsfm {
+
+// Names the weakest seams of a model in at most five lines.
+void LogSeams(const Scene& scene, const Confidence& confidence,
+              const Context& context);
+
+// One model for each set of frames that no seam of `model` separates. Each is
+// adjusted again, without the pairs that cross a seam, and keeps the summaries
+// of the stages before. Sets of fewer than min_num_frames frames, and those
+// that points alone do not hold together, are left out.
+std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
+                                      const FramePairIndex& index,
+                                      const MapperOptions& options,
+                                      const Context& context,
+                                      const MapperModel& model);
+
+// At least min_num_frames registered frames, and points.
+bool IsLargeEnough(const MapperModel& model, const MapperOptions& options);
+
+}  // namespace mgsfm

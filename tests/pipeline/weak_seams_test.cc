@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <vector>
+
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/synthetic/simulation.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumFrames = 24;
+constexpr int kFirstBeyond = 10;
+
+// A drive with hardly any matches between two stretches.
+Simulation DriveWithWeakSeam() {
+  SimulationOptions options;
+  options.num_frames = kNumFrames;
+  options.pixel_noise_px = 0.3;
+  Simulation simulation = Simulate(options);
+  const auto is_beyond = [&](int image_idx) {
+    return simulation.scene.images[image_idx].frame_idx >= kFirstBeyond;
+  };
+  std::vector<ImagePair> pairs;
+  int num_crossing = 0;
+  for (ImagePair& pair : simulation.view_graph.pairs) {
+    if (is_beyond(pair.image_idx1) != is_beyond(pair.image_idx2)) {
+      if (num_crossing++ >= 2) continue;
+      pair.matches.resize(std::min<size_t>(pair.matches.size(), 22));
+    }
+    pairs.push_back(pair);
+  }
+  simulation.view_graph.pairs = std::move(pairs);
+  return simulation;
+}
+
+std::vector<int> RegisteredFrames(const MapperModel& model) {
+  std::vector<int> frames;
+  for (int i = 0; i < kNumFrames; ++i) {
+    if (model.reconstruction.rig_from_world[i]) frames.push_back(i);
+  }
+  return frames;
+}
+
+TEST(WeakSeams, AreReported) {
+  const Simulation simulation = DriveWithWeakSeam();
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, {}, {});
+  ASSERT_EQ(result.models.size(), 1u);
+  const std::vector<Seam>& seams = result.models[0].confidence.seams;
+  ASSERT_FALSE(seams.empty());
+  std::vector<int> expected;
+  for (int i = 0; i < kFirstBeyond; ++i) expected.push_back(i);
+  EXPECT_EQ(seams[0].frame_idxs_beyond, expected);
+}
+
+TEST(WeakSeams, SplitModels) {
+  const Simulation simulation = DriveWithWeakSeam();
+  MapperOptions options;
+  options.weak_seams = WeakSeams::kSplit;
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, options, {});
+  ASSERT_EQ(result.models.size(), 2u);
+  const std::vector<int> beyond = RegisteredFrames(result.models[0]);
+  const std::vector<int> before = RegisteredFrames(result.models[1]);
+  EXPECT_EQ(beyond.size(), size_t{kNumFrames - kFirstBeyond});
+  EXPECT_EQ(beyond.front(), kFirstBeyond);
+  EXPECT_EQ(before.size(), size_t{kFirstBeyond});
+  EXPECT_EQ(before.back(), kFirstBeyond - 1);
+  EXPECT_TRUE(result.unregistered_frames.empty());
+  for (const MapperModel& model : result.models) {
+    EXPECT_TRUE(model.confidence.seams.empty());
+    for (const Point3D& point : model.reconstruction.points) {
+      for (const Observation& observation : point.track) {
+        EXPECT_TRUE(model.reconstruction.IsRegistered(simulation.scene,
+                                                      observation.image_idx));
+      }
+    }
+  }
+}
+
+TEST(WeakSeams, LeaveSoundModelsWhole) {
+  SimulationOptions options;
+  options.num_frames = kNumFrames;
+  const Simulation simulation = Simulate(options);
+  MapperOptions split;
+  split.weak_seams = WeakSeams::kSplit;
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, split, {});
+  ASSERT_EQ(result.models.size(), 1u);
+  EXPECT_TRUE(result.models[0].confidence.seams.empty());
+}
+
+}  // namespace
+}  // namespace mgsfm
