@@ -6,7 +6,7 @@
 #include <string>
 
 #include "health/rig_samples.h"
-#include "mgsfm/tracks/match_selection.h"
+#include "mgsfm/tracks/track_establishment.h"
 
 namespace mgsfm {
 namespace {

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/natural_order.h"
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
 #include "rotation/geodesic_median.h"
@@ -137,8 +138,10 @@ std::vector<int> RankFrames(const Scene& scene) {
   std::vector<int> order(scene.frames.size());
   std::iota(order.begin(), order.end(), 0);
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return std::tie(scene.frames[a].rig_idx, scene.frames[a].name) <
-           std::tie(scene.frames[b].rig_idx, scene.frames[b].name);
+    const Frame& x = scene.frames[a];
+    const Frame& y = scene.frames[b];
+    return x.rig_idx != y.rig_idx ? x.rig_idx < y.rig_idx
+                                  : IsNaturallyBefore(x.name, y.name);
   });
   std::vector<int> rank(order.size());
   std::vector<int> num_of_rig(scene.rigs.size(), 0);

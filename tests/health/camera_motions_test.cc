@@ -4,9 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "health/sound_drive.h"
-#include "mgsfm/base/random.h"
 
 namespace mgsfm {
 namespace {
