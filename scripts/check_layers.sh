@@ -33,7 +33,8 @@ confidence: base math geometry scene pair_filtering
 extension: base math geometry scene io
 bundle: base math geometry least_squares scene
 soft_rig: base math geometry least_squares scene bundle
-pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation confidence extension bundle soft_rig
+health: base math geometry scene view_graph rotation tracks
+pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation confidence extension bundle soft_rig health
 baselines: base math geometry least_squares scene pair_filtering rotation translation pipeline
 '
 

@@ -236,7 +236,8 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
   WarnOfLosses(input, result.summary, context);
   for (const FocalLengthCheck& check : CheckFocalLengths(
            input.scene, result.estimate, options.bundle_adjustment, context)) {
-    if (!check.message.empty()) context.Warning(check.message);
+    if (check.message.empty()) continue;
+    context.Warning(check.message + "; provide a prior focal length");
   }
   WriteResult(input, result.estimate, options, context, &output);
   PrintResult(input, result);

@@ -35,6 +35,7 @@ struct MapperCommandOptions {
       "File with a line `image_name SECONDS` for every image: its time of "
       "exposure. SoftRig.method time_offset needs it."};
   BaselineOptions baseline;
+  RigSplitOptions rig_split;
   MapperOptions mapper;
 
   template <class Visitor>
@@ -43,6 +44,7 @@ struct MapperCommandOptions {
           output_format, loading, priors, image_timestamps_path, baseline,
           mapper);
     visit.Group("Mapper", mapper.extension);
+    visit.Group("Mapper", rig_split);
   }
 };
 
@@ -52,7 +54,8 @@ int RunMapperCommand(const MapperCommandOptions& options,
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.image_timestamps_path,
-       options.input_path, options.image_list_path, options.baseline},
+       options.input_path, options.image_list_path, options.baseline,
+       options.rig_split},
       context);
 }
 

@@ -16,6 +16,7 @@
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 #include "pipeline/covariance_report.h"
+#include "pipeline/run_summary.h"
 
 namespace mgsfm {
 namespace {
@@ -56,17 +57,23 @@ void IgnoreRigs(LoadedScene* loaded) {
   loaded->rig_source = "ignored, each image is a rig of its own";
 }
 
-void LogModel(const Scene& scene, const MapperModel& model, size_t model_idx,
-              const Context& context) {
-  size_t num_images = 0;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    num_images +=
-        model.reconstruction.IsRegistered(scene, static_cast<int>(i)) ? 1 : 0;
+// The last lines of a run.
+void LogSummary(const MapperRun& run, const Scene& scene,
+                const MapperResult& result, const Context& context) {
+  for (const std::string& line : DescribeRun(SummarizeRun(scene, result))) {
+    context.Info(line);
   }
-  context.Info("model " + std::to_string(model_idx) + ": " +
-               std::to_string(num_images) + " of " +
-               std::to_string(scene.images.size()) + " images, " +
-               std::to_string(model.reconstruction.points.size()) + " points");
+  const std::filesystem::path output(run.output_path);
+  context.Info("written: models in " + output.string() + ", details in " +
+               (output / "report.json").string());
+  if (!run.mapper.compute_covariances) {
+    context.Info(
+        "next: repeat with --compute_covariances 1 for the accuracy of all "
+        "poses");
+  } else {
+    context.Info("next: view a model with `colmap gui --import_path " +
+                 (output / "0").string() + "`");
+  }
 }
 
 // A soft rig has one pose per image. Then each image is written as a frame of
@@ -107,7 +114,6 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
       WriteFile(folder / "frames.csv",
                 FramesToCsv(input.scene, result.models[i]));
     }
-    LogModel(input.scene, result.models[i], i, context);
   }
 }
 
@@ -163,7 +169,13 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     KeepListedImages(names, run.image_list_path, &contents);
   }
   LoadedScene loaded = LoadScene(std::move(contents), run.loading, context);
-  if (run.baseline.method == MapperMethod::kSingle) IgnoreRigs(&loaded);
+  const bool is_single = run.baseline.method == MapperMethod::kSingle;
+  if (is_single) IgnoreRigs(&loaded);
+  if (!run.rig_split.split_rig_at->empty()) {
+    loaded.scene =
+        SplitRig(std::move(loaded.scene), *run.rig_split.split_rig_at);
+    loaded.rig_source += ", split at frame " + *run.rig_split.split_rig_at;
+  }
   if (!run.image_timestamps_path.empty()) {
     ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
@@ -181,6 +193,8 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     }
     input.mapper.existing_model = std::move(placed.reconstruction);
   }
+  input.mapper.expects_rigs =
+      !is_single && *run.loading.rig_name_rule != "none";
   input.mapper.scene = std::move(loaded.scene);
   input.mapper.view_graph = std::move(loaded.view_graph);
   input.rig_source = std::move(loaded.rig_source);
@@ -236,6 +250,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
     return kExitNotSolvable;
   }
   LogMissingColors(run.image_path, context);
+  LogSummary(run, scene, result, context);
   return kExitSuccess;
 }
 

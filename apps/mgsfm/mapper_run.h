@@ -29,6 +29,7 @@ struct MapperRun {
   std::string input_path = {};        // model to extend; may be empty
   std::string image_list_path = {};   // images to use; empty: all
   BaselineOptions baseline = {};      // by default the mapper itself
+  RigSplitOptions rig_split = {};
 };
 
 // The input of the mapper, and the facts about it that the report states.

@@ -81,8 +81,7 @@ std::string DescribeUncertain(double sigma, double rotation_deg,
   return "its relative standard deviation is " + Number(sigma) +
          ", more than " + Number(options.max_focal_length_sigma) +
          ": the motion, with rotations of at most " + Number(rotation_deg) +
-         " deg, does not determine it; provide a prior focal length, or images "
-         "with more rotation";
+         " deg, does not determine it";
 }
 
 }  // namespace
@@ -124,9 +123,8 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
       problem = "its standard deviation cannot be computed";
     }
     if (problem.empty()) continue;
-    check.message = "focal length of camera " +
-                    std::to_string(initial.id.value()) + ", refined from " +
-                    Number(check.prior_px) + " to " +
+    check.message = "focal length of " + CameraLabel(scene, check.camera_idx) +
+                    ", refined from " + Number(check.prior_px) + " to " +
                     Number(check.estimated_px) + " px: " + problem;
   }
   return checks;

@@ -10,6 +10,7 @@
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rejected_groups.h"
+#include "pipeline/input_check.h"
 #include "pipeline/known_rigs.h"
 #include "pipeline/mapper_recipe.h"
 #include "pipeline/model_adjustment.h"
@@ -81,14 +82,18 @@ std::vector<RejectedGroup> FindRejectedGroups(
   return GroupRejectedPairs(index, is_rejected);
 }
 
-void WarnOfRejectedGroups(const Scene& scene,
-                          const std::vector<RejectedGroup>& groups,
-                          const Context& context) {
-  constexpr size_t kMinNumPairs = 5;  // smaller groups are isolated wrong pairs
+void LogRejectedPairs(const Scene& scene,
+                      const std::vector<RejectedGroup>& groups,
+                      size_t num_pairs, const Context& context) {
+  int num_rejected = 0;
   for (const RejectedGroup& group : groups) {
-    if (group.pair_idxs.size() < kMinNumPairs) continue;
-    context.Warning(DescribeRejectedGroup(scene, group));
+    num_rejected += static_cast<int>(group.pair_idxs.size());
+    context.Debug(DescribeRejectedGroup(scene, group));
   }
+  if (num_rejected == 0) return;
+  context.Info(std::to_string(num_rejected) + " of " +
+               std::to_string(num_pairs) +
+               " image pairs contradict the others and are not used");
 }
 
 // The measurements that all connected components share.
@@ -128,7 +133,8 @@ std::vector<MapperModel> ReconstructComponent(
          RejectionReason::kInconsistentBaseline, verdicts);
   model.rejected_groups = FindRejectedGroups(
       scene, index, view_graph, rotations, translation.pair_is_inconsistent);
-  WarnOfRejectedGroups(scene, model.rejected_groups, context);
+  LogRejectedPairs(scene, model.rejected_groups, view_graph.pairs.size(),
+                   context);
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
@@ -208,10 +214,18 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   });
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
+  const auto check_input = [&] {
+    Timed("input check", context, &result.times, [&] {
+      CheckInput(scene, view_graph, verified.estimate, input, options, context,
+                 &result);
+      return true;
+    });
+  };
   if (input.existing_model) {
     ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
                 options, context, input.position_priors, input.gravity_priors,
                 &result);
+    check_input();
     return result;
   }
 
@@ -224,13 +238,13 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
             options.rotation_averaging, options.pair_filtering, context);
       });
   result.rotation = std::move(rotation.summary);
+  result.gravity_rejection = std::move(rotation.gravity_rejection);
+  const GravityPriors gravity =
+      result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
-  const Measurements measurements{scene,
-                                  bearings,
-                                  verified.estimate,
-                                  index,
-                                  input.position_priors,
-                                  input.gravity_priors};
+  const Measurements measurements{
+      scene,  bearings, verified.estimate, index, input.position_priors,
+      gravity};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   for (size_t component = 0; component < num_frames.size(); ++component) {
     if (num_frames[component] < options.min_num_frames) continue;
@@ -251,6 +265,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   result.rejected_pairs = CountRejections(rotation.verdicts);
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, options, result.models);
+  check_input();
   return result;
 }
 
@@ -267,8 +282,7 @@ void LogFocalLengths(const Scene& scene,
                      const Context& context) {
   for (const FocalLengthEstimate& estimate : estimates) {
     const std::string camera =
-        "focal length of camera " +
-        std::to_string(scene.cameras[estimate.camera_idx].id.value());
+        "focal length of " + CameraLabel(scene, estimate.camera_idx);
     char numbers[96];
     if (estimate.estimated_px) {
       std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
@@ -278,7 +292,7 @@ void LogFocalLengths(const Scene& scene,
     } else {
       std::snprintf(numbers, sizeof(numbers),
                     " stays at %.2f px: ", estimate.prior_px);
-      context.Warning(camera + numbers + estimate.message);
+      context.Info(camera + numbers + estimate.message);
     }
   }
 }
@@ -286,8 +300,9 @@ void LogFocalLengths(const Scene& scene,
 // Bundle adjustment derives uncertainties from the noise of keypoints alone and
 // is too confident. Image pairs also reveal how much they disagree, so a focal
 // length that they could not determine is not trusted.
-void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
-                       const Context& context, MapperModel* model) {
+void DoubtFocalLengths(const Scene& scene,
+                       const std::vector<FocalLengthEstimate>& estimates,
+                       MapperModel* model) {
   for (FocalLengthCheck& check : model->focal_lengths) {
     for (const FocalLengthEstimate& estimate : estimates) {
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
@@ -296,29 +311,19 @@ void DoubtFocalLengths(const std::vector<FocalLengthEstimate>& estimates,
       check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
                                       estimate.sigma.value_or(0.0));
       if (!check.message.empty()) continue;
-      check.message =
-          "a refined focal length is not reliable: " + estimate.message;
-      context.Warning(check.message);
+      check.message = "the refined focal length of " +
+                      CameraLabel(scene, check.camera_idx) +
+                      " is not reliable: " + estimate.message;
     }
   }
 }
 
-}  // namespace
-
-MapperResult RunMapper(const MapperInput& input, const MapperOptions& options,
-                       const Context& context) {
-  return RunMapperWith(EstimatePositions, input, options, context);
-}
-
-MapperResult RunMapperWith(const PositionStep& estimate_positions,
-                           const MapperInput& input,
-                           const MapperOptions& options,
-                           const Context& context) {
+// Estimates focal lengths without a prior first.
+MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
+                             const MapperInput& input,
+                             const MapperOptions& options,
+                             const Context& context) {
   const Scene& scene = input.scene;
-  if (!NeedsFocalLengths(scene, options)) {
-    return MapCalibrated(estimate_positions, scene, input.view_graph, input,
-                         options, context);
-  }
   std::vector<StageTime> times;
   FocalLengthResult focal_lengths =
       Timed("focal lengths", context, &times, [&] {
@@ -333,10 +338,31 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
   MapperResult result = MapCalibrated(estimate_positions, calibrated,
                                       uncalibrated, input, options, context);
   for (MapperModel& model : result.models) {
-    DoubtFocalLengths(focal_lengths.estimates, context, &model);
+    DoubtFocalLengths(scene, focal_lengths.estimates, &model);
   }
   result.focal_lengths = std::move(focal_lengths.estimates);
   result.times.insert(result.times.begin(), times.begin(), times.end());
+  return result;
+}
+
+}  // namespace
+
+MapperResult RunMapper(const MapperInput& input, const MapperOptions& options,
+                       const Context& context) {
+  return RunMapperWith(EstimatePositions, input, options, context);
+}
+
+MapperResult RunMapperWith(const PositionStep& estimate_positions,
+                           const MapperInput& input,
+                           const MapperOptions& options,
+                           const Context& context) {
+  MapperResult result =
+      NeedsFocalLengths(input.scene, options)
+          ? CalibrateAndMap(estimate_positions, input, options, context)
+          : MapCalibrated(estimate_positions, input.scene, input.view_graph,
+                          input, options, context);
+  AddUncertainFocalLengths(input.scene, &result);
+  LogFindings(result, context);
   return result;
 }
 

@@ -2,6 +2,8 @@
 #include "pipeline/model_adjustment.h"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,31 +19,61 @@ namespace mgsfm {
 namespace {
 
 void LogPriors(const PositionPriorSummary& summary, const Context& context) {
-  if (!summary.message.empty()) context.Warning(summary.message);
   if (!summary.is_registered) return;
+  if (!summary.message.empty()) context.Info(summary.message);
   context.Info("positions: " + std::to_string(summary.num_used) + " used, " +
                std::to_string(summary.outliers.size()) + " outliers, rms " +
                std::to_string(summary.rms.value_or(0.0)));
 }
 
+// The diagonal of the box that encloses the frames.
+double ExtentOf(const Reconstruction& model) {
+  Eigen::AlignedBox3d box;
+  for (const auto& pose : model.rig_from_world) {
+    if (pose) box.extend(pose->Center());
+  }
+  return box.isEmpty() ? 0.0 : box.diagonal().norm();
+}
+
+// Drift moves frames by less than the extent of their path. Positions that
+// require more are not those of these images.
+bool IsPlausible(const ModelDeformation& deformation, double extent) {
+  constexpr double kMaxShareOfExtent = 0.5;
+  return deformation.max_shift <= kMaxShareOfExtent * extent;
+}
+
 // Registers the initial model to the position priors and deforms it towards
-// them. Returns the priors that bundle adjustment uses.
+// them. Returns the priors that bundle adjustment uses: none if the deformation
+// is implausible.
 PositionPriors MoveToPriors(const AdjustmentInput& input,
                             const Context& context, Reconstruction* initial,
                             MapperModel* model) {
   std::optional<Eigen::Vector3d> up =
       GravityInWorld(input.scene, input.gravity, *initial);
   if (up) up = -*up;
+  const Reconstruction unregistered = *initial;
   PositionRegistration registration =
       RegisterToPriors(input.scene, input.positions, up, input.is_metric,
                        context.random_seed, initial);
   model->position_priors = std::move(registration.summary);
-  if (model->position_priors->is_registered) {
-    model->position_priors->deformation = DeformToPriors(
-        input.scene, input.view_graph, input.pair_is_used, input.positions,
-        input.is_metric, context, &registration.used, initial);
+  PositionPriorSummary& summary = *model->position_priors;
+  if (!summary.is_registered) return std::move(registration.used);
+  const double extent = ExtentOf(*initial);
+  summary.deformation = DeformToPriors(
+      input.scene, input.view_graph, input.pair_is_used, input.positions,
+      input.is_metric, context, &registration.used, initial);
+  if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
+    return std::move(registration.used);
   }
-  return std::move(registration.used);
+  char text[160];
+  std::snprintf(text, sizeof(text),
+                "the positions would deform the model by %.4g, but its extent "
+                "is only %.4g; they are ignored",
+                summary.deformation->max_shift, extent);
+  summary.message = text;
+  summary.is_registered = false;
+  *initial = unregistered;
+  return {};
 }
 
 void JudgeFocalLengths(const AdjustmentInput& input,
@@ -51,9 +83,6 @@ void JudgeFocalLengths(const AdjustmentInput& input,
   model->focal_lengths =
       CheckFocalLengths(input.scene, model->reconstruction,
                         options.bundle_adjustment, context, used_priors);
-  for (const FocalLengthCheck& check : model->focal_lengths) {
-    if (!check.message.empty()) context.Warning(check.message);
-  }
 }
 
 // Moves the model to its final world frame.

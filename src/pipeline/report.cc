@@ -10,6 +10,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "pipeline/covariance_report.h"
+#include "pipeline/run_summary.h"
 
 namespace mgsfm {
 namespace {
@@ -47,6 +48,59 @@ Json ToJson(const Rigid3& pose) {
   const Eigen::Vector3d& t = pose.translation;
   return {{"rotation_wxyz", {q.w(), q.x(), q.y(), q.z()}},
           {"translation", {t.x(), t.y(), t.z()}}};
+}
+
+Json ToJson(const RunSummary& summary) {
+  Json json = {{"num_images", summary.num_images},
+               {"num_registered_images", summary.num_registered_images},
+               {"missing_frames", Json::array()},
+               {"models", Json::array()}};
+  for (const auto& [reason, count] : summary.missing_frames) {
+    json["missing_frames"].push_back(
+        {{"num_frames", count}, {"reason", reason}});
+  }
+  for (const ModelSummary& model : summary.models) {
+    Json sensors = Json::array();
+    for (const SensorAccuracy& sensor : model.accuracies) {
+      sensors.push_back({{"name", sensor.name},
+                         {"sigma_rotation_deg", sensor.sigma_rotation_deg},
+                         {"sigma_translation", sensor.sigma_translation}});
+    }
+    json["models"].push_back({{"num_frames", model.num_frames},
+                              {"num_images", model.num_images},
+                              {"num_points", model.num_points},
+                              {"mean_reprojection_error_px",
+                               ToJson(model.mean_reprojection_error_px)},
+                              {"kept_share", model.kept_share},
+                              {"unit_of_length", model.unit_of_length},
+                              {"rig_accuracy", sensors}});
+  }
+  return json;
+}
+
+Json ToJson(const std::vector<Finding>& findings) {
+  Json json = Json::array();
+  for (const Finding& finding : findings) {
+    Json evidence = Json::object();
+    for (const auto& [name, value] : finding.evidence) evidence[name] = value;
+    json.push_back({{"cause", EnumName(finding.cause)},
+                    {"cameras", finding.cameras},
+                    {"frames", finding.frames},
+                    {"text", finding.text},
+                    {"remedy", finding.remedy},
+                    {"evidence", evidence}});
+  }
+  return json;
+}
+
+Json ToJson(const Scene& scene, const KeptMatches& kept) {
+  Json cameras = Json::object();
+  for (size_t k = 0; k < kept.sensors.size(); ++k) {
+    cameras[scene.sensors[k].name] = kept.sensors[k].Share();
+  }
+  return {{"num_matches", kept.total.num_matches},
+          {"share", kept.total.Share()},
+          {"share_of_cameras", cameras}};
 }
 
 Json InputToJson(const Scene& scene, const ViewGraph& view_graph,
@@ -397,35 +451,16 @@ Json RigsToJson(const Scene& scene, const RotationSummary& rotation,
 }
 
 Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
-                 const MapperModel& model) {
-  const Reconstruction& reconstruction = model.reconstruction;
-  const auto num_frames = std::count_if(
-      reconstruction.rig_from_world.begin(),
-      reconstruction.rig_from_world.end(),
-      [](const std::optional<Rigid3>& pose) { return pose.has_value(); });
-  int num_images = 0;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    num_images += reconstruction.IsRegistered(scene, static_cast<int>(i));
-  }
-  size_t num_observations = 0, num_errors = 0;
-  double sum_errors_px = 0.0;
-  for (const Point3D& point : reconstruction.points) {
-    const auto length = static_cast<double>(point.track.size());
-    num_observations += point.track.size();
-    if (!point.error_px) continue;
-    num_errors += point.track.size();
-    sum_errors_px += *point.error_px * length;
-  }
-  Json json = {
-      {"num_frames", num_frames},
-      {"num_frames_in_component", model.num_frames_in_component},
-      {"num_images", num_images},
-      {"num_points", reconstruction.points.size()},
-      {"num_observations", num_observations},
-      {"mean_reprojection_error_px",
-       num_errors > 0 ? Json(sum_errors_px / static_cast<double>(num_errors))
-                      : Json(nullptr)},
-      {"rigs", RigsToJson(scene, rotation, model)}};
+                 const ModelSummary& summary, const MapperModel& model) {
+  Json json = {{"num_frames", summary.num_frames},
+               {"num_frames_in_component", model.num_frames_in_component},
+               {"num_images", summary.num_images},
+               {"num_points", summary.num_points},
+               {"num_observations", summary.num_observations},
+               {"mean_reprojection_error_px",
+                ToJson(summary.mean_reprojection_error_px)},
+               {"kept_matches", ToJson(scene, model.kept_matches)},
+               {"rigs", RigsToJson(scene, rotation, model)}};
   if (model.extension) {
     json["extension"] = ToJson(scene, *model.extension);
   } else {
@@ -460,7 +495,10 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
 std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                                const MapperResult& result,
                                const RunDescription& run) {
-  Json report = {{"mgsfm_version", run.version},
+  const RunSummary summary = SummarizeRun(scene, result);
+  Json report = {{"summary", ToJson(summary)},
+                 {"warnings", ToJson(result.findings)},
+                 {"mgsfm_version", run.version},
                  {"input", InputToJson(scene, view_graph, run)},
                  {"options", Json::parse(run.options_json)},
                  {"view_graph", ToJson(result.view_graph)}};
@@ -472,8 +510,9 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
     report["focal_lengths"] = ToJson(scene, result.focal_lengths);
   }
   report["models"] = Json::array();
-  for (const MapperModel& model : result.models) {
-    report["models"].push_back(ModelToJson(scene, result.rotation, model));
+  for (size_t i = 0; i < result.models.size(); ++i) {
+    report["models"].push_back(ModelToJson(
+        scene, result.rotation, summary.models[i], result.models[i]));
   }
   report["unregistered_frames"] = Json::array();
   for (const UnregisteredFrame& frame : result.unregistered_frames) {

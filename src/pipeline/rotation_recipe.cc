@@ -70,17 +70,16 @@ RotationEstimate AverageSkeleton(const Scene& scene,
       .estimate;
 }
 
-void WarnOfBridges(const Scene& scene, const ViewGraph& view_graph,
-                   const Mask& is_bridge, const Context& context) {
+void LogBridges(const Scene& scene, const ViewGraph& view_graph,
+                const Mask& is_bridge, const Context& context) {
   for (size_t i = 0; i < is_bridge.size(); ++i) {
     if (!is_bridge[i]) continue;
     const ImagePair& pair = view_graph.pairs[i];
-    context.Warning("The pair of images '" +
-                    scene.images[pair.image_idx1].name + "' and '" +
-                    scene.images[pair.image_idx2].name +
-                    "' is rejected: it alone would connect two components of "
-                    "frames, no third image supports its matches, and other "
-                    "pairs contradict it. The components stay apart.");
+    context.Info("The pair of images '" + scene.images[pair.image_idx1].name +
+                 "' and '" + scene.images[pair.image_idx2].name +
+                 "' is rejected: it alone would connect two components of "
+                 "frames, no third image supports its matches, and other "
+                 "pairs contradict it. The components stay apart.");
   }
 }
 
@@ -110,6 +109,43 @@ void RejectByEstimate(const FramePairIndex& index,
         : *component1 != *component2 ? RejectionReason::kDifferentComponents
                                      : RejectionReason::kInconsistentRotation;
   }
+}
+
+struct AveragedRotations {
+  RotationResult result;
+  std::optional<std::string> gravity_rejection;
+};
+
+// Gravity priors that contradict the pairs are ignored.
+AveragedRotations AverageWithGravity(
+    const Scene& scene, const ViewGraph& view_graph, const Mask& is_used,
+    const RotationEstimate* start, const GravityPriors& gravity,
+    const RotationAveragingOptions& options, const Context& context) {
+  constexpr double kMinKeptShare = 0.95;
+  const auto average = [&](const GravityPriors& priors) {
+    return AverageRotations(scene, view_graph, is_used, start, options, context,
+                            priors);
+  };
+  const auto num_kept = [](const RotationResult& result) {
+    return static_cast<double>(result.estimate.pair_is_inlier.Count());
+  };
+  AveragedRotations averaged{average(gravity), std::nullopt};
+  if (gravity.IsEmpty() ||
+      num_kept(averaged.result) >=
+          kMinKeptShare * static_cast<double>(is_used.Count())) {
+    return averaged;
+  }
+  RotationResult without = average({});
+  if (num_kept(averaged.result) >= kMinKeptShare * num_kept(without)) {
+    return averaged;
+  }
+  averaged.gravity_rejection =
+      "the directions of gravity contradict " +
+      std::to_string(
+          static_cast<int>(num_kept(without) - num_kept(averaged.result))) +
+      " image pairs that agree with each other; they are ignored";
+  averaged.result = std::move(without);
+  return averaged;
 }
 
 // The start of averaging, and the pairs that it rejects.
@@ -147,7 +183,7 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
   }
   Mask is_bridge = FindUnsupportedBridges(index, view_graph, pair_is_inlier,
                                           filtering, context.num_threads);
-  WarnOfBridges(scene, view_graph, is_bridge, context);
+  LogBridges(scene, view_graph, is_bridge, context);
   return is_bridge;
 }
 
@@ -174,9 +210,13 @@ EstimatedRotations EstimateRotations(const Scene& scene,
   const SkeletonResult skeleton = FilterBySkeleton(
       scene, index, view_graph, is_used, options, filtering, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  averaged = AverageRotations(scene, view_graph, is_used,
-                              skeleton.start ? &*skeleton.start : nullptr,
-                              options, context, gravity);
+  AveragedRotations with_gravity = AverageWithGravity(
+      scene, view_graph, is_used, skeleton.start ? &*skeleton.start : nullptr,
+      gravity, options, context);
+  averaged = std::move(with_gravity.result);
+  result.gravity_rejection = std::move(with_gravity.gravity_rejection);
+  const GravityPriors used_gravity =
+      result.gravity_rejection ? GravityPriors() : gravity;
   Mask is_kept = averaged.estimate.pair_is_inlier;
   const Mask is_bridge =
       FindBridges(scene, index, view_graph, is_kept, filtering, context);
@@ -184,7 +224,7 @@ EstimatedRotations EstimateRotations(const Scene& scene,
   result.estimate =
       RestrictToPairs(scene, view_graph, is_kept, std::move(averaged.estimate));
   result.summary = std::move(averaged.summary);
-  SummarizeEstimate(scene, view_graph, result.estimate, gravity, options,
+  SummarizeEstimate(scene, view_graph, result.estimate, used_gravity, options,
                     &result.summary);
   result.summary.num_unsupported_bridges = static_cast<int>(is_bridge.Count());
 

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
+#include <string>
+
 #include "mgsfm/base/context.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation/rotation_averaging.h"
@@ -16,6 +19,8 @@ struct EstimatedRotations {
   RotationEstimate estimate;
   RotationSummary summary;
   PairVerdicts verdicts;  // per pair; nullopt for the inliers of the estimate
+  // Why gravity priors were not used; nullopt if they were.
+  std::optional<std::string> gravity_rejection;
 };
 
 // Rotations that resist duplicate structures: rotation averaging
@@ -26,7 +31,9 @@ struct EstimatedRotations {
 //   -> average the others, from the rotations of the skeletal graph
 //   -> reject unsupported bridges -> number components.
 //
-// Gravity priors take part in the second averaging only. Without any relative
+// Gravity priors take part in the second averaging only. They are rejected if
+// they cost more than 5 % of the pairs that agree without them: wrong priors
+// would tear the frames apart. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const Scene& scene, const FramePairIndex& index,

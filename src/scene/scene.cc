@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "mgsfm/scene/scene.h"
 
+#include <algorithm>
+#include <map>
 #include <set>
 #include <string>
+#include <utility>
 
+#include "base/natural_order.h"
 #include "base/parallel.h"
 #include "mgsfm/base/error.h"
 
@@ -59,6 +63,34 @@ void CheckFrames(const Scene& scene) {
   MGSFM_CHECK_EQ(num_images, scene.images.size());
 }
 
+// The rig to split; throws Error unless it has frames before the named one.
+int FindRigToSplit(const Scene& scene, const std::string& frame_name) {
+  const auto found = std::find_if(
+      scene.frames.begin(), scene.frames.end(),
+      [&](const Frame& frame) { return frame.name == frame_name; });
+  if (found == scene.frames.end()) {
+    throw Error("there is no frame '" + frame_name +
+                "' to split a rig at; frames have names such as '" +
+                scene.frames.front().name + "'");
+  }
+  const bool has_frames_before = std::any_of(
+      scene.frames.begin(), scene.frames.end(), [&](const Frame& frame) {
+        return frame.rig_idx == found->rig_idx &&
+               IsNaturallyBefore(frame.name, frame_name);
+      });
+  if (!has_frames_before) {
+    throw Error("the rig has no frame before '" + frame_name +
+                "' to split it at; name a later frame");
+  }
+  return found->rig_idx;
+}
+
+RigId UnusedRigId(const Scene& scene) {
+  uint32_t max_id = 0;
+  for (const Rig& rig : scene.rigs) max_id = std::max(max_id, rig.id.value());
+  return RigId(max_id + 1);
+}
+
 }  // namespace
 
 void CheckConsistent(const Scene& scene) {
@@ -86,6 +118,53 @@ double TimeOfFrame(const Scene& scene, int frame_idx) {
     sum_s += *image.timestamp_s;
   }
   return sum_s / static_cast<double>(image_idxs.size());
+}
+
+std::string CameraLabel(const Scene& scene, int camera_idx) {
+  std::string label =
+      "camera " + std::to_string(scene.cameras[camera_idx].id.value());
+  const char* separator = " (";
+  for (const Sensor& sensor : scene.sensors) {
+    if (sensor.camera_idx != camera_idx || sensor.name.empty()) continue;
+    label += separator + ("'" + sensor.name + "'");
+    separator = ", ";
+  }
+  return label.back() == '\'' ? label + ")" : label;
+}
+
+Scene SplitRig(Scene scene, const std::string& frame_name) {
+  const int old_rig_idx = FindRigToSplit(scene, frame_name);
+  const int new_rig_idx = static_cast<int>(scene.rigs.size());
+  Rig new_rig{UnusedRigId(scene), 0, {}};
+  std::map<int, int> new_sensor_idxs;  // by the old ones
+  for (Frame& frame : scene.frames) {
+    if (frame.rig_idx != old_rig_idx ||
+        IsNaturallyBefore(frame.name, frame_name)) {
+      continue;
+    }
+    for (const int image_idx : frame.image_idxs) {
+      int& sensor_idx = scene.images[image_idx].sensor_idx;
+      const auto [it, is_new] = new_sensor_idxs.emplace(
+          sensor_idx, static_cast<int>(scene.sensors.size()));
+      if (is_new) {
+        Sensor sensor = scene.sensors[sensor_idx];
+        sensor.rig_idx = new_rig_idx;
+        sensor.sensor_from_rig.reset();
+        scene.sensors.push_back(std::move(sensor));
+        new_rig.sensor_idxs.push_back(it->second);
+      }
+      sensor_idx = it->second;
+    }
+    frame.rig_idx = new_rig_idx;
+  }
+  const auto reference =
+      new_sensor_idxs.find(scene.rigs[old_rig_idx].ref_sensor_idx);
+  new_rig.ref_sensor_idx = reference != new_sensor_idxs.end()
+                               ? reference->second
+                               : new_rig.sensor_idxs.front();
+  scene.sensors[new_rig.ref_sensor_idx].sensor_from_rig = Rigid3();
+  scene.rigs.push_back(std::move(new_rig));
+  return scene;
 }
 
 Scene SeparateImages(Scene scene) {

@@ -42,6 +42,8 @@ constexpr int kMaxNumHalvings = 5;
 constexpr double kMaxStep = 0.2;
 // A relative change of 1e-5 is 0.01 px at a focal length of 1000 px.
 constexpr double kMinStep = 1e-5;
+// A check of a focal length need not be accurate.
+constexpr double kMinStepOfMeasurement = 3e-2;
 constexpr double kOutlierFactor = 3.0;
 // Lower bound of the keypoint noise; keeps exact (simulated) data from
 // rejecting pairs and from zero variances.
@@ -78,14 +80,16 @@ double ValueOf(const Eigen::VectorXd& s, const std::optional<int>& unknown) {
   return unknown ? s[*unknown] : 0.0;
 }
 
-Unknowns FindUnknowns(const Scene& scene) {
+// `include_priors`: also cameras with a prior.
+Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
   Unknowns unknowns;
   unknowns.of_camera.resize(scene.cameras.size());
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const Camera& camera = scene.cameras[i];
     const CameraModelInfo& info =
         *FindCameraModel(static_cast<int32_t>(camera.model));
-    if (camera.has_prior_focal_length || info.focal_length_idxs.empty()) {
+    if ((camera.has_prior_focal_length && !include_priors) ||
+        info.focal_length_idxs.empty()) {
       continue;
     }
     unknowns.of_camera[i] = static_cast<int>(unknowns.size());
@@ -272,8 +276,8 @@ bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
   return false;
 }
 
-// Gauss-Newton in all unknowns.
-void Refine(const Unknowns& unknowns, const Context& context,
+// Gauss-Newton in all unknowns, until no log factor changes by `min_step`.
+void Refine(const Unknowns& unknowns, double min_step, const Context& context,
             std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
   if (pairs->empty()) return;
   SetLogFactors(*s, unknowns, context.num_threads, pairs);
@@ -285,7 +289,7 @@ void Refine(const Unknowns& unknowns, const Context& context,
         Reduce(*pairs, unknowns, context.num_threads);
     const Eigen::VectorXd step =
         -reduced.hessian.ldlt().solve(reduced.gradient);
-    if (!step.allFinite() || step.cwiseAbs().maxCoeff() < kMinStep) break;
+    if (!step.allFinite() || step.cwiseAbs().maxCoeff() < min_step) break;
     if (!TryStep(reduced, step, unknowns, context.num_threads, pairs, s)) break;
   }
 }
@@ -344,18 +348,25 @@ std::string RejectionReason(int num_pairs, double s,
   return numbers + std::string(kReason);
 }
 
-FocalLengthResult MakeResult(const Scene& scene,
-                             const std::vector<FocalPair>& pairs,
-                             const Unknowns& unknowns, const Eigen::VectorXd& s,
-                             double max_sigma, int num_threads) {
-  FocalLengthResult result;
-  result.cameras = scene.cameras;
+// Per unknown.
+std::vector<int> CountPairs(const std::vector<FocalPair>& pairs,
+                            const Unknowns& unknowns) {
   std::vector<int> num_pairs(unknowns.size(), 0);
   for (const FocalPair& pair : pairs) {
     for (const std::optional<int>& unknown : unknowns.OfPair(pair)) {
       if (unknown) ++num_pairs[*unknown];
     }
   }
+  return num_pairs;
+}
+
+FocalLengthResult MakeResult(const Scene& scene,
+                             const std::vector<FocalPair>& pairs,
+                             const Unknowns& unknowns, const Eigen::VectorXd& s,
+                             double max_sigma, int num_threads) {
+  FocalLengthResult result;
+  result.cameras = scene.cameras;
+  const std::vector<int> num_pairs = CountPairs(pairs, unknowns);
   Eigen::VectorXd variances;
   if (!pairs.empty()) {
     variances = EstimateVariances(pairs, unknowns, num_threads);
@@ -386,7 +397,7 @@ FocalLengthResult CalibrateFocalLengths(const Scene& scene,
                                         const ViewGraph& view_graph,
                                         const FocalLengthOptions& options,
                                         const Context& context) {
-  const Unknowns unknowns = FindUnknowns(scene);
+  const Unknowns unknowns = FindUnknowns(scene, /*include_priors=*/false);
   if (unknowns.size() == 0) return {scene.cameras, {}};
   std::vector<FocalPair> pairs = InitializePairs(
       SelectPairs(scene, view_graph, unknowns, options.max_num_pairs), context);
@@ -395,11 +406,37 @@ FocalLengthResult CalibrateFocalLengths(const Scene& scene,
     s[c] = SearchLogFactor(pairs, unknowns, static_cast<int>(c),
                            context.num_threads);
   }
-  Refine(unknowns, context, &pairs, &s);
+  Refine(unknowns, kMinStep, context, &pairs, &s);
   pairs = DropOutliers(std::move(pairs));
-  Refine(unknowns, context, &pairs, &s);
+  Refine(unknowns, kMinStep, context, &pairs, &s);
   return MakeResult(scene, pairs, unknowns, s, options.max_sigma,
                     context.num_threads);
+}
+
+std::vector<FocalLengthMeasurement> MeasureFocalLengths(
+    const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
+    const Context& context) {
+  const Unknowns unknowns = FindUnknowns(scene, /*include_priors=*/true);
+  if (unknowns.size() == 0) return {};
+  std::vector<FocalPair> pairs = InitializePairs(
+      SelectPairs(scene, view_graph, unknowns, max_num_pairs), context);
+  Eigen::VectorXd s =
+      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(unknowns.size()));
+  Refine(unknowns, kMinStepOfMeasurement, context, &pairs, &s);
+  pairs = DropOutliers(std::move(pairs));
+  Refine(unknowns, kMinStepOfMeasurement, context, &pairs, &s);
+  if (pairs.empty()) return {};
+  const Eigen::VectorXd variances =
+      EstimateVariances(pairs, unknowns, context.num_threads);
+  const std::vector<int> num_pairs = CountPairs(pairs, unknowns);
+  std::vector<FocalLengthMeasurement> measured;
+  for (size_t c = 0; c < unknowns.size(); ++c) {
+    const auto i = static_cast<Eigen::Index>(c);
+    if (num_pairs[c] < kMinNumPairs) continue;
+    measured.push_back(
+        {unknowns.camera_idxs[c], s[i], std::sqrt(variances[i]), num_pairs[c]});
+  }
+  return measured;
 }
 
 ViewGraph DropCalibratedGeometry(const Scene& scene,

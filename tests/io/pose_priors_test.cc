@@ -73,6 +73,22 @@ TEST_F(PosePriorsTest, GpsIsEastNorthUpOfTheFirstImage) {
   EXPECT_EQ(priors.images[2]->position, EastNorthUp(other, origin));
 }
 
+// Receivers write zeros without a fix.
+TEST_F(PosePriorsTest, FixesAtZeroAreLeftOutAndCounted) {
+  const Eigen::Vector3d origin(49.0, 8.4, 100.0), none(0.0, 0.0, 0.0);
+  const PositionPriors priors =
+      Make({Row(0, CoordinateSystem::kWgs84, none),
+            Row(1, CoordinateSystem::kWgs84, origin)});
+  EXPECT_FALSE(priors.images[0].has_value());
+  EXPECT_EQ(*priors.origin_wgs84, origin);
+  EXPECT_EQ(priors.num_null_fixes, 1);
+  EXPECT_THAT(ErrorOfRows({Row(0, CoordinateSystem::kWgs84, none)}),
+              HasSubstr("no positions"));
+  // The origin of a Cartesian frame is a position.
+  EXPECT_TRUE(
+      Make({Row(0, CoordinateSystem::kCartesian, none)}).images[0].has_value());
+}
+
 TEST_F(PosePriorsTest, CovariancesAreGivenOrThoseOfTheOptions) {
   options_.prior_position_std_z_m = 3.0;
   PosePriorRow given = Row(0, CoordinateSystem::kCartesian, {1.0, 2.0, 3.0});

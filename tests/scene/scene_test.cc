@@ -109,5 +109,46 @@ TEST(ComputeBearings, PixelsBeyondTheFieldOfViewHaveNone) {
   EXPECT_FALSE(bearings.HasRay(0, 1));
 }
 
+TEST(SplitRig, LaterFramesGetSensorsOfTheirOwn) {
+  Scene scene = MakeScene();
+  for (Sensor& sensor : scene.sensors) {
+    if (!sensor.sensor_from_rig) sensor.sensor_from_rig = Rigid3();
+  }
+  const Scene split = SplitRig(scene, scene.frames[1].name);
+  EXPECT_NO_THROW(CheckConsistent(split));
+  ASSERT_EQ(split.rigs.size(), 2u);
+  EXPECT_EQ(split.sensors.size(), 2 * scene.sensors.size());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = split.images[i];
+    const bool is_late = scene.images[i].frame_idx >= 1;
+    EXPECT_EQ(image.frame_idx, scene.images[i].frame_idx);
+    EXPECT_EQ(split.sensors[image.sensor_idx].rig_idx, is_late ? 1 : 0);
+    EXPECT_EQ(split.sensors[image.sensor_idx].name,
+              scene.sensors[scene.images[i].sensor_idx].name);
+  }
+  // The known poses are those before the split.
+  for (size_t k = 0; k < split.sensors.size(); ++k) {
+    EXPECT_EQ(split.sensors[k].sensor_from_rig.has_value(),
+              split.sensors[k].rig_idx == 0 ||
+                  split.IsReference(static_cast<int>(k)));
+  }
+}
+
+TEST(SplitRig, RefusesFramesThatSplitNothing) {
+  const Scene scene = MakeScene();
+  EXPECT_THROW((void)SplitRig(scene, "no frame"), Error);
+  EXPECT_THROW((void)SplitRig(scene, scene.frames[0].name), Error);
+}
+
+TEST(CameraLabel, NamesTheSensorsThatUseACamera) {
+  Scene scene = MakeScene();
+  scene.cameras[0].id = CameraId(7);
+  EXPECT_EQ(CameraLabel(scene, 0), "camera 7 ('cam0')");
+  scene.sensors[2].camera_idx = 0;
+  EXPECT_EQ(CameraLabel(scene, 0), "camera 7 ('cam0', 'cam2')");
+  for (Sensor& sensor : scene.sensors) sensor.name = "";
+  EXPECT_EQ(CameraLabel(scene, 0), "camera 7");
+}
+
 }  // namespace
 }  // namespace mgsfm

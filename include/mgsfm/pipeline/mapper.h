@@ -14,6 +14,8 @@
 #include "mgsfm/bundle/uncertainty.h"
 #include "mgsfm/confidence/confidence.h"
 #include "mgsfm/extension/model_extension.h"
+#include "mgsfm/health/finding.h"
+#include "mgsfm/health/kept_matches.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
@@ -110,6 +112,7 @@ struct MapperModel {
   std::optional<SoftRigImages> soft_rig_images;
   // Groups of pairs that contradict the rotations or positions.
   std::vector<RejectedGroup> rejected_groups;
+  KeptMatches kept_matches;      // verified matches that the model explains
   Confidence confidence;         // not of extended models
   std::vector<StageTime> times;  // in the order in which stages ran
 };
@@ -129,6 +132,11 @@ struct MapperResult {
   // extended model.
   std::vector<RejectionCount> rejected_pairs;
   RotationSummary rotation;
+  // Why measured gravity was not used; nullopt: it was, or there is none.
+  std::optional<std::string> gravity_rejection;
+  // What seems to be wrong with the input or the result, causes before
+  // their effects.
+  std::vector<Finding> findings;
   std::vector<StageTime> times;
 };
 
@@ -146,6 +154,8 @@ struct MapperInput {
   // mapper then adds the other frames (mgsfm/extension/model_extension.h) and
   // returns this one model.
   std::optional<Reconstruction> existing_model = {};
+  // Cameras without common frames are a finding, unless the user wants so.
+  bool expects_rigs = true;
 };
 
 // Estimates a model for each connected component of the input. A result without

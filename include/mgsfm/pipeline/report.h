@@ -20,11 +20,12 @@ struct RunDescription {
   double peak_memory_mib = 0.0;
 };
 
-// The report of a run as indented JSON: input, options, and for each stage its
-// time, sizes, iterations, termination and rejected data with the reason. Each
-// model lists its calibrated rigs and how well they are determined. Frames that
-// belong to no model are listed with the reason. Angles are in degrees, lengths
-// in the unit of the model. docs/reference/report.md describes the keys.
+// The report of a run as indented JSON: summary, warnings, input, options, and
+// for each stage its time, sizes, iterations, termination and rejected data
+// with the reason. Each model lists its calibrated rigs and how well they are
+// determined. Frames that belong to no model are listed with the reason. Angles
+// are in degrees, lengths in the unit of the model. docs/reference/report.md
+// describes the keys.
 std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                                const MapperResult& result,
                                const RunDescription& run);

@@ -88,10 +88,19 @@ void CheckConsistent(const Scene& scene);
 // the mean over its images if there is none. All images must have a timestamp.
 double TimeOfFrame(const Scene& scene, int frame_idx);
 
+// The id of a camera and the sensors that use it, for messages.
+std::string CameraLabel(const Scene& scene, int camera_idx);
+
 // The scene without rigs: every sensor becomes a rig, and every image a frame
 // with the name of the image. Indices of images do not change, so view graphs
 // remain valid.
 Scene SeparateImages(Scene scene);
+
+// The scene with the frames from `frame_name` on, in the order of names, in
+// rigs of their own with unknown sensor poses: for rigs that changed in
+// between. Indices of images and frames do not change. Throws Error unless the
+// frame exists and its rig has frames before it.
+Scene SplitRig(Scene scene, const std::string& frame_name);
 
 // Unit rays of the keypoints of one image, in the camera frame. A keypoint
 // outside the domain of the camera model has no ray.

@@ -86,6 +86,22 @@ struct FocalLengthResult {
     const Scene& scene, const ViewGraph& view_graph,
     const FocalLengthOptions& options, const Context& context);
 
+// The focal length of a camera as image pairs measure it, relative to that of
+// the scene.
+struct FocalLengthMeasurement {
+  int camera_idx = 0;
+  double log_factor = 0.0;
+  double sigma = 0.0;  // of log_factor
+  int num_pairs = 0;
+};
+
+// Measures the focal lengths of all cameras, with or without a prior, to check
+// them: Gauss-Newton as above from the values of the scene. Cameras with fewer
+// than three consistent pairs are left out.
+[[nodiscard]] std::vector<FocalLengthMeasurement> MeasureFocalLengths(
+    const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
+    const Context& context);
+
 // Removes what depends on changed focal lengths: E and the relative poses of
 // pairs of cameras with accepted estimates. F and H are kept.
 [[nodiscard]] ViewGraph DropCalibratedGeometry(

@@ -69,6 +69,10 @@ class PriorMaker {
             "kind");
       }
       are_gps = is_gps;
+      if (is_gps && rows_[i]->position.head<2>().isZero(0.0)) {
+        ++priors.num_null_fixes;
+        continue;
+      }
       if (is_gps && !priors.origin_wgs84) {
         priors.origin_wgs84 = rows_[i]->position;
       }
@@ -77,7 +81,7 @@ class PriorMaker {
                  : rows_[i]->position,
           CovarianceOf(*rows_[i])};
     }
-    if (!are_gps) {
+    if (!are_gps || (*are_gps && !priors.origin_wgs84)) {
       Throw(
           "there are no positions of images; extract features of images with "
           "GPS, set ref_images_path, or do not set use_prior_position");

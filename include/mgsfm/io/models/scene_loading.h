@@ -66,6 +66,20 @@ struct SceneLoadingOptions {
   }
 };
 
+// Changes of a loaded scene, at the request of the user.
+struct RigSplitOptions {
+  Option<std::string> split_rig_at{
+      "split_rig_at", "",
+      "Name of a frame from which on its rig gets a calibration of its own. "
+      "Set "
+      "it if a camera was moved during the recording."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(split_rig_at);
+  }
+};
+
 struct LoadedScene {
   Scene scene;
   ViewGraph view_graph;

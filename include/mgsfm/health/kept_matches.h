@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <vector>
+
+namespace mgsfm {
+
+// How much of the verified matches a model explains. Each match of two images
+// with a pose counts for both, whether or not its pair was accepted.
+struct KeptCount {
+  size_t num_matches = 0;
+  size_t num_kept = 0;  // agree with the poses of the model
+
+  double Share() const {
+    return num_matches > 0 ? static_cast<double>(num_kept) /
+                                 static_cast<double>(num_matches)
+                           : 1.0;
+  }
+};
+
+struct KeptMatches {
+  std::vector<KeptCount> sensors;  // per sensor
+  std::vector<KeptCount> frames;   // per frame
+  KeptCount total;
+};
+
+}  // namespace mgsfm

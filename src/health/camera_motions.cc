@@ -1,0 +1,356 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "health/camera_motions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
+#include "rotation/hand_eye.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kMaxLag = 5;
+constexpr int kMaxGap = 3;  // frames of a motion
+// The largest motions tell most; bounds the cost.
+constexpr size_t kMaxNumMotions = 400;
+constexpr int kMinNumMotions = 12;
+// Normal errors of a cycle, with three components, exceed this in 1 of 2000.
+constexpr double kMaxCycleErrorInSigmas = 4.2;
+constexpr double kTruncationRad = DegToRad(5.0);
+// Healthy rigs: see docs/results/input_check.md.
+constexpr double kMinErrorRatio = 1.5;
+constexpr double kMinErrorDropRad = DegToRad(0.05);
+constexpr double kMinShareBetter = 0.75;
+constexpr double kMinShareInSigmas = 4.0;
+constexpr double kMinMotionInSigmas = 5.0;
+constexpr double kMaxForeignShare = 0.5;
+constexpr double kMinVerticalShare = 0.8;
+constexpr double kMaxUncertaintyRad = DegToRad(10.0);
+constexpr double kOppositeCosine = -0.7;
+constexpr double kMaxDeviationRad = DegToRad(5.0);
+
+// A motion of one sensor between two frames.
+struct Motion {
+  Vector3d rotation;                  // angle-axis
+  std::optional<Vector3d> direction;  // of the translation
+};
+// By the ranks of both frames.
+using Motions = std::map<std::pair<int, int>, Motion>;
+
+std::vector<Motions> CollectMotions(const Scene& scene,
+                                    const ViewGraph& view_graph) {
+  const std::vector<int> rank = RankFrames(scene);
+  std::vector<Motions> motions(scene.sensors.size());
+  for (const ImagePair& pair : view_graph.pairs) {
+    const Image& image1 = scene.images[pair.image_idx1];
+    const Image& image2 = scene.images[pair.image_idx2];
+    if (!pair.relative_pose || image1.sensor_idx != image2.sensor_idx) continue;
+    const int rank1 = rank[image1.frame_idx];
+    const int rank2 = rank[image2.frame_idx];
+    if (std::abs(rank1 - rank2) > kMaxGap) continue;
+    const RelativePose& pose = *pair.relative_pose;
+    Motion motion{LogSO3(pose.cam2_from_cam1), pose.translation_direction};
+    if (rank1 > rank2) {
+      if (motion.direction) {
+        motion.direction =
+            -(pose.cam2_from_cam1.conjugate() * *motion.direction);
+      }
+      motion.rotation = -motion.rotation;
+    }
+    motions[image1.sensor_idx][std::minmax(rank1, rank2)] = motion;
+  }
+  return motions;
+}
+
+// Motions that agree with others, and their noise.
+struct CheckedMotions {
+  Motions motions;
+  double noise_rad = 0.0;  // standard deviation of the rotations per axis
+};
+
+// Keeps the motions that close a cycle of three frames: wrong pairs turn most.
+CheckedMotions CheckCycles(const Motions& motions) {
+  std::vector<double> errors;
+  std::map<std::pair<int, int>, double> least_error;
+  for (const auto& [frames, motion] : motions) {
+    const auto& [f, g] = frames;
+    for (int h = g + 1; h <= f + kMaxGap; ++h) {
+      const auto second = motions.find({g, h});
+      const auto both = motions.find({f, h});
+      if (second == motions.end() || both == motions.end()) continue;
+      errors.push_back(AngleBetween(
+          ExpSO3(second->second.rotation) * ExpSO3(motion.rotation),
+          ExpSO3(both->second.rotation)));
+      for (const auto& key : {frames, second->first, both->first}) {
+        double& least = least_error.emplace(key, errors.back()).first->second;
+        least = std::min(least, errors.back());
+      }
+    }
+  }
+  CheckedMotions checked;
+  if (errors.empty()) return checked;
+  const double sigma_of_cycles = RobustSigma<3>(std::move(errors));
+  checked.noise_rad = sigma_of_cycles / std::sqrt(3.0);
+  for (const auto& [key, error] : least_error) {
+    if (error > kMaxCycleErrorInSigmas * sigma_of_cycles) continue;
+    checked.motions[key] = motions.at(key);
+  }
+  return checked;
+}
+
+// The keys of the largest motions.
+std::vector<std::pair<int, int>> SelectMotions(const Motions& motions) {
+  std::vector<std::pair<double, std::pair<int, int>>> order;
+  for (const auto& [frames, motion] : motions) {
+    order.push_back({-motion.rotation.norm(), frames});
+  }
+  std::sort(order.begin(), order.end());
+  order.resize(std::min(order.size(), kMaxNumMotions));
+  std::vector<std::pair<int, int>> keys;
+  for (const auto& [negative_norm, frames] : order) keys.push_back(frames);
+  return keys;
+}
+
+struct LagFit {
+  HandEyeResult rotation;                        // b_from_a
+  std::map<std::pair<int, int>, double> errors;  // by the motion of a
+  double mean_error = 0.0;
+};
+
+std::optional<LagFit> FitLag(const Motions& a, const Motions& b,
+                             const std::vector<std::pair<int, int>>& keys,
+                             int lag) {
+  std::vector<MotionPair> pairs;
+  std::vector<std::pair<int, int>> used;
+  for (const auto& key : keys) {
+    const auto found = b.find({key.first + lag, key.second + lag});
+    if (found == b.end()) continue;
+    pairs.push_back({found->second.rotation, a.at(key).rotation});
+    used.push_back(key);
+  }
+  if (pairs.size() < kMinNumMotions) return std::nullopt;
+  const HandEyeResult fit =
+      CalibrateHandEye(pairs, static_cast<int>(pairs.size()));
+  LagFit result{fit, {}, 0.0};
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const double error = std::min(
+        (pairs[i].alpha - fit.a_from_b * pairs[i].beta).norm(), kTruncationRad);
+    result.errors[used[i]] = error;
+    result.mean_error += error / static_cast<double>(pairs.size());
+  }
+  return result;
+}
+
+double ShareBetter(const LagFit& fit, const LagFit& reference) {
+  int num_common = 0, num_better = 0;
+  for (const auto& [key, error] : fit.errors) {
+    const auto found = reference.errors.find(key);
+    if (found == reference.errors.end()) continue;
+    ++num_common;
+    num_better += error < found->second;
+  }
+  return num_common > 0 ? static_cast<double>(num_better) / num_common : 0.0;
+}
+
+// Whether turns about the vertical axis of upright cameras have opposite sense.
+bool TurnsOpposite(const LagFit& fit, const Motions& a) {
+  Vector3d axis_a = Vector3d::Zero(), axis_b = Vector3d::Zero();
+  double sum = 0.0;
+  for (const auto& [key, error] : fit.errors) {
+    Vector3d w = a.at(key).rotation;
+    if (w.y() < 0.0) w = -w;
+    axis_a += w;
+    axis_b += fit.rotation.a_from_b * w;
+    sum += w.norm();
+  }
+  return axis_a.y() > kMinVerticalShare * sum &&
+         axis_b.y() < -kMinVerticalShare * sum;
+}
+
+// Whether the translations are opposite to those that the rotations imply.
+bool MovesOpposite(const LagFit& fit, const Motions& a, const Motions& b,
+                   int lag) {
+  if (fit.rotation.uncertainty_rad > kMaxUncertaintyRad) return false;
+  std::vector<double> cosines;
+  for (const auto& [key, error] : fit.errors) {
+    const auto& direction_a = a.at(key).direction;
+    const auto& direction_b =
+        b.at({key.first + lag, key.second + lag}).direction;
+    if (!direction_a || !direction_b) continue;
+    cosines.push_back(direction_b->dot(fit.rotation.a_from_b * *direction_a));
+  }
+  return !cosines.empty() && Median(std::move(cosines)) < kOppositeCosine;
+}
+
+std::optional<MotionAgreement> Compare(
+    const std::vector<CheckedMotions>& motions, int sensor_a, int sensor_b) {
+  const Motions& a = motions[sensor_a].motions;
+  const Motions& b = motions[sensor_b].motions;
+  const auto keys = SelectMotions(a);
+  const auto zero = FitLag(a, b, keys, 0);
+  if (!zero) return std::nullopt;
+  MotionAgreement result{sensor_a, sensor_b,
+                         static_cast<int>(zero->errors.size())};
+  for (const auto& [key, error] : zero->errors) {
+    result.mean_motion_rad += a.at(key).rotation.norm() / result.num_motions;
+  }
+  result.noise_rad =
+      std::hypot(motions[sensor_a].noise_rad, motions[sensor_b].noise_rad);
+  result.error_rad = result.best_error_rad = zero->mean_error;
+  result.is_mirrored = TurnsOpposite(*zero, a) || MovesOpposite(*zero, a, b, 0);
+  for (int lag = -kMaxLag; lag <= kMaxLag; ++lag) {
+    if (lag == 0) continue;
+    const auto fit = FitLag(a, b, keys, lag);
+    if (!fit || fit->mean_error >= result.best_error_rad) continue;
+    result.best_lag = lag;
+    result.best_error_rad = fit->mean_error;
+    result.share_better = ShareBetter(*fit, *zero);
+  }
+  return result;
+}
+
+std::string Number(const char* format, double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+bool IsLagging(const MotionAgreement& m) {
+  // Without a lag, each motion is better at either lag with equal probability.
+  const double share_in_sigmas =
+      2.0 * (m.share_better - 0.5) * std::sqrt(m.num_motions);
+  return m.best_lag != 0 && m.share_better > kMinShareBetter &&
+         share_in_sigmas > kMinShareInSigmas &&
+         m.error_rad > kMinErrorRatio * m.best_error_rad &&
+         m.error_rad - m.best_error_rad > kMinErrorDropRad;
+}
+
+// Whether the motions are large enough to tell cameras apart.
+bool IsSignificant(const MotionAgreement& m) {
+  return m.mean_motion_rad > kMinMotionInSigmas * m.noise_rad;
+}
+
+bool IsForeign(const MotionAgreement& m) {
+  return m.best_error_rad > kMaxForeignShare * m.mean_motion_rad;
+}
+
+// Whether the pairs between two cameras agree on a rotation.
+bool HaveConsistentPairs(const std::vector<SensorPairSamples>& samples,
+                         int sensor_a, int sensor_b) {
+  for (const SensorPairSamples& pair : samples) {
+    if (pair.sensor_a != std::min(sensor_a, sensor_b) ||
+        pair.sensor_b != std::max(sensor_a, sensor_b)) {
+      continue;
+    }
+    const auto typical = FindTypicalPose(pair.samples);
+    return typical && typical->median_deviation_rad < kMaxDeviationRad;
+  }
+  return false;
+}
+
+std::vector<std::pair<std::string, double>> EvidenceOf(
+    const MotionAgreement& m) {
+  return {{"num_motions", m.num_motions},
+          {"mean_motion_deg", RadToDeg(m.mean_motion_rad)},
+          {"noise_deg", RadToDeg(m.noise_rad)},
+          {"error_deg", RadToDeg(m.error_rad)},
+          {"best_lag_frames", m.best_lag},
+          {"error_at_best_lag_deg", RadToDeg(m.best_error_rad)}};
+}
+
+Finding DescribeLag(const std::string& a, const std::string& b,
+                    const MotionAgreement& m) {
+  const int num_frames = std::abs(m.best_lag);
+  const std::string late = m.best_lag > 0 ? b : a;
+  const std::string other = m.best_lag > 0 ? a : b;
+  return {Cause::kCameraLag,
+          {late, other},
+          {},
+          EvidenceOf(m),
+          "camera '" + late + "' is " + std::to_string(num_frames) +
+              (num_frames == 1 ? " frame" : " frames") + " behind camera '" +
+              other + "'",
+          "rename its images so that those of one instant share a frame"};
+}
+
+Finding DescribeForeign(const std::string& a, const std::string& b,
+                        const MotionAgreement& m) {
+  return {Cause::kForeignCamera,
+          {b, a},
+          {},
+          EvidenceOf(m),
+          "camera '" + b + "' does not move with camera '" + a +
+              "': their rotations between frames differ by " +
+              Number("%.0f", 100.0 * m.best_error_rad / m.mean_motion_rad) +
+              " %",
+          "remove its images, or correct the assignment of images to frames"};
+}
+
+Finding DescribeMirrored(const std::string& a, const std::string& b,
+                         const MotionAgreement& m) {
+  return {Cause::kMirroredCamera,
+          {b, a},
+          {},
+          EvidenceOf(m),
+          "camera '" + b + "' moves like a mirror image of camera '" + a +
+              "', and their matches agree on no rotation: its images are "
+              "mirrored or upside down",
+          "flip the images and extract their features again"};
+}
+
+}  // namespace
+
+std::vector<MotionAgreement> CompareMotions(const Scene& scene,
+                                            const ViewGraph& view_graph) {
+  std::vector<CheckedMotions> motions;
+  for (const Motions& of_sensor : CollectMotions(scene, view_graph)) {
+    motions.push_back(CheckCycles(of_sensor));
+  }
+  std::vector<MotionAgreement> result;
+  for (const Rig& rig : scene.rigs) {
+    int reference = rig.ref_sensor_idx;
+    for (const int k : rig.sensor_idxs) {
+      if (motions[k].motions.size() > motions[reference].motions.size()) {
+        reference = k;
+      }
+    }
+    for (const int k : rig.sensor_idxs) {
+      if (k == reference) continue;
+      if (const auto m = Compare(motions, reference, k)) result.push_back(*m);
+    }
+  }
+  return result;
+}
+
+std::vector<Finding> CheckMotions(
+    const Scene& scene, const ViewGraph& view_graph,
+    const std::vector<SensorPairSamples>& samples) {
+  std::vector<Finding> findings;
+  for (const MotionAgreement& m : CompareMotions(scene, view_graph)) {
+    const std::string& a = scene.sensors[m.sensor_a].name;
+    const std::string& b = scene.sensors[m.sensor_b].name;
+    if (IsLagging(m)) {
+      findings.push_back(DescribeLag(a, b, m));
+    } else if (!IsSignificant(m)) {
+      continue;
+    } else if (IsForeign(m)) {
+      findings.push_back(DescribeForeign(a, b, m));
+    } else if (m.is_mirrored &&
+               !HaveConsistentPairs(samples, m.sensor_a, m.sensor_b)) {
+      findings.push_back(DescribeMirrored(a, b, m));
+    }
+  }
+  return findings;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "health/rig_samples.h"
+#include "mgsfm/health/finding.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// Does a rig stay the same, and is it the one that the user states? All checks
+// use the samples of image pairs (rig_samples.h).
+
+// The largest step of the relative rotation of two sensors: the split of the
+// frames into two stretches whose mean rotations differ most, in standard
+// deviations. Each stretch has at least 5 samples and 5 % of all.
+struct RigStep {
+  int first_frame_idx = 0;  // of the second stretch
+  double step_rad = 0.0;    // angle between the medians of both stretches
+  double sigma_rad = 0.0;   // per axis, of one sample; of the noisier stretch
+};
+// nullopt with fewer samples. Cost: linear.
+std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
+
+// A sensor that moved relative to most others of its rig (kRigMoved). The step
+// must exceed 0.5 degrees and six standard deviations of one sample: a rig that
+// vibrates, and pairs whose errors depend on the place, do not part the samples
+// in two.
+std::vector<Finding> FindRigMoves(const Scene& scene,
+                                  const std::vector<SensorPairSamples>& pairs);
+
+// Known rotations that contradict the samples (kWrongKnownRotation).
+std::vector<Finding> CheckKnownRotations(
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs);
+
+// Stretches of frames in which two sensors have exchanged their images
+// (kSwappedCameras): their samples agree with the inverse of the typical pose.
+std::vector<Finding> FindSwappedCameras(
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs);
+
+}  // namespace mgsfm

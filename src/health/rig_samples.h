@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Measurements of the pose of one sensor relative to another one of its rig,
+// by image pairs alone: a rig that does not change gives the same one in all
+// frames, whatever model was estimated.
+//
+// A pair within a frame measures the pose directly. A pair from sensor a in
+// frame f to sensor b in frame g measures the rotation in frame g with the
+// motion of sensor a, and that in frame f with the motion of sensor b:
+//   b_from_a = R(b,g <- a,f) R(a,f <- a,g) = R(b,f <- b,g) R(b,g <- a,f).
+struct RigSample {
+  int frame_idx = 0;
+  Eigen::Quaterniond b_from_a;
+  // Of the translation of b_from_a; of pairs within a frame.
+  std::optional<Eigen::Vector3d> direction;
+};
+
+struct SensorPairSamples {
+  int sensor_a = 0;  // < sensor_b
+  int sensor_b = 0;
+  // At most one per frame: the one that agrees best with the others of its
+  // frame. Ordered by the names of frames.
+  std::vector<RigSample> samples;
+};
+
+// Sorted by (sensor_a, sensor_b). Cost: O(n log n) for n pairs.
+std::vector<SensorPairSamples> CollectRigSamples(const Scene& scene,
+                                                 const ViewGraph& view_graph);
+
+// The most frequent pose: the robust mean of the rotations, and of the
+// directions of the samples with about this rotation. nullopt without samples.
+struct TypicalRigPose {
+  Eigen::Quaterniond b_from_a;
+  std::optional<Eigen::Vector3d> direction;
+  double median_deviation_rad = 0.0;  // of the rotations
+};
+std::optional<TypicalRigPose> FindTypicalPose(
+    const std::vector<RigSample>& samples);
+
+// Per frame its position in the order of names, among the frames of its rig.
+std::vector<int> RankFrames(const Scene& scene);
+
+}  // namespace mgsfm

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/input_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "health/camera_motions.h"
+#include "health/focal_lengths.h"
+#include "health/image_sizes.h"
+#include "health/kept_matches.h"
+#include "health/rig_checks.h"
+#include "health/rig_samples.h"
+#include "mgsfm/geometry/camera_models.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr double kMinRegisteredShare = 0.9;
+constexpr int kMinNumImagesOfCamera = 3;
+// More wrong than right priors of two are wrong by chance; fewer priors than
+// this show no share.
+constexpr double kMaxOutlierShare = 1.0 / 3.0;
+constexpr int kMinNumPriors = 6;
+constexpr size_t kMaxNumLines = 5;
+// An estimated focal length this close to the given one confirms it.
+constexpr double kMaxConfirmedChange = 0.02;
+// The focal length that COLMAP assumes without knowledge, in larger sides.
+constexpr double kAssumedRatio = 1.2;
+
+void Append(std::vector<Finding> from, std::vector<Finding>* to) {
+  to->insert(to->end(), std::make_move_iterator(from.begin()),
+             std::make_move_iterator(from.end()));
+}
+
+std::string CountOf(size_t count, size_t total, const char* what) {
+  return std::to_string(count) + " of " + std::to_string(total) + " " + what;
+}
+
+// Several cameras with a rig each: no frame has images of two of them.
+std::vector<Finding> CheckSharedFrames(const Scene& scene) {
+  std::vector<int> num_images(scene.sensors.size(), 0);
+  for (const Image& image : scene.images) ++num_images[image.sensor_idx];
+  Finding finding;
+  for (const Rig& rig : scene.rigs) {
+    if (rig.sensor_idxs.size() > 1) return {};
+    const int sensor_idx = rig.ref_sensor_idx;
+    if (num_images[sensor_idx] < kMinNumImagesOfCamera) continue;
+    finding.cameras.push_back(scene.sensors[sensor_idx].name);
+  }
+  if (finding.cameras.size() < 2) return {};
+  finding.cause = Cause::kNoSharedFrames;
+  finding.evidence = {
+      {"num_cameras", static_cast<double>(finding.cameras.size())}};
+  finding.text = std::to_string(finding.cameras.size()) +
+                 " cameras share no frame, so that no rig is calibrated: "
+                 "images of one instant have different names";
+  finding.remedy =
+      "if the cameras are mounted rigidly, give images of one instant equal "
+      "names, or set rig_name_rule";
+  return {finding};
+}
+
+size_t NumRegisteredImages(const Scene& scene, const MapperResult& result) {
+  size_t count = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    count += std::any_of(result.models.begin(), result.models.end(),
+                         [&](const MapperModel& model) {
+                           return model.reconstruction.IsRegistered(
+                               scene, static_cast<int>(i));
+                         });
+  }
+  return count;
+}
+
+// The reason of most unregistered frames, or what is wrong with a sensor.
+std::string LikelyCause(const Scene& scene, const MapperResult& result) {
+  for (size_t k = 0; k < result.rotation.sensors.size(); ++k) {
+    const SensorRotationSummary& sensor = result.rotation.sensors[k];
+    if (sensor.is_observable) continue;
+    return "the rotation of camera '" + scene.sensors[k].name +
+           "' in its rig is unknown (" + sensor.message + ")";
+  }
+  std::map<std::string, size_t> num_frames;
+  for (const UnregisteredFrame& frame : result.unregistered_frames) {
+    ++num_frames[frame.reason];
+  }
+  const auto most = std::max_element(
+      num_frames.begin(), num_frames.end(),
+      [](const auto& a, const auto& b) { return a.second < b.second; });
+  if (most == num_frames.end()) return "their cameras have no pose in the rig";
+  return "for " +
+         CountOf(most->second, result.unregistered_frames.size(),
+                 "missing frames, ") +
+         most->first;
+}
+
+std::vector<Finding> CheckRegistration(const Scene& scene,
+                                       const MapperResult& result) {
+  const size_t num_registered = NumRegisteredImages(scene, result);
+  const auto num_images = static_cast<double>(scene.images.size());
+  if (static_cast<double>(num_registered) >= kMinRegisteredShare * num_images) {
+    return {};
+  }
+  Finding finding;
+  finding.cause =
+      result.models.empty() ? Cause::kNoModel : Cause::kFewImagesRegistered;
+  finding.evidence = {{"num_registered", static_cast<double>(num_registered)},
+                      {"num_images", num_images}};
+  finding.text = "only " +
+                 CountOf(num_registered, scene.images.size(), "images") +
+                 " are registered: " + LikelyCause(scene, result);
+  finding.remedy =
+      "match more image pairs, and check the grouping of images into rigs and "
+      "the intrinsics";
+  return {finding};
+}
+
+std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
+                                         const MapperResult& result) {
+  std::vector<Finding> findings;
+  if (priors.num_null_fixes > 0) {
+    findings.push_back(
+        {Cause::kOutlierPositionPriors,
+         {},
+         {},
+         {{"num_null_fixes", static_cast<double>(priors.num_null_fixes)}},
+         std::to_string(priors.num_null_fixes) +
+             " positions are latitude 0, longitude 0, as receivers write "
+             "them without a fix; they are ignored",
+         "remove them, or give the right positions"});
+  }
+  for (const MapperModel& model : result.models) {
+    if (!model.position_priors) continue;
+    const PositionPriorSummary& summary = *model.position_priors;
+    const std::vector<std::pair<std::string, double>> evidence = {
+        {"num_priors", static_cast<double>(summary.num_priors)},
+        {"num_outliers", static_cast<double>(summary.outliers.size())}};
+    const auto num_outliers = static_cast<double>(summary.outliers.size());
+    if (!summary.is_registered) {
+      findings.push_back({Cause::kRejectedPositionPriors,
+                          {},
+                          {},
+                          evidence,
+                          summary.message,
+                          "check the unit, the coordinate system and the "
+                          "assignment of positions to images"});
+    } else if (summary.num_priors >= kMinNumPriors &&
+               num_outliers > kMaxOutlierShare * summary.num_priors) {
+      findings.push_back({Cause::kOutlierPositionPriors,
+                          {},
+                          {},
+                          evidence,
+                          CountOf(summary.outliers.size(),
+                                  static_cast<size_t>(summary.num_priors),
+                                  "positions contradict the model"),
+                          "check the positions and their standard deviations"});
+    }
+  }
+  return findings;
+}
+
+std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
+  if (result.gravity_rejection) {
+    return {{Cause::kRejectedGravityPriors,
+             {},
+             {},
+             {},
+             *result.gravity_rejection,
+             "check the axes of the directions: x right, y down, z forward in "
+             "the camera frame"}};
+  }
+  for (const MapperModel& model : result.models) {
+    if (!model.gravity || model.gravity->num_priors < kMinNumPriors) continue;
+    const size_t num_outliers = model.gravity->outliers.size();
+    const int num_priors = model.gravity->num_priors;
+    if (static_cast<double>(num_outliers) <= kMaxOutlierShare * num_priors) {
+      continue;
+    }
+    return {{Cause::kOutlierGravityPriors,
+             {},
+             {},
+             {{"num_priors", num_priors},
+              {"num_outliers", static_cast<double>(num_outliers)}},
+             CountOf(num_outliers, static_cast<size_t>(num_priors),
+                     "directions of gravity contradict the model"),
+             "check their axes and their assignment to images"}};
+  }
+  return {};
+}
+
+bool Concerns(const Finding& finding, const std::vector<std::string>& cameras) {
+  return std::any_of(cameras.begin(), cameras.end(), [&](const auto& name) {
+    return std::count(finding.cameras.begin(), finding.cameras.end(), name) > 0;
+  });
+}
+
+// Keeps the first finding of each camera, and those of the same cause: images
+// of a wrong size also disturb motions, and a camera that lags also turns
+// relative to its rig.
+std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
+  std::vector<Finding> causes;
+  for (const Finding& finding : findings) {
+    const bool is_explained =
+        std::any_of(causes.begin(), causes.end(), [&](const Finding& f) {
+          return f.cause != finding.cause && Concerns(f, finding.cameras);
+        });
+    if (!is_explained) causes.push_back(finding);
+  }
+  return causes;
+}
+
+bool IsAssumed(const Camera& camera, double focal_length_px) {
+  const double side = std::max(camera.width_px, camera.height_px);
+  return std::abs(focal_length_px / side - kAssumedRatio) < 1e-3;
+}
+
+}  // namespace
+
+void CheckInput(const Scene& scene, const ViewGraph& matches,
+                const ViewGraph& verified, const MapperInput& input,
+                const MapperOptions& options, const Context& context,
+                MapperResult* result) {
+  std::vector<Finding> findings;
+  if (input.expects_rigs) findings = CheckSharedFrames(scene);
+  const std::vector<SensorPairSamples> samples =
+      CollectRigSamples(scene, verified);
+  std::vector<Finding> causes = CheckImageSizes(scene);
+  Append(CheckMotions(scene, verified, samples), &causes);
+  Append(FindSwappedCameras(scene, samples), &causes);
+  Append(CheckTrustedFocalLengths(scene, matches, context), &causes);
+  Append(FindRigMoves(scene, samples), &causes);
+  Append(CheckKnownRotations(scene, samples), &causes);
+  causes = WithoutSymptoms(causes);
+  Append(CheckPositionPriors(input.position_priors, *result), &causes);
+  Append(CheckGravityPriors(*result), &causes);
+  for (MapperModel& model : result->models) {
+    model.kept_matches =
+        CountKeptMatches(scene, verified, model.reconstruction,
+                         options.view_graph.max_error_px, context);
+    if (!causes.empty()) continue;
+    Append(FindLostMatches(scene, model.kept_matches), &causes);
+  }
+  Append(std::move(causes), &findings);
+  Append(CheckRegistration(scene, *result), &findings);
+  Append(std::move(findings), &result->findings);
+}
+
+void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
+  std::vector<bool> is_named(scene.cameras.size(), false);
+  for (const MapperModel& model : result->models) {
+    for (const FocalLengthCheck& check : model.focal_lengths) {
+      const bool is_confirmed =
+          std::abs(std::log(check.estimated_px / check.prior_px)) <
+              kMaxConfirmedChange &&
+          !IsAssumed(scene.cameras[check.camera_idx], check.prior_px);
+      if (check.message.empty() || is_confirmed || is_named[check.camera_idx]) {
+        continue;
+      }
+      is_named[check.camera_idx] = true;
+      result->findings.push_back(
+          {Cause::kUncertainFocalLength,
+           SensorsOfCamera(scene, check.camera_idx),
+           {},
+           {{"prior_px", check.prior_px},
+            {"estimated_px", check.estimated_px},
+            {"relative_sigma", check.relative_sigma.value_or(0.0)}},
+           check.message,
+           "provide its focal length"});
+    }
+  }
+}
+
+void LogFindings(const MapperResult& result, const Context& context) {
+  const size_t num_lines = std::min(kMaxNumLines, result.findings.size());
+  for (size_t i = 0; i < num_lines; ++i) {
+    const Finding& finding = result.findings[i];
+    context.Warning(finding.text + "; " + finding.remedy);
+  }
+  if (result.findings.size() > num_lines) {
+    context.Info(std::to_string(result.findings.size() - num_lines) +
+                 " more warnings are in the report");
+  }
+}
+
+}  // namespace mgsfm

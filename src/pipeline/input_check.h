@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Checks an input against itself and against the result (mgsfm/health), and
+// adds the findings to `result`, causes before their effects. `scene` has the
+// cameras that the stages used, `matches` the pairs before and `verified` those
+// after the estimation of relative poses. Lost matches are a finding only if no
+// other one explains them.
+void CheckInput(const Scene& scene, const ViewGraph& matches,
+                const ViewGraph& verified, const MapperInput& input,
+                const MapperOptions& options, const Context& context,
+                MapperResult* result);
+
+// Adds focal lengths that were estimated but are uncertain. Once per camera;
+// not if the estimate agrees with a given value.
+void AddUncertainFocalLengths(const Scene& scene, MapperResult* result);
+
+// At most five findings, as warnings.
+void LogFindings(const MapperResult& result, const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/run_summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+
+#include "geometry/so3.h"
+
+namespace mgsfm {
+namespace {
+
+// Reasons and models beyond these are in the report only.
+constexpr size_t kMaxNumReasons = 2;
+constexpr size_t kMaxNumModels = 3;
+
+std::string Number(const char* format, double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), format, value);
+  return text;
+}
+
+std::string Count(size_t count, const char* one, const char* many) {
+  return std::to_string(count) + " " + (count == 1 ? one : many);
+}
+
+std::string UnitOfLength(const MapperModel& model) {
+  if (model.position_priors && model.position_priors->is_registered) {
+    return "that of the measured positions";
+  }
+  if (model.translation.is_metric) return "that of the known rig";
+  if (model.extension) return "that of the extended model";
+  return "arbitrary; known sensor poses or measured positions would define it";
+}
+
+bool IsCalibrated(const Scene& scene, const Reconstruction& model, size_t k) {
+  return !scene.sensors[k].sensor_from_rig && model.sensor_from_rig[k];
+}
+
+std::vector<SensorAccuracy> Accuracies(const Scene& scene,
+                                       const MapperModel& model) {
+  std::vector<SensorAccuracy> accuracies;
+  if (!model.covariances || !model.covariances->is_usable) return accuracies;
+  for (size_t k = 0; k < scene.sensors.size(); ++k) {
+    const auto& covariance = model.covariances->sensors[k];
+    if (!covariance || !IsCalibrated(scene, model.reconstruction, k)) continue;
+    const auto variances = covariance->diagonal();
+    accuracies.push_back({scene.sensors[k].name,
+                          RadToDeg(std::sqrt(variances.head<3>().maxCoeff())),
+                          std::sqrt(variances.tail<3>().maxCoeff())});
+  }
+  return accuracies;
+}
+
+ModelSummary SummarizeModel(const Scene& scene, const MapperModel& model) {
+  const Reconstruction& reconstruction = model.reconstruction;
+  ModelSummary summary;
+  for (const auto& pose : reconstruction.rig_from_world) {
+    summary.num_frames += pose.has_value();
+  }
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    summary.num_images +=
+        reconstruction.IsRegistered(scene, static_cast<int>(i));
+  }
+  summary.num_points = reconstruction.points.size();
+  size_t num_errors = 0;
+  double sum_errors_px = 0.0;
+  for (const Point3D& point : reconstruction.points) {
+    summary.num_observations += point.track.size();
+    if (!point.error_px) continue;
+    num_errors += point.track.size();
+    sum_errors_px += *point.error_px * static_cast<double>(point.track.size());
+  }
+  if (num_errors > 0) {
+    summary.mean_reprojection_error_px =
+        sum_errors_px / static_cast<double>(num_errors);
+  }
+  for (size_t k = 0; k < scene.sensors.size(); ++k) {
+    summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
+  }
+  summary.kept_share = model.kept_matches.total.Share();
+  summary.unit_of_length = UnitOfLength(model);
+  summary.accuracies = Accuracies(scene, model);
+  return summary;
+}
+
+std::string DescribeRig(const ModelSummary& model) {
+  if (model.num_calibrated_sensors == 0) return "";
+  std::string line = "rig: " +
+                     Count(static_cast<size_t>(model.num_calibrated_sensors),
+                           "camera pose", "camera poses") +
+                     " calibrated";
+  if (model.accuracies.empty()) {
+    return line + "; compute_covariances tells how accurately";
+  }
+  for (const SensorAccuracy& sensor : model.accuracies) {
+    line += ", '" + sensor.name + "' within " +
+            Number("%.2g", sensor.sigma_rotation_deg) + " deg and " +
+            Number("%.2g", sensor.sigma_translation);
+  }
+  return line + " (one standard deviation)";
+}
+
+}  // namespace
+
+RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
+  RunSummary summary;
+  summary.num_images = scene.images.size();
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    summary.num_registered_images += std::any_of(
+        result.models.begin(), result.models.end(),
+        [&](const MapperModel& model) {
+          return model.reconstruction.IsRegistered(scene, static_cast<int>(i));
+        });
+  }
+  std::map<std::string, size_t> num_frames;
+  for (const UnregisteredFrame& frame : result.unregistered_frames) {
+    ++num_frames[frame.reason];
+  }
+  summary.missing_frames.assign(num_frames.begin(), num_frames.end());
+  std::stable_sort(
+      summary.missing_frames.begin(), summary.missing_frames.end(),
+      [](const auto& a, const auto& b) { return a.second > b.second; });
+  for (const MapperModel& model : result.models) {
+    summary.models.push_back(SummarizeModel(scene, model));
+  }
+  return summary;
+}
+
+std::vector<std::string> DescribeRun(const RunSummary& summary) {
+  std::vector<std::string> lines = {
+      "images: " + std::to_string(summary.num_registered_images) + " of " +
+      std::to_string(summary.num_images) + " registered, in " +
+      Count(summary.models.size(), "model", "models")};
+  for (size_t i = 0; i < summary.missing_frames.size() && i < kMaxNumReasons;
+       ++i) {
+    const auto& [reason, count] = summary.missing_frames[i];
+    lines.push_back("missing: " + Count(count, "frame", "frames") + ", " +
+                    reason);
+  }
+  for (size_t i = 0; i < summary.models.size() && i < kMaxNumModels; ++i) {
+    const ModelSummary& model = summary.models[i];
+    std::string line =
+        "model " + std::to_string(i) + ": " +
+        Count(static_cast<size_t>(model.num_images), "image", "images") + ", " +
+        Count(model.num_points, "point", "points");
+    if (model.mean_reprojection_error_px) {
+      line += ", mean reprojection error " +
+              Number("%.2f", *model.mean_reprojection_error_px) + " px";
+    }
+    lines.push_back(line);
+    if (const std::string rig = DescribeRig(model); !rig.empty()) {
+      lines.push_back(rig);
+    }
+    lines.push_back("unit of length: " + model.unit_of_length);
+  }
+  return lines;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// What users want to know first about a run. `summary` of the report, and the
+// last lines on the terminal.
+
+struct SensorAccuracy {
+  std::string name;
+  // Largest standard deviations about and along the axes of the camera.
+  double sigma_rotation_deg = 0.0;
+  double sigma_translation = 0.0;
+};
+
+struct ModelSummary {
+  int num_frames = 0;
+  int num_images = 0;
+  size_t num_points = 0;
+  size_t num_observations = 0;
+  std::optional<double> mean_reprojection_error_px;
+  double kept_share = 1.0;         // of the verified matches
+  std::string unit_of_length;      // in words
+  int num_calibrated_sensors = 0;  // other than reference and known ones
+  // Of the calibrated sensors, if covariances were computed.
+  std::vector<SensorAccuracy> accuracies;
+};
+
+struct RunSummary {
+  size_t num_images = 0;
+  size_t num_registered_images = 0;
+  // Reasons of frames that are in no model, with their numbers; most first.
+  std::vector<std::pair<std::string, size_t>> missing_frames;
+  std::vector<ModelSummary> models;
+};
+
+RunSummary SummarizeRun(const Scene& scene, const MapperResult& result);
+
+// One line per fact: images, missing frames, and for each model its size,
+// error, rig, and unit of length.
+std::vector<std::string> DescribeRun(const RunSummary& summary);
+
+}  // namespace mgsfm
