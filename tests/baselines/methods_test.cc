@@ -32,7 +32,9 @@ MapperResult Map(const Simulation& simulation, MapperMethod method,
                  int num_threads = 2) {
   Context context;
   context.num_threads = num_threads;
-  return RunBaseline({method, {}},
+  BaselineOptions baseline;
+  baseline.method = method;
+  return RunBaseline(baseline,
                      {SceneFor(simulation, method), simulation.view_graph},
                      MapperOptions(), context);
 }

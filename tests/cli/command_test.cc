@@ -30,15 +30,15 @@ TEST(ParseArguments, TakesValuesInAllForms) {
                              {"--input_path", "x", "--verbose",
                               "--Solver.max_num_iterations=4", "--title", "-1"},
                              ListOptions(&options)));
-  EXPECT_EQ(options.input_path, "x");
+  EXPECT_EQ(*options.input_path, "x");
   EXPECT_TRUE(options.verbose);
   EXPECT_EQ(options.solver.max_num_iterations, 4);
-  EXPECT_EQ(options.title, "-1");
+  EXPECT_EQ(*options.title, "-1");
 
   ASSERT_TRUE(ParseArguments("sample", "",
                              {"--title=--a=b", "--verbose", "false"},
                              ListOptions(&options)));
-  EXPECT_EQ(options.title, "--a=b");
+  EXPECT_EQ(*options.title, "--a=b");
   EXPECT_FALSE(options.verbose);
 }
 
@@ -54,8 +54,8 @@ TEST(ParseArguments, FlagsOverrideTheFileWhereverItStands) {
                      {"--config_path", config_path});
     SampleOptions options;
     ASSERT_TRUE(ParseArguments("sample", "", arguments, ListOptions(&options)));
-    EXPECT_EQ(options.input_path, "file");
-    EXPECT_EQ(options.title, "flag");
+    EXPECT_EQ(*options.input_path, "file");
+    EXPECT_EQ(*options.title, "flag");
     EXPECT_EQ(options.solver.max_num_iterations, 9);
     EXPECT_EQ(options.solver.loss.scale_px, 1.5);
   }
@@ -108,7 +108,7 @@ TEST(ParseArguments, RefusesBadUsage) {
 }
 
 int RunSample(const SampleOptions& options, const Context& context) {
-  EXPECT_EQ(options.input_path, "x");
+  EXPECT_EQ(*options.input_path, "x");
   EXPECT_EQ(context.num_threads, 2);
   EXPECT_EQ(context.random_seed, 5u);
   return kExitNotSolvable;
