@@ -16,6 +16,7 @@
 #include "health/rig_checks.h"
 #include "health/rig_samples.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "pipeline/weak_seams.h"
 
 namespace mgsfm {
 namespace {
@@ -246,6 +247,11 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
     Append(FindLostMatches(scene, model.kept_matches), &causes);
   }
   Append(std::move(causes), &findings);
+  for (const MapperModel& model : result->models) {
+    if (auto seams = DescribeSeams(scene, model.confidence)) {
+      findings.push_back(std::move(*seams));
+    }
+  }
   Append(CheckRegistration(scene, *result), &findings);
   Append(std::move(findings), &result->findings);
 }

@@ -147,7 +147,6 @@ std::vector<MapperModel> ReconstructComponent(
       EstimateConfidence({scene, index, view_graph, input.pair_is_used,
                           model.rejected_groups, model.reconstruction},
                          options.confidence);
-  LogSeams(scene, model.confidence, context);
   if (options.weak_seams == WeakSeams::kSplit &&
       !model.confidence.seams.empty()) {
     return SplitAtSeams(input, index, options, context, model);

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdio>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -13,17 +14,6 @@
 
 namespace mgsfm {
 namespace {
-
-std::string DescribeSeam(const Scene& scene, const Seam& seam) {
-  char numbers[160];
-  std::snprintf(numbers, sizeof(numbers),
-                "%zu frames are beyond it, %d points cross it, %d matches "
-                "confirm it and %d contradict it",
-                seam.frame_idxs_beyond.size(), seam.num_tracks,
-                seam.num_confirmed, seam.num_against);
-  return "weak seam between frames '" + scene.frames[seam.frame_idx_core].name +
-         "' and '" + scene.frames[seam.frame_idx_beyond].name + "': " + numbers;
-}
 
 // Per frame: the set of frames that no seam separates from it. Sets are
 // numbered in the order of their first frames.
@@ -78,17 +68,32 @@ Mask PairsOfSegment(const FramePairIndex& index,
 
 }  // namespace
 
-void LogSeams(const Scene& scene, const Confidence& confidence,
-              const Context& context) {
-  constexpr size_t kMaxNumLines = 5;  // a screen shows the other messages, too
-  const std::vector<Seam>& seams = confidence.seams;
-  for (size_t i = 0; i < std::min(seams.size(), kMaxNumLines); ++i) {
-    context.Warning(DescribeSeam(scene, seams[i]));
-  }
-  if (seams.size() > kMaxNumLines) {
-    context.Warning(std::to_string(seams.size() - kMaxNumLines) +
-                    " more weak seams are listed in the report");
-  }
+std::optional<Finding> DescribeSeams(const Scene& scene,
+                                     const Confidence& confidence) {
+  if (confidence.seams.empty()) return std::nullopt;
+  const Seam& weakest = confidence.seams.front();
+  const size_t num_seams = confidence.seams.size();
+  const size_t num_beyond = weakest.frame_idxs_beyond.size();
+  const std::string& core = scene.frames[weakest.frame_idx_core].name;
+  const std::string& beyond = scene.frames[weakest.frame_idx_beyond].name;
+  char text[512];
+  std::snprintf(text, sizeof(text),
+                "the model can be wrong at %zu weak seam%s; at the weakest, "
+                "between frames '%s' and '%s', %d points and %d matches "
+                "connect %zu frame%s to the others, %d matches contradict them",
+                num_seams, num_seams == 1 ? "" : "s", core.c_str(),
+                beyond.c_str(), weakest.num_tracks, weakest.num_confirmed,
+                num_beyond, num_beyond == 1 ? "" : "s", weakest.num_against);
+  return Finding{Cause::kWeakSeams,
+                 {},
+                 {core, beyond},
+                 {{"num_seams", static_cast<double>(num_seams)},
+                  {"num_tracks", weakest.num_tracks},
+                  {"num_confirmed_matches", weakest.num_confirmed},
+                  {"num_matches_against", weakest.num_against}},
+                 text,
+                 "look at the images there, match more frames across the seam, "
+                 "or split the model at its seams"};
 }
 
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,

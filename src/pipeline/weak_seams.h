@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/health/finding.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pipeline/model_adjustment.h"
 
 namespace mgsfm {
 
-// Names the weakest seams of a model in at most five lines.
-void LogSeams(const Scene& scene, const Confidence& confidence,
-              const Context& context);
+// nullopt for a model without weak seams.
+std::optional<Finding> DescribeSeams(const Scene& scene,
+                                     const Confidence& confidence);
 
 // One model for each set of frames that no seam of `model` separates. Each is
 // adjusted again, without the pairs that cross a seam, and keeps the summaries

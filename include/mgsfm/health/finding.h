@@ -29,6 +29,7 @@ enum class Cause {
   kRejectedGravityPriors,   // all of them
   kOutlierGravityPriors,    // a large share of them
   kLostMatches,             // unexplained
+  kWeakSeams,               // of a model (mgsfm/confidence/confidence.h)
 };
 
 template <>
@@ -50,7 +51,8 @@ struct EnumTable<Cause> {
       {"outlier_position_priors", Cause::kOutlierPositionPriors},
       {"rejected_gravity_priors", Cause::kRejectedGravityPriors},
       {"outlier_gravity_priors", Cause::kOutlierGravityPriors},
-      {"lost_matches", Cause::kLostMatches}};
+      {"lost_matches", Cause::kLostMatches},
+      {"weak_seams", Cause::kWeakSeams}};
 };
 
 // One cause, for users and the report.
