@@ -86,6 +86,10 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
   if (!std::filesystem::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
   }
+  for (const std::string& name :
+       ListImages(options.image_path, options.extraction.image_list_path)) {
+    CheckFormat(name, options.output_format);
+  }
   const std::filesystem::path workspace = *options.workspace_path;
   std::error_code error;
   std::filesystem::create_directories(workspace, error);

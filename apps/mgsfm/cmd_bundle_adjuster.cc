@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <numeric>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "command.h"
@@ -241,6 +242,12 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
   }
   WriteResult(input, result.estimate, options, context, &output);
   PrintResult(input, result);
+  if (std::fflush(stdout) != 0) {
+    context.Warning(
+        "the table cannot be written to the standard output; the model is "
+        "complete");
+    std::ignore = std::freopen("/dev/null", "w", stdout);
+  }
   return kExitSuccess;
 }
 

@@ -6,6 +6,7 @@
 #include <set>
 #include <sstream>
 
+#include "base/text.h"
 #include "command.h"
 #include "commands.h"
 #include "eval/evaluation_plot.h"
@@ -102,14 +103,11 @@ std::vector<double> ParseThresholds(const std::string& name,
                                     const std::string& list) {
   std::vector<double> thresholds;
   for (const std::string& item : SplitList(list)) {
-    std::istringstream stream(item);
-    double value = 0.0;
-    if (!(stream >> value) || !stream.eof() || !(value > 0.0)) {
-      std::ostringstream message;
-      message << "--" << name << ": '" << item << "' is not a positive number";
-      throw Error(message.str());
+    const std::optional<double> value = ParseDouble(item);
+    if (!value || !(*value > 0.0)) {
+      throw Error("--" + name + ": '" + item + "' is not a positive number");
     }
-    thresholds.push_back(value);
+    thresholds.push_back(*value);
   }
   return thresholds;
 }

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 
+#include "base/text.h"
 #include "command.h"
 #include "commands.h"
 #include "io/files/image_writing.h"
@@ -223,9 +223,7 @@ std::string CameraLines(const Scene& scene) {
         " " + std::to_string(camera.width_px) + " " +
         std::to_string(camera.height_px);
     for (const double param : camera.params) {
-      char text[32];
-      std::snprintf(text, sizeof(text), " %.17g", param);
-      lines += text;
+      lines += ' ' + FormatDouble(param, std::chars_format::general, 17);
     }
     lines += "\n";
   }

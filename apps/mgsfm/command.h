@@ -53,10 +53,11 @@
 namespace mgsfm {
 
 enum ExitCode : int {
-  kExitSuccess = 0,        // the output was written
-  kExitBadInput = 1,       // bad usage, input or file; nothing was written
+  kExitSuccess = 0,  // the output was written
+  // Bad usage, input or file, or too little memory; nothing was written.
+  kExitBadInput = 1,
   kExitNotSolvable = 2,    // valid input from which nothing can be estimated
-  kExitInternalError = 3,  // a defect of mgsfm, or out of memory
+  kExitInternalError = 3,  // a defect of mgsfm
   // A run that is stopped by a signal ends by that signal, so that shells see
   // 128 plus its number. Only resumable commands have written anything then.
 };

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <sstream>
 #include <system_error>
 #include <utility>
@@ -74,6 +75,12 @@ constexpr Output kOutputs[] = {
     {"matches_importer", "database_path", IsSameFile},
 };
 
+// Files of their own, unlike databases, which are extended.
+bool IsNewFile(const Output& output) {
+  return output.replaces == IsSameFile &&
+         output.option != std::string("database_path");
+}
+
 struct NamedPath {
   std::string option;
   std::string path;
@@ -138,11 +145,39 @@ std::string ValueOf(const OptionList& options, const std::string& name) {
   return "";
 }
 
+fs::path Canonical(const std::string& path) {
+  std::error_code ignored;
+  return fs::weakly_canonical(fs::absolute(path, ignored), ignored);
+}
+
+// A new file is neither named like a file of a model nor another output.
+void CheckNewFiles(const std::string& command, const OptionList& options) {
+  std::map<fs::path, std::string> option_of_file;
+  for (const Output& output : kOutputs) {
+    const std::string target = ValueOf(options, output.option);
+    if (command != output.command || target.empty() || !IsNewFile(output)) {
+      continue;
+    }
+    const std::string remedy = std::string("; choose another ") + output.option;
+    if (IsModelFileName(fs::path(target).filename())) {
+      throw Error("'" + target + "' (--" + output.option +
+                  ") is the name of a file of a model" + remedy);
+    }
+    const auto [other, is_new] =
+        option_of_file.emplace(Canonical(target), output.option);
+    if (!is_new) {
+      throw Error("'" + target + "' is the output of --" + other->second +
+                  " and of --" + output.option + remedy);
+    }
+  }
+}
+
 }  // namespace
 
 void CheckOutputsAreNoInputs(const std::string& command,
                              const OptionList& options,
                              const std::string& config_path) {
+  CheckNewFiles(command, options);
   const std::vector<NamedPath> inputs =
       ReadInputs(command, options, config_path);
   for (const Output& output : kOutputs) {

@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "program.h"
 
-#include <cctype>
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <iostream>
 #include <new>
+#include <system_error>
 
+#include "base/text.h"
 #include "commands.h"
 #include "interruption.h"
 #include "mgsfm/base/error.h"
@@ -107,13 +111,17 @@ int Dispatch(std::vector<std::string> arguments) {
   return kExitSuccess;
 }
 
-// Names in the message may hold control characters; the output is one line.
-int PrintError(std::string message, ExitCode exit_code) {
-  for (char& c : message) {
-    if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
-  }
-  std::fprintf(stderr, "mgsfm: %s\n", message.c_str());
+int PrintError(const std::string& message, ExitCode exit_code) {
+  std::fprintf(stderr, "mgsfm: %s\n", Printable(message).c_str());
   return exit_code;
+}
+
+// What the system says of a file, as the exceptions of <filesystem> hold it.
+std::string Describe(const std::filesystem::filesystem_error& error) {
+  std::string paths = "'" + error.path1().string() + "'";
+  if (!error.path2().empty()) paths += " and '" + error.path2().string() + "'";
+  return "cannot use " + paths + ": " + error.code().message() +
+         "; check the path and its permissions";
 }
 
 int Run(const std::vector<std::string>& arguments) {
@@ -124,9 +132,19 @@ int Run(const std::vector<std::string>& arguments) {
   return exit_code;
 }
 
+// Files that are opened later must not take the place of closed streams.
+// Writing to them still fails.
+void ReserveStandardStreams() {
+  for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(fd, F_GETFD) >= 0) continue;
+    open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
 }  // namespace
 
 int RunProgram(const std::vector<std::string>& arguments) {
+  ReserveStandardStreams();
   CatchInterruptions();
   // Turns these signals into failed writes: a closed log reader must not end
   // the run, and a file size limit must not leave half a file.
@@ -137,9 +155,18 @@ int RunProgram(const std::vector<std::string>& arguments) {
   } catch (const Error& error) {
     return PrintError(error.what(), kExitBadInput);
   } catch (const std::filesystem::filesystem_error& error) {
-    return PrintError(error.what(), kExitBadInput);
+    return PrintError(Describe(error), kExitBadInput);
   } catch (const std::bad_alloc&) {
-    return PrintError("out of memory", kExitInternalError);
+    return PrintError(
+        "not enough memory; close other programs, raise the limit (ulimit -v) "
+        "or use fewer images or threads (--num_threads)",
+        kExitBadInput);
+  } catch (const std::system_error& error) {
+    return PrintError("the system refuses a thread or another resource (" +
+                          error.code().message() +
+                          "); close other programs, raise the limits (ulimit "
+                          "-a) or use fewer threads (--num_threads)",
+                      kExitBadInput);
   } catch (const std::exception& error) {
     return PrintError(
         std::string("internal error, please report it: ") + error.what(),

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "base/parallel.h"
+#include "base/text.h"
 #include "command.h"
 #include "interruption.h"
 #include "mgsfm/base/timer.h"
@@ -28,7 +29,8 @@ class Terminal {
     ClearProgress();
     const std::string_view name = EnumName(level);
     std::fprintf(stderr, "%8.2f %-7.*s %s\n", since_start_.Seconds(),
-                 static_cast<int>(name.size()), name.data(), message.c_str());
+                 static_cast<int>(name.size()), name.data(),
+                 Printable(message).c_str());
   }
 
   void ShowProgress(const Progress& progress) {

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <sstream>
 #include <utility>
 
+#include "base/text.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -120,11 +120,7 @@ std::optional<double> ParseNumber(const std::string& text) {
       text.find_first_not_of("0123456789.") != std::string::npos) {
     return std::nullopt;
   }
-  std::istringstream stream(text);
-  stream.imbue(std::locale::classic());
-  double number = 0.0;
-  if (!(stream >> number) || !stream.eof()) return std::nullopt;
-  return number;
+  return ParseDouble(text);
 }
 
 TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/option_range.h"
+#include "base/text.h"
 #include "mgsfm/base/options_io.h"
 
 namespace mgsfm {
@@ -78,8 +80,8 @@ void CheckText(const OptionEntry& entry, const std::string& text) {
   if (!entry.range.Contains(static_cast<double>(text.size()))) {
     ThrowBadValue(entry, text, "of a length within " + entry.range.ToString());
   }
-  if (text.find_first_of("\n\r") != std::string::npos) {
-    ThrowBadValue(entry, text, "a single line");
+  if (const auto problem = WhyUnusable(text)) {
+    throw Error("option " + entry.name + ": '" + text + "' " + *problem);
   }
 }
 
@@ -87,9 +89,10 @@ void CheckNumber(const OptionEntry& entry, double value) {
   if (!std::isfinite(value)) {
     ThrowBadValue(entry, FormatNumber(value), "a finite number");
   }
-  if (!entry.range.Contains(value)) {
+  const Range range = RangeOf(entry);
+  if (!range.Contains(value)) {
     ThrowBadValue(entry, FormatNumber(value),
-                  "within " + entry.range.ToString() +
+                  "within " + range.ToString() +
                       (entry.unit.empty() ? "" : " " + entry.unit));
   }
 }

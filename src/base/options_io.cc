@@ -2,11 +2,13 @@
 #include "mgsfm/base/options_io.h"
 
 #include <algorithm>
-#include <fstream>
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
+
+#include "base/file_reading.h"
+#include "base/option_range.h"
 
 namespace mgsfm {
 namespace {
@@ -73,7 +75,7 @@ std::string DescribeType(const OptionEntry& entry) {
   if (std::holds_alternative<std::string>(entry.default_value)) return "text";
   if (std::holds_alternative<bool>(entry.default_value)) return "true|false";
   text = std::holds_alternative<int>(entry.default_value) ? "int" : "number";
-  const std::string range = entry.range.ToString();
+  const std::string range = RangeOf(entry).ToString();
   return range.empty() ? text : text + " in " + range;
 }
 
@@ -154,10 +156,8 @@ void LoadOptions(std::istream& text, const std::string& source,
 }
 
 void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
-  std::ifstream file(path);
-  if (!file || std::filesystem::is_directory(path)) {
-    throw Error(path.string() + ": cannot read configuration file");
-  }
+  std::istringstream file(
+      ReadFile(path, "configuration file '" + path.string() + "'"));
   LoadOptions(file, path.string(), options);
 }
 

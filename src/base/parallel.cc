@@ -49,7 +49,11 @@ void ParallelFor(size_t size, int num_threads,
       num_blocks > 0 ? num_blocks - 1 : 0, std::max(1, num_threads) - 1);
   std::vector<std::thread> helpers;
   helpers.reserve(num_helpers);
-  for (size_t i = 0; i < num_helpers; ++i) helpers.emplace_back(work, false);
+  try {
+    for (size_t i = 0; i < num_helpers; ++i) helpers.emplace_back(work, false);
+  } catch (const std::exception&) {
+    // No more threads or memory; the threads that started suffice.
+  }
   work(true);
   for (std::thread& helper : helpers) helper.join();
   if (first_exception) std::rethrow_exception(first_exception);

@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <set>
 #include <sstream>
 
+#include "base/file_reading.h"
+#include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -29,13 +30,9 @@ const CameraModelInfo& ModelOf(const Camera& camera) {
 
 // Parses a finite number; `what` names it in errors.
 double ParseNumber(const std::string& text, const std::string& what) {
-  std::istringstream stream(text);
-  double number = 0.0;
-  if (!(stream >> number) || !(stream >> std::ws).eof() ||
-      !std::isfinite(number)) {
-    throw Error(what + ": '" + text + "' is not a number");
-  }
-  return number;
+  const std::optional<double> number = ParseDouble(text);
+  if (!number) throw Error(what + ": '" + text + "' is not a number");
+  return *number;
 }
 
 void SetParams(const std::vector<std::string>& texts, const std::string& what,
@@ -67,6 +64,8 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
   std::vector<std::string> texts;
   std::istringstream stream(options.camera_params);
   for (std::string text; std::getline(stream, text, ',');) {
+    text.erase(0, text.find_first_not_of(' '));
+    text.erase(text.find_last_not_of(' ') + 1);
     texts.push_back(text);
   }
   SetParams(texts, "ImageReader.camera_params", &camera);
@@ -104,10 +103,8 @@ std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
 std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   std::map<std::string, Camera> cameras;
   if (path.empty()) return cameras;
-  std::ifstream file(path);
-  if (!file) {
-    throw Error("cannot read '" + path + "' (ImageReader.camera_params_path)");
-  }
+  std::istringstream file(
+      ReadFile(path, "'" + path + "' (ImageReader.camera_params_path)"));
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {
     std::replace(line.begin(), line.end(), '\t', ' ');

@@ -10,11 +10,13 @@
 #include <set>
 #include <system_error>
 
+#include "base/text.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
 #include "features/memory_budget.h"
 #include "features/ordered_pipeline.h"
 #include "io/database/image_list.h"
+#include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 
@@ -28,11 +30,14 @@ constexpr size_t kImagesInFlightPerThread = 4;
 // Peak memory of ExtractSift. The scale space takes 9 levels of 16 bytes per
 // pixel with default options; the rest is for the image itself and gradients.
 constexpr size_t kBytesPerPixel = 200;
+// The same of decoding: coefficients of a progressive JPEG file, or 16 bits.
+constexpr size_t kDecodedBytesPerPixel = 8;
 
 // Features and tags of one image file, or the reason for its rejection.
 struct ExtractedImage {
   std::string name;
   std::optional<std::string> problem;
+  std::string warning;  // of the decoder
   int width = 0;
   int height = 0;
   ImageTags tags;
@@ -48,36 +53,27 @@ bool IsHidden(const fs::path& path) {
   return path.filename().string().front() == '.';
 }
 
-std::vector<std::string> ListFolder(const std::string& image_path) {
-  std::vector<std::string> names;
-  const auto options = fs::directory_options::follow_directory_symlink;
-  for (auto entry = fs::recursive_directory_iterator(image_path, options);
-       entry != fs::recursive_directory_iterator(); ++entry) {
-    if (IsHidden(entry->path())) {
-      entry.disable_recursion_pending();
-    } else if (!entry->is_directory()) {
-      names.push_back(
-          entry->path().lexically_relative(image_path).generic_string());
+// Adds the files below a folder, whose name is `prefix`. A link to one of
+// `outer`, the folders around it, leads nowhere new.
+void AddFiles(const fs::path& folder, const std::string& prefix,
+              std::set<fs::path> outer, std::vector<std::string>* names) {
+  std::error_code error;
+  if (!outer.insert(fs::canonical(folder, error)).second) return;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    std::error_code ignored;  // where a link is broken, reading will say so
+    const std::string name = prefix + it->path().filename().string();
+    if (IsHidden(it->path())) continue;
+    if (it->is_directory(ignored)) {
+      AddFiles(it->path(), name + '/', outer, names);
+    } else {
+      names->push_back(name);
     }
   }
-  return names;
-}
-
-// Sorted names without duplicates.
-std::vector<std::string> FindImages(const std::string& image_path,
-                                    const std::string& list_path) {
-  std::error_code ignored;
-  if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
-  std::vector<std::string> names =
-      list_path.empty() ? ListFolder(image_path) : ReadImageList(list_path);
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
-  if (names.empty()) {
-    throw Error(list_path.empty()
-                    ? "there are no images in '" + image_path + "'"
-                    : "'" + list_path + "' (image_list_path) names no image");
+  if (error) {
+    throw Error("cannot read the folder '" + folder.string() +
+                "': " + error.message() + "; check its permissions");
   }
-  return names;
 }
 
 // Half of the memory of the machine.
@@ -88,11 +84,14 @@ size_t MemoryLimit() {
          static_cast<size_t>(std::max(1L, page_size)) / 2;
 }
 
-size_t MemoryOf(const GrayImage& image, int max_image_size) {
-  const double scale = std::min(1.0, static_cast<double>(max_image_size) /
-                                         std::max(image.rows(), image.cols()));
-  return static_cast<size_t>(static_cast<double>(image.size()) * scale * scale *
-                             kBytesPerPixel);
+size_t MemoryOf(const ImageSize& size, int max_image_size) {
+  const auto width = static_cast<double>(size.width);
+  const auto height = static_cast<double>(size.height);
+  const double scale =
+      std::min(1.0, max_image_size / std::max({width, height, 1.0}));
+  return static_cast<size_t>(
+      width * height *
+      (scale * scale * kBytesPerPixel + kDecodedBytesPerPixel));
 }
 
 // Reads images and extracts their features. Thread-safe.
@@ -106,7 +105,7 @@ class ImageExtractor {
     const std::string& path = options.reader.camera_mask_path;
     if (path.empty()) return;
     try {
-      camera_mask_ = ReadMask(path);
+      camera_mask_ = ReadMask(path, options.reader.max_num_pixels);
       if (!camera_mask_) throw Error("does not exist");
     } catch (const Error& error) {
       throw Error("mask '" + path + "' (ImageReader.camera_mask_path) " +
@@ -117,21 +116,26 @@ class ImageExtractor {
   ExtractedImage Extract(const std::string& name) const {
     ExtractedImage image;
     image.name = name;
+    if (const auto problem = WhyUnusable(name)) {
+      image.problem = "has a name that " + *problem + "; rename the file";
+      return image;
+    }
     try {
-      ImageFile file = ReadImageFile(fs::path(image_path_) / name);
+      const std::string bytes = ReadImageFile(fs::path(image_path_) / name);
+      const MemoryBudget::Share share(
+          &memory_budget_, MemoryOf(ReadImageSize(bytes).value_or(ImageSize()),
+                                    options_.sift.max_image_size));
+      ImageFile file = DecodeImageFile(bytes, options_.reader.max_num_pixels);
+      image.warning = file.warning;
       image.width = static_cast<int>(file.gray.cols());
       image.height = static_cast<int>(file.gray.rows());
       image.tags = file.tags;
       const std::vector<GrayImage> masks =
           MasksOf(file.gray, name, &image.has_mask);
-      const MemoryBudget::Share share(
-          &memory_budget_, MemoryOf(file.gray, options_.sift.max_image_size));
       image.features = ExtractSift(file.gray, options_.sift);
       for (const GrayImage& mask : masks) ApplyMask(mask, &image.features);
     } catch (const Error& error) {
       image.problem = error.what();
-    } catch (const fs::filesystem_error& error) {
-      image.problem = "cannot be read: " + error.code().message();
     }
     return image;
   }
@@ -167,10 +171,11 @@ std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
   if (!options_.reader.mask_path->empty()) {
     const std::string path =
         (fs::path(*options_.reader.mask_path) / (name + ".png")).string();
-    *has_mask = fs::exists(path);
+    std::error_code ignored;
+    *has_mask = fs::exists(path, ignored);
     std::optional<GrayImage> mask;
     try {
-      mask = ReadMask(path);
+      mask = ReadMask(path, options_.reader.max_num_pixels);
     } catch (const Error& error) {
       throw Error("has a mask '" + path + "' that " + error.what());
     }
@@ -302,6 +307,9 @@ void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
       continue;
     }
     const size_t num_features = image.features.keypoints.size();
+    if (!image.warning.empty()) {
+      Warn(image.name, "may be damaged: " + image.warning);
+    }
     if (num_features == 0) Warn(image.name, "has no features");
     ++summary->num_extracted;
     summary->num_features += num_features;
@@ -311,12 +319,32 @@ void FeatureWriter::Write(const std::vector<ExtractedImage>& images,
 
 }  // namespace
 
+std::vector<std::string> ListImages(const std::string& image_path,
+                                    const std::string& list_path) {
+  std::error_code ignored;
+  if (!fs::is_directory(image_path, ignored)) ThrowFolderError(image_path);
+  std::vector<std::string> names;
+  if (list_path.empty()) {
+    AddFiles(image_path, "", {}, &names);
+  } else {
+    names = ReadImageList(list_path);
+  }
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  if (names.empty()) {
+    throw Error(list_path.empty()
+                    ? "there are no images in '" + image_path + "'"
+                    : "'" + list_path + "' (image_list_path) names no image");
+  }
+  return names;
+}
+
 FeatureExtractionSummary ExtractFeatures(
     const std::string& image_path, const FeatureExtractionOptions& options,
     FeatureDatabase* database, const Context& context) {
   const Timer timer;
   const std::vector<std::string> names =
-      FindImages(image_path, options.image_list_path);
+      ListImages(image_path, options.image_list_path);
   FeatureWriter writer(options.reader, names, database, context);
   const std::vector<std::string> missing = writer.NamesToExtract(names);
   FeatureExtractionSummary summary;

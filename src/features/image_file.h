@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <vector>
+#include <string>
 
 #include "features/sift.h"
 
@@ -21,31 +21,20 @@ struct ImageTags {
 
 // Reads the metadata of an image file with the content `file`. Damaged or
 // implausible values are nullopt.
-ImageTags ReadTags(const std::vector<uint8_t>& file, int width, int height);
+ImageTags ReadTags(const std::string& file, int width, int height);
 
 struct ImageFile {
   GrayImage gray;
   ImageTags tags;
+  std::string warning;  // of the decoder; empty if there is none
 };
 
-// Both throw Error with a message that continues the name of the file: "is
+// All throw Error with a message that continues the name of the file: "is
 // truncated; ...".
-ImageFile ReadImageFile(const std::filesystem::path& path);
+std::string ReadImageFile(const std::filesystem::path& path);
+ImageFile DecodeImageFile(const std::string& file, int64_t max_num_pixels);
 // nullopt if there is no such file.
-std::optional<GrayImage> ReadMask(const std::filesystem::path& path);
-
-// During its lifetime, the libraries that decode images use one thread and
-// print no messages.
-class QuietImageLibraries {
- public:
-  QuietImageLibraries();
-  ~QuietImageLibraries();
-  QuietImageLibraries(const QuietImageLibraries&) = delete;
-  QuietImageLibraries& operator=(const QuietImageLibraries&) = delete;
-
- private:
-  int num_threads_;
-  int log_level_;
-};
+std::optional<GrayImage> ReadMask(const std::filesystem::path& path,
+                                  int64_t max_num_pixels);
 
 }  // namespace mgsfm

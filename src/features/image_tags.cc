@@ -96,17 +96,19 @@ std::optional<Eigen::Vector3d> PositionWgs84(const Exiv2::ExifData& tags) {
 
 }  // namespace
 
-ImageTags ReadTags(const std::vector<uint8_t>& file, int width, int height) {
+ImageTags ReadTags(const std::string& file, int width, int height) {
   // Exiv2 is not thread-safe; parsing tags takes little time.
   static std::mutex mutex;
   const std::lock_guard<std::mutex> lock(mutex);
+  Exiv2::LogMsg::setLevel(Exiv2::LogMsg::mute);
   try {
-    const auto image =
-        Exiv2::ImageFactory::open(file.data(), static_cast<long>(file.size()));
+    const auto image = Exiv2::ImageFactory::open(
+        reinterpret_cast<const Exiv2::byte*>(file.data()),
+        static_cast<long>(file.size()));
     image->readMetadata();
     const Exiv2::ExifData& tags = image->exifData();
     return {FocalLengthPx(tags, width, height), PositionWgs84(tags)};
-  } catch (const Exiv2::AnyError&) {
+  } catch (const std::exception&) {
     return {};  // a format without tags, or damaged tags
   }
 }

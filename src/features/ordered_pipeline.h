@@ -24,8 +24,14 @@ class OrderedPipeline {
                   std::function<Result(size_t)> produce)
       : size_(size), max_in_flight_(max_in_flight), produce_(produce) {
     const auto num_workers = std::min<size_t>(size, std::max(1, num_threads));
-    for (size_t i = 0; i < num_workers; ++i) {
-      workers_.emplace_back([this] { Work(); });
+    workers_.reserve(num_workers);
+    try {
+      for (size_t i = 0; i < num_workers; ++i) {
+        workers_.emplace_back([this] { Work(); });
+      }
+    } catch (const std::exception&) {
+      // No more threads or memory; the threads that started suffice.
+      if (workers_.empty()) throw;
     }
   }
 

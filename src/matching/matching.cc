@@ -2,10 +2,11 @@
 #include "mgsfm/matching/matching.h"
 
 #include <algorithm>
-#include <fstream>
 #include <optional>
+#include <sstream>
 #include <utility>
 
+#include "base/file_reading.h"
 #include "geometry/geodetic.h"
 #include "matching/database_words.h"
 #include "matching/match_list.h"
@@ -285,8 +286,7 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
                                   MatchListType type,
                                   const PairMatchingOptions& matching,
                                   const Context& context) {
-  std::ifstream file(match_list_path);
-  if (!file) throw Error("cannot read '" + match_list_path + "'");
+  std::istringstream file(ReadFile(match_list_path));
   std::vector<std::string> names;
   for (const Image& image : scene.images) names.push_back(image.name);
   ImagePairList pairs;

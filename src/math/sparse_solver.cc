@@ -133,6 +133,17 @@ struct SparseCholesky::Impl {
     return supernodal->Factorize(H, num_threads, factor);
   }
 
+  // CHOLMOD would call BLAS. OpenBLAS waits forever for its buffer of 128 MB if
+  // the process may not have that much memory.
+  void SolveSupernodes(const Eigen::Ref<const Eigen::MatrixXd>& B,
+                       Eigen::Ref<Eigen::MatrixXd> X) {
+    const Eigen::Map<const Eigen::VectorXi> order(
+        static_cast<const int*>(factor->Perm), B.rows());
+    permuted = B(order, Eigen::all);
+    supernodal->Solve(static_cast<const double*>(factor->x), permuted);
+    X(order, Eigen::all) = permuted;
+  }
+
   bool FactorizeSimplicial(const Eigen::SparseMatrix<double>& H) {
     cholmod_sparse view = ViewLower(H);
     cholmod_factorize(&view, factor, &common);
@@ -147,6 +158,7 @@ struct SparseCholesky::Impl {
   Eigen::Index num_non_zeros = 0;
   bool is_factorized = false;
   // Kept between solves to avoid allocations.
+  Eigen::MatrixXd permuted;
   cholmod_dense* solution = nullptr;
   cholmod_dense* workspace_y = nullptr;
   cholmod_dense* workspace_e = nullptr;
@@ -206,6 +218,7 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
   MGSFM_CHECK_EQ(B.rows(), X.rows());
   MGSFM_CHECK_EQ(B.cols(), X.cols());
   if (B.size() == 0) return;
+  if (impl_->supernodal) return impl_->SolveSupernodes(B, X);
   cholmod_dense view = ViewDense(B);
   const WithoutOpenMpThreads serial;
   const int ok = cholmod_solve2(CHOLMOD_A, impl_->factor, &view, nullptr,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <exception>
 #include <mutex>
 #include <numeric>
 #include <queue>
@@ -21,6 +22,8 @@ namespace {
 constexpr int kPanelWidth = 96;
 // Upper bound on the share of the work in one subtree, for load balancing.
 constexpr double kLargestSubtree = 1.0 / 16.0;
+
+using ConstPanel = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 
 }  // namespace
 
@@ -198,12 +201,13 @@ class SupernodalRun {
           for (size_t k = f_.task_begin_[task]; k < f_.task_begin_[task + 1];
                ++k) {
             const int panel = f_.task_panels_[k];
-            if (!has_failed_) ComputePanel(panel, w);
+            TryToCompute(panel, w);
             Finish(panel);
           }
           PutBack(w);
         },
         1);
+    if (exception_) std::rethrow_exception(exception_);
     return !has_failed_;
   }
 
@@ -245,6 +249,17 @@ class SupernodalRun {
     panel_done_.notify_all();
   }
 
+  // Keeps an exception for later: other threads wait for the panel.
+  void TryToCompute(int panel, Workspace* w) {
+    if (has_failed_) return;
+    try {
+      ComputePanel(panel, w);
+    } catch (...) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      exception_ = std::current_exception();
+      has_failed_ = true;
+    }
+  }
   void ComputePanel(int panel, Workspace* w);
   void AddEntries(const SupernodalFactor::Panel& panel, const Target& to,
                   const Workspace& w);
@@ -257,6 +272,7 @@ class SupernodalRun {
   double* const values_;
   std::vector<std::atomic<bool>> is_done_;
   std::atomic<bool> has_failed_{false};
+  std::exception_ptr exception_;
   std::mutex mutex_;
   std::condition_variable panel_done_;
   std::vector<Workspace*> free_;
@@ -341,6 +357,53 @@ bool SupernodalFactor::Factorize(const Eigen::SparseMatrix<double>& H,
   }
   return SupernodalRun(*this, H, static_cast<double*>(factor->x), &workspaces_)
       .Run();
+}
+
+// Forward substitution, X = L^-1 X.
+template <class Matrix>
+void SupernodalFactor::SolveLower(const double* values, Matrix&& X) const {
+  Eigen::MatrixXd below;
+  for (int s = 0; s < NumSupernodes(); ++s) {
+    const int width = NumColumns(s), num_below = NumRows(s) - width;
+    const ConstPanel L(values + value_begin_[s], NumRows(s), width,
+                       Eigen::OuterStride<>(NumRows(s)));
+    auto own = X.middleRows(first_column_[s], width);
+    L.topRows(width).template triangularView<Eigen::Lower>().solveInPlace(own);
+    below.noalias() = L.bottomRows(num_below) * own;
+    const int* rows = rows_.data() + row_begin_[s] + width;
+    for (int i = 0; i < num_below; ++i) X.row(rows[i]) -= below.row(i);
+  }
+}
+
+// Backward substitution, X = L^-T X.
+template <class Matrix>
+void SupernodalFactor::SolveUpper(const double* values, Matrix&& X) const {
+  Eigen::MatrixXd below;
+  for (int s = NumSupernodes() - 1; s >= 0; --s) {
+    const int width = NumColumns(s), num_below = NumRows(s) - width;
+    const ConstPanel L(values + value_begin_[s], NumRows(s), width,
+                       Eigen::OuterStride<>(NumRows(s)));
+    const int* rows = rows_.data() + row_begin_[s] + width;
+    below.resize(num_below, X.cols());
+    for (int i = 0; i < num_below; ++i) below.row(i) = X.row(rows[i]);
+    auto own = X.middleRows(first_column_[s], width);
+    own.noalias() -= L.bottomRows(num_below).transpose() * below;
+    L.topRows(width)
+        .transpose()
+        .template triangularView<Eigen::Upper>()
+        .solveInPlace(own);
+  }
+}
+
+void SupernodalFactor::Solve(const double* values,
+                             Eigen::Ref<Eigen::MatrixXd> X) const {
+  if (X.cols() == 1) {  // Eigen has faster kernels for vectors
+    SolveLower(values, X.col(0));
+    SolveUpper(values, X.col(0));
+  } else {
+    SolveLower(values, X);
+    SolveUpper(values, X);
+  }
 }
 
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <cholmod.h>
 
+#include <Eigen/Core>
 #include <Eigen/SparseCore>
 #include <cstddef>
 #include <vector>
@@ -40,6 +41,10 @@ class SupernodalFactor {
   [[nodiscard]] bool Factorize(const Eigen::SparseMatrix<double>& H,
                                int num_threads, cholmod_factor* factor);
 
+  // X = (L L^T)^-1 X, where `values` are those of the factor and the rows of X
+  // are in the order of elimination.
+  void Solve(const double* values, Eigen::Ref<Eigen::MatrixXd> X) const;
+
  private:
   friend class SupernodalRun;
 
@@ -61,6 +66,10 @@ class SupernodalFactor {
     PanelScratch scratch;
   };
 
+  template <class Matrix>
+  void SolveLower(const double* values, Matrix&& X) const;
+  template <class Matrix>
+  void SolveUpper(const double* values, Matrix&& X) const;
   void PermuteEntries(const Eigen::SparseMatrix<double>& H, const int* order);
   void MakePanels();
   void ListUpdates();

@@ -3,17 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/text.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
 
 std::string Number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof(text), ",%.9g", value);
-  return text;
+  return ',' + FormatDouble(value, std::chars_format::general, 9);
 }
 
 std::string Quoted(const std::string& name) {

@@ -150,7 +150,7 @@ TEST(OptionsToHelp, ShowsDefaultsRangesAndUnits) {
   EXPECT_THAT(help, HasSubstr("--Solver.max_num_iterations\n"
                               "      int in [1, 100] iterations; default: 50\n"
                               "      Most iterations.\n"));
-  EXPECT_THAT(help, HasSubstr("number in (0, inf) px; default: 1.5"));
+  EXPECT_THAT(help, HasSubstr("number in [1e-15, 1000000] px; default: 1.5"));
   EXPECT_THAT(help, HasSubstr("trivial|cauchy; default: trivial"));
   EXPECT_THAT(help, HasSubstr("text; default: required"));
   EXPECT_THAT(help, HasSubstr("text; default: none"));

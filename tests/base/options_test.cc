@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "base/sample_options.h"
+#include "base/text.h"
 #include "mgsfm/base/options_io.h"
 
 namespace mgsfm {
@@ -157,14 +158,14 @@ TEST_F(OptionsTest, RefusesWhatIsNotExactlyOneValueOfTheType) {
   }
   EXPECT_THAT(ErrorOf("Solver.Loss.kind", "tukey"),
               HasSubstr("one of trivial, cauchy"));
-  EXPECT_THAT(ErrorOf("title", "two\nlines"), HasSubstr("a single line"));
+  EXPECT_THAT(ErrorOf("title", "two\nlines"), HasSubstr("control character"));
   EXPECT_EQ(DumpOptions(list_), SampleDump(SampleOptions()));
 }
 
 TEST_F(OptionsTest, OutOfRangeNamesOptionValueRangeAndUnit) {
   EXPECT_THAT(ErrorOf("Solver.Loss.scale_px", "-2"),
               AllOf(HasSubstr("Solver.Loss.scale_px"), HasSubstr("'-2'"),
-                    HasSubstr("(0, inf) px")));
+                    HasSubstr("[1e-15, 1000000] px")));
   EXPECT_THAT(ErrorOf("Solver.max_num_iterations", "101"),
               HasSubstr("[1, 100] iterations"));
 }
@@ -188,13 +189,10 @@ TEST_F(OptionsTest, UnknownNameSuggestsTheNearest) {
 }
 
 TEST(FormatOptionValue, IsReadBackAsTheSameNumber) {
-  SampleOptions options;
-  const OptionList list = ListOptions(&options);
   for (const double value :
        {0.1, 1.0 / 3.0, 1e-300, 123456789.123456789, 5e-324, 1.0, 1e-4,
         999999999.99999988, 1.7976931348623157e308}) {
-    SetOption(list, "Solver.Loss.scale_px", FormatOptionValue(value));
-    EXPECT_EQ(options.solver.loss.scale_px, value);
+    EXPECT_EQ(ParseDouble(FormatOptionValue(value)), value);
   }
   EXPECT_EQ(FormatOptionValue(0.1), "0.1");
 }

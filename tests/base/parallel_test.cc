@@ -2,6 +2,9 @@
 #include "base/parallel.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <stdexcept>
@@ -84,6 +87,25 @@ TEST(ParallelFor, ReportsProgressFromTheCallersThread) {
         last = num_done;
       });
 }
+
+// Sanitizers need terabytes of addresses.
+#ifndef __SANITIZE_ADDRESS__
+// In a process that may not have the stack of another thread.
+TEST(ParallelFor, NeedsNoMoreThreadsThanTheSystemAllows) {
+  const pid_t pid = fork();
+  if (pid == 0) {
+    const rlimit none{1 << 20, 1 << 20};
+    setrlimit(RLIMIT_AS, &none);
+    std::atomic<int> num_calls{0};
+    ParallelFor(
+        100, 4, [&](size_t) { ++num_calls; }, 1);
+    _exit(num_calls == 100 ? 0 : 1);
+  }
+  int status = 0;
+  waitpid(pid, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
+}
+#endif
 
 }  // namespace
 }  // namespace mgsfm

@@ -359,13 +359,27 @@ TEST_F(BadInput, ImagesThatCannotBe) {
                      "'' has no name", kExtractAgain);
 }
 
-// Names of images may be anything; messages stay one line.
-TEST_F(BadInput, LineBreaksInNamesDoNotBreakTheMessage) {
-  ExpectRefusedAfter(
-      std::string("UPDATE images SET camera_id = 7777, "
-                  "name = 'cam0/' || char(10, 13, 27) || 'x.png'") +
-          kOfImage,
-      "'cam0/   x.png'", kExtractAgain);
+TEST_F(BadInput, NamesWithControlCharacters) {
+  ExpectRefusedAfter(std::string("UPDATE images SET name = 'cam0/' || "
+                                 "char(10, 13, 27) || 'x.png'") +
+                         kOfImage,
+                     "'cam0/   x.png' has a control character", kExtractAgain);
+}
+
+TEST_F(BadInput, PathsMustBeUsable) {
+  ExpectRefused(MapperCall(Path("a\xff.db"), Out()),
+                HasSubstr("option database_path: "));
+}
+
+// A disk that fails is not taken for the end of the file.
+TEST_F(BadInput, FilesThatCannotBeReadToTheEnd) {
+  for (const char* option :
+       {"image_list_path", "image_timestamps_path", "gravity_path",
+        "ref_images_path", "rig_config_path", "config_path"}) {
+    ExpectRefused(
+        MapperCall(Database(), Out()) + "--" + option + " /proc/self/mem",
+        AllOf(HasSubstr("/proc/self/mem"), HasSubstr("Input/output error")));
+  }
 }
 
 // ------------------------------------------------------ rig configurations

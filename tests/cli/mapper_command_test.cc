@@ -175,8 +175,8 @@ TEST_F(MapperCommand, PositionsThatAreNoneAreRefused) {
   WriteTextFile(Path("positions.txt"), "cam0/000000.png nan 0 0\n");
   PutEarlierOutput();
   const Files before = FilesIn(dir_.path());
-  ExpectRefused(Map("--ref_images_path " + Path("positions.txt")), "not finite",
-                before);
+  ExpectRefused(Map("--ref_images_path " + Path("positions.txt")),
+                "finite number", before);
   ExpectRefused(Map("--use_prior_position 1"), "no positions", before);
 }
 
@@ -241,7 +241,7 @@ TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
     ExpectRefused(Map("--gravity_path " + Path("gravity.txt")), message,
                   before);
   };
-  expect_refused("cam0/000000.png 0 nan 0\n", "must be finite");
+  expect_refused("cam0/000000.png 0 nan 0\n", "finite number");
   expect_refused("cam0/000000.png 0 0 0\n", "not all zero");
   expect_refused("cam9/000000.png 0 1 0\n", "which the database does not have");
   expect_refused("cam0/000000.png 0 1\n", "is not 'image_name GX GY GZ'");

@@ -138,5 +138,18 @@ TEST_F(OutputSafety, InputsOfOtherCommandsAreNotReplaced) {
                 Path("drive/cameras.txt"), "trajectory_path");
 }
 
+TEST_F(OutputSafety, TablesAndPlotsAreFilesOfTheirOwn) {
+  const std::string evaluator = "model_evaluator --input_path " + DemoTruth() +
+                                " --gt_path " + DemoTruth();
+  CopyModel("other");
+  for (const char* option : {"json", "svg_path"}) {
+    ExpectRefused(evaluator + " --" + option + " " + Path("other/images.bin"),
+                  Path("other/images.bin"), option);
+  }
+  ExpectRefused(
+      evaluator + " --json " + Path("a") + " --svg_path " + Path("other/../a"),
+      Path("a"), "json");
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 
 #include "features/extraction_fixture.h"
+#include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -289,6 +290,78 @@ TEST_F(BadImagesTest, NoUsableImageIsAnError) {
   EXPECT_THROW(Extract(), Error);
   std::filesystem::remove_all(ImagePath(""));
   EXPECT_THROW(Extract(), Error);  // no folder
+}
+
+// A decompression bomb: a small file that states more pixels than it has.
+TEST_F(BadImagesTest, TooManyPixels) {
+  WriteBlobs("bad.png", 2);
+  std::string file = ReadTextFile(ImagePath("bad.png"));
+  file.replace(16, 8, std::string("\0\1\0\0\0\1\0\0", 8));
+  WriteTextFile(ImagePath("bad.png"), file);
+  ExpectRejected("bad.png", "has 65536 x 65536 pixels, more than 200000000");
+}
+
+TEST_F(BadImagesTest, ThePixelBudgetIsAnOption) {
+  WriteBlobs("later.png", 2, 121, 90);
+  FeatureExtractionOptions options;
+  options.reader.single_camera_per_image = true;
+  options.reader.max_num_pixels = 120 * 90;
+  ExpectRejected("later.png", "has 121 x 90 pixels, more than 10800", options);
+}
+
+// The header is read by our own code, the pixels by OpenCV.
+TEST_F(BadImagesTest, SizesAreThoseOfTheDecoder) {
+  const cv::Mat image(37, 1023, CV_8UC3, cv::Scalar(9, 99, 199));
+  for (const char* extension :
+       {".jpg", ".png", ".tif", ".bmp", ".webp", ".ppm"}) {
+    std::vector<uint8_t> bytes;
+    ASSERT_TRUE(cv::imencode(extension, image, bytes)) << extension;
+    const std::string file(bytes.begin(), bytes.end());
+    const auto size = ReadImageSize(file);
+    ASSERT_TRUE(size) << extension;
+    EXPECT_EQ(size->width, 1023) << extension;
+    EXPECT_EQ(size->height, 37) << extension;
+    // Headers that are cut off anywhere, or changed, do no harm.
+    for (size_t i = 0; i < std::min<size_t>(file.size(), 200); ++i) {
+      (void)ReadImageSize(file.substr(0, i));
+      std::string changed = file;
+      changed[i] = static_cast<char>(~changed[i]);
+      (void)ReadImageSize(changed);
+    }
+  }
+  EXPECT_EQ(ReadImageSize("P2 # a comment\n#another\n 640\t480 255 ")->height,
+            480);
+  EXPECT_FALSE(ReadImageSize("P5 0 480 255 "));
+}
+
+// Data in a segment of the file that decoders skip, with a message.
+TEST_F(BadImagesTest, MessagesOfDecodersBecomeOneWarning) {
+  WriteBlobs("odd.jpg", 1);
+  std::string file = ReadTextFile(ImagePath("odd.jpg"));
+  file.insert(2, "some bytes");
+  WriteTextFile(ImagePath("odd.jpg"), file);
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(Extract().num_extracted, 2u);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_TRUE(IsWarned("odd.jpg", "may be damaged: Corrupt JPEG data"))
+      << warnings_[0];
+}
+
+TEST_F(BadImagesTest, NamesThatNoDatabaseHolds) {
+  WriteBlobs("bad\xff.png", 2);
+  ExpectRejected("bad\xff.png", "is not valid UTF-8; rename the file");
+}
+
+TEST_F(BadImagesTest, LinksToOuterFolders) {
+  WriteBlobs("a/b/inner.png", 2);
+  for (const char* link : {"self", "a/up", "a/b/up"}) {
+    std::filesystem::create_directory_symlink(ImagePath(""), ImagePath(link));
+  }
+  std::filesystem::create_directory_symlink(ImagePath("a/b"), ImagePath("c"));
+  EXPECT_EQ(
+      ListImages(ImagePath("").string(), ""),
+      (std::vector<std::string>{"a/b/inner.png", "c/inner.png", "good.png"}));
 }
 
 }  // namespace

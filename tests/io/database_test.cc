@@ -8,6 +8,7 @@
 
 #include "io/database/sqlite_database.h"
 #include "io/test_database.h"
+#include "mgsfm/io/database/feature_database.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -397,6 +398,74 @@ TEST_F(DatabaseTest, FollowsLinksToTheLog) {
   fs::create_symlink(Path(), Path("link.db"));
   EXPECT_EQ(ReadDatabase(Path("link.db"), Context()).images[1].name,
             "cam0/new.png");
+}
+
+// Views and computed columns can take any time and memory.
+TEST_F(DatabaseTest, TablesMustStoreTheirRows) {
+  const auto refuses = [&](const std::string& sql) {
+    Write();
+    Execute(sql);
+    EXPECT_THAT(ReadError(), HasSubstr("computes the rows")) << sql;
+    EXPECT_THAT(ErrorOf([&] {
+                  FeatureDatabase(Path(), FeatureDatabase::OpenMode::kExisting);
+                }),
+                HasSubstr("computes the rows"))
+        << sql;
+    fs::remove(Path());
+  };
+  const std::string view =
+      " AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) "
+      "SELECT i AS image_id, 'a' || i AS name, 1 AS camera_id FROM n";
+  refuses("PRAGMA foreign_keys = OFF; DROP TABLE images; CREATE VIEW images" +
+          view);
+  refuses("PRAGMA foreign_keys = OFF; DROP TABLE images; CREATE VIEW Images" +
+          view);
+  refuses(
+      "DROP TABLE keypoints; CREATE TABLE keypoints (image_id INTEGER PRIMARY "
+      "KEY, rows, cols, data AS (zeroblob(900000000)))");
+  refuses(
+      "DROP TABLE keypoints; CREATE VIRTUAL TABLE keypoints USING "
+      "fts5(image_id, rows, cols, data)");
+}
+
+// In a damaged file, pages may contain themselves.
+TEST_F(DatabaseTest, WorkIsLimitedByTheSizeOfTheFile) {
+  SqliteDatabase database = SqliteDatabase::Create(Path());
+  database.Execute("CREATE TABLE t (a INTEGER PRIMARY KEY, b INT)");
+  database.Execute(
+      "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i "
+      "< 400) INSERT INTO t SELECT i, i FROM n");
+  database.LimitWork(1000);
+  SqliteStatement rows = database.Prepare(
+      "SELECT x.b FROM t AS x, t AS y, t AS z WHERE x.b + y.b + z.b < 0");
+  EXPECT_THAT(ErrorOf([&] { rows.Step(); }), HasSubstr("is damaged"));
+  SqliteStatement small = database.Prepare("SELECT b FROM t");
+  EXPECT_TRUE(small.Step());
+}
+
+TEST_F(DatabaseTest, NamesMustBeUsable) {
+  for (const auto& [name, problem] :
+       {std::pair("CAST(x'61ff' AS TEXT)", "is not valid UTF-8"),
+        std::pair("CAST(x'6100' AS TEXT)", "has a control character"),
+        std::pair("'a' || char(10)", "has a control character"),
+        std::pair("hex(zeroblob(3000))", "is longer than 4096 bytes")}) {
+    Write();
+    Execute(std::string("UPDATE images SET name = ") + name +
+            " WHERE image_id = 2");
+    EXPECT_THAT(ReadError(),
+                testing::AllOf(HasSubstr("image 2"), HasSubstr(problem)));
+    fs::remove(Path());
+  }
+}
+
+TEST_F(DatabaseTest, NamesOfDatabasesInMemoryAreRefused) {
+  for (const char* path : {":memory:", ":any:"}) {
+    EXPECT_THAT(ErrorOf([&] {
+                  FeatureDatabase(path, FeatureDatabase::OpenMode::kOrCreate);
+                }),
+                HasSubstr("choose another name"));
+    EXPECT_FALSE(fs::exists(path));
+  }
 }
 
 TEST_F(DatabaseTest, WritesNewFilesOnly) {

@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <functional>
+#include <limits>
 #include <map>
 
 #include "io/test_database.h"
@@ -225,6 +228,74 @@ TEST(ModelFileReaders, RefuseNumbersThatCannotBe) {
                 AllOf(HasSubstr("images.txt"), HasSubstr("line 1")))
         << image;
   }
+}
+
+// Values that no model can have, each in one element.
+TEST(ModelValues, AreNeitherWrittenNorRead) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  using Change = std::function<void(double, Reconstruction*)>;
+  const std::pair<std::string, Change> changes[] = {
+      {"camera '",
+       [](double value, Reconstruction* model) {
+         model->cameras[0].params[0] = value;
+       }},
+      {"sensor 'cam1'",
+       [](double value, Reconstruction* model) {
+         model->sensor_from_rig[1]->translation.y() = value;
+       }},
+      {"frame ",
+       [](double value, Reconstruction* model) {
+         model->rig_from_world[2]->translation.x() = value;
+       }},
+      {"frame ",
+       [](double value, Reconstruction* model) {
+         model->rig_from_world[2]->rotation.w() = value;
+       }},
+      {"point '4'", [](double value, Reconstruction* model) {
+         model->points[3].point_in_world.z() = value;
+       }}};
+  const Simulation simulation = SmallDrive();
+  for (const auto& [element, change] : changes) {
+    for (const double value : {kNaN, HUGE_VAL, -1e300, 1e16}) {
+      const TempDir dir;
+      Simulation bad = simulation;
+      change(value, &bad.ground_truth);
+      EXPECT_THAT(ErrorOf([&] {
+                    WriteModel(dir.path(), bad.scene, bad.ground_truth,
+                               ModelFormat::kBinary);
+                  }),
+                  AllOf(HasSubstr(element), HasSubstr("not written")));
+      EXPECT_TRUE(fs::is_empty(dir.path()));
+    }
+  }
+}
+
+// The same in the text format, where any program may have put them.
+TEST(ModelValues, AreRefusedWithFileAndElement) {
+  const auto refuses = [](const std::string& file, const std::string& before,
+                          const std::string& after) {
+    const TempDir dir;
+    WriteTextFile(dir.path() / "cameras.txt", "1 PINHOLE 9 9 5 5 4 4\n");
+    WriteTextFile(dir.path() / "images.txt",
+                  "7 1 0 0 0 0 0 0 1 a.png\n3 3 2\n");
+    WriteTextFile(dir.path() / "points3D.txt", "2 1 2 3 0 0 0 0.5 7 0\n");
+    ASSERT_EQ(ReadModel(dir.path()).points.size(), 1u);
+    std::string text = ReadTextFile(dir.path() / file);
+    text.replace(text.find(before), before.size(), after);
+    WriteTextFile(dir.path() / file, text);
+    EXPECT_THAT(ErrorOf([&] { (void)ReadModel(dir.path()); }), HasSubstr(file))
+        << text;
+  };
+  for (const char* bad : {"1e300", "-1e16", "nan", "inf"}) {
+    refuses("cameras.txt", "5 5 4", std::string(bad) + " 5 4");
+    refuses("images.txt", "0 0 0 1 a", std::string(bad) + " 0 0 1 a");
+    refuses("images.txt", "3 3 2", std::string(bad) + " 3 2");
+    refuses("points3D.txt", "1 2 3", std::string("1 2 ") + bad);
+  }
+  refuses("cameras.txt", "9 9", "0 9");
+  refuses("cameras.txt", "5 5 4", "-5 5 4");
+  refuses("images.txt", "a.png", "a\x01.png");
+  refuses("images.txt", "a.png", "a\xff.png");
 }
 
 }  // namespace

@@ -143,7 +143,7 @@ TEST_F(PosePriorsTest, NamesTheLineThatIsWrong) {
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3\na b/0.png 1 2 3\n"),
               AllOf(HasSubstr("line 2"), HasSubstr("again")));
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3x\n"), HasSubstr("'3x'"));
-  EXPECT_THAT(ErrorOfFile("a b/0.png 1 nan 3\n"), HasSubstr("not finite"));
+  EXPECT_THAT(ErrorOfFile("a b/0.png 1 nan 3\n"), HasSubstr("finite number"));
   options_.ref_images_path = Path("none.txt");
   EXPECT_THAT(ErrorOfRows({}), HasSubstr("cannot be read"));
 }

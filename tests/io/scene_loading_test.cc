@@ -306,6 +306,17 @@ TEST(RuleInferenceTest, GroupsTellCameraFrameAndRig) {
                           Names{"van/s/a/0.png", "van/s/b/0.png"}));
 }
 
+// With backtracking, such rules would take longer than the universe is old.
+TEST(RuleInferenceTest, TakesLinearTime) {
+  const std::string name = std::string(4000, 'a') + "!";
+  for (const char* rule :
+       {"(?<camera>(a+)+)b", "(?<camera>(a|a?)+)b", "(?<camera>(a*)*)*b"}) {
+    EXPECT_THAT(LoadError(MakeContents({name}), rule),
+                HasSubstr("does not match"));
+  }
+  EXPECT_EQ(LoadNames({name}, "(?P<camera>(a+)+)!").sensors[0].name.size(), 0u);
+}
+
 TEST(RuleInferenceTest, NamesWhatIsWrong) {
   const DatabaseContents contents = MakeContents(kStereo);
   EXPECT_THAT(LoadError(contents, "(?<camera>cam.)/.*"),

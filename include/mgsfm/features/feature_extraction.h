@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <string>
+#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
@@ -48,6 +49,10 @@ struct ImageReaderOptions {
       "of the larger side",
       "Initial focal length if there is neither a parameter nor an EXIF tag, "
       "as a factor of the larger image side."};
+  Option<int> max_num_pixels{
+      "max_num_pixels", 200'000'000, Between(1, 1 << 30), "px",
+      "Images with more pixels are rejected before they are decoded, which "
+      "takes up to 8 bytes per pixel."};
   Option<std::string> mask_path{
       "mask_path", "",
       "Folder of masks. Features are not kept where the mask cam0/a.jpg.png of "
@@ -60,7 +65,7 @@ struct ImageReaderOptions {
   void Describe(Visitor& visit) {
     visit(single_camera, single_camera_per_folder, single_camera_per_image,
           camera_model, camera_params, camera_params_path,
-          default_focal_length_factor, mask_path, camera_mask_path);
+          default_focal_length_factor, max_num_pixels, mask_path, camera_mask_path);
   }
 };
 
@@ -122,6 +127,13 @@ struct FeatureExtractionSummary {
   double seconds = 0.0;
 };
 
+// The names of the files below the folder `image_path`, or those in the file
+// `list_path` unless that is empty: sorted, without duplicates. Links to
+// folders are followed; hidden files are ignored. Throws Error if there is
+// none.
+[[nodiscard]] std::vector<std::string> ListImages(const std::string& image_path,
+                                                  const std::string& list_path);
+
 // Extracts SIFT features of the images below the folder `image_path` and adds
 // them to the database, together with cameras and with GPS positions as pose
 // priors. Images are processed in the order of their names; hidden files are
@@ -134,9 +146,9 @@ struct FeatureExtractionSummary {
 // the same result. If the database has frames, each new image gets a frame of
 // its own.
 //
-// An image that cannot be used (not an image, truncated, differs in size from
-// its camera or mask) is rejected with a warning that names it. Throws Error
-// for bad options, and if no image can be used.
+// An image that cannot be used (not an image, truncated, too large, differs in
+// size from its camera or mask) is rejected with a warning that names it.
+// Throws Error for bad options, and if no image can be used.
 //
 // Cost: up to 200 bytes of memory per pixel and thread, bounded by half of the
 // memory of the machine.

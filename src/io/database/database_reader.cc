@@ -2,25 +2,21 @@
 #include "io/database/database_reader.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <unordered_map>
 
 #include "base/parallel.h"
+#include "base/text.h"
 #include "io/database/database_pair_id.h"
 #include "io/database/database_rows.h"
 #include "io/database/sqlite_snapshot.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/io/database/database.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
-
-bool AllFinite(const double* values, size_t size) {
-  return std::all_of(values, values + size,
-                     [](double value) { return std::isfinite(value); });
-}
 
 class DatabaseReader {
  public:
@@ -155,8 +151,8 @@ Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
   }
   camera.params.resize(num_params);
   std::memcpy(camera.params.data(), params.data, params.size);
-  if (!AllFinite(camera.params.data(), num_params)) {
-    Throw(name + " has a parameter that is not finite" + kExtractAgain);
+  if (const auto problem = WhyImplausible(camera)) {
+    Throw(name + ' ' + *problem + kExtractAgain);
   }
   camera.has_prior_focal_length = row.Int(5) != 0;
   return camera;
@@ -180,7 +176,11 @@ void DatabaseReader::ReadImages() {
   while (Next(&row)) {
     const std::string name = row.Text(1);
     const std::string what =
-        "image " + std::to_string(row.Int(0)) + " '" + name + "'";
+        "image " + std::to_string(row.Int(0)) + " '" + Printable(name) + "'";
+    if (const auto problem = WhyUnusable(name)) {
+      Throw("the name of " + what + ' ' + *problem +
+            "; rename the file and extract the features again");
+    }
     if (name.empty() || !names.insert(name).second) {
       Throw(what + (name.empty() ? " has no name" : " is there twice") +
             kExtractAgain);
@@ -347,6 +347,10 @@ void DatabaseReader::ReadRigSensors() {
       std::memcpy(numbers, blob.data, sizeof(numbers));
       sensor.sensor_from_rig = PoseFromNumbers(numbers, numbers + 4);
     }
+    const auto& pose = sensor.sensor_from_rig;
+    if (const auto problem = pose ? WhyImplausible(*pose) : std::nullopt) {
+      Throw("sensor_from_rig of " + what + ' ' + *problem + kConfigureAgain);
+    }
     rig->sensors.push_back(std::move(sensor));
   }
 }
@@ -405,6 +409,9 @@ DatabaseContents ReadStructure(const SqliteDatabase& database,
 std::vector<std::string> ReadImageNames(const std::string& path) {
   const SqliteSnapshot snapshot(path);
   std::vector<std::string> names;
+  if (!snapshot.database().HasTable("images")) {
+    ThrowDatabaseError(path, "has no table 'images'; check the path");
+  }
   SqliteStatement row =
       snapshot.database().Prepare("SELECT name FROM images ORDER BY image_id");
   while (row.Step()) names.push_back(row.Text(0));

@@ -7,6 +7,7 @@
 #include <limits>
 #include <set>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include "io/database/database_pair_id.h"
@@ -43,6 +44,11 @@ SqliteDatabase OpenOrThrow(const std::string& path,
                            FeatureDatabase::OpenMode mode) {
   namespace fs = std::filesystem;
   std::error_code ignored;
+  if (path.front() == ':') {
+    ThrowDatabaseError(path,
+                       "is no file to SQLite, and would be lost; choose "
+                       "another name");
+  }
   if (fs::is_directory(path, ignored)) {
     ThrowDatabaseError(path, "is a folder; choose a file in it");
   }
@@ -166,6 +172,11 @@ void FeatureDatabase::Impl::AddTables() {
   if (!IsEmpty() && !database_.HasTable("images")) {
     ThrowDatabaseError(
         path(), "belongs to another program, not to COLMAP; choose a new file");
+  }
+  for (const char* table : {"cameras", "images", "keypoints", "descriptors",
+                            "matches", "two_view_geometries", "pose_priors",
+                            "rigs", "rig_sensors", "frames", "frame_data"}) {
+    std::ignore = database_.HasTable(table);  // throws if it is none of COLMAP
   }
   InTransaction([&] {
     if (database_.HasTable("inlier_matches") &&

@@ -2,8 +2,9 @@
 #include "io/database/image_list.h"
 
 #include <algorithm>
-#include <fstream>
+#include <sstream>
 
+#include "base/file_reading.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -19,8 +20,7 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 }  // namespace
 
 std::vector<std::string> ReadImageList(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw Error("cannot read '" + path + "' (image_list_path)");
+  std::istringstream file(ReadFile(path, "'" + path + "' (image_list_path)"));
   std::vector<std::string> names;
   for (std::string line; std::getline(file, line);) {
     line.erase(line.find_last_not_of(" \t\r") + 1);

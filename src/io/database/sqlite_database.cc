@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/database/sqlite_database.h"
 
+#include <algorithm>
 #include <cctype>
 #include <filesystem>
+#include <new>
+#include <utility>
 
 namespace mgsfm {
 namespace {
@@ -35,6 +38,9 @@ std::string Describe(int result, const std::string& message) {
     case SQLITE_ERROR:
       return "does not have COLMAP's tables (" + message +
              "); open it once with COLMAP 3.8 or later";
+    case SQLITE_INTERRUPT:
+      return "is damaged (reading it takes longer than its size explains); "
+             "copy it again from where it was made";
     case SQLITE_FULL:
       return message + "; free some space or choose another path";
     case SQLITE_BUSY:
@@ -50,6 +56,12 @@ std::string Describe(int result, const std::string& message) {
   }
 }
 
+void ThrowUnlessOk(int result, const std::string& path, sqlite3* db) {
+  if (result == SQLITE_OK) return;
+  if (result == SQLITE_NOMEM) throw std::bad_alloc();
+  ThrowDatabaseError(path, Describe(result, sqlite3_errmsg(db)));
+}
+
 }  // namespace
 
 void ThrowDatabaseError(const std::string& path, const std::string& problem) {
@@ -57,17 +69,15 @@ void ThrowDatabaseError(const std::string& path, const std::string& problem) {
 }
 
 SqliteStatement::SqliteStatement(sqlite3* db, const std::string& path,
-                                 const std::string& sql)
-    : db_(db), path_(path) {
+                                 const std::string& sql, uint64_t max_bytes)
+    : db_(db), path_(path), num_bytes_left_(max_bytes) {
   sqlite3_stmt* statement = nullptr;
   Check(sqlite3_prepare_v2(db, sql.c_str(), -1, &statement, nullptr));
   statement_.reset(statement);
 }
 
 void SqliteStatement::Check(int result) const {
-  if (result != SQLITE_OK) {
-    ThrowDatabaseError(path_, Describe(result, sqlite3_errmsg(db_)));
-  }
+  ThrowUnlessOk(result, path_, db_);
 }
 
 bool SqliteStatement::Step() {
@@ -93,14 +103,21 @@ int64_t SqliteStatement::Int(int column) const {
 std::string SqliteStatement::Text(int column) const {
   const unsigned char* text = sqlite3_column_text(statement_.get(), column);
   if (text == nullptr) return {};
-  const int size = sqlite3_column_bytes(statement_.get(), column);
+  const int size = CountBytes(column);
   return std::string(reinterpret_cast<const char*>(text), size);
 }
 
 BlobView SqliteStatement::Blob(int column) const {
   const void* data = sqlite3_column_blob(statement_.get(), column);
-  const int size = sqlite3_column_bytes(statement_.get(), column);
+  const int size = CountBytes(column);
   return {static_cast<const char*>(data), static_cast<size_t>(size)};
+}
+
+int SqliteStatement::CountBytes(int column) const {
+  const int size = sqlite3_column_bytes(statement_.get(), column);
+  if (static_cast<uint64_t>(size) > num_bytes_left_) Check(SQLITE_INTERRUPT);
+  num_bytes_left_ -= static_cast<uint64_t>(size);
+  return size;
 }
 
 void SqliteStatement::BindNull(int parameter) {
@@ -129,17 +146,59 @@ void SqliteStatement::BindBlob(int parameter, const void* data, size_t size) {
 
 SqliteDatabase::SqliteDatabase(const std::string& file, const std::string& path,
                                int flags)
-    : path_(path) {
+    : path_(path), num_steps_left_(std::make_unique<int64_t>(max_steps_)) {
   sqlite3* db = nullptr;
   const int result = sqlite3_open_v2(file.c_str(), &db, flags, nullptr);
   db_.reset(db);
+  if (result == SQLITE_NOMEM) throw std::bad_alloc();
   if (result != SQLITE_OK) {
     ThrowDatabaseError(path, std::string("cannot be opened: ") +
                                  sqlite3_errstr(result) +
                                  "; check the permissions of the file and its "
                                  "folder");
   }
-  Execute("PRAGMA temp_store = MEMORY");
+  Harden();
+}
+
+// See https://www.sqlite.org/security.html.
+void SqliteDatabase::Harden() {
+  for (const auto& [option, value] :
+       {std::pair(SQLITE_DBCONFIG_DEFENSIVE, 1),
+        std::pair(SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0),
+        std::pair(SQLITE_DBCONFIG_ENABLE_VIEW, 0),
+        std::pair(SQLITE_DBCONFIG_ENABLE_TRIGGER, 0)}) {
+    MGSFM_CHECK_EQ(sqlite3_db_config(db_.get(), option, value, nullptr),
+                   SQLITE_OK);
+  }
+  for (const auto& [limit, value] :
+       {std::pair(SQLITE_LIMIT_SQL_LENGTH, 100'000),
+        std::pair(SQLITE_LIMIT_COLUMN, 100),
+        std::pair(SQLITE_LIMIT_EXPR_DEPTH, 50),
+        std::pair(SQLITE_LIMIT_ATTACHED, 0)}) {
+    sqlite3_limit(db_.get(), limit, value);
+  }
+  Execute(
+      "PRAGMA temp_store = MEMORY; PRAGMA cell_size_check = ON; "
+      "PRAGMA mmap_size = 0");
+}
+
+void SqliteDatabase::LimitWork(uint64_t file_size) {
+  // Values are counted again when they are decoded twice.
+  max_bytes_ = 2 * file_size;
+  // A row has some bytes and takes some tens of steps, sorted or not.
+  constexpr int64_t kStepsPerByte = 100, kStepsPerCall = 10'000;
+  max_steps_ =
+      1 + static_cast<int64_t>(file_size) * kStepsPerByte / kStepsPerCall;
+  *num_steps_left_ = max_steps_;
+  const auto count = [](void* num_left) {
+    return --*static_cast<int64_t*>(num_left) < 0 ? 1 : 0;
+  };
+  sqlite3_progress_handler(db_.get(), kStepsPerCall, count,
+                           num_steps_left_.get());
+  constexpr uint64_t kMinLength = 1'000'000, kMaxLength = 1'000'000'000;
+  sqlite3_limit(
+      db_.get(), SQLITE_LIMIT_LENGTH,
+      static_cast<int>(std::clamp(file_size, kMinLength, kMaxLength)));
 }
 
 SqliteDatabase SqliteDatabase::OpenImmutable(const std::string& file,
@@ -159,22 +218,30 @@ SqliteDatabase SqliteDatabase::Create(const std::string& path) {
 }
 
 void SqliteDatabase::Execute(const std::string& sql) {
-  const int result =
-      sqlite3_exec(db_.get(), sql.c_str(), nullptr, nullptr, nullptr);
-  if (result != SQLITE_OK) {
-    ThrowDatabaseError(path_, Describe(result, sqlite3_errmsg(db_.get())));
-  }
+  ThrowUnlessOk(sqlite3_exec(db_.get(), sql.c_str(), nullptr, nullptr, nullptr),
+                path_, db_.get());
 }
 
 SqliteStatement SqliteDatabase::Prepare(const std::string& sql) const {
-  return SqliteStatement(db_.get(), path_, sql);
+  *num_steps_left_ = max_steps_;
+  return SqliteStatement(db_.get(), path_, sql, max_bytes_);
 }
 
 bool SqliteDatabase::HasTable(const std::string& table) const {
-  SqliteStatement statement =
-      Prepare("SELECT 1 FROM sqlite_master WHERE name = ?1");
-  statement.BindText(1, table);
-  return statement.Step();
+  SqliteStatement entry = Prepare(
+      "SELECT type = 'view' OR sql LIKE 'CREATE VIRTUAL%' FROM sqlite_master "
+      "WHERE type IN ('table', 'view') AND name = ?1 COLLATE NOCASE");
+  entry.BindText(1, table);
+  if (!entry.Step()) return false;
+  SqliteStatement computed =
+      Prepare("SELECT 1 FROM pragma_table_xinfo(?1) WHERE hidden != 0");
+  computed.BindText(1, table);
+  if (entry.Int(0) != 0 || computed.Step()) {
+    ThrowDatabaseError(path_, "computes the rows of '" + table +
+                                  "' instead of storing them, so it is not "
+                                  "COLMAP's; give one that COLMAP made");
+  }
+  return true;
 }
 
 std::set<std::string> SqliteDatabase::Columns(const std::string& table) const {

@@ -4,6 +4,7 @@
 #include <sqlite3.h>
 
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <set>
 #include <string>
@@ -25,7 +26,9 @@ struct BlobView {
 // A prepared statement. Parameters count from 1, columns from 0, as in SQLite.
 class SqliteStatement {
  public:
-  SqliteStatement(sqlite3* db, const std::string& path, const std::string& sql);
+  // Throws Error when all values that were read have more than `max_bytes`.
+  SqliteStatement(sqlite3* db, const std::string& path, const std::string& sql,
+                  uint64_t max_bytes);
 
   // Advances to the next row; returns false after the last.
   bool Step();
@@ -46,6 +49,7 @@ class SqliteStatement {
 
  private:
   void Check(int result) const;
+  int CountBytes(int column) const;
 
   struct Finalizer {
     void operator()(sqlite3_stmt* statement) const {
@@ -55,6 +59,7 @@ class SqliteStatement {
   sqlite3* db_;
   std::string path_;
   std::unique_ptr<sqlite3_stmt, Finalizer> statement_;
+  mutable uint64_t num_bytes_left_;
 };
 
 // An open database file. Every failure of SQLite throws Error with `path`.
@@ -69,8 +74,15 @@ class SqliteDatabase {
                                       const std::string& path);
   static SqliteDatabase Create(const std::string& path);
 
+  // From now on, a statement that does more work or reads more bytes than a
+  // sound file of this size can cause throws Error. Trees of pages with cycles
+  // and computed values would otherwise take any time and memory.
+  void LimitWork(uint64_t file_size);
+
   void Execute(const std::string& sql);
   SqliteStatement Prepare(const std::string& sql) const;
+  // Throws Error if the name is that of a view or of a table whose rows are
+  // computed: COLMAP has none, and reading them would run foreign code.
   bool HasTable(const std::string& table) const;
   std::set<std::string> Columns(const std::string& table) const;
   const std::string& path() const { return path_; }
@@ -78,10 +90,16 @@ class SqliteDatabase {
  private:
   SqliteDatabase(const std::string& file, const std::string& path, int flags);
 
+  void Harden();
+
   struct Closer {
     void operator()(sqlite3* db) const { sqlite3_close(db); }
   };
   std::string path_;
+  uint64_t max_bytes_ = std::numeric_limits<uint64_t>::max();
+  int64_t max_steps_ = std::numeric_limits<int64_t>::max();
+  // Of the present statement; SQLite calls back with this address.
+  std::unique_ptr<int64_t> num_steps_left_;
   std::unique_ptr<sqlite3, Closer> db_;
 };
 

@@ -6,9 +6,10 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <string_view>
 #include <system_error>
+
+#include "base/file_reading.h"
 
 namespace mgsfm {
 namespace {
@@ -21,17 +22,13 @@ constexpr const char* kSideFileSuffixes[] = {"-wal", "-journal"};
 
 // Every database begins with a header of this form; see "The Database Header"
 // in the documentation of SQLite's file format.
-constexpr std::streamsize kHeaderSize = 100;
+constexpr size_t kHeaderSize = 100;
 constexpr std::string_view kMagic("SQLite format 3\0", 16);
 
 // Zeros beyond the end of the file.
 std::string ReadHeader(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) {
-    ThrowDatabaseError(path, "cannot be read; check its permissions");
-  }
-  std::string header(kHeaderSize, '\0');
-  file.read(header.data(), kHeaderSize);
+  std::string header = ReadFile(path, "database '" + path + "'", kHeaderSize);
+  header.resize(kHeaderSize);
   return header;
 }
 
@@ -131,6 +128,11 @@ SqliteSnapshot::SqliteSnapshot(const std::string& path) : path_(path) {
   } else {
     OpenCopy(side_files);
   }
+  int64_t num_bytes = 0;
+  for (const FileState& state : states_) {
+    num_bytes += std::max<int64_t>(0, state.size);
+  }
+  database_->LimitWork(static_cast<uint64_t>(num_bytes));
 }
 
 void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
@@ -141,6 +143,8 @@ void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
   for (const std::string& suffix : side_files) {
     if (!error) fs::copy_file(path_ + suffix, copy + suffix, error);
   }
+  // A file that vanishes shows that another program has just written.
+  if (error == std::errc::no_such_file_or_directory) ThrowChanged();
   if (error) {
     ThrowDatabaseError(path_, "cannot be copied to '" + folder_->path() +
                                   "' (" + error.message() +
@@ -156,11 +160,13 @@ void SqliteSnapshot::OpenCopy(const std::vector<std::string>& side_files) {
 
 void SqliteSnapshot::CheckUnchanged() const {
   const std::vector<FileState> states = States();
-  if (states.size() != states_.size() || !(states == states_)) {
-    ThrowDatabaseError(path_,
-                       "was written by another program while it was read; try "
-                       "again when that has ended");
-  }
+  if (states.size() != states_.size() || !(states == states_)) ThrowChanged();
+}
+
+void SqliteSnapshot::ThrowChanged() const {
+  ThrowDatabaseError(path_,
+                     "was written by another program while it was read; try "
+                     "again when that has ended");
 }
 
 }  // namespace mgsfm

@@ -51,6 +51,7 @@ class SqliteSnapshot {
   };
   static FileState StateOf(const std::string& file);
   std::vector<FileState> States() const;
+  [[noreturn]] void ThrowChanged() const;
   void OpenCopy(const std::vector<std::string>& side_files);
 
   std::string path_;

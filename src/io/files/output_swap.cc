@@ -3,12 +3,13 @@
 
 #include <sys/stat.h>
 
-#include <fstream>
+#include <locale>
 #include <optional>
 #include <set>
 #include <sstream>
 #include <utility>
 
+#include "base/file_reading.h"
 #include "io/files/model_files.h"
 #include "mgsfm/base/error.h"
 
@@ -37,18 +38,19 @@ std::optional<uint64_t> InodeOf(const fs::path& path) {
 
 // Names may hold any character but NUL, so NUL ends a record.
 std::string ToText(const std::vector<SwapStep>& steps) {
-  std::ostringstream text;
+  std::string text;
   for (const SwapStep& step : steps) {
-    text << static_cast<int>(step.kind) << ' ' << step.inode << ' ' << step.name
-         << '\0';
+    text += std::to_string(static_cast<int>(step.kind)) + ' ' +
+            std::to_string(step.inode) + ' ' + step.name + '\0';
   }
-  return text.str();
+  return text;
 }
 
 std::vector<SwapStep> ParseSteps(std::istream& text) {
   std::vector<SwapStep> steps;
   for (std::string record; std::getline(text, record, '\0');) {
     std::istringstream fields(record);
+    fields.imbue(std::locale::classic());
     int kind = 0;
     SwapStep step;
     fields >> kind >> step.inode;
@@ -107,8 +109,7 @@ void OutputSwap::Publish() {
 }
 
 void OutputSwap::Load() {
-  std::ifstream file(work_ / kJournal, std::ios::binary);
-  if (!file) throw Error("cannot read '" + (work_ / kJournal).string() + "'");
+  std::istringstream file(ReadFile(work_ / kJournal));
   steps_ = ParseSteps(file);
 }
 

@@ -2,10 +2,10 @@
 #include "io/models/model_file_readers.h"
 
 #include <cmath>
-#include <iterator>
 #include <limits>
 #include <locale>
 
+#include "base/file_reading.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -34,11 +34,7 @@ Rigid3 ReadPoseOf(File* file) {
 
 BinaryModelFile::BinaryModelFile(const std::filesystem::path& folder,
                                  const std::string& stem)
-    : path_(folder / (stem + kExtension)) {
-  std::ifstream file(path_, std::ios::binary);
-  if (!file) throw Error("cannot read '" + path_.string() + "'");
-  data_.assign(std::istreambuf_iterator<char>(file),
-               std::istreambuf_iterator<char>());
+    : path_(folder / (stem + kExtension)), data_(ReadFile(path_)) {
   num_records_left_ = Read<uint64_t>();
 }
 
@@ -105,8 +101,7 @@ void BinaryModelFile::SkipKeypoints() {
 
 TextModelFile::TextModelFile(const std::filesystem::path& folder,
                              const std::string& stem)
-    : path_(folder / (stem + kExtension)), file_(path_) {
-  if (!file_) throw Error("cannot read '" + path_.string() + "'");
+    : path_(folder / (stem + kExtension)), file_(ReadFile(path_)) {
   line_.imbue(std::locale::classic());
 }
 

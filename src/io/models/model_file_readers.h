@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -109,7 +108,7 @@ class TextModelFile {
   bool NextLine(std::string* text);
 
   std::filesystem::path path_;
-  std::ifstream file_;
+  std::istringstream file_;
   std::istringstream line_;
   int line_number_ = 0;
 };

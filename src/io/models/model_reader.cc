@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <map>
@@ -7,14 +8,22 @@
 #include <utility>
 #include <vector>
 
+#include "base/text.h"
 #include "io/models/model_file_readers.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/model_io.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
+
+template <class File>
+void ThrowIf(const std::optional<std::string>& problem, const File& file,
+             const std::string& element) {
+  if (problem) file.ThrowBad(element + ' ' + *problem);
+}
 
 template <class File>
 std::vector<Camera> ReadCameras(File file) {
@@ -32,6 +41,8 @@ std::vector<Camera> ReadCameras(File file) {
     for (int i = 0; i < info.num_params; ++i) {
       camera.params.push_back(file.ReadNumber());
     }
+    ThrowIf(WhyImplausible(camera), file,
+            "camera " + std::to_string(id.value()));
     cameras.push_back(std::move(camera));
   }
   return cameras;
@@ -50,6 +61,9 @@ std::vector<ImageRecord> ReadImages(File file, bool with_keypoints) {
     const Rigid3 pose = file.ReadPose();
     const CameraId camera_id(file.ReadId());
     records.push_back({{id, file.ReadName(), camera_id, pose}, {}});
+    const std::string& name = records.back().image.name;
+    ThrowIf(WhyUnusable(name), file, "the name of image '" + name + "'");
+    ThrowIf(WhyImplausible(pose), file, "the pose of image '" + name + "'");
     if (!with_keypoints) {
       file.SkipKeypoints();
       continue;
@@ -60,6 +74,7 @@ std::vector<ImageRecord> ReadImages(File file, bool with_keypoints) {
       keypoint.position_px.x() = file.ReadNumber();
       keypoint.position_px.y() = file.ReadNumber();
       keypoint.point_id = file.ReadOptionalLongId();
+      ThrowIf(WhyImplausible(keypoint.position_px), file, "a keypoint");
       records.back().keypoints.push_back(keypoint);
     }
   }
@@ -77,10 +92,12 @@ std::vector<ModelPoint> ReadPoints(File file) {
     ModelPoint point;
     point.id = file.ReadLongId();
     for (double& value : point.point_in_world) value = file.ReadNumber();
+    ThrowIf(WhyImplausible(point.point_in_world), file,
+            "point " + std::to_string(point.id));
     for (uint8_t& value : point.color) value = file.ReadByte();
     // COLMAP writes -1 for an unknown error.
     const double error_px = file.ReadNumber();
-    if (error_px >= 0.0) point.error_px = error_px;
+    if (error_px >= 0.0 && std::isfinite(error_px)) point.error_px = error_px;
     file.BeginList();
     while (file.NextItem()) {
       const ImageId image_id(file.ReadId());
@@ -102,7 +119,11 @@ std::vector<ModelRig> ReadRigs(File file) {
       ModelSensor sensor{CameraId(file.ReadId()), k == 0, Rigid3()};
       if (k > 0) {
         sensor.sensor_from_rig.reset();
-        if (file.ReadFlag()) sensor.sensor_from_rig = file.ReadPose();
+        if (file.ReadFlag()) {
+          sensor.sensor_from_rig = file.ReadPose();
+          ThrowIf(WhyImplausible(*sensor.sensor_from_rig), file,
+                  "a sensor of rig " + std::to_string(rig.id.value()));
+        }
       }
       if (is_camera) rig.sensors.push_back(sensor);
     }
@@ -118,6 +139,8 @@ std::vector<ModelFrame> ReadFrames(File file) {
     const FrameId id(file.ReadId());
     const RigId rig_id(file.ReadId());
     ModelFrame frame{id, rig_id, file.ReadPose(), {}};
+    ThrowIf(WhyImplausible(frame.rig_from_world), file,
+            "the pose of frame " + std::to_string(id.value()));
     const uint32_t num_data = file.ReadCount();
     for (uint32_t k = 0; k < num_data; ++k) {
       const bool is_camera = file.ReadSensorIsCamera();

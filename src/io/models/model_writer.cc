@@ -12,6 +12,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/io/models/model_io.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -313,19 +314,52 @@ void ModelWriter::WritePoints(ModelFile file) const {
 }  // namespace
 
 void CheckFormat(const Scene& scene, ModelFormat format) {
+  for (const Image& image : scene.images) CheckFormat(image.name, format);
+}
+
+void CheckFormat(const std::string& image_name, ModelFormat format) {
   if (format != ModelFormat::kText) return;
-  for (const Image& image : scene.images) {
-    if (image.name.find_first_of(" \t\r\n\v\f") == std::string::npos) continue;
-    throw Error("the name of image '" + image.name +
-                "' has a blank, which the text format cannot hold; write the "
-                "model as binary");
+  if (image_name.find_first_of(" \t\r\n\v\f") == std::string::npos) return;
+  throw Error("the name of image '" + image_name +
+              "' has a blank, which the text format cannot hold; write the "
+              "model as binary");
+}
+
+namespace {
+
+// Nothing is written that no reader would take.
+void CheckValues(const Scene& scene, const Reconstruction& model) {
+  const auto check = [](const std::optional<std::string>& problem,
+                        const std::string& element, const std::string& name) {
+    if (!problem) return;
+    throw Error("the model is not written: " + element + " '" + name + "' " +
+                *problem + "; check its matches, or fix fewer parameters");
+  };
+  for (size_t i = 0; i < scene.cameras.size(); ++i) {
+    check(WhyImplausible(model.cameras[i]), "camera",
+          std::to_string(scene.cameras[i].id.value()));
+  }
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    const std::optional<Rigid3>& pose = model.sensor_from_rig[i];
+    if (pose) check(WhyImplausible(*pose), "sensor", scene.sensors[i].name);
+  }
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const std::optional<Rigid3>& pose = model.rig_from_world[i];
+    if (pose) check(WhyImplausible(*pose), "frame", scene.frames[i].name);
+  }
+  for (size_t i = 0; i < model.points.size(); ++i) {
+    check(WhyImplausible(model.points[i].point_in_world), "point",
+          std::to_string(i + 1));
   }
 }
+
+}  // namespace
 
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context) {
   CheckFormat(scene, format);
+  CheckValues(scene, reconstruction);
   ModelWriter(scene, reconstruction, context).Write(folder, format);
 }
 

@@ -6,7 +6,10 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "base/file_reading.h"
 #include "base/parallel.h"
+#include "io/files/image_reading.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -17,11 +20,16 @@ using Rgb = Eigen::Vector3f;
 // Ignores the EXIF orientation, as feature extraction does. Returns an empty
 // image if the file cannot be read.
 cv::Mat ReadImage(const std::filesystem::path& path) {
-  // OpenCV would report each missing file on the standard error stream.
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return {};
-  return cv::imread(path.string(),
-                    cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+  try {
+    return DecodeImage(ReadFile(path),
+                       cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION,
+                       kDefaultMaxNumPixels)
+        .pixels;
+  } catch (const Error&) {
+    return {};
+  }
 }
 
 // An observation of one image and where its colour goes.
@@ -68,6 +76,7 @@ std::vector<std::string> ColorPoints(const Scene& scene,
     }
   }
 
+  const QuietImageLibraries quiet;
   std::vector<Rgb> colors(num_samples, Rgb::Zero());
   Mask image_was_read(scene.images.size(), true);
   ParallelFor(

@@ -3,12 +3,12 @@
 
 #include <Eigen/LU>
 #include <cmath>
-#include <fstream>
-#include <iterator>
-#include <locale>
+#include <optional>
 #include <sstream>
 #include <string>
 
+#include "base/file_reading.h"
+#include "base/text.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -19,22 +19,14 @@ using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 // Deviation of R R^T from identity; files with four digits stay below it.
 constexpr double kRotationTolerance = 1e-3;
 
-std::ifstream Open(const std::filesystem::path& path) {
-  std::ifstream file(path);
-  if (!file) throw Error("cannot read '" + path.string() + "'");
-  return file;
-}
-
 // The finite numbers a text consists of; none if there is any other word.
 std::vector<double> ParseNumbers(const std::string& text) {
   std::istringstream words(text);
   std::vector<double> numbers;
   for (std::string word; words >> word;) {
-    std::istringstream stream(word);
-    stream.imbue(std::locale::classic());
-    double number = 0.0;
-    if (!(stream >> number) || !stream.eof()) return {};
-    numbers.push_back(number);
+    const std::optional<double> number = ParseDouble(word);
+    if (!number) return {};
+    numbers.push_back(*number);
   }
   return numbers;
 }
@@ -64,7 +56,7 @@ bool ToRigid3(const Matrix34& matrix, Rigid3* b_from_a) {
 }  // namespace
 
 std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
-  std::ifstream file = Open(path);
+  std::istringstream file(ReadFile(path));
   std::vector<Rigid3> poses;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -82,7 +74,7 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
 }
 
 std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
-  std::ifstream file = Open(path);
+  std::istringstream file(ReadFile(path));
   std::vector<TimedPose> poses;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -104,7 +96,7 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
 }
 
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
-  std::ifstream file = Open(path);
+  std::istringstream file(ReadFile(path));
   std::vector<Rigid3> cameras;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -132,9 +124,7 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
 }
 
 Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
-  std::ifstream file = Open(path);
-  std::string text((std::istreambuf_iterator<char>(file)),
-                   std::istreambuf_iterator<char>());
+  const std::string text = ReadFile(path);
   size_t begin = text.find("T_BS");
   if (begin != std::string::npos) begin = text.find("data:", begin);
   if (begin != std::string::npos) begin = text.find('[', begin);

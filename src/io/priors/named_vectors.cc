@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/priors/named_vectors.h"
 
-#include <cstdlib>
-#include <fstream>
 #include <map>
+#include <optional>
 #include <sstream>
 
+#include "base/file_reading.h"
+#include "base/text.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
@@ -26,12 +27,12 @@ std::string SplitLine(const std::string& line, const std::string& columns,
   size_t end = line.size();
   for (int k = 2; k >= 0; --k) {
     const std::string& word = words[words.size() - 3 + k];
-    char* rest = nullptr;
-    (*value)[k] = std::strtod(word.c_str(), &rest);
-    if (rest == word.c_str() || *rest != '\0') {
-      *problem = "has '" + word + "' where a number should be";
+    const std::optional<double> number = ParseDouble(word);
+    if (!number) {
+      *problem = "has '" + word + "' where a finite number should be";
       return "";
     }
+    (*value)[k] = *number;
     end = line.rfind(word, end - 1);
   }
   std::string name = line.substr(0, end);
@@ -55,8 +56,7 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
   for (size_t i = 0; i < scene.images.size(); ++i) {
     idx_of_name[scene.images[i].name] = static_cast<int>(i);
   }
-  std::ifstream file(path);
-  if (!file) throw Error("'" + path + "': cannot be read; check " + option);
+  std::istringstream file(ReadFile(path, "'" + path + "' (" + option + ")"));
   std::vector<NamedVector> vectors;
   Mask is_named(scene.images.size(), false);
   std::string line;

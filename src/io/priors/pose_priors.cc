@@ -4,11 +4,11 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/text.h"
 #include "geometry/geodetic.h"
 #include "io/database/database_rows.h"
 #include "io/database/sqlite_snapshot.h"
@@ -152,11 +152,11 @@ GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
                 "not set gravity_path");
   }
   for (const NamedVector& line : lines) {
-    if (!line.value.allFinite() || line.value.isZero(0.0)) {
+    if (line.value.isZero(0.0)) {
       throw Error("'" + path + "': line " + std::to_string(line.line_number) +
                   " has no direction of gravity for image '" +
                   scene.images[line.image_idx].name +
-                  "'; numbers must be finite and not all zero");
+                  "'; give numbers that are not all zero");
     }
     gravity.images[line.image_idx] = line.value.stableNormalized();
   }
@@ -255,9 +255,7 @@ void WriteGravity(const std::string& path, const Scene& scene,
     if (!gravity.images[i]) continue;
     text += scene.images[i].name;
     for (const double value : *gravity.images[i]) {
-      char number[32];
-      std::snprintf(number, sizeof(number), " %.17g", value);
-      text += number;
+      text += ' ' + FormatDouble(value, std::chars_format::general, 17);
     }
     text += "\n";
   }

@@ -2,15 +2,15 @@
 #include "io/rigs/image_timestamps.h"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
 #include <map>
+#include <optional>
+#include <sstream>
 #include <utility>
 #include <vector>
 
+#include "base/file_reading.h"
 #include "base/natural_order.h"
+#include "base/text.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -30,8 +30,8 @@ class TimestampReader {
   }
 
   void Read() {
-    std::ifstream file(path_);
-    if (!file) Throw("cannot be read; check image_timestamps_path");
+    std::istringstream file(
+        ReadFile(path_, "'" + path_.string() + "' (image_timestamps_path)"));
     std::string line;
     for (int number = 1; std::getline(file, line); ++number) {
       const size_t begin = line.find_first_not_of(kBlanks);
@@ -74,9 +74,8 @@ void TimestampReader::TakeLine(const std::string& line,
   const std::string word = line.substr(blank + 1);
   const std::string name =
       line.substr(0, line.find_last_not_of(kBlanks, blank) + 1);
-  char* rest = nullptr;
-  const double time_s = std::strtod(word.c_str(), &rest);
-  if (rest == word.c_str() || *rest != '\0' || !std::isfinite(time_s)) {
+  const std::optional<double> time_s = ParseDouble(word);
+  if (!time_s) {
     Throw(where + " has '" + word + "' as the time of '" + name +
           "'; give a finite number of seconds");
   }
@@ -133,9 +132,9 @@ void WriteImageTimestamps(const std::filesystem::path& path,
   std::string lines = "# image_name SECONDS\n";
   for (const Image& image : scene.images) {
     if (!image.timestamp_s) continue;
-    char time_s[32];
-    std::snprintf(time_s, sizeof(time_s), " %.9f\n", *image.timestamp_s);
-    lines += image.name + time_s;
+    lines += image.name + ' ' +
+             FormatDouble(*image.timestamp_s, std::chars_format::fixed, 9) +
+             '\n';
   }
   WriteFile(path, lines);
 }

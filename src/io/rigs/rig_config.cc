@@ -4,14 +4,16 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "base/file_reading.h"
+#include "base/text.h"
 #include "geometry/so3.h"
 #include "io/files/output_file.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -52,7 +54,11 @@ class ObjectReader {
     if (!Has(key) || !json_[key].is_string()) {
       Throw("needs '" + key + "', a text");
     }
-    return json_[key].get<std::string>();
+    auto text = json_[key].get<std::string>();
+    if (const auto problem = WhyUnusable(text)) {
+      Throw("has a '" + key + "' that " + *problem);
+    }
+    return text;
   }
   bool Flag(const std::string& key) const {
     if (!Has(key)) return false;
@@ -98,6 +104,9 @@ Rigid3 ReadPose(const ObjectReader& object) {
     object.Throw(std::string("has a '") + kRotation + "' of length zero");
   }
   pose.rotation = ToUnitQuaternion(pose.rotation);
+  if (const auto problem = WhyImplausible(pose)) {
+    object.Throw("has a pose that " + *problem);
+  }
   return pose;
 }
 
@@ -281,14 +290,10 @@ RigConfig MakeRigConfig(const Scene& scene,
 }  // namespace
 
 std::vector<RigConfig> ReadRigConfig(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) {
-    throw Error("rig configuration '" + path +
-                "' cannot be read; check the path");
-  }
+  const std::string text = ReadFile(path, "rig configuration '" + path + "'");
   Json json;
   try {
-    json = Json::parse(file);
+    json = Json::parse(text);
   } catch (const Json::exception& error) {
     // Strips the name of the exception, "[json.exception.parse_error.101] ".
     const std::string what = error.what();

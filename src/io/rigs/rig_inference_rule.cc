@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <re2/re2.h>
+
 #include <algorithm>
-#include <regex>
+#include <map>
 
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
@@ -9,97 +11,99 @@
 namespace mgsfm {
 namespace {
 
-enum class GroupKind { kPlain, kCamera, kFrame, kRig };
-
-// A regular expression whose groups may be named. std::regex knows no names, so
-// they are taken out and the kinds of the groups are kept, in order.
+// Groups that have no name are not used.
 struct NameRule {
-  std::regex regex;
-  std::vector<GroupKind> groups;
+  explicit NameRule(const std::string& rule);
+
+  RE2 regex;
+  std::map<int, std::string> groups;  // "camera", "frame" or "rig", by number
+
+  bool HasGroup(const std::string& name) const {
+    return std::any_of(groups.begin(), groups.end(),
+                       [&](const auto& group) { return group.second == name; });
+  }
 };
+
+// The texts of the groups of a match, by number. Those that match nothing are
+// null.
+using Texts = std::vector<re2::StringPiece>;
 
 [[noreturn]] void ThrowRuleError(const std::string& rule,
                                  const std::string& problem) {
   throw Error("rig_name_rule '" + rule + "': " + problem);
 }
 
-GroupKind KindOfGroup(const std::string& rule, const std::string& name) {
-  if (name == "camera") return GroupKind::kCamera;
-  if (name == "frame") return GroupKind::kFrame;
-  if (name == "rig") return GroupKind::kRig;
-  ThrowRuleError(rule, "a group is called '" + name +
-                           "', but only camera, frame and rig are known");
-}
-
-// Position of the last character of what begins at `begin`, if that can hold
-// brackets that open no group: an escape, or a class such as [(].
-size_t EndOfLiteral(const std::string& rule, size_t begin) {
-  if (rule[begin] == '\\') return std::min(begin + 1, rule.size() - 1);
-  if (rule[begin] != '[') return begin;
-  for (size_t i = begin + 1; i < rule.size(); ++i) {
-    if (rule[i] == '\\') {
-      ++i;
-    } else if (rule[i] == ']') {
-      return i;
-    }
-  }
-  return rule.size() - 1;
-}
-
-NameRule ParseRule(const std::string& rule) {
-  NameRule parsed;
-  std::string unnamed;
+// A name of its own for each group, as RE2 demands: (?<camera>...) becomes
+// (?P<camera_17>...), with its position in the rule.
+std::string WithUniqueNames(const std::string& rule) {
+  std::string unique;
   for (size_t i = 0; i < rule.size(); ++i) {
-    const size_t end = EndOfLiteral(rule, i);
-    unnamed += rule.substr(i, end + 1 - i);
-    if (rule[i] != '(') {
+    const size_t prefix_size = rule.compare(i, 3, "(?<") == 0    ? 3
+                               : rule.compare(i, 4, "(?P<") == 0 ? 4
+                                                                 : 0;
+    const size_t end = rule.find('>', i);
+    if (rule[i] == '\\' && i + 1 < rule.size()) {
+      unique += rule.substr(i++, 2);
+    } else if (prefix_size == 0) {
+      unique += rule[i];
+    } else if (end == std::string::npos) {
+      ThrowRuleError(rule, "'>' is missing");
+    } else {
+      const std::string name =
+          rule.substr(i + prefix_size, end - i - prefix_size);
+      if (name != "camera" && name != "frame" && name != "rig") {
+        ThrowRuleError(rule, "a group is called '" + name +
+                                 "', but only camera, frame and rig are known");
+      }
+      unique += "(?P<" + name + '_' + std::to_string(i) + '>';
       i = end;
-      continue;
-    }
-    if (rule.compare(i, 3, "(?<") == 0) {
-      const size_t close = rule.find('>', i);
-      if (close == std::string::npos) ThrowRuleError(rule, "'>' is missing");
-      parsed.groups.push_back(
-          KindOfGroup(rule, rule.substr(i + 3, close - i - 3)));
-      i = close;
-    } else if (rule.compare(i, 2, "(?") != 0) {
-      parsed.groups.push_back(GroupKind::kPlain);
     }
   }
-  if (std::count(parsed.groups.begin(), parsed.groups.end(),
-                 GroupKind::kCamera) == 0) {
+  return unique;
+}
+
+// Without messages on the standard error stream.
+RE2::Options QuietOptions() {
+  RE2::Options options;
+  options.set_log_errors(false);
+  return options;
+}
+
+// RE2 takes time linear in the length of a name, whatever the rule.
+NameRule::NameRule(const std::string& rule)
+    : regex(WithUniqueNames(rule), QuietOptions()) {
+  if (!regex.ok()) {
+    ThrowRuleError(rule, "is no regular expression of RE2: " + regex.error());
+  }
+  for (const auto& [number, name] : regex.CapturingGroupNames()) {
+    groups[number] = name.substr(0, name.find('_'));
+  }
+  if (!HasGroup("camera")) {
     ThrowRuleError(rule,
                    "has no group (?<camera>...); other values are auto "
                    "and none");
   }
-  try {
-    parsed.regex = std::regex(unnamed, std::regex::ECMAScript);
-  } catch (const std::regex_error& error) {
-    ThrowRuleError(rule,
-                   std::string("is no regular expression: ") + error.what());
-  }
-  return parsed;
 }
 
-// The texts of all groups of a kind, joined.
-std::string JoinGroups(const std::smatch& match, const NameRule& rule,
-                       GroupKind kind) {
+// The texts of all groups of a name, joined.
+std::string JoinGroups(const Texts& texts, const NameRule& rule,
+                       const std::string& name) {
   std::string joined;
-  for (size_t i = 0; i < rule.groups.size(); ++i) {
-    if (rule.groups[i] != kind) continue;
-    joined += (joined.empty() ? "" : "/") + match.str(i + 1);
+  for (const auto& [number, group] : rule.groups) {
+    if (group != name) continue;
+    joined += (joined.empty() ? "" : "/") + std::string(texts[number]);
   }
   return joined;
 }
 
-// The name with the camera groups taken out.
-std::string WithoutCamera(const std::string& name, const std::smatch& match,
+// The name of the image with the camera groups taken out.
+std::string WithoutCamera(const std::string& name, const Texts& texts,
                           const NameRule& rule) {
   Mask is_kept(name.size(), true);
-  for (size_t i = 0; i < rule.groups.size(); ++i) {
-    if (rule.groups[i] != GroupKind::kCamera || !match[i + 1].matched) continue;
-    const auto begin = static_cast<size_t>(match.position(i + 1));
-    is_kept.Fill(begin, begin + match.length(i + 1), false);
+  for (const auto& [number, group] : rule.groups) {
+    if (group != "camera" || texts[number].empty()) continue;
+    const auto begin = static_cast<size_t>(texts[number].data() - name.data());
+    is_kept.Fill(begin, begin + texts[number].size(), false);
   }
   std::string rest;
   for (size_t i = 0; i < name.size(); ++i) {
@@ -108,15 +112,13 @@ std::string WithoutCamera(const std::string& name, const std::smatch& match,
   return rest;
 }
 
-ImageKeys MakeKeys(const std::string& name, const std::smatch& match,
+ImageKeys MakeKeys(const std::string& name, const Texts& texts,
                    const NameRule& rule) {
-  const bool has_frame_group =
-      std::count(rule.groups.begin(), rule.groups.end(), GroupKind::kFrame) > 0;
-  const std::string rig = JoinGroups(match, rule, GroupKind::kRig);
+  const std::string rig = JoinGroups(texts, rule, "rig");
   ImageKeys keys;
-  keys.sensor_name = JoinGroups(match, rule, GroupKind::kCamera);
-  keys.frame_name = has_frame_group ? JoinGroups(match, rule, GroupKind::kFrame)
-                                    : WithoutCamera(name, match, rule);
+  keys.sensor_name = JoinGroups(texts, rule, "camera");
+  keys.frame_name = rule.HasGroup("frame") ? JoinGroups(texts, rule, "frame")
+                                           : WithoutCamera(name, texts, rule);
   keys.sensor = rig + "\n" + keys.sensor_name;
   keys.frame = rig + "\n" + keys.frame_name;
   return keys;
@@ -125,15 +127,16 @@ ImageKeys MakeKeys(const std::string& name, const std::smatch& match,
 }  // namespace
 
 RigAssignment AssignByRule(const RigInput& input, const std::string& rule) {
-  const NameRule parsed = ParseRule(rule);
+  const NameRule parsed(rule);
+  Texts texts(1 + static_cast<size_t>(parsed.regex.NumberOfCapturingGroups()));
   std::vector<ImageKeys> keys;
   for (const ImageRow& image : input.contents.images) {
-    std::smatch match;
-    if (!std::regex_match(image.name, match, parsed.regex)) {
+    if (!parsed.regex.Match(image.name, 0, image.name.size(), RE2::ANCHOR_BOTH,
+                            texts.data(), static_cast<int>(texts.size()))) {
       ThrowRuleError(rule, "does not match the image name '" + image.name +
                                "'; it must match all names as a whole");
     }
-    keys.push_back(MakeKeys(image.name, match, parsed));
+    keys.push_back(MakeKeys(image.name, texts, parsed));
   }
   RigAssignment assignment = AssignByKeys(input, keys);
   assignment.source = "image names by the rule '" + rule + "'";

@@ -36,8 +36,9 @@ struct EnumTable<ModelFormat> {
 // share one camera, all but the first get a copy of it under an unused id, and
 // their images refer to the copy.
 //
-// Throws Error, naming the file, if one cannot be written completely, and what
-// CheckFormat throws.
+// Throws Error, naming the file, if one cannot be written completely; naming
+// the element, if a camera, pose or point is not finite or beyond 1e15, so that
+// no reader would take it; and what CheckFormat throws.
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context = {});
@@ -45,6 +46,7 @@ void WriteModel(const std::filesystem::path& folder, const Scene& scene,
 // Throws Error, naming the image, if the format cannot represent its name: in
 // text, names end at the first blank.
 void CheckFormat(const Scene& scene, ModelFormat format);
+void CheckFormat(const std::string& image_name, ModelFormat format);
 
 // The poses of a model, without intrinsics, keypoints and points.
 struct ModelImage {
@@ -111,7 +113,9 @@ struct Model {
 };
 
 // Reads a whole model. Also throws Error if an image has no camera, or if
-// points and keypoints do not refer to each other.
+// points and keypoints do not refer to each other. All readers of models refuse
+// cameras, poses and points that WriteModel would not write, and names that are
+// not UTF-8 or have control characters.
 Model ReadModel(const std::filesystem::path& folder);
 
 }  // namespace mgsfm

@@ -19,8 +19,9 @@ namespace mgsfm {
 //    frame.
 // 2. `rig_name_rule` other than "auto".
 //    "none": all images are single.
-//    A regular expression (ECMAScript) that matches all image names. The group
-//    (?<camera>...) identifies the camera of the rig, e.g.
+//    A regular expression of RE2, i.e. without back-references and look-around,
+//    that matches all image names. The group (?<camera>...) identifies the
+//    camera of the rig, e.g.
 //      [^/]+/(?<camera>[^/]+)/.*       seqA/cam0/0001.jpg
 //      (?<camera>left|right)_.*        left_0001.jpg
 //    Images belong to one frame if their names agree without the camera group

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "base/option_range.h"
+
+#include <cmath>
+#include <utility>
+
+namespace mgsfm {
+namespace {
+
+// Numbers of all other units are ratios or counts of what a drive consists of.
+constexpr std::pair<std::string_view, double> kMaxima[] = {
+    {"rounds", 100},       {"iterations", 1e4}, {"frames", 1e5},
+    {"images", 1e6},       {"trials", 1e5},     {"deg", 360},
+    {"rad", 2 * M_PI},     {"m", 1e7},          {"of the larger side", 1e3},
+    {"matches", 1e7},      {"features", 1e7},   {"points", 1e7},
+    {"observations", 1e7}, {"tracks", 1e7},     {"descriptors", 1e8},
+    {"words", 1e8},        {"pairs", 1e8}};
+constexpr double kMaxOfOthers = 1e6;
+constexpr double kMinAboveZero = 1e-15;
+
+double MaxOfUnit(std::string_view unit) {
+  for (const auto& [name, max] : kMaxima) {
+    if (name == unit) return max;
+  }
+  return kMaxOfOthers;
+}
+
+}  // namespace
+
+Range RangeOf(const OptionEntry& entry) {
+  Range range = entry.range;
+  const bool is_real = std::holds_alternative<double>(entry.default_value);
+  const bool is_integer = std::holds_alternative<int>(entry.default_value);
+  // An integer without unit is a seed or step, of which all are possible.
+  if (!is_real && (!is_integer || entry.unit.empty())) return range;
+  if (std::isinf(range.max)) range.max = MaxOfUnit(entry.unit);
+  if (std::isinf(range.min)) range.min = -range.max;
+  if (is_real && range.min == 0.0 && range.min_is_open) {
+    range.min = kMinAboveZero;
+    range.min_is_open = false;
+  }
+  return range;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/files/image_reading.h"
+
+#include <algorithm>
+#include <cctype>
+#include <limits>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <string_view>
+#include <vector>
+
+#include "base/text.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr const char* kCopyAgain = "; copy it again from its source";
+
+// Bytes of a file. Numbers beyond its end are 0.
+class Bytes {
+ public:
+  explicit Bytes(std::string_view file) : file_(file) {}
+
+  size_t size() const { return file_.size(); }
+  uint8_t operator[](size_t i) const {
+    return i < file_.size() ? static_cast<uint8_t>(file_[i]) : 0;
+  }
+  bool Has(size_t begin, std::string_view text) const {
+    return begin <= file_.size() &&
+           file_.compare(begin, text.size(), text) == 0;
+  }
+  uint64_t BigEndian(size_t begin, size_t num_bytes) const {
+    uint64_t value = 0;
+    for (size_t i = 0; i < num_bytes; ++i)
+      value = value << 8 | (*this)[begin + i];
+    return value;
+  }
+  uint64_t LittleEndian(size_t begin, size_t num_bytes) const {
+    uint64_t value = 0;
+    for (size_t i = num_bytes; i-- > 0;)
+      value = value << 8 | (*this)[begin + i];
+    return value;
+  }
+
+ private:
+  std::string_view file_;
+};
+
+ImageSize SizeOf(uint64_t width, uint64_t height) {
+  return {static_cast<int64_t>(width), static_cast<int64_t>(height)};
+}
+
+bool IsJpeg(const Bytes& file) { return file.Has(0, "\xff\xd8\xff"); }
+
+struct JpegHeader {
+  std::optional<ImageSize> size;
+  bool is_complete = false;  // contains the end marker
+};
+
+// A file is a sequence of markers 0xff m, most of them followed by a segment
+// with its length (ITU-T T.81, annex B). Marker 0xda is followed by coded data,
+// in which 0xff precedes 0 or a restart marker. 0xc0 to 0xcf begin a frame,
+// except three that define tables.
+JpegHeader ReadJpeg(const Bytes& file) {
+  JpegHeader header;
+  size_t i = 2;
+  while (i + 1 < file.size()) {
+    const uint8_t marker = file[i + 1];
+    const bool is_in_data = file[i] != 0xff || marker == 0;
+    const bool is_bare =
+        marker == 0xff || marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8);
+    if (is_in_data || is_bare) {
+      i += is_in_data || marker == 0xff ? 1 : 2;
+      continue;
+    }
+    if (marker == 0xd9) header.is_complete = true;
+    if (marker == 0xd9 || i + 3 >= file.size()) break;
+    const bool is_frame = marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 &&
+                          marker != 0xc8 && marker != 0xcc;
+    if (is_frame && !header.size) {
+      header.size = SizeOf(file.BigEndian(i + 7, 2), file.BigEndian(i + 5, 2));
+    }
+    i += 2 + file.BigEndian(i + 2, 2);
+  }
+  return header;
+}
+
+bool IsPng(const Bytes& file) { return file.Has(0, "\x89PNG\r\n\x1a\n"); }
+
+// Whether the file contains the last chunk; decoders silently fill in missing
+// data. A file is the signature followed by chunks: length (big-endian), type,
+// data and 4 bytes of checksum.
+bool IsCompletePng(const Bytes& file) {
+  for (size_t i = 8; i + 12 <= file.size(); i += 12 + file.BigEndian(i, 4)) {
+    if (file.Has(i + 4, "IEND")) return true;
+  }
+  return false;
+}
+
+// The first directory of a TIFF file (TIFF 6.0, section 2): entries of tag,
+// type, count and value. The decoder allocates a tile, too, which may be larger
+// than the image.
+std::optional<ImageSize> ReadTiffSize(const Bytes& file) {
+  const bool is_little = file.Has(0, "II");
+  const auto number = [&](size_t begin, size_t num_bytes) {
+    return is_little ? file.LittleEndian(begin, num_bytes)
+                     : file.BigEndian(begin, num_bytes);
+  };
+  constexpr uint64_t kWidth = 256, kHeight = 257;
+  constexpr uint64_t kTileWidth = 322, kTileHeight = 323;
+  constexpr uint64_t kShort = 3, kLong = 4;
+  ImageSize size;
+  const size_t directory = number(4, 4);
+  const size_t num_entries = number(directory, 2);
+  for (size_t k = 0; k < num_entries; ++k) {
+    const size_t entry = directory + 2 + 12 * k;
+    const uint64_t tag = number(entry, 2), type = number(entry + 2, 2);
+    const bool is_width = tag == kWidth || tag == kTileWidth;
+    if (!is_width && tag != kHeight && tag != kTileHeight) continue;
+    if (type != kShort && type != kLong) return std::nullopt;
+    const auto value =
+        static_cast<int64_t>(number(entry + 8, type == kShort ? 2 : 4));
+    int64_t& side = is_width ? size.width : size.height;
+    side = std::max(side, value);
+  }
+  return size;
+}
+
+// "P5 640 480 255 ...", with comments from '#' to the end of the line.
+std::optional<ImageSize> ReadPortableSize(const Bytes& file) {
+  uint64_t numbers[2] = {};
+  size_t i = 2;
+  for (uint64_t& number : numbers) {
+    while (i < file.size() && (std::isspace(file[i]) != 0 || file[i] == '#')) {
+      if (file[i++] != '#') continue;
+      while (i < file.size() && file[i] != '\n') ++i;
+    }
+    for (; std::isdigit(file[i]) != 0; ++i) {
+      number = std::min<uint64_t>(10 * number + (file[i] - '0'), 1u << 31);
+    }
+  }
+  return SizeOf(numbers[0], numbers[1]);
+}
+
+// https://developers.google.com/speed/webp/docs/riff_container and RFC 6386,
+// section 9.1.
+std::optional<ImageSize> ReadWebpSize(const Bytes& file) {
+  if (file.Has(12, "VP8X")) {
+    return SizeOf(1 + file.LittleEndian(24, 3), 1 + file.LittleEndian(27, 3));
+  }
+  if (file.Has(12, "VP8L")) {
+    const uint64_t bits = file.LittleEndian(21, 4);
+    return SizeOf(1 + (bits & 0x3fff), 1 + (bits >> 14 & 0x3fff));
+  }
+  if (file.Has(12, "VP8 ")) {
+    return SizeOf(file.LittleEndian(26, 2) & 0x3fff,
+                  file.LittleEndian(28, 2) & 0x3fff);
+  }
+  return std::nullopt;
+}
+
+// The height is negative if the rows are in descending order.
+ImageSize ReadBmpSize(const Bytes& file) {
+  constexpr uint64_t kCoreHeaderSize = 12;
+  if (file.LittleEndian(14, 4) == kCoreHeaderSize) {
+    return SizeOf(file.LittleEndian(18, 2), file.LittleEndian(20, 2));
+  }
+  const auto side = [&](size_t begin) {
+    const auto value = static_cast<int32_t>(file.LittleEndian(begin, 4));
+    return static_cast<uint64_t>(std::abs(int64_t{value}));
+  };
+  return SizeOf(side(18), side(22));
+}
+
+std::optional<ImageSize> ReadSize(const Bytes& file) {
+  if (IsJpeg(file)) return ReadJpeg(file).size;
+  if (IsPng(file)) return SizeOf(file.BigEndian(16, 4), file.BigEndian(20, 4));
+  if (file.Has(0, std::string_view("II*\0", 4)) ||
+      file.Has(0, std::string_view("MM\0*", 4))) {
+    return ReadTiffSize(file);
+  }
+  if (file.Has(0, "BM")) return ReadBmpSize(file);
+  if (file[0] == 'P' && file[1] >= '1' && file[1] <= '6') {
+    return ReadPortableSize(file);
+  }
+  if (file.Has(0, "RIFF") && file.Has(8, "WEBP")) return ReadWebpSize(file);
+  return std::nullopt;
+}
+
+// ------------------------------------------------------ messages of decoders
+
+// Where this thread's messages to stderr go while it decodes.
+thread_local std::string* decoder_messages = nullptr;
+
+// Called by the C library for what is printed to stderr.
+ssize_t WriteMessage(void* terminal, const char* text, size_t size) {
+  constexpr size_t kMaxSize = 200;  // reserved below
+  if (decoder_messages == nullptr) {
+    return static_cast<ssize_t>(
+        std::fwrite(text, 1, size, static_cast<std::FILE*>(terminal)));
+  }
+  decoder_messages->append(text,
+                           std::min(size, kMaxSize - decoder_messages->size()));
+  return static_cast<ssize_t>(size);
+}
+
+class MessageCapture {
+ public:
+  MessageCapture() {
+    messages_.reserve(256);
+    decoder_messages = &messages_;
+  }
+  ~MessageCapture() { decoder_messages = nullptr; }
+  MessageCapture(const MessageCapture&) = delete;
+  MessageCapture& operator=(const MessageCapture&) = delete;
+
+  std::string Line() const {
+    std::string line = Printable(messages_);
+    line.erase(line.find_last_not_of(' ') + 1);
+    return line;
+  }
+
+ private:
+  std::string messages_;
+};
+
+}  // namespace
+
+std::optional<ImageSize> ReadImageSize(const std::string& file) {
+  const std::optional<ImageSize> size = ReadSize(Bytes(file));
+  return size && size->width > 0 && size->height > 0 ? size : std::nullopt;
+}
+
+DecodedImage DecodeImage(const std::string& file, int imread_flags,
+                         int64_t max_num_pixels) {
+  const Bytes bytes(file);
+  if (file.empty()) throw Error(std::string("is empty") + kCopyAgain);
+  if (file.size() > std::numeric_limits<int>::max()) {
+    throw Error("has more than 2 GB; compress it");
+  }
+  if ((IsJpeg(bytes) && !ReadJpeg(bytes).is_complete) ||
+      (IsPng(bytes) && !IsCompletePng(bytes))) {
+    throw Error(std::string("is truncated") + kCopyAgain);
+  }
+  const std::optional<ImageSize> size = ReadImageSize(file);
+  DecodedImage image;
+  if (size && size->width > max_num_pixels / size->height) {
+    throw Error("has " + std::to_string(size->width) + " x " +
+                std::to_string(size->height) + " pixels, more than " +
+                std::to_string(max_num_pixels) +
+                "; make it smaller, or raise ImageReader.max_num_pixels");
+  }
+  const MessageCapture capture;
+  try {
+    if (size) {
+      const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
+                         const_cast<char*>(file.data()));
+      image.pixels = cv::imdecode(view, imread_flags);
+    }
+  } catch (const cv::Exception&) {
+    image.pixels.release();
+  }
+  image.warning = capture.Line();
+  if (image.pixels.empty()) {
+    throw Error("is damaged or not an image of a supported format" +
+                (image.warning.empty() ? "" : " (" + image.warning + ")") +
+                "; remove it or convert it to JPEG or PNG");
+  }
+  return image;
+}
+
+QuietImageLibraries::QuietImageLibraries()
+    : num_threads_(cv::getNumThreads()),
+      log_level_(cv::utils::logging::getLogLevel()),
+      terminal_(stderr) {
+  cv::setNumThreads(1);
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  // libjpeg and libpng print to stderr, unless OpenCV asked them not to.
+  cookie_io_functions_t functions{};
+  functions.write = WriteMessage;
+  std::FILE* stream = fopencookie(terminal_, "w", functions);
+  if (stream == nullptr) return;
+  std::setvbuf(stream, nullptr, _IONBF, 0);
+  stderr = stream;
+}
+
+QuietImageLibraries::~QuietImageLibraries() {
+  if (stderr != terminal_) {
+    std::fclose(stderr);
+    stderr = terminal_;
+  }
+  cv::setNumThreads(num_threads_);
+  cv::utils::logging::setLogLevel(
+      static_cast<cv::utils::logging::LogLevel>(log_level_));
+}
+
+}  // namespace mgsfm
