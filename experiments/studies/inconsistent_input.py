@@ -245,6 +245,19 @@ def gravity_file(direction):
     return lines
 
 
+def turn_sensor(degrees):
+    """Turns the second camera of a rig configuration about its z axis."""
+    def change(config):
+        half = math.radians(degrees) / 2
+        camera = next(c for c in config[0]["cameras"]
+                      if not c.get("ref_sensor"))
+        w, x, y, z = camera["cam_from_rig_rotation"]
+        c, s = math.cos(half), math.sin(half)
+        camera["cam_from_rig_rotation"] = [
+            c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w]
+    return change
+
+
 def nothing(connection):
     """Leaves the database unchanged."""
 
@@ -268,7 +281,9 @@ COMMON = (
     Case("names differ between cameras", jitter_names, ("no_shared_frames",)),
     Case("two thirds without pairs", drop_pairs, ("few_images_registered",)),
 )
+# Marks of cases that change a file beside the database.
 GRAVITY = ("gravity",)
+RIG = ("rig",)
 SIMULATED = (
     HEALTHY, *COMMON,
     Case("ground only", ground_only,
@@ -280,6 +295,9 @@ SIMULATED = (
          gps(lambda k: (49 + k * k % 7 * 1e-2, 8.4 + k * k % 5 * 1e-2, 100.0)),
          ("rejected_position_priors", "outlier_position_priors"),
          ("--use_prior_position", "1")),
+    Case("known rotation true", turn_sensor(0), (), RIG),
+    Case("known rotation wrong by 5 deg", turn_sensor(5),
+         ("wrong_known_rotation",), RIG),
     Case("constant wrong gravity", gravity_file("0 0 1"),
          ("rejected_gravity_priors", "outlier_gravity_priors"), GRAVITY),
 )
@@ -320,15 +338,7 @@ def run_case(program, case, source, folder, truth):
     """Runs the mapper on the changed database. Returns a row of the table."""
     folder.mkdir(parents=True, exist_ok=True)
     database = folder / "database.db"
-    arguments = list(case.mapper)
-    if case.mapper is GRAVITY:
-        with sqlite3.connect(source) as connection:
-            (folder / "gravity.txt").write_text(case.change(connection))
-        arguments = ["--gravity_path", str(folder / "gravity.txt")]
-        shutil.copy(source, database)
-    else:
-        with changed_copy(source, database) as connection:
-            case.change(connection)
+    arguments = prepare(case, source, database)
     with open(folder / "mapper.log", "w") as log:
         subprocess.run([program, "mapper", "--database_path", str(database),
                         "--output_path", str(folder / "sparse"),
@@ -347,6 +357,31 @@ def run_case(program, case, source, folder, truth):
                      "text": (folder / "mapper.log").read_text()
                      .strip().splitlines()[-1]}]
     return case.name, registered, error, judge(case, warnings, error), warnings
+
+
+def prepare(case, source, database):
+    """Writes the changed database. Returns arguments of the mapper."""
+    folder = database.parent
+    if case.mapper is GRAVITY:
+        with sqlite3.connect(source) as connection:
+            (folder / "gravity.txt").write_text(case.change(connection))
+        shutil.copy(source, database)
+        return ["--gravity_path", str(folder / "gravity.txt")]
+    if case.mapper is RIG:
+        config = json.loads((folder.parent / name_of(HEALTHY) /
+                             "sparse/0/rig_config.json").read_text())
+        case.change(config)
+        (folder / "rig_config.json").write_text(json.dumps(config))
+        shutil.copy(source, database)
+        return ["--rig_config_path", str(folder / "rig_config.json")]
+    with changed_copy(source, database) as connection:
+        case.change(connection)
+    return list(case.mapper)
+
+
+def name_of(case):
+    """The name of the folder of a case."""
+    return case.name.replace("%", "percent").replace(",", "").replace(" ", "_")
 
 
 def error_of(program, folder, truth):
@@ -401,7 +436,6 @@ def run(arguments):
             for name in ("kitti06_stereo", "euroc_v101_stereo")]
     for title, database, truth, cases in sources:
         rows = [run_case(program, case, database,
-                         output / title / case.name.replace(" ", "_").replace(
-                             "%", "percent").replace(",", ""), truth)
+                         output / title / name_of(case), truth)
                 for case in cases if arguments.cases in case.name]
         print_rows(title, rows)

@@ -32,6 +32,7 @@ constexpr double kMinErrorRatio = 1.5;
 constexpr double kMinErrorDropRad = DegToRad(0.05);
 constexpr double kMinShareBetter = 0.75;
 constexpr double kMinShareInSigmas = 4.0;
+constexpr double kMinForeignErrorInSigmas = 6.0;
 constexpr double kMinMotionInSigmas = 5.0;
 constexpr double kMaxForeignShare = 0.5;
 constexpr double kMinVerticalShare = 0.8;
@@ -240,8 +241,10 @@ bool IsSignificant(const MotionAgreement& m) {
   return m.mean_motion_rad > kMinMotionInSigmas * m.noise_rad;
 }
 
+// Noise alone causes errors of about two standard deviations.
 bool IsForeign(const MotionAgreement& m) {
-  return m.best_error_rad > kMaxForeignShare * m.mean_motion_rad;
+  return m.best_error_rad > kMaxForeignShare * m.mean_motion_rad &&
+         m.best_error_rad > kMinForeignErrorInSigmas * m.noise_rad;
 }
 
 // Whether the pairs between two cameras agree on a rotation.
@@ -341,11 +344,9 @@ std::vector<Finding> CheckMotions(
     const std::string& b = scene.sensors[m.sensor_b].name;
     if (IsLagging(m)) {
       findings.push_back(DescribeLag(a, b, m));
-    } else if (!IsSignificant(m)) {
-      continue;
     } else if (IsForeign(m)) {
       findings.push_back(DescribeForeign(a, b, m));
-    } else if (m.is_mirrored &&
+    } else if (m.is_mirrored && IsSignificant(m) &&
                !HaveConsistentPairs(samples, m.sensor_a, m.sensor_b)) {
       findings.push_back(DescribeMirrored(a, b, m));
     }

@@ -71,7 +71,7 @@ Json ToJson(const RunSummary& summary) {
                               {"num_points", model.num_points},
                               {"mean_reprojection_error_px",
                                ToJson(model.mean_reprojection_error_px)},
-                              {"kept_share", model.kept_share},
+                              {"kept_share", ToJson(model.kept_share)},
                               {"unit_of_length", model.unit_of_length},
                               {"rig_accuracy", sensors}});
   }
@@ -459,8 +459,10 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
                {"num_observations", summary.num_observations},
                {"mean_reprojection_error_px",
                 ToJson(summary.mean_reprojection_error_px)},
-               {"kept_matches", ToJson(scene, model.kept_matches)},
                {"rigs", RigsToJson(scene, rotation, model)}};
+  if (summary.kept_share) {
+    json["kept_matches"] = ToJson(scene, model.kept_matches);
+  }
   if (model.extension) {
     json["extension"] = ToJson(scene, *model.extension);
   } else {

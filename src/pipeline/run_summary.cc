@@ -79,7 +79,9 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperModel& model) {
   for (size_t k = 0; k < scene.sensors.size(); ++k) {
     summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
   }
-  summary.kept_share = model.kept_matches.total.Share();
+  if (model.kept_matches.total.num_matches > 0) {
+    summary.kept_share = model.kept_matches.total.Share();
+  }
   summary.unit_of_length = UnitOfLength(model);
   summary.accuracies = Accuracies(scene, model);
   return summary;

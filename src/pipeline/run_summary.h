@@ -28,9 +28,9 @@ struct ModelSummary {
   size_t num_points = 0;
   size_t num_observations = 0;
   std::optional<double> mean_reprojection_error_px;
-  double kept_share = 1.0;         // of the verified matches
-  std::string unit_of_length;      // in words
-  int num_calibrated_sensors = 0;  // other than reference and known ones
+  std::optional<double> kept_share;  // of the verified matches, if counted
+  std::string unit_of_length;        // in words
+  int num_calibrated_sensors = 0;    // other than reference and known ones
   // Of the calibrated sensors, if covariances were computed.
   std::vector<SensorAccuracy> accuracies;
 };

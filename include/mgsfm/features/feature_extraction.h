@@ -65,7 +65,8 @@ struct ImageReaderOptions {
   void Describe(Visitor& visit) {
     visit(single_camera, single_camera_per_folder, single_camera_per_image,
           camera_model, camera_params, camera_params_path,
-          default_focal_length_factor, max_num_pixels, mask_path, camera_mask_path);
+          default_focal_length_factor, max_num_pixels, mask_path,
+          camera_mask_path);
   }
 };
 

@@ -188,10 +188,10 @@ struct SimulationOptions {
           max_verification_error_px, pixel_noise_px, mismatch_ratio,
           epipolar_outlier_ratio, moving_feature_ratio, convoy_ratio,
           convoy_feature_ratio, weak_cut_spacing, min_num_weak_cut_matches,
-          max_num_weak_cut_matches,
-          relative_rotation_noise_deg, missing_image_ratio, trigger_jitter_ms,
-          trigger_offset_ms, wrong_pair_ratio, isolated_wrong_pair_ratio,
-          duplicated_pair_ratio, extrinsics_are_known);
+          max_num_weak_cut_matches, relative_rotation_noise_deg,
+          missing_image_ratio, trigger_jitter_ms, trigger_offset_ms,
+          wrong_pair_ratio, isolated_wrong_pair_ratio, duplicated_pair_ratio,
+          extrinsics_are_known);
   }
 };
 
