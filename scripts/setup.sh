@@ -16,7 +16,8 @@ packages=(
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(
-  ccache clang-format clang-tidy colmap python3-pytest python3-matplotlib
+  ccache chromium clang-format clang-tidy colmap python3-pytest
+  python3-matplotlib
 )
 case "${1:-}" in
   "") ;;

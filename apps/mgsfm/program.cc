@@ -17,12 +17,19 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {AutomaticReconstructorCommand(), MapperCommand(),
-          BundleAdjusterCommand(),         PointTriangulatorCommand(),
-          ModelEvaluatorCommand(),         SimulateCommand(),
-          FeatureExtractorCommand(),       RigConfiguratorCommand(),
-          ExhaustiveMatcherCommand(),      SequentialMatcherCommand(),
-          VocabTreeMatcherCommand(),       SpatialMatcherCommand(),
+  return {AutomaticReconstructorCommand(),
+          MapperCommand(),
+          BundleAdjusterCommand(),
+          PointTriangulatorCommand(),
+          ModelEvaluatorCommand(),
+          ReportCommand(),
+          SimulateCommand(),
+          FeatureExtractorCommand(),
+          RigConfiguratorCommand(),
+          ExhaustiveMatcherCommand(),
+          SequentialMatcherCommand(),
+          VocabTreeMatcherCommand(),
+          SpatialMatcherCommand(),
           MatchesImporterCommand()};
 }
 
