@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "program.h"
 
+#include <poll.h>
+#include <unistd.h>
+
 #include <cctype>
 #include <csignal>
 #include <cstdio>
@@ -123,9 +126,16 @@ int PrintError(std::string message, ExitCode exit_code) {
   return exit_code;
 }
 
+// The standard output is a pipe to a program that has read enough (`| head`).
+bool ReaderIsGone() {
+  pollfd out = {STDOUT_FILENO, POLLOUT, 0};
+  return poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0;
+}
+
 int Run(const std::vector<std::string>& arguments) {
   const int exit_code = Dispatch(arguments);
-  if (!std::cout.flush() || std::fflush(stdout) != 0) {
+  const bool is_written = std::cout.flush() && std::fflush(stdout) == 0;
+  if (!is_written && !ReaderIsGone()) {
     throw Error("cannot write to the standard output; redirect it");
   }
   return exit_code;
