@@ -24,6 +24,7 @@ matching: base math geometry scene io
 synthetic: base math geometry scene
 eval: base math geometry scene
 priors: base math geometry scene
+report_page: base math geometry scene eval
 pair_filtering: base math geometry scene
 view_graph: base math geometry scene
 rotation: base math geometry scene priors

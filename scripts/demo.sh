@@ -24,3 +24,5 @@ echo "model:             $out/sparse/0"
 echo "calibrated rig:    $out/sparse/0/rig_config.json"
 echo "report:            $out/sparse/report.json"
 echo "picture:           $out/path.svg"
+echo
+echo "Open $PWD/$out/sparse/0/report.html in a browser to look at the result."

@@ -17,7 +17,8 @@ packages=(
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(
-  ccache clang-format clang-tidy colmap python3-pytest python3-matplotlib
+  ccache chromium clang-format clang-tidy colmap python3-pytest
+  python3-matplotlib
 )
 all_packages=(clang-14 libclang-rt-14-dev gcovr valgrind)
 case "${1:-}" in

@@ -40,6 +40,9 @@ struct AutomaticReconstructorOptions {
       "loops. individual: matches all pairs of images."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the models: binary or text."};
+  Option<bool> write_report{
+      "write_report", true,
+      "Write report.html, a page to inspect a model, into its folder."};
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -55,8 +58,8 @@ struct AutomaticReconstructorOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(workspace_path, image_path, data_type, output_format, extraction,
-          loading, priors, image_timestamps_path, matching);
+    visit(workspace_path, image_path, data_type, output_format, write_report,
+          extraction, loading, priors, image_timestamps_path, matching);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
     visit.Group("VocabTree", vocabulary);
@@ -100,11 +103,17 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
   const std::string database_path = (workspace / "database.db").string();
   ExtractInto(database_path, options.image_path, options.extraction, context);
   Match(database_path, options, context);
-  return MapDatabase(
-      {database_path, (workspace / "sparse").string(), options.image_path,
-       options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options), options.image_timestamps_path},
-      context);
+  MapperRun run{database_path,
+                (workspace / "sparse").string(),
+                options.image_path,
+                options.output_format,
+                options.loading,
+                options.priors,
+                options.mapper,
+                OptionsToJsonOf(options),
+                options.image_timestamps_path};
+  run.write_report = options.write_report;
+  return MapDatabase(run, context);
 }
 
 }  // namespace

@@ -28,6 +28,9 @@ struct MapperCommandOptions {
       "the model to extend."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the models: binary or text."};
+  Option<bool> write_report{
+      "write_report", true,
+      "Write report.html, a page to inspect a model, into its folder."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   Option<std::string> image_timestamps_path{
@@ -41,8 +44,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, loading, priors, image_timestamps_path, baseline,
-          mapper);
+          output_format, write_report, loading, priors, image_timestamps_path,
+          baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -55,7 +58,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.image_timestamps_path,
        options.input_path, options.image_list_path, options.baseline,
-       options.rig_split},
+       options.rig_split, options.write_report},
       context);
 }
 

@@ -14,6 +14,7 @@ Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();
 Command PointTriangulatorCommand();
+Command ReportCommand();
 Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();
 Command SimulateCommand();

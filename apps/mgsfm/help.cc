@@ -23,14 +23,14 @@ const std::vector<BasicHelp>& BasicHelps() {
        "mgsfm automatic_reconstructor --image_path images --workspace_path "
        "work",
        {"workspace_path", "image_path", "data_type", "rig_config_path",
-        "rig_name_rule", "use_prior_position"}},
+        "rig_name_rule", "use_prior_position", "write_report"}},
       {"mapper",
        "mgsfm mapper --database_path database.db --image_path images "
        "--output_path sparse",
        {"database_path", "output_path", "image_path", "input_path",
         "output_format", "rig_config_path", "rig_name_rule",
         "use_prior_position", "use_prior_gravity", "image_timestamps_path",
-        "compute_covariances", "SoftRig.method"}},
+        "compute_covariances", "SoftRig.method", "write_report"}},
       {"bundle_adjuster",
        "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
        {"input_path", "output_path", "output_format", "retriangulate",
@@ -44,6 +44,11 @@ const std::vector<BasicHelp>& BasicHelps() {
        "poses --output_path model",
        {"database_path", "input_path", "output_path", "image_path",
         "clear_points", "output_format", "rig_config_path", "rig_name_rule"}},
+      {"report",
+       "mgsfm report --input_path sparse/0 --image_path images --output_path "
+       "report.html",
+       {"input_path", "output_path", "database_path", "image_path",
+        "compare_path", "gt_path", "gt_format", "max_size"}},
       {"feature_extractor",
        "mgsfm feature_extractor --database_path database.db --image_path "
        "images",

@@ -17,6 +17,7 @@
 #include "mgsfm/pipeline/report.h"
 #include "pipeline/covariance_report.h"
 #include "pipeline/run_summary.h"
+#include "report_pages.h"
 
 namespace mgsfm {
 namespace {
@@ -237,11 +238,15 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   KeepGeoOrigin(run.input_path, result, output.StagingDir());
   description.times.push_back(writing.Stop("writing"));
   description.peak_memory_mib = PeakMemoryMib();
-  WriteFile(
-      output.StagingDir() / "report.json",
-      MapperReportToJson(scene, input.mapper.view_graph, result, description));
+  const std::string report_json =
+      MapperReportToJson(scene, input.mapper.view_graph, result, description);
+  WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
+  if (run.write_report) {
+    WriteReportPages(run.output_path, run.image_path, input.mapper, result,
+                     report_json, context);
+  }
   if (result.models.empty()) {
     context.log(
         LogLevel::kError,

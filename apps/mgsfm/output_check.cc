@@ -66,6 +66,7 @@ constexpr Output kOutputs[] = {
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},
+    {"report", "output_path", IsSameFile},
     {"feature_extractor", "database_path", IsSameFile},
     {"rig_configurator", "database_path", IsSameFile},
     {"exhaustive_matcher", "database_path", IsSameFile},

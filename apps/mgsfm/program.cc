@@ -2,8 +2,10 @@
 #include "program.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <unistd.h>
 
+#include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
@@ -21,12 +23,19 @@ namespace mgsfm {
 namespace {
 
 std::vector<Command> AllCommands() {
-  return {AutomaticReconstructorCommand(), MapperCommand(),
-          BundleAdjusterCommand(),         PointTriangulatorCommand(),
-          ModelEvaluatorCommand(),         SimulateCommand(),
-          FeatureExtractorCommand(),       RigConfiguratorCommand(),
-          ExhaustiveMatcherCommand(),      SequentialMatcherCommand(),
-          VocabTreeMatcherCommand(),       SpatialMatcherCommand(),
+  return {AutomaticReconstructorCommand(),
+          MapperCommand(),
+          BundleAdjusterCommand(),
+          PointTriangulatorCommand(),
+          ModelEvaluatorCommand(),
+          ReportCommand(),
+          SimulateCommand(),
+          FeatureExtractorCommand(),
+          RigConfiguratorCommand(),
+          ExhaustiveMatcherCommand(),
+          SequentialMatcherCommand(),
+          VocabTreeMatcherCommand(),
+          SpatialMatcherCommand(),
           MatchesImporterCommand()};
 }
 
@@ -124,9 +133,16 @@ std::string Describe(const std::filesystem::filesystem_error& error) {
          "; check the path and its permissions";
 }
 
+// The standard output is a pipe to a program that has read enough (`| head`).
+bool ReaderIsGone() {
+  pollfd out = {STDOUT_FILENO, POLLOUT, 0};
+  return poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0;
+}
+
 int Run(const std::vector<std::string>& arguments) {
   const int exit_code = Dispatch(arguments);
-  if (!std::cout.flush() || std::fflush(stdout) != 0) {
+  const bool is_written = std::cout.flush() && std::fflush(stdout) == 0;
+  if (!is_written && !ReaderIsGone()) {
     throw Error("cannot write to the standard output; redirect it");
   }
   return exit_code;

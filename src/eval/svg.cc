@@ -107,6 +107,31 @@ void SvgDrawing::Frame(const Eigen::Vector2d& corner,
            Attribute("height", size.y()) + " " + style + "/>\n";
 }
 
+void SvgDrawing::Box(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
+                     const std::string& style) {
+  body_ += "<rect" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
+           Attribute("width", size.x()) + Attribute("height", size.y()) + " " +
+           style + "/>\n";
+}
+
+void SvgDrawing::Ellipse(const Eigen::Vector2d& center,
+                         const Eigen::Vector2d& radii, double rotation_deg,
+                         const std::string& style) {
+  body_ += "<ellipse" + Attribute("rx", radii.x()) +
+           Attribute("ry", radii.y()) + " transform='translate(" +
+           FormatNumber(center.x(), 2) + " " + FormatNumber(center.y(), 2) +
+           ") rotate(" + FormatNumber(rotation_deg, 2) + ")' " + style + "/>\n";
+}
+
+void SvgDrawing::Pixels(const Eigen::Vector2d& corner,
+                        const Eigen::Vector2d& size, const std::string& url) {
+  body_ += "<image" + Attribute("x", corner.x()) + Attribute("y", corner.y()) +
+           Attribute("width", size.x()) + Attribute("height", size.y()) +
+           " preserveAspectRatio='none' style='image-rendering:pixelated' "
+           "href='" +
+           url + "'/>\n";
+}
+
 void SvgDrawing::Text(const Eigen::Vector2d& at, const std::string& text,
                       const std::string& style) {
   body_ += "<text" + Attribute("x", at.x()) + Attribute("y", at.y()) + " " +

@@ -23,6 +23,14 @@ class SvgDrawing {
              const std::string& style);
   void Frame(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
              const std::string& style);
+  // A filled rectangle; `style` sets fill.
+  void Box(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
+           const std::string& style);
+  void Ellipse(const Eigen::Vector2d& center, const Eigen::Vector2d& radii,
+               double rotation_deg, const std::string& style);
+  // An image whose pixels become rectangles.
+  void Pixels(const Eigen::Vector2d& corner, const Eigen::Vector2d& size,
+              const std::string& url);
   // `at` is the start of the text unless `style` sets text-anchor.
   void Text(const Eigen::Vector2d& at, const std::string& text,
             const std::string& style = "");

@@ -37,6 +37,13 @@ void ExpectOneLineError(const std::string& arguments,
   EXPECT_EQ(std::count(output.err.begin(), output.err.end(), '\n'), 1);
 }
 
+TEST(Executable, EndsQuietlyWhenItsReaderHasEnded) {
+  const CommandOutput output =
+      RunShell("{ sleep 0.2; " MGSFM_EXECUTABLE
+               " mapper --help_all; echo $? >&2; } | true");
+  EXPECT_EQ(output.err, "0\n");
+}
+
 TEST(Executable, HelpAndVersion) {
   for (const char* arguments : {"help", "--help", "-h"}) {
     const CommandOutput output = RunExecutable(arguments);

@@ -415,5 +415,26 @@ TEST_F(MapperCommand, MissingImagesAreAWarning) {
                                 HasSubstr("cam0/000000.png")));
 }
 
+TEST_F(MapperCommand, WritesThePageOfEachModelUnlessToldNotTo) {
+  const fs::path page = fs::path(Out()) / "0" / "report.html";
+  ASSERT_EQ(Map().exit_code, 0);
+  EXPECT_THAT(ReadTextFile(page), AllOf(HasSubstr("<!doctype html>"),
+                                        HasSubstr("48&thinsp;/&thinsp;48")));
+  // The page of an earlier model must not stay beside the new one.
+  ASSERT_EQ(Map("--write_report 0").exit_code, 0);
+  EXPECT_FALSE(fs::exists(page));
+}
+
+TEST_F(MapperCommand, PageThatCannotBeWrittenIsAWarning) {
+  fs::create_directories(Out() + "/0/report.html");
+  WriteTextFile(Out() + "/0/report.html/notes.txt", "of the user");
+  const CommandOutput output = Map();
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err, AllOf(HasSubstr("the model is complete"),
+                                HasSubstr("report.html")));
+  EXPECT_TRUE(fs::exists(Out() + "/0/images.bin"));
+  EXPECT_EQ(ReadTextFile(Out() + "/0/report.html/notes.txt"), "of the user");
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -23,7 +23,8 @@ bool IsModelFileName(const fs::path& name) {
   constexpr const char* kTables[] = {"cameras", "images", "points3D", "rigs",
                                      "frames"};
   constexpr const char* kOthers[] = {"rig_config.json", "geo_origin.json",
-                                     "covariances.csv", "frames.csv"};
+                                     "covariances.csv", "frames.csv",
+                                     kReportPageFileName};
   const bool is_table_format =
       name.extension() == ".bin" || name.extension() == ".txt";
   return (is_table_format && Contains(kTables, name.stem())) ||

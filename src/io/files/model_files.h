@@ -11,7 +11,7 @@ namespace mgsfm {
 // these files and no others.
 
 // cameras, images, points3D, rigs and frames as .bin or .txt; rig_config.json,
-// geo_origin.json, covariances.csv and frames.csv.
+// geo_origin.json, covariances.csv, frames.csv and report.html.
 bool IsModelFileName(const std::filesystem::path& name);
 
 // images.bin or images.txt: a folder without either is not a model.
@@ -22,6 +22,9 @@ bool IsModelFolderName(const std::filesystem::path& name);
 
 // The report beside the models of a run.
 constexpr char kReportFileName[] = "report.json";
+
+// The page of a model.
+constexpr char kReportPageFileName[] = "report.html";
 
 // The entries of a folder in the order of their names, sorted by their role.
 struct FolderContents {

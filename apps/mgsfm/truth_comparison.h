@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "mgsfm/base/options.h"
+#include "mgsfm/eval/evaluation.h"
+
+namespace mgsfm {
+
+enum class TruthFormat { kColmap, kKitti, kTum, kRig };
+
+template <>
+struct EnumTable<TruthFormat> {
+  static constexpr std::pair<std::string_view, TruthFormat> kNames[] = {
+      {"colmap", TruthFormat::kColmap},
+      {"kitti", TruthFormat::kKitti},
+      {"tum", TruthFormat::kTum},
+      {"rig", TruthFormat::kRig}};
+};
+
+// A model and its ground truth on disk.
+struct TruthSource {
+  std::string model_path;
+  std::string gt_path;  // empty with kRig
+  TruthFormat gt_format = TruthFormat::kColmap;
+  std::string calib_path = {};     // comma-separated; may be empty
+  std::string database_path = {};  // lists all images; may be empty
+  std::string image_prefix = {};
+  std::string reference = {};
+  std::string rig_name_rule = "auto";
+};
+
+// The input of Evaluate.
+struct TruthComparison {
+  std::vector<ImagePoses> images;
+  std::vector<SensorPoses> sensors;
+  bool has_true_poses = true;
+};
+
+// Pairs the images and sensors of a model with their true poses. Throws Error
+// for bad input.
+TruthComparison CompareWithTruth(const TruthSource& source);
+
+std::vector<std::string> SplitList(const std::string& list);
+
+}  // namespace mgsfm

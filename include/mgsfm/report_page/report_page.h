@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/eval/evaluation.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Poses of the images of a model from another source, and their alignment.
+struct PoseComparison {
+  std::string label;  // e.g. the folder
+  std::vector<ImagePoses> images;
+  Evaluation evaluation;  // of `images`
+};
+
+struct ReportPageInput {
+  std::string title;  // e.g. the folder of the model
+  const Scene& scene;
+  const Reconstruction& reconstruction;
+  const ViewGraph* view_graph = nullptr;  // verified matches, if known
+  std::string report_json = {};           // of the run; "" if unknown
+  size_t model_idx = 0;                   // in that report
+  std::string image_path = {};            // for thumbnails; "" for none
+  // Per frame, in [0, 1]; empty if unknown.
+  std::vector<std::optional<double>> frame_confidence = {};
+  // cam_from_model is of the reconstruction, cam_from_world true.
+  std::optional<PoseComparison> truth = {};
+  // cam_from_model is of another model, cam_from_world of the reconstruction.
+  std::optional<PoseComparison> other = {};
+};
+
+struct ReportPageOptions {
+  size_t max_bytes = 10'000'000;
+};
+
+// An HTML page that shows a model and the statistics of its run: a
+// self-contained file that needs no network. Tables and charts are part of the
+// HTML; the 3D view and the details of cameras and points need JavaScript.
+//
+// Points, their tracks and thumbnails are selected so that the page has at most
+// `max_bytes`, unless the page without them is larger. Points are stored in an
+// order in which each prefix represents the cloud: weighted random sampling
+// without replacement (Efraimidis & Spirakis 2006) with weights that grow with
+// the track length and decrease with the reprojection error and the local
+// density. Cost: linear in observations, O(P log P) in points.
+//
+// Images that cannot be read have no thumbnail. An unreadable report is
+// ignored with a warning.
+[[nodiscard]] std::string MakeReportPage(const ReportPageInput& input,
+                                         const ReportPageOptions& options,
+                                         const Context& context);
+
+}  // namespace mgsfm

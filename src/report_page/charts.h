@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+
+#include "report_page/page_model.h"
+
+namespace mgsfm {
+
+// Charts of a model as SVG files; "" if there is nothing to draw. Charts of
+// sensors show those with the most images.
+
+// Per sensor, the registered fraction of its images over the frames.
+std::string RegistrationChart(const PageModel& model);
+// Per sensor, a histogram of reprojection errors.
+std::string ErrorHistogramChart(const PageModel& model);
+// Per sensor, mean errors and mean residuals over the image plane. Residuals
+// that point the same way in a region reveal a wrong camera model.
+std::string ErrorMapChart(const PageModel& model);
+std::string TrackLengthChart(const PageModel& model);
+// The sensors of the largest rigs from above and from behind, with ellipses of
+// their uncertainty if the report has it.
+std::string RigChart(const PageModel& model);
+// Frames against frames: common points, and pairs of the view graph without
+// any, and groups of rejected pairs.
+std::string ViewGraphChart(const PageModel& model);
+// Time and memory per stage.
+std::string StageChart(const PageModel& model);
+
+// The indices of the sensors that charts show, in their order in the scene.
+std::vector<int> ChartSensors(const PageModel& model);
+
+}  // namespace mgsfm

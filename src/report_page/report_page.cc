@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/report_page/report_page.h"
+
+#include <algorithm>
+
+#include "mgsfm/base/error.h"
+#include "report_page/encoding.h"
+#include "report_page/page_asset.h"
+#include "report_page/page_model.h"
+#include "report_page/scene_data.h"
+#include "report_page/sections.h"
+
+namespace mgsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// Replaces the marks of the template, each of which occurs once, in order.
+std::string FillTemplate(
+    std::string_view page,
+    const std::vector<std::pair<std::string, std::string>>& contents) {
+  std::string filled;
+  size_t begin = 0;
+  for (const auto& [mark, content] : contents) {
+    const size_t at = page.find(mark, begin);
+    MGSFM_CHECK(at != std::string_view::npos);
+    filled += page.substr(begin, at - begin);
+    filled += content;
+    begin = at + mark.size();
+  }
+  filled += page.substr(begin);
+  return filled;
+}
+
+Json ParseReport(const std::string& text, const Context& context) {
+  if (text.empty()) return Json::object();
+  Json report = Json::parse(text, nullptr, false);
+  if (!report.is_object()) {
+    context.Warning("the report of the run is no JSON object; it is ignored");
+    return Json::object();
+  }
+  return report;
+}
+
+Json ModelEntry(const Json& report, size_t model_idx) {
+  const Json& models = Get(report, "models");
+  if (!models.is_array() || model_idx >= models.size()) return Json::object();
+  return models[model_idx];
+}
+
+}  // namespace
+
+std::string MakeReportPage(const ReportPageInput& input,
+                           const ReportPageOptions& options,
+                           const Context& context) {
+  const Projector projector(input.scene, input.reconstruction);
+  const ModelStatistics statistics =
+      ComputeStatistics(input.scene, input.reconstruction, projector, context);
+  PageModel model{input, projector, statistics,
+                  ParseReport(input.report_json, context), Json::object()};
+  model.model_report = ModelEntry(model.report, input.model_idx);
+  const std::string title = EscapeHtml(Shorten(input.title, 500));
+  const std::string summary = SummarySection(model);
+  const std::string details = DetailSections(model);
+  const std::string_view page = PageAsset();
+  const size_t num_used =
+      page.size() + 2 * title.size() + summary.size() + details.size();
+  const SceneData data = MakeSceneData(
+      model, options.max_bytes - std::min(options.max_bytes, num_used),
+      context);
+  return FillTemplate(page, {{"<!--title-->", title},
+                             {"<!--heading-->", title},
+                             {"<!--summary-->", summary},
+                             {"<!--details-->", details},
+                             {"/*header*/", data.header_json},
+                             {"/*arrays*/", data.arrays_base64}});
+}
+
+}  // namespace mgsfm

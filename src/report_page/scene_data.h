@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "report_page/page_model.h"
+
+namespace mgsfm {
+
+// The data of the 3D view: a JSON header, and the arrays it lists, in base64.
+// web/src/page_data.js reads them.
+struct SceneData {
+  std::string header_json;
+  std::string arrays_base64;
+};
+
+// Uses at most about `max_bytes` for points, tracks and thumbnails together
+// with what is always there: poses, names and statistics of images. Scenes of
+// very many images are represented by frames at equal steps.
+SceneData MakeSceneData(const PageModel& model, size_t max_bytes,
+                        const Context& context);
+
+}  // namespace mgsfm

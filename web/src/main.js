@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: BSD-3-Clause
+import {Details, formatNumber} from './details.js';
+import {isRegistered, readPageData} from './page_data.js';
+import {buildControls} from './panel.js';
+import {SceneView} from './scene_view.js';
+
+const FRAMES_PER_SECOND = 10;
+const MAX_CLICK_MOVE_PX = 5;
+
+const byId = (id) => document.getElementById(id);
+
+// Light, dark, or as the system says until it is chosen.
+function setUpTheme() {
+  const button = byId('theme');
+  const isDark = () => (document.documentElement.dataset.theme ??
+      (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light')) === 'dark';
+  const label = () => { button.textContent = isDark() ? 'light' : 'dark'; };
+  button.addEventListener('click', () => {
+    document.documentElement.dataset.theme = isDark() ? 'light' : 'dark';
+    label();
+  });
+  label();
+  button.hidden = false;
+}
+
+class Page {
+  constructor(data) {
+    this.data = data;
+    byId('view').hidden = false;
+    this.view = new SceneView(byId('stage'), byId('canvas'), data);
+    this.details = new Details(byId('details'), data, this.view,
+                               (selection) => this.select(selection));
+    this.measured = null;  // positions while measuring
+    this.view.onRender = () => this.placeLabels();
+    buildControls(byId('controls'), data, this.view, {
+      reset: () => this.view.resetView(),
+      top: () => this.view.topView(),
+      toggleMeasure: () => this.toggleMeasure(),
+    });
+    this.setUpTime();
+    this.setUpPointer();
+    this.setUpKeys();
+    this.setUpPrint();
+    this.setHint();
+  }
+
+  setHint() {
+    byId('hint').textContent = this.measured ?
+        'measure: click two cameras or points' :
+        'drag: turn, wheel: zoom, right button: move, click: details';
+  }
+
+  select(selection) {
+    this.view.select(selection);
+    this.details.show(selection);
+    if (selection?.image !== undefined) {
+      this.setFrame(this.data.arrays.image_frame[selection.image]);
+    }
+  }
+
+  // ---------------------------------------------------------------- time
+
+  setUpTime() {
+    const slider = byId('frame');
+    slider.max = Math.max(this.data.numFrames - 1, 0);
+    slider.addEventListener('input', () => this.setFrame(Number(slider.value)));
+    byId('play').addEventListener('click', () => this.togglePlay());
+    this.setFrame(0);
+  }
+
+  setFrame(frame) {
+    const {data} = this;
+    if (data.numFrames === 0) return;
+    const shown = Math.min(Math.max(frame, 0), data.numFrames - 1);
+    byId('frame').value = shown;
+    const reason = data.header.reasons[data.arrays.frame_reason[shown] - 1];
+    byId('frame_name').textContent = `${shown * data.header.frame_step}: ${data.frameNames[shown]}` +
+        (isRegistered(data, shown) ? '' : ` – not registered${reason ? `: ${reason}` : ''}`);
+    this.view.setFrame(shown);
+  }
+
+  togglePlay() {
+    if (this.playing) {
+      clearInterval(this.playing);
+      this.playing = null;
+    } else {
+      this.playing = setInterval(() => {
+        const next = this.view.currentFrame + 1;
+        this.setFrame(next < this.data.numFrames ? next : 0);
+      }, 1000 / FRAMES_PER_SECOND);
+    }
+    byId('play').textContent = this.playing ? '❚❚' : '▶';
+  }
+
+  // ------------------------------------------------------------- pointer
+
+  setUpPointer() {
+    const canvas = byId('canvas');
+    let down = null;
+    canvas.addEventListener('pointerdown', (event) => {
+      down = {x: event.clientX, y: event.clientY};
+    });
+    canvas.addEventListener('pointerup', (event) => {
+      const isClick = down && event.button === 0 &&
+          Math.hypot(event.clientX - down.x, event.clientY - down.y) <= MAX_CLICK_MOVE_PX;
+      down = null;
+      if (isClick) this.click(event);
+    });
+  }
+
+  click(event) {
+    const box = byId('stage').getBoundingClientRect();
+    const selection = this.view.pick(event.clientX - box.left, event.clientY - box.top);
+    if (this.measured) {
+      if (selection) this.measure(selection);
+    } else {
+      this.select(selection);
+    }
+  }
+
+  // ------------------------------------------------------------- measure
+
+  toggleMeasure() {
+    this.measured = this.measured ? null : [];
+    byId('measure').setAttribute('aria-pressed', String(Boolean(this.measured)));
+    this.view.showMeasure();
+    this.setHint();
+  }
+
+  measure(selection) {
+    const {poses} = this.view;
+    const position = selection.image !== undefined ?
+        poses.camera(selection.image).center : poses.point(selection.point);
+    this.measured = this.measured.length === 1 ? [...this.measured, position] : [position];
+    this.view.showMeasure(...this.measured);
+  }
+
+  placeLabels() {
+    const labels = byId('labels');
+    labels.replaceChildren();
+    if (this.measured?.length !== 2) return;
+    const [from, to] = this.measured;
+    const place = this.view.project(from.clone().lerp(to, 0.5));
+    if (!place) return;
+    const label = document.createElement('span');
+    label.textContent = formatNumber(from.distanceTo(to) * this.view.poses.unit);
+    label.style.left = `${place.x}px`;
+    label.style.top = `${place.y}px`;
+    labels.append(label);
+  }
+
+  // ---------------------------------------------------------------- keys
+
+  setUpKeys() {
+    const {view} = this;
+    const actions = {
+      ArrowLeft: () => view.turn(0.08, 0),
+      ArrowRight: () => view.turn(-0.08, 0),
+      ArrowUp: () => view.turn(0, -0.06),
+      ArrowDown: () => view.turn(0, 0.06),
+      '+': () => view.zoom(0.85),
+      '-': () => view.zoom(1 / 0.85),
+      r: () => view.resetView(),
+      t: () => view.topView(),
+      m: () => this.toggleMeasure(),
+      f: () => byId('follow').click(),
+      ' ': () => this.togglePlay(),
+      ',': () => this.setFrame(view.currentFrame - 1),
+      '.': () => this.setFrame(view.currentFrame + 1),
+      Escape: () => this.select(null),
+    };
+    byId('stage').addEventListener('keydown', (event) => {
+      const action = actions[event.key];
+      if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      action();
+    });
+    byId('canvas').addEventListener('pointerdown', () => byId('stage').focus({preventScroll: true}));
+  }
+
+  // --------------------------------------------------------------- print
+
+  // A canvas is printed empty; a picture is not.
+  setUpPrint() {
+    const canvas = byId('canvas');
+    let picture = null;
+    addEventListener('beforeprint', () => {
+      this.view.render(Infinity);
+      picture = document.createElement('img');
+      picture.src = canvas.toDataURL('image/png');
+      picture.style.width = '100%';
+      canvas.replaceWith(picture);
+    });
+    addEventListener('afterprint', () => picture?.replaceWith(canvas));
+  }
+}
+
+setUpTheme();
+try {
+  window.mgsfmPage = new Page(readPageData(document));
+} catch (error) {
+  // Charts and tables are complete without it.
+  byId('view').hidden = false;
+  byId('hint').textContent = `The 3D view needs WebGL: ${error.message}`;
+}

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The controls below the 3D view.
+import {cssColor, sequentialColor} from './colors.js';
+import {element, formatNumber} from './details.js';
+
+function select(label, id, choices, onChange) {
+  const list = element('select', {id});
+  for (const [value, text] of choices) {
+    list.append(element('option', {value, textContent: text}));
+  }
+  list.addEventListener('change', () => onChange(list.value));
+  return element('label', {}, [label, list]);
+}
+
+function slider(label, id, [min, max, step, value], onInput) {
+  const input = element('input', {id, type: 'range', min, max, step});
+  input.value = value;
+  input.addEventListener('input', () => onInput(Number(input.value)));
+  return element('label', {}, [label, input]);
+}
+
+function check(label, id, isOn, onChange) {
+  const input = element('input', {id, type: 'checkbox', checked: isOn});
+  input.addEventListener('change', () => onChange(input.checked));
+  return element('label', {}, [input, label]);
+}
+
+function button(text, id, title, onClick) {
+  const node = element('button', {id, type: 'button', textContent: text, title});
+  node.addEventListener('click', onClick);
+  return node;
+}
+
+export function showLegend(view) {
+  const legend = document.getElementById('legend');
+  legend.replaceChildren();
+  for (const {label, max, names} of view.legends()) {
+    for (const [name, color] of (names ?? []).slice(0, 12)) {
+      const box = element('i');
+      box.style.background = color;
+      legend.append(element('span', {}, [box, element('bdi', {textContent: name})]));
+    }
+    if (!label) continue;
+    const scale = element('i');
+    scale.style.width = '90px';
+    const colors = [0, 0.25, 0.5, 0.75, 1].map((x) => cssColor(sequentialColor(x)));
+    scale.style.background = `linear-gradient(to right, ${colors})`;
+    legend.append(element('span', {}, [`${label}: 0 `, scale, formatNumber(max, 3)]));
+  }
+}
+
+// `actions`: reset, top, toggleMeasure.
+export function buildControls(root, data, view, actions) {
+  const {options} = view;
+  const {arrays} = data;
+  const change = (key) => (value) => {
+    options[key] = value;
+    view.requestRender();
+  };
+  const recolor = (key) => (value) => {
+    options[key] = value;
+    view.recolor();
+    showLegend(view);
+  };
+  const cameraColors = [['camera', 'camera'], ['error', 'reprojection error'],
+                        ['points', 'points'], ['time', 'time']];
+  if (arrays.frame_confidence) cameraColors.push(['confidence', 'confidence']);
+  if (arrays.truth_center) cameraColors.push(['truth', 'error against the truth']);
+  if (arrays.other_center) cameraColors.push(['other', 'difference to the other model']);
+  root.append(
+      button('reset', 'reset', 'show everything (r)', actions.reset),
+      button('top', 'top', 'view from above (t)', actions.top),
+      button('measure', 'measure', 'distance between two cameras or points (m)',
+             actions.toggleMeasure),
+      select('cameras by', 'camera_color', cameraColors, recolor('cameraColor')),
+      select('points by', 'point_color',
+             [['color', 'colour'], ['error', 'reprojection error'], ['length', 'track length']],
+             recolor('pointColor')),
+      slider('point size', 'point_size', [1, 8, 0.5, options.pointSize], change('pointSize')),
+      slider('camera size', 'camera_size', [-1.5, 1.5, 0.1, 0],
+             (value) => change('cameraSize')(10 ** value)),
+      check('follow the rig', 'follow', false, (value) => {
+        options.follow = value;
+        view.setFrame(view.currentFrame);
+      }),
+      check('cameras', 'show_cameras', true, change('showCameras')),
+      check('points', 'show_points', true, change('showPoints')),
+      check('path', 'show_path', true, change('showPath')));
+  if (arrays.truth_center) {
+    root.append(check('ground truth (green)', 'show_truth', true, change('showTruth')));
+  }
+  if (arrays.other_center) {
+    root.append(check('other model (violet)', 'show_other', true, change('showOther')));
+  }
+  root.append(element('div', {id: 'legend'}));
+  showLegend(view);
+}
