@@ -334,11 +334,12 @@ TEST_F(BadImagesTest, SizesAreThoseOfTheDecoder) {
   EXPECT_FALSE(ReadImageSize("P5 0 480 255 "));
 }
 
-// Data in a segment of the file that decoders skip, with a message.
+// Bytes between two segments, which libjpeg skips with a message.
 TEST_F(BadImagesTest, MessagesOfDecodersBecomeOneWarning) {
   WriteBlobs("odd.jpg", 1);
   std::string file = ReadTextFile(ImagePath("odd.jpg"));
-  file.insert(2, "some bytes");
+  constexpr size_t kEndOfFirstSegment = 20;
+  file.insert(kEndOfFirstSegment, "some bytes");
   WriteTextFile(ImagePath("odd.jpg"), file);
   testing::internal::CaptureStderr();
   EXPECT_EQ(Extract().num_extracted, 2u);
