@@ -5,6 +5,7 @@
 #   scripts/setup.sh         to build and run the program
 #   scripts/setup.sh --test  also to build and run the tests and benchmarks
 #   scripts/setup.sh --dev   also for all checks of .ci/run and for experiments/
+#   scripts/setup.sh --all   also for fuzzing and coverage
 set -euo pipefail
 
 packages=(
@@ -18,11 +19,14 @@ test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(
   ccache clang-format clang-tidy colmap python3-pytest python3-matplotlib
 )
+all_packages=(clang-14 libclang-rt-14-dev gcovr valgrind)
 case "${1:-}" in
   "") ;;
   --test) packages+=("${test_packages[@]}") ;;
   --dev) packages+=("${test_packages[@]}" "${dev_packages[@]}") ;;
-  *) echo "usage: scripts/setup.sh [--test|--dev]" >&2; exit 1 ;;
+  --all)
+    packages+=("${test_packages[@]}" "${dev_packages[@]}" "${all_packages[@]}") ;;
+  *) echo "usage: scripts/setup.sh [--test|--dev|--all]" >&2; exit 1 ;;
 esac
 
 missing=()

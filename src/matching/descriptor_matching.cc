@@ -81,7 +81,8 @@ internal::RoughDecisions DecideAll(DescriptorView descriptors1,
     decisions->of_1.resize(descriptors1.size);
     decisions->of_2.resize(descriptors2.size);
   }
-  auto& [of_1, of_2] = *decisions;
+  auto& of_1 = decisions->of_1;
+  auto& of_2 = decisions->of_2;
   // With cross_check, a match also depends on the decision of the partner.
   const auto may_pair = [&](const std::vector<RoughDecision>& others,
                             const RoughDecision& decision, size_t i) {
