@@ -9,7 +9,7 @@
 #include "command.h"
 #include "commands.h"
 #include "eval/evaluation_plot.h"
-#include "io/files/output_file.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/io/database/database.h"
@@ -329,12 +329,13 @@ int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
                thresholds);
+  FileOperations files;
   if (!options.json->empty()) {
-    WriteFile(*options.json, EvaluationToJson(evaluation));
+    ReplaceFile(*options.json, EvaluationToJson(evaluation), &files);
   }
   if (!options.svg_path->empty()) {
-    WriteFile(*options.svg_path,
-              EvaluationToSvg(comparison.images, evaluation));
+    ReplaceFile(*options.svg_path,
+                EvaluationToSvg(comparison.images, evaluation), &files);
   }
   std::cout << EvaluationToText(evaluation);
   return kExitSuccess;

@@ -250,11 +250,11 @@ void RenderImages(const SimulateCommandOptions& options,
 
 int RunRender(const SimulateCommandOptions& options, const Context& context) {
   const std::filesystem::path output_path = *options.output_path;
+  StagedOutput output(output_path);  // finishes the output of a killed run
   if (std::filesystem::exists(output_path / "images")) {
     throw Error("'" + (output_path / "images").string() +
                 "' exists; choose a new folder");
   }
-  StagedOutput output(output_path);
   SimulationOptions simulation_options = options.simulation;
   simulation_options.random_seed = context.random_seed;
   SimulationInput input = ReadInput(options);
@@ -298,11 +298,11 @@ void WritePositions(const Simulation& simulation,
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
   const std::filesystem::path output_path = *options.output_path;
+  StagedOutput output(output_path);  // finishes the output of a killed run
   if (std::filesystem::exists(output_path / "database.db")) {
     throw Error("'" + (output_path / "database.db").string() +
                 "' exists; choose a new folder");
   }
-  StagedOutput output(output_path);
   SimulationOptions simulation_options = options.simulation;
   simulation_options.random_seed = context.random_seed;
   const Simulation simulation =

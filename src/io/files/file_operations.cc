@@ -98,6 +98,31 @@ void FileOperations::Sync(const fs::path& path) {
   }
 }
 
+void ReplaceFile(const fs::path& path, const std::string& content,
+                 FileOperations* operations) {
+  std::error_code ignored;
+  const fs::file_status earlier = fs::status(path, ignored);
+  if (fs::exists(earlier) && !fs::is_regular_file(earlier)) {
+    return operations->Write(path, content);
+  }
+  const fs::path target =
+      fs::weakly_canonical(fs::absolute(path));  // a link stays one
+  const fs::path folder = target.parent_path();
+  // The same name in every run, so that a killed one leaves no more than one.
+  const fs::path draft =
+      folder / ("." + target.filename().string() + ".mgsfm-draft");
+  try {
+    operations->Write(draft, content);
+    if (fs::exists(earlier)) fs::permissions(draft, earlier.permissions());
+    operations->Sync(draft);
+    operations->Rename(draft, target);
+  } catch (...) {
+    fs::remove(draft, ignored);
+    throw;
+  }
+  operations->Sync(folder);
+}
+
 void RemoveTree(const fs::path& folder, FileOperations* operations) {
   for (const fs::path& entry : EntriesOf(folder)) {
     if (IsFolder(entry)) {

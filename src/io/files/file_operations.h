@@ -30,6 +30,11 @@ class FileOperations {
   virtual void Sync(const std::filesystem::path& path);
 };
 
+// Writes a file. An earlier one stays as it is until the new one is complete,
+// unless it is no regular file, such as a pipe. Throws Error on failure.
+void ReplaceFile(const std::filesystem::path& path, const std::string& content,
+                 FileOperations* operations);
+
 // Removes a folder with everything in it, one Remove per entry.
 void RemoveTree(const std::filesystem::path& folder,
                 FileOperations* operations);

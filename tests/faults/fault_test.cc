@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <sqlite3.h>
+
+#include <cstdlib>
+#include <memory>
+#include <set>
+
+#include "cli/program_runs.h"
+#include "faults/system_calls.h"
+#include "features/blob_images.h"
+#include "io/files/model_files.h"
+#include "support/temp_dir.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// ------------------------------------------------------------ what is there
+
+struct Closer {
+  void operator()(sqlite3* db) const { sqlite3_close(db); }
+};
+
+std::string Column(sqlite3_stmt* row, int column) {
+  const void* data = sqlite3_column_blob(row, column);
+  return std::string(static_cast<const char*>(data),
+                     static_cast<size_t>(sqlite3_column_bytes(row, column)));
+}
+
+// The rows of all tables; "damaged" if SQLite finds a fault.
+std::string DumpDatabase(const fs::path& path) {
+  sqlite3* opened = nullptr;
+  sqlite3_open(path.c_str(), &opened);
+  const std::unique_ptr<sqlite3, Closer> db(opened);
+  const auto query = [&](const std::string& sql) {
+    std::string rows;
+    sqlite3_stmt* row = nullptr;
+    bool is_damaged =
+        sqlite3_prepare_v2(opened, sql.c_str(), -1, &row, nullptr) != SQLITE_OK;
+    int result = SQLITE_DONE;
+    while (!is_damaged && (result = sqlite3_step(row)) == SQLITE_ROW) {
+      for (int i = 0; i < sqlite3_column_count(row); ++i) {
+        rows += Column(row, i) + '\n';
+      }
+    }
+    is_damaged = is_damaged || result != SQLITE_DONE;
+    sqlite3_finalize(row);
+    return is_damaged ? std::string("damaged") : rows;
+  };
+  if (query("PRAGMA integrity_check") != "ok\n") return "damaged";
+  std::istringstream tables(
+      query("SELECT name FROM sqlite_master WHERE type = 'table' AND name != "
+            "'sqlite_sequence' ORDER BY name"));
+  std::string dump;
+  for (std::string table; std::getline(tables, table);) {
+    const std::string rows = query("SELECT * FROM " + table);
+    if (rows == "damaged") return rows;
+    dump += table + ":\n" + rows;
+  }
+  return dump;
+}
+
+bool IsHidden(const fs::path& relative) {
+  for (const fs::path& part : relative) {
+    if (part.string().front() == '.') return true;
+  }
+  return false;
+}
+
+// Contents of the files that users see. Databases count by their rows, which
+// opening them first restores; reports, which hold times, by their presence.
+Files VisibleFiles(const fs::path& folder) {
+  Files files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    const fs::path name = fs::relative(entry.path(), folder);
+    if (IsHidden(name) || !entry.is_regular_file()) continue;
+    if (name.extension() == ".db") {
+      files[name] = DumpDatabase(entry.path());
+    } else if (name.extension() == ".db-journal") {
+      continue;
+    } else {
+      files[name] =
+          name.filename() == kReportFileName ? "" : ReadTextFile(entry.path());
+    }
+  }
+  return files;
+}
+
+bool HasHiddenFiles(const fs::path& folder) {
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (IsHidden(fs::relative(entry.path(), folder))) return true;
+  }
+  return false;
+}
+
+// ------------------------------------------------------------------ commands
+
+struct FaultCase {
+  std::string name;
+  std::string arguments;  // in the folder in which it runs
+  // What is written is complete at every instant, or not there. Otherwise the
+  // next run continues with what is there.
+  bool is_atomic = true;
+};
+
+struct FaultKind {
+  Fault fault;
+  int error = 0;
+  PowerLoss loss = PowerLoss::kAll;
+  bool counts_reads = false;
+};
+
+constexpr FaultKind kFaultKinds[] = {
+    {Fault::kError, EIO},
+    {Fault::kError, EINTR},
+    {Fault::kError, ENOMEM},
+    {Fault::kErrorAlways, ENOSPC},
+    {Fault::kErrorAlways, EROFS},
+    {Fault::kShort},
+    {Fault::kKill},
+    {Fault::kPowerLoss},
+    {Fault::kPowerLoss, 0, PowerLoss::kContent},
+    {Fault::kPowerLoss, 0, PowerLoss::kSomeContent}};
+
+void WriteImage(const fs::path& path, uint64_t seed) {
+  constexpr int kWidth = 80, kHeight = 60;
+  fs::create_directories(path.parent_path());
+  const GrayImage image =
+      RenderBlobs(RandomBlobs(40, kWidth, kHeight, seed), kWidth, kHeight);
+  std::string text = "P5 80 60 255\n";
+  text.append(reinterpret_cast<const char*>(image.data()),
+              static_cast<size_t>(image.size()));
+  WriteTextFile(path, text);
+}
+
+// Runs of small commands in which one system call goes wrong. The environment
+// variable MGSFM_FAULT_STRIDE selects every n-th call (default: some).
+class FaultTest : public testing::Test {
+ protected:
+  FaultTest() {
+    const char* stride = std::getenv("MGSFM_FAULT_STRIDE");
+    if (stride != nullptr) max_runs_ = -std::atoi(stride);
+  }
+
+  fs::path Before() const { return dir_.path() / "before"; }
+  fs::path Sandbox() const { return dir_.path() / "run"; }
+
+  // A line of a command for the folder `before`, run without faults.
+  void Prepare(const std::string& arguments) const {
+    const CommandOutput output = Run(arguments, Before(), {});
+    ASSERT_EQ(output.exit_code, 0) << arguments << "\n" << output.err;
+  }
+  void PrepareImages() const {
+    for (int i = 0; i < 3; ++i) {
+      const std::string name = std::to_string(i) + ".pgm";
+      WriteImage(Before() / "images" / "left" / name, 2 * i);
+      WriteImage(Before() / "images" / "right" / name, 2 * i + 1);
+    }
+  }
+  void PrepareDrive() const {
+    fs::create_directories(Before());
+    Prepare(
+        "simulate --output_path sim --num_frames 4 --num_points_per_frame 60");
+  }
+
+  // Runs the program in a folder.
+  static CommandOutput Run(const std::string& arguments, const fs::path& folder,
+                           const FaultPlan& plan);
+
+  // Sweeps over the calls of the command and all kinds of faults.
+  void Sweep(const FaultCase& command);
+
+ private:
+  void Restore() const {
+    fs::remove_all(Sandbox());
+    fs::copy(Before(), Sandbox(), fs::copy_options::recursive);
+  }
+  void RunWithFault(const FaultCase& command, const FaultPlan& plan);
+  void CheckState(const FaultCase& command, bool is_whole);
+
+  const TempDir dir_;
+  int max_runs_ = 6;  // per command and kind of fault; negative: the stride
+  Files old_, new_;
+  int num_faults_ = 0;
+};
+
+CommandOutput FaultTest::Run(const std::string& arguments,
+                             const fs::path& folder, const FaultPlan& plan) {
+  const TempDir dir;
+  const std::string out_path = (dir.path() / "out").string();
+  const std::string err_path = (dir.path() / "err").string();
+  std::vector<std::string> words;
+  std::istringstream text(arguments);
+  for (std::string word; text >> word;) words.push_back(word);
+  std::cout.flush();
+  const pid_t pid = fork();
+  MGSFM_CHECK(pid >= 0);
+  if (pid == 0) {
+    alarm(60);
+    fs::current_path(folder);
+    if (!plan.folder.empty()) StartFaults(plan);
+    BecomeMgsfm(words, out_path, err_path);
+  }
+  int status = 0;
+  MGSFM_CHECK(waitpid(pid, &status, 0) == pid);
+  return {ExitCodeOf(status), ReadTextFile(out_path), ReadTextFile(err_path)};
+}
+
+// Checks what a faulty run has left. `is_whole`: not between old and new.
+void FaultTest::CheckState(const FaultCase& command, bool is_whole) {
+  const Files now = VisibleFiles(Sandbox());
+  // Files that the command does not write stay.
+  for (const auto& [name, content] : old_) {
+    const auto after = new_.find(name);
+    if (after == new_.end() || after->second != content) continue;
+    const auto found = now.find(name);
+    ASSERT_TRUE(found != now.end()) << name << " is lost";
+    EXPECT_TRUE(found->second == content) << name << " has changed";
+  }
+  for (const auto& [name, content] : now) {
+    EXPECT_NE(content, "damaged") << name;
+    EXPECT_TRUE(old_.count(name) + new_.count(name) > 0) << name << " is new";
+    if (!command.is_atomic) continue;
+    const auto before = old_.find(name), after = new_.find(name);
+    EXPECT_TRUE((before != old_.end() && before->second == content) ||
+                (after != new_.end() && after->second == content))
+        << name << " is neither old nor new";
+  }
+  if (command.is_atomic && is_whole) {
+    EXPECT_TRUE(now == old_ || now == new_) << "between old and new";
+  }
+}
+
+void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
+  SCOPED_TRACE(command.name + ", fault " +
+               std::to_string(static_cast<int>(plan.fault)) + ", error " +
+               std::to_string(plan.error) + ", loss " +
+               std::to_string(static_cast<int>(plan.loss)) + ", call " +
+               std::to_string(plan.call));
+  Restore();
+  const CommandOutput output = Run(command.arguments, Sandbox(), plan);
+  SCOPED_TRACE("kind of call " +
+               std::to_string(static_cast<int>(KindOfFaultyCall())) + ": " +
+               output.err);
+  // The number of transactions of a run depends on its speed.
+  if (NumCalls() <= plan.call) return;
+  ++num_faults_;
+  const bool has_ended =
+      plan.fault != Fault::kKill && plan.fault != Fault::kPowerLoss;
+  if (has_ended) {
+    EXPECT_TRUE(output.exit_code == 0 || output.exit_code == 1)
+        << output.exit_code;
+    EXPECT_EQ(output.exit_code == 0, LastWord(output).empty());
+  } else {
+    EXPECT_EQ(output.exit_code, kKilledExitCode);
+  }
+  // Nothing can be undone on a disk that stays read-only.
+  const bool can_undo = plan.fault != Fault::kErrorAlways ||
+                        KindOfFaultyCall() != CallKind::kName;
+  CheckState(command, has_ended && can_undo);
+  if (has_ended && output.exit_code == 0) {
+    EXPECT_TRUE(VisibleFiles(Sandbox()) == new_) << "success, but not complete";
+    // Only the removal of old files can fail without consequence.
+    if (!HasHiddenFiles(Sandbox())) return;
+    EXPECT_EQ(KindOfFaultyCall(), CallKind::kName);
+  }
+  const CommandOutput next = Run(command.arguments, Sandbox(), {});
+  EXPECT_TRUE(VisibleFiles(Sandbox()) == new_) << "the next run: " << next.err;
+  // A command that makes something new may find it complete.
+  const bool is_there = next.err.find("exists; choose") != std::string::npos;
+  EXPECT_EQ(next.exit_code, is_there ? 1 : 0) << next.err;
+  EXPECT_TRUE(is_there || !HasHiddenFiles(Sandbox()));
+}
+
+void FaultTest::Sweep(const FaultCase& command) {
+  Restore();
+  old_ = VisibleFiles(Sandbox());
+  const CommandOutput clean = Run(command.arguments, Sandbox(), {});
+  ASSERT_EQ(clean.exit_code, 0) << clean.err;
+  new_ = VisibleFiles(Sandbox());
+  ASSERT_TRUE(old_ != new_);
+  for (const FaultKind& kind : kFaultKinds) {
+    FaultPlan plan;
+    plan.folder = Sandbox().string();
+    plan.counts_reads = kind.counts_reads;
+    Restore();
+    ASSERT_EQ(Run(command.arguments, Sandbox(), plan).exit_code, 0);
+    const long num_calls = NumCalls();
+    ASSERT_GT(num_calls, 0);
+    plan.fault = kind.fault;
+    plan.error = kind.error;
+    plan.loss = kind.loss;
+    const long stride =
+        max_runs_ < 0 ? -max_runs_ : std::max(1L, num_calls / max_runs_);
+    // Different kinds of faults meet different calls.
+    for (long call = (&kind - kFaultKinds) % stride; call < num_calls;
+         call += stride) {
+      plan.call = call;
+      RunWithFault(command, plan);
+      if (HasFailure()) return;
+    }
+  }
+  std::cout << command.name << ": " << num_faults_ << " faults" << std::endl;
+}
+
+TEST_F(FaultTest, Simulate) {
+  fs::create_directories(Before() / "out");
+  WriteTextFile(Before() / "out" / "notes.txt", "mine");
+  Sweep(
+      {"simulate",
+       "simulate --output_path out --num_frames 3 --num_points_per_frame 30"});
+}
+
+TEST_F(FaultTest, Extract) {
+  PrepareImages();
+  WriteTextFile(Before() / "notes.txt", "mine");
+  Sweep({"feature_extractor",
+         "feature_extractor --database_path a.db --image_path images "
+         "--SiftExtraction.max_num_features 30 --num_threads 1",
+         false});
+}
+
+TEST_F(FaultTest, ConfigureRigs) {
+  PrepareImages();
+  Prepare(
+      "feature_extractor --database_path a.db --image_path images "
+      "--SiftExtraction.max_num_features 30");
+  Sweep({"rig_configurator", "rig_configurator --database_path a.db"});
+}
+
+TEST_F(FaultTest, Match) {
+  PrepareImages();
+  Prepare(
+      "feature_extractor --database_path a.db --image_path images "
+      "--SiftExtraction.max_num_features 60");
+  Sweep({"exhaustive_matcher",
+         "exhaustive_matcher --database_path a.db --num_threads 1", false});
+}
+
+// Over an earlier model, beside files of the user.
+TEST_F(FaultTest, Map) {
+  PrepareDrive();
+  Prepare(
+      "mapper --database_path sim/database.db --output_path out "
+      "--output_format txt");
+  WriteTextFile(Before() / "out" / "0" / "notes.txt", "mine");
+  WriteTextFile(Before() / "out" / "photo.jpg", "mine");
+  Sweep({"mapper",
+         "mapper --database_path sim/database.db --output_path out "
+         "--num_threads 1"});
+}
+
+// A model in a folder of its own is replaced by one exchange.
+TEST_F(FaultTest, AdjustInPlace) {
+  PrepareDrive();
+  Prepare("mapper --database_path sim/database.db --output_path out");
+  Sweep({"bundle_adjuster",
+         "bundle_adjuster --input_path out/0 --output_path out/0 "
+         "--output_format txt --num_threads 1"});
+}
+
+TEST_F(FaultTest, Evaluate) {
+  PrepareDrive();
+  Prepare("mapper --database_path sim/database.db --output_path out");
+  Prepare(
+      "model_evaluator --input_path out/0 --gt_path sim/truth --json e.json");
+  WriteTextFile(Before() / "e.json", "old");
+  Sweep(
+      {"model_evaluator",
+       "model_evaluator --input_path out/0 --gt_path sim/truth --json e.json"});
+}
+
+}  // namespace
+}  // namespace mgsfm
