@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <fstream>
 #include <functional>
 #include <string>
 #include <vector>
@@ -10,7 +9,6 @@
 #include "base/sample_options.h"
 #include "io/database/image_list.h"
 #include "io/rigs/image_timestamps.h"
-#include "matching/match_list.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/model_io.h"
 #include "mgsfm/io/models/model_scene.h"
@@ -113,13 +111,13 @@ class SampleFiles {
     }
     return names;
   }
-  void ReadPairs(const std::string& path) const {
-    std::ifstream file(path);
-    (void)ReadPairList(file, path, Names());
-  }
-  void ReadMatches(const std::string& path) const {
-    std::ifstream file(path);
-    (void)ReadMatchList(file, path, Names());
+  void ReadPairs(const std::string& path) const;
+  void ReadMatches(const std::string& path) const;
+  static SampleOptions MakeOptions() {
+    SampleOptions options;
+    options.input_path = std::string("a");
+    options.title = std::string("a title");
+    return options;
   }
   void WriteTexts() const {
     std::string names, kitti, tum, pairs, matches, positions, times;
@@ -144,7 +142,7 @@ class SampleFiles {
     WriteTextFile(Path("matches.txt"), matches);
     WriteTextFile(Path("positions.txt"), positions);
     WriteTextFile(Path("times.txt"), times);
-    WriteTextFile(Path("config.ini"), SampleDump({"a", true, {}, "title"}));
+    WriteTextFile(Path("config.ini"), SampleDump(MakeOptions()));
   }
 
   const TempDir dir_;

@@ -18,7 +18,7 @@ void FuzzConfiguration(const std::string& input) {
   std::istringstream dumped(dump);
   LoadOptions(dumped, "dump", ListOptions(&again));
   FUZZ_CHECK(SampleDump(again) == dump);
-  FUZZ_CHECK(again.title == options.title);
+  FUZZ_CHECK(*again.title == *options.title);
 }
 
 }  // namespace mgsfm

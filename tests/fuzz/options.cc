@@ -12,10 +12,10 @@ struct FuzzedOptions {
   SampleOptions sample;
   CommonOptions common;
 
-  template <class Self, class Visitor>
-  static void Describe(Self& self, Visitor& visit) {
-    SampleOptions::Describe(self.sample, visit);
-    CommonOptions::Describe(self.common, visit);
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    sample.Describe(visit);
+    common.Describe(visit);
   }
 };
 
