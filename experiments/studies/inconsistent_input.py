@@ -396,6 +396,8 @@ def error_of(program, folder, truth):
     if run_.returncode != 0:
         return None
     content = json.loads((folder / "evaluation.json").read_text())
+    if not content["position_m"] or not content["rotation_deg"]:
+        return None  # too few images
     return (content["position_m"]["mean"], content["rotation_deg"]["mean"])
 
 
