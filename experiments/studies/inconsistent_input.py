@@ -117,8 +117,9 @@ def turn(degrees):
 
     def move(camera, x, y):
         params = camera[2]
-        f, cx, cy = (params[0], *params[-2:]) if len(params) != 4 else (
-            params[0], params[2], params[3])
+        # One focal length or two, then the principal point.
+        f, (cx, cy) = params[0], params[1:3] if len(params) in (
+            3, 5) else params[2:4]
         u, v = (x - cx) / f, (y - cy) / f
         z = cosine - sine * u
         return cx + f * (cosine * u + sine) / z, cy + f * v / z
@@ -276,7 +277,8 @@ COMMON = (
     Case("mirrored camera", mirror("cam1/"), ("mirrored_camera",)),
     Case("smaller images", resize(0.5), ("wrong_image_size",)),
     Case("larger images", resize(2.0), ("wrong_image_size",)),
-    Case("cameras swapped in half", swap, ("swapped_cameras",)),
+    # Cameras with different intrinsics are refused with an error.
+    Case("cameras swapped in half", swap, ("swapped_cameras", "error")),
     Case("camera of another vehicle", other_vehicle, ("foreign_camera",)),
     Case("names differ between cameras", jitter_names, ("no_shared_frames",)),
     Case("two thirds without pairs", drop_pairs, ("few_images_registered",)),
@@ -396,6 +398,8 @@ def error_of(program, folder, truth):
     if run_.returncode != 0:
         return None
     content = json.loads((folder / "evaluation.json").read_text())
+    if not content["position_m"] or not content["rotation_deg"]:
+        return None  # too few images
     return (content["position_m"]["mean"], content["rotation_deg"]["mean"])
 
 

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -122,6 +123,15 @@ std::vector<std::pair<int, int>> SelectMotions(const Motions& motions) {
   return keys;
 }
 
+// The mean without the largest tenth: motions across a knock of the rig are no
+// sign of a foreign camera.
+double TrimmedMean(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  values.resize(values.size() - values.size() / 10);
+  return std::accumulate(values.begin(), values.end(), 0.0) /
+         static_cast<double>(values.size());
+}
+
 struct LagFit {
   HandEyeResult rotation;                        // b_from_a
   std::map<std::pair<int, int>, double> errors;  // by the motion of a
@@ -143,12 +153,14 @@ std::optional<LagFit> FitLag(const Motions& a, const Motions& b,
   const HandEyeResult fit =
       CalibrateHandEye(pairs, static_cast<int>(pairs.size()));
   LagFit result{fit, {}, 0.0};
+  std::vector<double> errors;
   for (size_t i = 0; i < pairs.size(); ++i) {
-    const double error = std::min(
-        (pairs[i].alpha - fit.a_from_b * pairs[i].beta).norm(), kTruncationRad);
-    result.errors[used[i]] = error;
-    result.mean_error += error / static_cast<double>(pairs.size());
+    errors.push_back(
+        std::min((pairs[i].alpha - fit.a_from_b * pairs[i].beta).norm(),
+                 kTruncationRad));
+    result.errors[used[i]] = errors.back();
   }
+  result.mean_error = TrimmedMean(std::move(errors));
   return result;
 }
 

@@ -22,7 +22,7 @@ struct MotionAgreement {
   int num_motions = 0;  // at lag 0
   double mean_motion_rad = 0.0;
   int best_lag = 0;  // frames
-  // Mean of |w_b - S w_a|, truncated, at lag 0 and at the best lag.
+  // Trimmed mean of |w_b - S w_a| at lag 0 and at the best lag.
   double error_rad = 0.0;
   double best_error_rad = 0.0;
   // Share of the motions with a smaller error at the best lag than at lag 0.

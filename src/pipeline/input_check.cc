@@ -233,7 +233,9 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   std::vector<Finding> causes = CheckImageSizes(scene);
   Append(CheckMotions(scene, verified, samples), &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
-  Append(CheckTrustedFocalLengths(scene, matches, context), &causes);
+  if (causes.empty()) {  // otherwise pairs do not measure focal lengths
+    causes = CheckTrustedFocalLengths(scene, matches, context);
+  }
   Append(FindRigMoves(scene, samples), &causes);
   Append(CheckKnownRotations(scene, samples), &causes);
   causes = WithoutSymptoms(causes);
