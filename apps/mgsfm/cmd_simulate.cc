@@ -22,7 +22,14 @@
 namespace mgsfm {
 namespace {
 
-enum class SimulationPreset { kSmall, kStreet, kStandard, kAliased };
+enum class SimulationPreset {
+  kSmall,
+  kStreet,
+  kStandard,
+  kAliased,
+  kModerate,
+  kHard
+};
 enum class TrajectoryFormat { kKitti, kTum };
 enum class ImageFormat { kPng, kJpeg };
 
@@ -40,7 +47,9 @@ struct EnumTable<SimulationPreset> {
       {"small", SimulationPreset::kSmall},
       {"street", SimulationPreset::kStreet},
       {"standard", SimulationPreset::kStandard},
-      {"aliased", SimulationPreset::kAliased}};
+      {"aliased", SimulationPreset::kAliased},
+      {"moderate", SimulationPreset::kModerate},
+      {"hard", SimulationPreset::kHard}};
 };
 
 template <>
@@ -64,15 +73,17 @@ constexpr char kSummary[] =
 struct SimulateCommandOptions {
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for database.db or images, the ground-truth model in `truth` and "
-      "the times of frames in timestamps.txt; if cameras do not trigger "
-      "simultaneously, also image poses in `truth_images`."};
+      "Folder for database.db or images, the ground-truth model in `truth`, "
+      "the kinds of image pairs in pairs.csv and the times of frames in "
+      "timestamps.txt; if cameras do not trigger simultaneously, also image "
+      "poses in `truth_images`."};
   Option<SimulationPreset> preset{
       "preset", SimulationPreset::kSmall,
       "Defaults of all other options. small: a few frames without noise. "
       "street: a realistic street without noise. standard: street with noise, "
       "mismatches, vehicles and wrong pairs. aliased: standard with duplicated "
-      "facades."};
+      "facades. moderate, hard: aliased with more degradations, vehicles that "
+      "keep their distance, and weak cuts."};
   Option<std::string> trajectory_path{
       "trajectory_path", "",
       "File with the poses of the reference camera, instead of `path`."};
@@ -110,8 +121,6 @@ struct SimulateCommandOptions {
           rig_config_path, database_schema, render, render_scale, render_format,
           render_jpeg_quality, rendering, simulation, positions, gravity);
   }
-
- private:
 };
 
 SimulationOptions OptionsOf(SimulationPreset preset) {
@@ -125,6 +134,10 @@ SimulationOptions OptionsOf(SimulationPreset preset) {
       return StandardSimulation(rig);
     case SimulationPreset::kAliased:
       return AliasedSimulation(rig);
+    case SimulationPreset::kModerate:
+      return ModerateSimulation(rig);
+    case SimulationPreset::kHard:
+      return HardSimulation(rig);
   }
   return {};
 }
@@ -295,6 +308,33 @@ void WritePositions(const Simulation& simulation,
   transaction.Commit();
 }
 
+std::string_view NameOf(PairKind kind) {
+  switch (kind) {
+    case PairKind::kTrue:
+      return "true";
+    case PairKind::kIsolatedWrong:
+      return "isolated";
+    case PairKind::kDuplicatedStructure:
+      return "duplicate";
+    case PairKind::kMovingObject:
+      return "vehicle";
+  }
+  return "";
+}
+
+std::string PairKindLines(const Simulation& simulation) {
+  std::string lines = "name1,name2,kind,num_matches\n";
+  const std::vector<Image>& images = simulation.scene.images;
+  for (size_t i = 0; i < simulation.pair_kinds.size(); ++i) {
+    const ImagePair& pair = simulation.view_graph.pairs[i];
+    lines +=
+        images[pair.image_idx1].name + "," + images[pair.image_idx2].name + ",";
+    lines += NameOf(simulation.pair_kinds[i]);
+    lines += "," + std::to_string(pair.matches.size()) + "\n";
+  }
+  return lines;
+}
+
 int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   if (options.render) return RunRender(options, context);
   const std::filesystem::path output_path = *options.output_path;
@@ -322,6 +362,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
                  simulation.scene, gravity);
   }
   WriteTruth(simulation, simulation_options, output.StagingDir(), context);
+  WriteFile(output.StagingDir() / "pairs.csv", PairKindLines(simulation));
   output.Commit();
   context.Info("wrote database.db (" +
                std::to_string(simulation.scene.images.size()) + " images, " +

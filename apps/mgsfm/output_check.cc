@@ -40,8 +40,8 @@ bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
 }
 
 bool SimulationReplaces(const fs::path& target, const fs::path& file) {
-  for (const char* name :
-       {"database.db", "timestamps.txt", "gravity.txt", "cameras.txt"}) {
+  for (const char* name : {"database.db", "timestamps.txt", "gravity.txt",
+                           "cameras.txt", "pairs.csv"}) {
     if (IsSameFile(target / name, file)) return true;
   }
   return ModelReplaces(target / "truth", file) ||

@@ -41,19 +41,24 @@ int Detector::VehicleOf(int identity) const {
   return static_cast<int>(after - vehicle_offsets_.begin()) - 1;
 }
 
-Features Detector::Detect(const Exposure& exposure) const {
+Features Detector::Detect(const Exposure& exposure,
+                          bool detects_convoys) const {
   const auto share = [this](double ratio) {
     return static_cast<int>(
         std::lround(ratio * options_.max_num_features_per_image));
   };
   const int num_clutter = share(options_.clutter_ratio);
-  const int max_num_moving = share(options_.moving_feature_ratio);
   const int num_free = options_.max_num_features_per_image - num_clutter;
   Features moving;
-  if (max_num_moving > 0) {
-    AppendStrongest(exposure, std::min(max_num_moving, num_free),
-                    SeeVehicles(exposure), &moving);
-  }
+  const auto append_moving = [&](double ratio, bool in_convoy) {
+    const int num_left = num_free - static_cast<int>(moving.size());
+    const int max_num = std::min(share(ratio), num_left);
+    if (vehicles_ == nullptr || max_num <= 0) return;
+    AppendStrongest(exposure, max_num, SeeVehicles(exposure, in_convoy),
+                    &moving);
+  };
+  append_moving(options_.moving_feature_ratio, false);
+  if (detects_convoys) append_moving(options_.convoy_feature_ratio, true);
   Features features;
   AppendStrongest(exposure, num_free - moving.size(), SeePoints(exposure),
                   &features);
@@ -118,23 +123,32 @@ std::vector<Detector::Candidate> Detector::SeePoints(
     Candidate candidate{identity, point.strength, {}};
     if (!Project(exposure, point.position, &candidate.pixel)) return;
     if (world_.IsHidden(point.position, center)) return;
+    if (vehicles_ != nullptr &&
+        vehicles_->Hide(point.position, center, exposure.time_s)) {
+      return;
+    }
     candidates.push_back(candidate);
   };
   world_.index.ForEachNear(center_in_level.head<2>(), scale, look);
   return candidates;
 }
 
-std::vector<Detector::Candidate> Detector::SeeVehicles(
-    const Exposure& exposure) const {
+std::vector<Detector::Candidate> Detector::SeeVehicles(const Exposure& exposure,
+                                                       bool in_convoy) const {
   const double scale = DistanceScale(exposure.camera);
   const Eigen::Vector3d center = exposure.cam_from_world.Center();
   const uint64_t seed =
       RandomOf(options_.random_seed, Effect::kVehicleDetection, exposure.Key())
           .NextBits();
+  const double repeatability =
+      (in_convoy ? kConvoyRepeatability : 1.0) * options_.repeatability;
   std::vector<Candidate> candidates;
   for (size_t i = 0; i < vehicles_->size(); ++i) {
     const int vehicle = static_cast<int>(i);
-    if (!vehicles_->IsThere(vehicle, exposure.time_s)) continue;
+    if (vehicles_->IsInConvoy(vehicle) != in_convoy ||
+        !vehicles_->IsThere(vehicle, exposure.time_s)) {
+      continue;
+    }
     const Rigid3 world_from_vehicle =
         vehicles_->WorldFromVehicle(vehicle, exposure.time_s);
     int identity = vehicle_offsets_[i] - 1;
@@ -147,7 +161,7 @@ std::vector<Detector::Candidate> Detector::SeeVehicles(
           distance * scale > point.max_distance_m ||
           view.dot(world_from_vehicle.rotation * point.normal) <
               kMinCosToNormal * distance ||
-          Random(seed, identity).Uniform() > options_.repeatability) {
+          Random(seed, identity).Uniform() > repeatability) {
         continue;
       }
       Candidate candidate{identity, point.strength, {}};

@@ -42,7 +42,8 @@ class Detector {
            const std::vector<SimulatedCamera>& rig, const World& world,
            const Vehicles* vehicles);
 
-  Features Detect(const Exposure& exposure) const;
+  // Vehicles in convoy occlude the street even if they are not detected.
+  Features Detect(const Exposure& exposure, bool detects_convoys = true) const;
 
   // The vehicle of an identity; -1 for world points and clutter.
   int VehicleOf(int identity) const;
@@ -60,7 +61,9 @@ class Detector {
   };
 
   std::vector<Candidate> SeePoints(const Exposure& exposure) const;
-  std::vector<Candidate> SeeVehicles(const Exposure& exposure) const;
+  // Either the vehicles in convoy or the others.
+  std::vector<Candidate> SeeVehicles(const Exposure& exposure,
+                                     bool in_convoy) const;
   bool Project(const Exposure& exposure, const Eigen::Vector3d& point_in_world,
                Eigen::Vector2d* pixel) const;
   double DistanceScale(int camera) const;

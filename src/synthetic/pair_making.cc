@@ -36,12 +36,14 @@ Rigid3 WithUnitBaseline(const Rigid3& cam2_from_cam1) {
 PairMaker::PairMaker(const SimulationOptions& options,
                      const std::vector<SimulatedCamera>& rig,
                      const World& world, const Vehicles* vehicles,
-                     const Detector& detector, const Photographs& photographs)
+                     const Detector& detector, const WeakCuts& weak_cuts,
+                     const Photographs& photographs)
     : options_(options),
       rig_(rig),
       world_(world),
       vehicles_(vehicles),
       detector_(detector),
+      weak_cuts_(weak_cuts),
       photographs_(photographs) {}
 
 std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
@@ -112,6 +114,15 @@ int PairMaker::AppearanceOf(int identity, int duplicate, bool is_copy) const {
   return is_of_structure ? point.appearance : -1;
 }
 
+// Vehicles and copies of structures look the same on both sides of a weak cut.
+bool PairMaker::AreSeenAlike(const PairPlan& plan, int identity) const {
+  return plan.duplicate >= 0 ||
+         identity >= static_cast<int>(world_.points.size()) ||
+         weak_cuts_.AreSeenAlike(photographs_.exposures[plan.image1].frame,
+                                 photographs_.exposures[plan.image2].frame,
+                                 identity);
+}
+
 std::vector<Match> PairMaker::Correspondences(const PairPlan& plan) const {
   const std::vector<int>& ids1 = photographs_.features[plan.image1].identities;
   const std::vector<int>& ids2 = photographs_.features[plan.image2].identities;
@@ -129,8 +140,11 @@ std::vector<Match> PairMaker::Correspondences(const PairPlan& plan) const {
     } else if (appearance1 != appearance2) {
       ++(appearance1 < appearance2 ? i : j);
     } else {
-      matches.push_back(
-          {static_cast<uint32_t>(i++), static_cast<uint32_t>(j++)});
+      if (AreSeenAlike(plan, ids1[i])) {
+        matches.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(j)});
+      }
+      ++i;
+      ++j;
     }
   }
   return matches;

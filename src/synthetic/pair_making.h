@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "synthetic/pair_selection.h"
+#include "synthetic/weak_cuts.h"
 
 namespace mgsfm {
 
@@ -22,7 +23,7 @@ class PairMaker {
   PairMaker(const SimulationOptions& options,
             const std::vector<SimulatedCamera>& rig, const World& world,
             const Vehicles* vehicles, const Detector& detector,
-            const Photographs& photographs);
+            const WeakCuts& weak_cuts, const Photographs& photographs);
 
   // nullopt if there are too few common points or verified matches.
   std::optional<MadePair> Make(const PairPlan& plan) const;
@@ -44,6 +45,7 @@ class PairMaker {
 
   Rigid3 RelativePose(const PairPlan& plan) const;
   std::vector<Match> Correspondences(const PairPlan& plan) const;
+  bool AreSeenAlike(const PairPlan& plan, int identity) const;
   int AppearanceOf(int identity, int duplicate, bool is_copy) const;
   void AddMismatches(const PairPlan& plan, std::vector<Match>* matches) const;
   void MoveAlongEpipolarLines(const PairPlan& plan,
@@ -74,6 +76,7 @@ class PairMaker {
   const World& world_;
   const Vehicles* vehicles_;
   const Detector& detector_;
+  const WeakCuts& weak_cuts_;
   const Photographs& photographs_;
 };
 

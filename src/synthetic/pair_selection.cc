@@ -14,7 +14,7 @@ namespace {
 constexpr double kLoopRadius_m = 25.0;
 constexpr double kMinLoopLength_m = 60.0;
 // Maximum number of images of the original matched with an image of the copy.
-constexpr int kMaxNumOriginals = 6;
+constexpr int kMaxNumOriginals = 6, kMaxNumOriginalsAtCuts = 12;
 
 std::vector<std::vector<int>> ImagesOfFrames(
     const Drive& drive, const std::vector<Exposure>& exposures) {
@@ -193,7 +193,9 @@ std::vector<std::pair<int, PairPlan>> RankedPairs(
       partners.emplace_back(num_common, original.image);
     }
     for (const auto& [num_common, original] :
-         Best(std::move(partners), kMaxNumOriginals)) {
+         Best(std::move(partners), options.weak_cut_spacing > 0
+                                       ? kMaxNumOriginalsAtCuts
+                                       : kMaxNumOriginals)) {
       PairPlan plan = Ordered(copy.image, original);
       plan.duplicate = duplicate;
       plan.first_sees_copy = plan.image1 == copy.image;

@@ -27,6 +27,8 @@ enum class Effect : uint64_t {
   kRandomPairs,
   kIsolatedPairs,
   kTextures,
+  kConvoys,
+  kWeakCuts,
 };
 
 // The seed of an effect, for use as Random(EffectSeed(...), item).

@@ -18,13 +18,15 @@
 #include "synthetic/pair_making.h"
 #include "synthetic/pair_selection.h"
 #include "synthetic/random_streams.h"
+#include "synthetic/weak_cuts.h"
 #include "synthetic/world.h"
 
 namespace mgsfm {
 namespace {
 
-// Approximate number of wrong pairs per duplicate structure.
-constexpr double kPairsPerDuplicate = 30.0;
+// Approximate number of wrong pairs per duplicate structure, also with weak
+// cuts, whose presets have fewer matches.
+constexpr double kPairsPerDuplicate = 30.0, kPairsPerDuplicateAtCuts = 15.0;
 
 // The cameras sorted by the names of their images, the canonical order of
 // scenes.
@@ -56,14 +58,19 @@ class Simulator {
     AddImages();
     world_ = MakeWorld(options_, rig_, drive_, NumDuplicates(), context_);
     std::optional<Vehicles> vehicles;
-    if (options_.moving_feature_ratio > 0.0) {
-      vehicles.emplace(world_->road, drive_, options_.random_seed);
+    if (options_.moving_feature_ratio > 0.0 || options_.convoy_ratio > 0.0) {
+      vehicles.emplace(options_, world_->road, drive_);
     }
     const Detector detector(options_, rig_, *world_,
                             vehicles ? &*vehicles : nullptr);
     DetectFeatures(detector);
+    if (options_.convoy_ratio > 0.0) {
+      HideConvoys(options_, drive_, static_cast<int>(rig_.size()), *world_,
+                  *vehicles, detector, &photographs_);
+    }
+    const WeakCuts weak_cuts(options_, drive_, *world_, detector, photographs_);
     AddPairs(PairMaker(options_, rig_, *world_, vehicles ? &*vehicles : nullptr,
-                       detector, photographs_),
+                       detector, weak_cuts, photographs_),
              detector);
     AddFeatures();
     AddTruePoses();
@@ -182,9 +189,12 @@ int Simulator::NumDuplicates() const {
   if (options_.duplicated_pair_ratio == 0.0) return 0;
   const size_t num_pairs =
       PlanNeighbors(options_, drive_, photographs_.exposures).size();
+  const double pairs_per_duplicate = options_.weak_cut_spacing > 0
+                                         ? kPairsPerDuplicateAtCuts
+                                         : kPairsPerDuplicate;
   return static_cast<int>(std::ceil(options_.duplicated_pair_ratio *
                                     static_cast<double>(num_pairs) /
-                                    kPairsPerDuplicate));
+                                    pairs_per_duplicate));
 }
 
 void Simulator::DetectFeatures(const Detector& detector) {
@@ -355,6 +365,32 @@ SimulationOptions StandardSimulation(RigPreset rig) {
 SimulationOptions AliasedSimulation(RigPreset rig) {
   SimulationOptions options = StandardSimulation(rig);
   options.duplicated_pair_ratio = 0.02;
+  return options;
+}
+
+SimulationOptions ModerateSimulation(RigPreset rig) {
+  SimulationOptions options = AliasedSimulation(rig);
+  options.pixel_noise_px = 0.8;
+  options.mismatch_ratio = 0.25;
+  options.epipolar_outlier_ratio = 0.04;
+  options.moving_feature_ratio = 0.15;
+  options.convoy_ratio = 0.3;
+  options.missing_image_ratio = 0.02;
+  options.weak_cut_spacing = 90;
+  return options;
+}
+
+SimulationOptions HardSimulation(RigPreset rig) {
+  SimulationOptions options = ModerateSimulation(rig);
+  options.pixel_noise_px = 1.0;
+  options.mismatch_ratio = 0.35;
+  options.epipolar_outlier_ratio = 0.05;
+  options.moving_feature_ratio = 0.2;
+  options.convoy_ratio = 0.45;
+  options.isolated_wrong_pair_ratio = 0.025;
+  options.duplicated_pair_ratio = 0.025;
+  options.missing_image_ratio = 0.03;
+  options.weak_cut_spacing = 60;
   return options;
 }
 

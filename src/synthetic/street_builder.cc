@@ -167,7 +167,7 @@ void StreetBuilder::AddCylinder(const Eigen::Vector2d& center, double radius_m,
 constexpr int kMinBlockNodes = 18;
 constexpr int kMaxBlockNodes = 30;
 constexpr double kMinFacadeShare = 0.5;
-constexpr int kNodesPerDuplicate = 120;
+constexpr int kNodesPerDuplicate = 120, kNodesPerDuplicateAtCuts = 60;
 
 // The first and last node of a straight segment of road.
 bool IsStraight(const Road& road, int begin, int size) {
@@ -224,23 +224,16 @@ class StretchFinder {
   // The first node of a free straight segment, mostly with facades if they are
   // `needed`; -1 if there is none.
   int Find(int size, bool is_facade_needed, Random* random) const {
-    constexpr int kNumTrials = 200;
-    const int num_begins = road_.driven_end() - road_.driven_begin() - size;
-    if (num_begins <= 0) return -1;
-    for (int i = 0; i < kNumTrials; ++i) {
-      const int begin =
-          road_.driven_begin() + static_cast<int>(random->Index(num_begins));
-      const bool is_free = std::none_of(is_used_.begin() + begin,
-                                        is_used_.begin() + begin + size,
-                                        [](char used) { return used != 0; });
-      if (!is_free || !IsStraight(road_, begin, size)) continue;
-      if (is_facade_needed &&
-          NumFacades(surfaces_, begin, size) < kMinFacadeShare * 2 * size) {
-        continue;
-      }
-      return begin;
-    }
-    return -1;
+    return Find(size, is_facade_needed, road_.driven_begin(),
+                road_.driven_end() - size, random);
+  }
+
+  // The same within a distance before or after a node.
+  int FindNear(int node, int size, Random* random) const {
+    constexpr int kMaxDistance = 40;
+    return Find(
+        size, false, std::max(road_.driven_begin(), node - kMaxDistance - size),
+        std::min(road_.driven_end() - size, node + kMaxDistance), random);
   }
 
   // Also keeps a distance to other duplicate structures.
@@ -254,6 +247,27 @@ class StretchFinder {
   }
 
  private:
+  int Find(int size, bool is_facade_needed, int first_begin, int end_begin,
+           Random* random) const {
+    constexpr int kNumTrials = 200;
+    if (first_begin >= end_begin) return -1;
+    const auto num_begins = static_cast<uint32_t>(end_begin - first_begin);
+    for (int i = 0; i < kNumTrials; ++i) {
+      const int begin =
+          first_begin + static_cast<int>(random->Index(num_begins));
+      const bool is_free = std::none_of(is_used_.begin() + begin,
+                                        is_used_.begin() + begin + size,
+                                        [](char used) { return used != 0; });
+      if (!is_free || !IsStraight(road_, begin, size)) continue;
+      if (is_facade_needed &&
+          NumFacades(surfaces_, begin, size) < kMinFacadeShare * 2 * size) {
+        continue;
+      }
+      return begin;
+    }
+    return -1;
+  }
+
   const Road& road_;
   const std::vector<Surface>& surfaces_;
   Mask is_used_;
@@ -266,13 +280,16 @@ std::vector<Surface> BuildStreet(const Road& road, uint64_t seed) {
 }
 
 std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
+                                        const std::vector<int>& preferred_nodes,
                                         uint64_t seed,
                                         std::vector<Surface>* surfaces) {
   std::vector<Duplicate> duplicates;
   const std::vector<Surface> street = *surfaces;
   StretchFinder finder(road, street);
   const int num_driven = road.driven_end() - road.driven_begin();
-  const int max_num = std::max(1, num_driven / kNodesPerDuplicate);
+  const int max_num = std::max(
+      1, num_driven / (preferred_nodes.empty() ? kNodesPerDuplicate
+                                               : kNodesPerDuplicateAtCuts));
   for (int i = 0; i < std::min(num_duplicates, max_num); ++i) {
     Random random = RandomOf(seed, Effect::kDuplicates, i);
     const int size =
@@ -281,7 +298,12 @@ std::vector<Duplicate> DuplicateFacades(const Road& road, int num_duplicates,
     const int original = finder.Find(size, true, &random);
     if (original < 0) continue;
     finder.Use(original, size);
-    const int copy = finder.Find(size, false, &random);
+    int copy = -1;
+    if (!preferred_nodes.empty()) {
+      const int node = preferred_nodes[i % preferred_nodes.size()];
+      copy = finder.FindNear(node, size, &random);
+    }
+    if (copy < 0) copy = finder.Find(size, false, &random);
     if (copy < 0) continue;
     finder.Use(copy, size);
     // Vary the distance and the angle to the road.

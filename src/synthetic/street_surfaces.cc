@@ -80,9 +80,11 @@ CellGrid MakeGrid(const std::vector<Surface>& surfaces) {
 }  // namespace
 
 StreetSurfaces::StreetSurfaces(const Road& road, int num_duplicates,
-                               uint64_t seed)
+                               uint64_t seed,
+                               const std::vector<int>& preferred_nodes)
     : surfaces_(BuildStreet(road, seed)),
-      duplicates_(DuplicateFacades(road, num_duplicates, seed, &surfaces_)),
+      duplicates_(DuplicateFacades(road, num_duplicates, preferred_nodes, seed,
+                                   &surfaces_)),
       grid_(MakeGrid(surfaces_)) {
   FillGrid();
 }

@@ -41,8 +41,10 @@ struct Duplicate {
 class StreetSurfaces {
  public:
   // Revisited places have one set of facades, which do not block any pass of
-  // the drive. At most `num_duplicates` facades are copied to other places.
-  StreetSurfaces(const Road& road, int num_duplicates, uint64_t seed);
+  // the drive. At most `num_duplicates` facades are copied to other places,
+  // near `preferred_nodes` of the road where possible.
+  StreetSurfaces(const Road& road, int num_duplicates, uint64_t seed,
+                 const std::vector<int>& preferred_nodes = {});
 
   const std::vector<Surface>& surfaces() const { return surfaces_; }
   const std::vector<Duplicate>& duplicates() const { return duplicates_; }

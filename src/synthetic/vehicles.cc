@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "synthetic/vehicles.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -16,6 +17,17 @@ constexpr double kLane_m = 3.5;
 constexpr double kOncomingSpeed_m_s = 10.0;
 constexpr double kMeanPassage_s = 8.0;
 constexpr double kSeenBefore_s = 6.0, kSeenAfter_s = 3.0;
+
+// Dimensions of a lorry or bus in a convoy, and its place relative to the rig.
+constexpr double kConvoyWidth_m = 2.5, kConvoyHeight_m = 3.2,
+                 kConvoyLength_m = 10.0;
+constexpr double kMinConvoyGap_m = 4.0, kMaxConvoyGap_m = 9.0;
+constexpr double kMaxConvoySpeed_m_s = 0.3;
+constexpr double kMinConvoyFrames = 20.0, kMaxConvoyFrames = 60.0;
+// Points of a side of a lorry relative to those that fill an image, as a side
+// is partly out of view.
+constexpr double kConvoyPointReserve = 1.5;
+constexpr double kMaxConvoyDistance_m = 40.0;
 
 double Exponential(double mean, Random* random) {
   return -mean * std::log(1.0 - random->Uniform());
@@ -43,10 +55,35 @@ VehiclePoint RandomPoint(Random* random) {
   return point;
 }
 
+// A random point on one of the four sides of a lorry.
+VehiclePoint RandomConvoyPoint(int side, Random* random) {
+  const double sign = side < 2 ? -1.0 : 1.0;
+  const bool is_lateral = side % 2 == 0;
+  const double along = random->Uniform(-0.5, 0.5);
+  const double height = random->Uniform(0.4, kConvoyHeight_m);
+  VehiclePoint point;
+  point.normal =
+      sign * (is_lateral ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitZ());
+  point.position = is_lateral ? Eigen::Vector3d(0.5 * sign * kConvoyWidth_m,
+                                                height, kConvoyLength_m * along)
+                              : Eigen::Vector3d(kConvoyWidth_m * along, height,
+                                                0.5 * sign * kConvoyLength_m);
+  point.min_distance_m = 0.0;
+  point.max_distance_m = kMaxConvoyDistance_m;
+  point.strength = random->Uniform();
+  return point;
+}
+
 }  // namespace
 
-Vehicles::Vehicles(const Road& road, const Drive& drive, uint64_t seed)
+Vehicles::Vehicles(const SimulationOptions& options, const Road& road,
+                   const Drive& drive)
     : road_(road), drive_(drive) {
+  if (options.moving_feature_ratio > 0.0) AddTraffic(options.random_seed);
+  if (options.convoy_ratio > 0.0) AddConvoys(options);
+}
+
+void Vehicles::AddTraffic(uint64_t seed) {
   uint64_t stream = 0;
   const auto with_stream = [&](const auto& add) {
     Random random = RandomOf(seed, Effect::kVehicles, stream++);
@@ -98,6 +135,84 @@ void Vehicles::Add(Vehicle vehicle, Random* random) {
     vehicle.points.push_back(RandomPoint(random));
   }
   vehicles_.push_back(std::move(vehicle));
+}
+
+// Pauses between convoys are as long as the required ratio allows on average.
+void Vehicles::AddConvoys(const SimulationOptions& options) {
+  const double duration_s = drive_.times_s.back() - drive_.times_s.front();
+  if (drive_.num_frames() < 2 || options.repeatability == 0.0) return;
+  const double frame_s = duration_s / (drive_.num_frames() - 1);
+  const double mean_pause_s = 0.5 * (kMinConvoyFrames + kMaxConvoyFrames) *
+                              frame_s * (1.0 / options.convoy_ratio - 1.0);
+  const int points_per_side = static_cast<int>(
+      std::ceil(kConvoyPointReserve * options.convoy_feature_ratio *
+                options.max_num_features_per_image /
+                (kConvoyRepeatability * options.repeatability)));
+  Random random = RandomOf(options.random_seed, Effect::kConvoys);
+  double time_s =
+      drive_.times_s.front() + random.Uniform(0.0, 2.0) * mean_pause_s;
+  while (time_s < drive_.times_s.back()) {
+    const double end_s =
+        time_s + frame_s * random.Uniform(kMinConvoyFrames, kMaxConvoyFrames);
+    vehicles_.push_back(MakeConvoy(time_s, end_s, points_per_side, &random));
+    time_s = end_s + random.Uniform(0.5, 1.5) * mean_pause_s;
+  }
+}
+
+// Half of the vehicles are ahead, the others in the lanes to the left and
+// right. Half keep their distance exactly.
+Vehicles::Vehicle Vehicles::MakeConvoy(double begin_s, double end_s,
+                                       int points_per_side,
+                                       Random* random) const {
+  const double place = random->Uniform();
+  const bool is_ahead = place < 0.5;
+  const double gap_m = random->Uniform(kMinConvoyGap_m, kMaxConvoyGap_m);
+  const double speed_m_s =
+      random->Uniform() < 0.5
+          ? 0.0
+          : random->Uniform(-kMaxConvoySpeed_m_s, kMaxConvoySpeed_m_s);
+  Vehicle vehicle{
+      begin_s,   end_s,
+      false,     is_ahead ? gap_m + 0.5 * kConvoyLength_m : gap_m,
+      speed_m_s, is_ahead ? 0.0 : (place < 0.75 ? kLane_m : -kLane_m),
+      {},        true};
+  for (int side = 0; side < 4; ++side) {
+    for (int i = 0; i < points_per_side; ++i) {
+      vehicle.points.push_back(RandomConvoyPoint(side, random));
+    }
+  }
+  return vehicle;
+}
+
+std::optional<int> Vehicles::ConvoyAt(double time_s) const {
+  for (size_t i = 0; i < vehicles_.size(); ++i) {
+    const int vehicle = static_cast<int>(i);
+    if (IsInConvoy(vehicle) && IsThere(vehicle, time_s)) return vehicle;
+  }
+  return std::nullopt;
+}
+
+bool Vehicles::Hide(const Eigen::Vector3d& point_in_world,
+                    const Eigen::Vector3d& camera_center, double time_s) const {
+  const Eigen::Vector3d min_corner(-0.5 * kConvoyWidth_m, 0.0,
+                                   -0.5 * kConvoyLength_m);
+  const Eigen::Vector3d max_corner(0.5 * kConvoyWidth_m, kConvoyHeight_m,
+                                   0.5 * kConvoyLength_m);
+  const auto vehicle = ConvoyAt(time_s);
+  if (!vehicle) return false;
+  const Rigid3 vehicle_from_world =
+      WorldFromVehicle(*vehicle, time_s).Inverse();
+  const Eigen::Vector3d center = vehicle_from_world * camera_center;
+  const Eigen::Vector3d view = vehicle_from_world * point_in_world - center;
+  // The part of the line of sight inside all three slabs of the box.
+  double entry = 0.0, exit = 1.0;
+  for (int k = 0; k < 3; ++k) {
+    const double low = (min_corner[k] - center[k]) / view[k];
+    const double high = (max_corner[k] - center[k]) / view[k];
+    entry = std::max(entry, std::min(low, high));
+    exit = std::min(exit, std::max(low, high));
+  }
+  return entry < exit;
 }
 
 Rigid3 Vehicles::WorldFromVehicle(int vehicle, double time_s) const {

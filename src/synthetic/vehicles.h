@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "base/random.h"
@@ -10,6 +11,10 @@
 #include "synthetic/road.h"
 
 namespace mgsfm {
+
+// Points of vehicles in convoy are less repeatable than the street, relatively,
+// because many of them are reflections.
+constexpr double kConvoyRepeatability = 0.6;
 
 // A point in the frame of a vehicle: x left, y up, z forward, origin on the
 // ground below its centre.
@@ -23,11 +28,13 @@ struct VehiclePoint {
 };
 
 // Other vehicles on the road of a drive: some accompany the rig at almost the
-// same speed for a while, others are oncoming.
+// same speed for a while, others are oncoming. Those in convoy are large,
+// close, and keep their distance for tens of frames.
 class Vehicles {
  public:
   // `road` and `drive` must outlive this object.
-  Vehicles(const Road& road, const Drive& drive, uint64_t seed);
+  Vehicles(const SimulationOptions& options, const Road& road,
+           const Drive& drive);
 
   size_t size() const { return vehicles_.size(); }
   const std::vector<VehiclePoint>& Points(int vehicle) const {
@@ -37,7 +44,13 @@ class Vehicles {
     return vehicles_[vehicle].begin_s <= time_s &&
            time_s <= vehicles_[vehicle].end_s;
   }
+  bool IsInConvoy(int vehicle) const { return vehicles_[vehicle].is_in_convoy; }
   Rigid3 WorldFromVehicle(int vehicle, double time_s) const;
+  // The vehicle in convoy at a time, if any.
+  std::optional<int> ConvoyAt(double time_s) const;
+  // Whether a vehicle in convoy occludes a point.
+  bool Hide(const Eigen::Vector3d& point_in_world,
+            const Eigen::Vector3d& camera_center, double time_s) const;
 
  private:
   struct Vehicle {
@@ -48,12 +61,17 @@ class Vehicles {
     double speed_m_s;  // relative to the rig unless oncoming
     double left_m;     // lateral offset from the path of the rig
     std::vector<VehiclePoint> points;
+    bool is_in_convoy = false;
   };
 
+  void AddTraffic(uint64_t seed);
   void AddCompanions(double min_ahead_m, double max_ahead_m, double left_m,
                      double mean_pause_s, Random* random);
   void AddOncoming(Random* random);
   void Add(Vehicle vehicle, Random* random);
+  void AddConvoys(const SimulationOptions& options);
+  Vehicle MakeConvoy(double begin_s, double end_s, int points_per_side,
+                     Random* random) const;
 
   const Road& road_;
   const Drive& drive_;

@@ -10,6 +10,7 @@
 #include "mgsfm/base/error.h"
 #include "synthetic/random_streams.h"
 #include "synthetic/street_points.h"
+#include "synthetic/weak_cuts.h"
 
 namespace mgsfm {
 namespace {
@@ -82,7 +83,8 @@ bool World::IsHidden(const Eigen::Vector3d& point,
 World MakeWorld(const SimulationOptions& options,
                 const std::vector<SimulatedCamera>& rig, const Drive& drive,
                 int num_duplicates, const Context& context) {
-  World world{Road(drive, kRoadExtension_m), {}, {}, {}, {}, false};
+  World world{Road(drive, kRoadExtension_m), {}, {}, {}, {}, {}, false};
+  world.weak_cuts = PlanWeakCuts(options, drive);
   if (options.world == WorldPreset::kScatter) {
     if (num_duplicates > 0) {
       throw Error(
@@ -92,7 +94,13 @@ World MakeWorld(const SimulationOptions& options,
     world.points = ScatterPoints(options, drive);
   } else {
     world.distances_scale = true;
-    world.surfaces.emplace(world.road, num_duplicates, options.random_seed);
+    std::vector<int> preferred_nodes;
+    for (const int cut : world.weak_cuts) {
+      preferred_nodes.push_back(
+          static_cast<int>(world.road.ArcAt(drive, drive.TimeOfFrame(cut))));
+    }
+    world.surfaces.emplace(world.road, num_duplicates, options.random_seed,
+                           preferred_nodes);
     const Eigen::Quaterniond& level_from_world = world.road.level_from_world();
     const Rigid3 world_from_level{level_from_world.conjugate(),
                                   Eigen::Vector3d::Zero()};

@@ -67,6 +67,7 @@ struct World {
   Road road;
   std::optional<StreetSurfaces> surfaces;
   std::vector<WorldPoint> points;
+  std::vector<int> weak_cuts;  // the frames of the drive before them
   std::vector<Rigid3>
       copy_from_original;  // per duplicate structure, in the world frame
   PointIndex index;

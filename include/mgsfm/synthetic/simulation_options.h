@@ -128,6 +128,24 @@ struct SimulationOptions {
   Option<double> moving_feature_ratio{
       "moving_feature_ratio", 0.0, Between(0.0, 0.9),
       "Fraction of features on moving vehicles in images that show one."};
+  Option<double> convoy_ratio{
+      "convoy_ratio", 0.0, Between(0.0, 0.9),
+      "Fraction of the drive along which a large vehicle ahead or alongside "
+      "keeps its distance for tens of frames."};
+  Option<double> convoy_feature_ratio{
+      "convoy_feature_ratio", 0.45, Between(0.0, 0.9),
+      "Maximum fraction of the features of an image on such vehicles."};
+  Option<int> weak_cut_spacing{
+      "weak_cut_spacing", 0, AtLeast(0), "frames",
+      "Mean number of frames between weak cuts, where the appearance of the "
+      "street changes so much that few matches connect both sides; 0: none."};
+  Option<int> min_num_weak_cut_matches{
+      "min_num_weak_cut_matches", 60, AtLeast(1), "matches",
+      "Minimum number of correct matches of all pairs across a weak cut."};
+  Option<int> max_num_weak_cut_matches{
+      "max_num_weak_cut_matches", 170, AtLeast(1), "matches",
+      "Maximum number of correct matches of all pairs across a weak cut, "
+      "unless fewer than two pairs remain."};
   Option<double> relative_rotation_noise_deg{
       "relative_rotation_noise", 0.0, AtLeast(0.0), "deg",
       "Standard deviation, about each axis, of the error added to relative "
@@ -168,13 +186,13 @@ struct SimulationOptions {
           num_matched_frames, match_different_sensors,
           num_matched_frames_across, max_num_loop_images, min_num_matches,
           max_verification_error_px, pixel_noise_px, mismatch_ratio,
-          epipolar_outlier_ratio, moving_feature_ratio,
-          relative_rotation_noise_deg, missing_image_ratio, trigger_jitter_ms,
-          trigger_offset_ms, wrong_pair_ratio, isolated_wrong_pair_ratio,
-          duplicated_pair_ratio, extrinsics_are_known);
+          epipolar_outlier_ratio, moving_feature_ratio, convoy_ratio,
+          convoy_feature_ratio, weak_cut_spacing, min_num_weak_cut_matches,
+          max_num_weak_cut_matches, relative_rotation_noise_deg,
+          missing_image_ratio, trigger_jitter_ms, trigger_offset_ms,
+          wrong_pair_ratio, isolated_wrong_pair_ratio, duplicated_pair_ratio,
+          extrinsics_are_known);
   }
-
- private:
 };
 
 // Realistic settings without degradations: a street with 400 features per
@@ -190,5 +208,15 @@ SimulationOptions StandardSimulation(RigPreset rig);
 
 // StandardSimulation with an additional 2 % of pairs of duplicate structures.
 SimulationOptions AliasedSimulation(RigPreset rig);
+
+// AliasedSimulation with 0.8 px noise, 25 % mismatches, 4 % epipolar outliers,
+// about 15 % of the features on vehicles, 4 % wrong pairs, 2 % missing images
+// and weak cuts with duplicate structures nearby.
+SimulationOptions ModerateSimulation(RigPreset rig);
+
+// The same with 1 px noise, 35 % mismatches, 5 % epipolar outliers, about 20 %
+// of the features on vehicles, 5 % wrong pairs, 3 % missing images and more
+// weak cuts.
+SimulationOptions HardSimulation(RigPreset rig);
 
 }  // namespace mgsfm
