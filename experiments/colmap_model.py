@@ -55,15 +55,22 @@ def write_frames(folder, cameras, rig_from_cam, frames):
 
 def read_positions(model):
     """{image name: camera centre, world units} of a binary or text model."""
+    return {name: poses.camera_center(quaternion, translation)
+            for name, (quaternion, translation) in read_poses(model).items()}
+
+
+def read_poses(model):
+    """{image name: (quaternion, translation) of cam_from_world}, of a binary or
+    text model."""
     model = pathlib.Path(model)
     if (model / "images.bin").exists():
-        return read_binary_positions(model / "images.bin")
-    positions = {}
+        return read_binary_poses(model / "images.bin")
+    result = {}
     for line in text_image_lines(model / "images.txt"):
         words = line.split(maxsplit=9)
-        numbers = list(map(float, words[1:8]))
-        positions[words[9]] = poses.camera_center(numbers[:4], numbers[4:])
-    return positions
+        numbers = tuple(map(float, words[1:8]))
+        result[words[9]] = (numbers[:4], numbers[4:])
+    return result
 
 
 def text_image_lines(path):
@@ -72,20 +79,19 @@ def text_image_lines(path):
             if not line.startswith("#")][::2]
 
 
-def read_binary_positions(path):
-    """The binary case of read_positions()."""
+def read_binary_poses(path):
+    """The binary case of read_poses()."""
     data = path.read_bytes()
     (count,) = struct.unpack_from("<Q", data)
-    positions, at = {}, 8
+    result, at = {}, 8
     for _ in range(count):
         numbers = struct.unpack_from("<7d", data, at + 4)
         at += 4 + 56 + 4
         end = data.index(b"\0", at)
-        positions[data[at:end].decode()] = poses.camera_center(
-            numbers[:4], numbers[4:])
+        result[data[at:end].decode()] = (numbers[:4], numbers[4:])
         (num_points,) = struct.unpack_from("<Q", data, end + 1)
         at = end + 9 + 24 * num_points
-    return positions
+    return result
 
 
 def num_images(model):

@@ -7,13 +7,13 @@ import sys
 
 from experiments.datasets import (eth3d_slam, hardest_settings, kitti360,
                                   kitti_odometry, simulated_drives)
-from experiments.studies import (bench, front_end, growth, oracle_table,
-                                 robustness)
+from experiments.studies import (bench, front_end, growth, hard_drives,
+                                 oracle_table, robustness)
 from experiments.use_cases import study
 
 # Each has add_parser(subparsers).
 COMMANDS = (kitti_odometry, kitti360, eth3d_slam, simulated_drives,
-            hardest_settings, oracle_table, robustness, growth, bench,
+            hardest_settings, hard_drives, oracle_table, robustness, growth, bench,
             front_end, study)
 DESCRIPTION = """\
 Runs mgsfm and other methods on data sets, and writes tables and figures. Call

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Misplaced frames, seams, and the subcommand hard_drives."""
+import csv
+import math
+import random
+
+import pytest
+
+from experiments import alignment, poses
+from experiments.studies import hard_evaluation
+
+
+def random_turn(generator):
+    """A random unit quaternion."""
+    return alignment.normalized([generator.gauss(0, 1) for _ in range(4)])
+
+
+def transformed(similarity, turn, pose):
+    """A pose in a world that is transformed."""
+    quaternion, center = pose
+    return (alignment.multiply(quaternion, alignment.conjugate(turn)),
+            similarity.apply(center))
+
+
+def make_similarity(generator):
+    """A random similarity, and its rotation as a quaternion."""
+    turn = random_turn(generator)
+    return alignment.Similarity(
+        2.5, poses.rotation_from_quaternion(*turn), (3.0, -8.0, 20.0)), turn
+
+
+def road(num_frames, bend=0.02):
+    """{frame: pose} along a road in the plane y = 0."""
+    frames, x, z = {}, 0.0, 0.0
+    for i in range(num_frames):
+        yaw = bend * i
+        # cam_from_world turns by -yaw about y.
+        frames[f"{i:06d}"] = ((math.cos(0.5 * yaw), 0.0,
+                               -math.sin(0.5 * yaw), 0.0), (x, 0.0, z))
+        x, z = x + math.sin(yaw), z + math.cos(yaw)
+    return frames
+
+
+@pytest.mark.parametrize("bend", (0.0, 0.02))
+def test_alignment_of_a_transformed_road(bend):
+    generator = random.Random(1)
+    truth = list(road(50, bend).values())
+    similarity, turn = make_similarity(generator)
+    model = [transformed(similarity, turn, pose) for pose in truth]
+    fit = alignment.align(model, truth)
+    for position, angle in alignment.errors(fit, model, truth):
+        assert position == pytest.approx(0.0, abs=1e-6)
+        assert angle == pytest.approx(0.0, abs=1e-4)
+
+
+def torn(num_frames, first_moved):
+    """{frame: (pose in the model, truth)}: the end of the road is turned by 90
+    degrees about the up axis, and shifted."""
+    generator = random.Random(2)
+    turn = (math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)
+    tear = alignment.Similarity(
+        1.0, poses.rotation_from_quaternion(*turn), (30.0, 0.0, 5.0))
+    similarity, world_turn = make_similarity(generator)
+    frames = {}
+    for i, (frame, pose) in enumerate(road(num_frames).items()):
+        moved = transformed(tear, turn, pose) if i >= first_moved else pose
+        frames[frame] = (transformed(similarity, world_turn, moved), pose)
+    return frames
+
+
+def seam_at(frames, number):
+    """The seam before a frame."""
+    names = list(frames)
+    return set(names[:number]), set(names[number:])
+
+
+def test_a_named_seam_covers_misplaced_frames():
+    frames = torn(60, 40)
+    result = hard_evaluation.evaluate_model(frames, [seam_at(frames, 40)])
+    assert result["misplaced"] == list(frames)[40:]
+    assert not result["silent"]
+    assert result["num_false_seams"] == 0
+
+
+def test_without_a_seam_all_misplaced_frames_are_silent():
+    frames = torn(60, 40)
+    result = hard_evaluation.evaluate_model(frames, [])
+    assert set(result["misplaced"]) >= set(list(frames)[40:])
+    assert result["silent"] == result["misplaced"]
+
+
+def test_a_seam_elsewhere_is_false_and_does_not_help():
+    frames = torn(60, 40)
+    result = hard_evaluation.evaluate_model(frames, [seam_at(frames, 10)])
+    assert set(result["silent"]) == set(list(frames)[40:])
+    assert result["num_false_seams"] == 1
+
+
+def test_a_gross_failure_is_a_mean_or_a_single_frame():
+    def row(positions, rotations):
+        return hard_evaluation.summarize([{
+            "positions_m": positions, "rotations_deg": rotations,
+            "misplaced": [], "silent": [], "num_seams": 0,
+            "num_false_seams": 0}], 4)
+    assert not row([0.9] * 4, [1.0] * 4)["is_gross"]
+    assert row([1.1] * 4, [1.0] * 4)["is_gross"]
+    assert row([0.1, 0.1, 0.1, 5.1], [1.0] * 4)["is_gross"]
+    assert row([0.1] * 4, [0.1, 0.1, 0.1, 5.1])["is_gross"]
+    assert hard_evaluation.summarize([], 4)["is_gross"]
+
+
+def test_seams_of_a_report():
+    assert hard_evaluation.seams_of({}) == []
+    assert hard_evaluation.seams_of({"seams": [
+        {"frames_before": ["000001", "000002"],
+         "frames_after": ["cam0/000003.png"]}]}) == [
+             ({"000001", "000002"}, {"000003"})]
+
+
+def test_hard_drives_resumes_and_leaves_only_results(
+        program, run_experiments, try_experiments, tmp_path):
+    data = tmp_path / "trajectories"
+    data.mkdir()
+    lines = []
+    for i in range(40):
+        lines.append(f"1 0 0 0 0 1 0 0 0 0 1 {0.8 * i}\n")
+    (data / "07.txt").write_text("".join(lines))
+    words = ["hard_drives", data, "--program", program, "--presets",
+             "moderate", "--rigs", "stereo", "--seeds", "1,2", "--frame_step",
+             "2", "--jobs", "2", "--output", tmp_path / "out"]
+    first = run_experiments(*words)
+    with open(tmp_path / "out/drives.csv", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == ["moderate_07_stereo_1",
+                                             "moderate_07_stereo_2"]
+    assert all(row["num_frames"] == "20" for row in rows)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "drives.csv", "drives.md", "moderate_07_stereo_1.json",
+        "moderate_07_stereo_2.json"]
+    # The second call only prints the tables.
+    second = run_experiments(*words)
+    assert first.endswith(second)
+    other = try_experiments(*words, "--", "--BundleAdjustment.max_num_iterations",
+                            "5")
+    assert other.returncode != 0
+    assert "choose another --output" in other.stderr
