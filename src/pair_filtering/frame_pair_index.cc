@@ -9,7 +9,7 @@
 namespace mgsfm {
 
 FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
-                               FrameSequence sequence)
+                               SequenceMode sequence)
     : num_frames_(static_cast<int>(scene.frames.size())),
       frame_pair_of_pair_(view_graph.pairs.size()) {
   std::vector<std::tuple<int, int, size_t>> order;
@@ -30,9 +30,9 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
     frame_pairs_.back().pair_idxs.push_back(i);
     frame_pair_of_pair_[i] = frame_pairs_.size() - 1;
   }
-  if (sequence == FrameSequence::kNo) return;
+  if (sequence == SequenceMode::kNo) return;
   const TemporalOrder temporal_order(scene);
-  is_sequence_ = sequence == FrameSequence::kYes ||
+  is_sequence_ = sequence == SequenceMode::kYes ||
                  IsSequence(scene, view_graph, temporal_order);
   if (!is_sequence_) return;
   for (FramePair& frames : frame_pairs_) {

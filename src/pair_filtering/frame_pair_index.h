@@ -34,7 +34,7 @@ class FramePairIndex {
   // `sequence` states whether the frames are in temporal order. Cost:
   // O(n log n) for n pairs.
   FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
-                 FrameSequence sequence = FrameSequence::kAuto);
+                 SequenceMode sequence = SequenceMode::kAuto);
 
   int num_frames() const { return num_frames_; }
   bool is_sequence() const { return is_sequence_; }

@@ -42,7 +42,7 @@ void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
 }
 
 Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph,
-                  FrameSequence sequence = FrameSequence::kNo) {
+                  SequenceMode sequence = SequenceMode::kNo) {
   return SelectSkeletalGraph(FramePairIndex(scene, view_graph, sequence),
                              view_graph, Mask(view_graph.pairs.size(), true),
                              {}, 1);
@@ -50,7 +50,7 @@ Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph,
 
 Mask SelectStrict(const Scene& scene, const ViewGraph& view_graph) {
   return SelectStrictSkeletalGraph(
-      FramePairIndex(scene, view_graph, FrameSequence::kNo), view_graph,
+      FramePairIndex(scene, view_graph, SequenceMode::kNo), view_graph,
       Mask(view_graph.pairs.size(), true), {}, 1);
 }
 
@@ -165,8 +165,7 @@ TEST(SkeletalGraph, NeighboursInTimeDecideWeakCutsOfASequence) {
   AddPair(2, 30, 9000, 9060, &view_graph);
   AddPair(2, 31, 9000, 9060, &view_graph);
   AddPair(30, 31, 9000, 9060, &view_graph);
-  const Mask as_sequence =
-      SelectNormal(scene, view_graph, FrameSequence::kAuto);
+  const Mask as_sequence = SelectNormal(scene, view_graph, SequenceMode::kAuto);
   EXPECT_TRUE(as_sequence[true_pair]);
   EXPECT_FALSE(as_sequence[first_wrong]);
   EXPECT_FALSE(as_sequence[first_wrong + 1]);

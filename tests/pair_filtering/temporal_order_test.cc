@@ -16,7 +16,7 @@ namespace {
 // Frames of one image each, with these names.
 Scene MakeScene(const std::vector<std::string>& names) {
   Scene scene;
-  scene.rigs.resize(1);
+  scene.rigs.push_back({RigId(1), 0, {}});
   for (size_t i = 0; i < names.size(); ++i) {
     const int idx = static_cast<int>(i);
     const auto id = static_cast<uint32_t>(i + 1);
@@ -65,7 +65,7 @@ TEST(TemporalOrder, PrefersTimestamps) {
 
 TEST(TemporalOrder, DoesNotSpanRigs) {
   Scene scene = MakeScene({"a", "b"});
-  scene.rigs.resize(2);
+  scene.rigs.push_back({RigId(2), 1, {}});
   scene.frames[1].rig_idx = 1;
   EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), std::nullopt);
 }

@@ -36,7 +36,7 @@ class Graph {
   }
 
   std::vector<size_t> UnsupportedPairs(
-      FrameSequence sequence = FrameSequence::kNo) const {
+      SequenceMode sequence = SequenceMode::kNo) const {
     const Mask is_unsupported =
         FindUnsupportedBridges(FramePairIndex(scene_, view_graph_, sequence),
                                view_graph_, is_consistent_, {}, 1);
@@ -117,7 +117,7 @@ TEST(UnsupportedBridges, MustNotBeLoopsOfASequence) {
   graph.AddPlace(15, 30);
   const size_t loop = graph.AddPair(1, 28, 40);
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // no pair contradicts it
-  EXPECT_EQ(graph.UnsupportedPairs(FrameSequence::kYes), Pairs{loop});
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{loop});
 }
 
 TEST(UnsupportedBridges, MayConnectNeighboursOfASequence) {
@@ -125,7 +125,7 @@ TEST(UnsupportedBridges, MayConnectNeighboursOfASequence) {
   graph.AddPlace(0, 15);
   graph.AddPlace(15, 30);
   graph.AddPair(14, 15, 20);
-  EXPECT_EQ(graph.UnsupportedPairs(FrameSequence::kYes), Pairs{});
+  EXPECT_EQ(graph.UnsupportedPairs(SequenceMode::kYes), Pairs{});
 }
 
 }  // namespace

@@ -52,7 +52,7 @@ namespace mgsfm {
 
 // Whether frames are in the order in which they were captured, by their
 // timestamps or names.
-enum class FrameSequence {
+enum class SequenceMode {
   kAuto,  // yes if most frames share most matches with a neighbour in that
           // order
   kYes,
@@ -60,16 +60,16 @@ enum class FrameSequence {
 };
 
 template <>
-struct EnumTable<FrameSequence> {
-  static constexpr std::pair<std::string_view, FrameSequence> kNames[] = {
-      {"auto", FrameSequence::kAuto},
-      {"yes", FrameSequence::kYes},
-      {"no", FrameSequence::kNo}};
+struct EnumTable<SequenceMode> {
+  static constexpr std::pair<std::string_view, SequenceMode> kNames[] = {
+      {"auto", SequenceMode::kAuto},
+      {"yes", SequenceMode::kYes},
+      {"no", SequenceMode::kNo}};
 };
 
 struct PairFilteringOptions {
-  Option<FrameSequence> is_sequence{
-      "is_sequence", FrameSequence::kAuto,
+  Option<SequenceMode> is_sequence{
+      "is_sequence", SequenceMode::kAuto,
       "Whether timestamps or names give the temporal order of frames. Then "
       "pairs of neighbours decide how the trajectory continues, not loop "
       "pairs."};
