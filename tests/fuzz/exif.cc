@@ -4,6 +4,7 @@
 
 #include "features/image_file.h"
 #include "fuzz/fuzz_target.h"
+#include "io/files/image_reading.h"
 
 namespace mgsfm {
 
@@ -11,8 +12,7 @@ namespace mgsfm {
 void FuzzExif(const std::string& input) {
   static const QuietImageLibraries* const quiet = new QuietImageLibraries;
   (void)quiet;
-  const std::vector<uint8_t> bytes(input.begin(), input.end());
-  const ImageTags tags = ReadTags(bytes, 640, 480);
+  const ImageTags tags = ReadTags(input, 640, 480);
   FUZZ_CHECK(!tags.focal_length_px || (std::isfinite(*tags.focal_length_px) &&
                                        *tags.focal_length_px > 0.0));
   FUZZ_CHECK(!tags.position_wgs84 || tags.position_wgs84->allFinite());
