@@ -160,15 +160,17 @@ void CheckNewFiles(const std::string& command, const OptionList& options) {
       continue;
     }
     const std::string remedy = std::string("; choose another ") + output.option;
-    if (IsModelFileName(fs::path(target).filename())) {
+    // The page of a model may stand beside the model.
+    const bool is_page = command == "report";
+    if (!is_page && IsModelFileName(fs::path(target).filename())) {
       throw Error("'" + target + "' (--" + output.option +
                   ") is the name of a file of a model" + remedy);
     }
     const auto [other, is_new] =
         option_of_file.emplace(Canonical(target), output.option);
     if (!is_new) {
-      throw Error("'" + target + "' is the output of --" + other->second +
-                  " and of --" + output.option + remedy);
+      throw Error("'" + other->first.string() + "' is the output of --" +
+                  other->second + " and of --" + output.option + remedy);
     }
   }
 }

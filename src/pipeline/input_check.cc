@@ -248,8 +248,10 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
     if (!causes.empty()) continue;
     Append(FindLostMatches(scene, model.kept_matches), &causes);
   }
+  const bool is_explained = !causes.empty();
   Append(std::move(causes), &findings);
   for (const MapperModel& model : result->models) {
+    if (is_explained) break;
     if (auto seams = DescribeSeams(scene, model.confidence)) {
       findings.push_back(std::move(*seams));
     }

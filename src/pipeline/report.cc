@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <locale>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
@@ -543,6 +544,7 @@ std::string FramesToCsv(const Scene& scene, const MapperModel& model) {
     }
   }
   std::ostringstream csv;
+  csv.imbue(std::locale::classic());
   csv << "frame,num_images,num_observations,confidence\n";
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     if (!model.confidence.of_frame[i]) continue;

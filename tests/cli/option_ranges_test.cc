@@ -178,7 +178,7 @@ TEST_F(OptionExtremes, Simulation) {
                 "max_num_features = 20\n");
   Sweep(SimulateCommand(),
         "--output_path " + Path("out") + " --config_path " + Path("small.ini"),
-        Path("out/truth"), "", {"frames", "points", "features"});
+        Path("out/truth"), "", {"frames", "points", "features", "m"});
 }
 
 }  // namespace

@@ -38,7 +38,7 @@ class Resources : public testing::Test {
 TEST_F(Resources, LittleMemoryIsNoHang) {
   int num_refused = 0, num_written = 0;
   // The libraries take 240 MiB before the program begins.
-  for (int limit_mib = 260; limit_mib <= 460; limit_mib += 25) {
+  for (int limit_mib = 250; limit_mib <= 450; limit_mib += 25) {
     const CommandOutput output =
         RunShell("ulimit -v " + std::to_string(1024 * limit_mib) +
                  "; timeout -k 1 120 " MGSFM_EXECUTABLE " " + Map("out"));

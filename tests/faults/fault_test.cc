@@ -68,6 +68,10 @@ bool IsHidden(const fs::path& relative) {
   return false;
 }
 
+bool IsReport(const fs::path& name) {
+  return name.filename() == kReportFileName || name.filename() == "report.html";
+}
+
 // Contents of the files that users see. Databases count by their rows, which
 // opening them first restores; reports, which hold times, by their presence.
 Files VisibleFiles(const fs::path& folder) {
@@ -80,8 +84,7 @@ Files VisibleFiles(const fs::path& folder) {
     } else if (name.extension() == ".db-journal") {
       continue;
     } else {
-      files[name] =
-          name.filename() == kReportFileName ? "" : ReadTextFile(entry.path());
+      files[name] = IsReport(name) ? "" : ReadTextFile(entry.path());
     }
   }
   return files;

@@ -16,7 +16,8 @@ namespace {
 // Frames of one image each, with these names.
 Scene MakeScene(const std::vector<std::string>& names) {
   Scene scene;
-  scene.rigs.push_back({RigId(1), 0, {}});
+  scene.sensors.push_back({"", 0, 0, Rigid3()});
+  scene.rigs.push_back({RigId(1), 0, {0}});
   for (size_t i = 0; i < names.size(); ++i) {
     const int idx = static_cast<int>(i);
     const auto id = static_cast<uint32_t>(i + 1);
@@ -65,7 +66,7 @@ TEST(TemporalOrder, PrefersTimestamps) {
 
 TEST(TemporalOrder, DoesNotSpanRigs) {
   Scene scene = MakeScene({"a", "b"});
-  scene.rigs.push_back({RigId(2), 1, {}});
+  scene.rigs.push_back({RigId(2), 0, {}});
   scene.frames[1].rig_idx = 1;
   EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), std::nullopt);
 }
