@@ -18,6 +18,7 @@ MAX_ROTATION_DEG = 5.0
 # its place, with respect to the larger side.
 MIN_SEAM_M = 1.0
 MIN_SEAM_DEG = 1.0
+NUM_FITTED_FRAMES = 100  # of a side of a seam, as there may be many seams
 
 
 def frame_of(image):
@@ -68,15 +69,21 @@ def is_false_seam(frames, seam):
                    key=len)
     if not sides[0]:
         return True
-    errors = errors_of(frames, sides[1])
+    step = 1 + len(sides[1]) // NUM_FITTED_FRAMES
+    errors = errors_of(frames, sides[1][::step])
     smaller = [errors[frame] for frame in sides[0]]
     return (statistics.median(e[0] for e in smaller) < MIN_SEAM_M
             and statistics.median(e[1] for e in smaller) < MIN_SEAM_DEG)
 
 
-def seams_of(model_report):
-    """[(frames before, frames after)] of the seams that the report names."""
-    return [tuple({frame_of(name) for name in seam[side]}
+def seams_of(model_report, frames):
+    """[(frames before, frames after)] of the seams that the report names, by
+    names or by ranges [first, last]."""
+    def is_in(frame, entry):
+        first, last = (entry, entry) if isinstance(entry, str) else entry
+        return frame_of(first) <= frame <= frame_of(last)
+    return [tuple({frame for frame in frames
+                   if any(is_in(frame, entry) for entry in seam[side])}
                   for side in ("frames_before", "frames_after"))
             for seam in model_report.get("seams", [])]
 
@@ -105,7 +112,7 @@ def evaluate(run_folder, truth_folder):
     for number, model_report in enumerate(report["models"]):
         frames = read_frames(run_folder / str(number), truth)
         if len(frames) >= 3:
-            models.append(evaluate_model(frames, seams_of(model_report)))
+            models.append(evaluate_model(frames, seams_of(model_report, frames)))
     return summarize(models, len({frame_of(name) for name in truth}))
 
 

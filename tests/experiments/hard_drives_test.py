@@ -110,11 +110,13 @@ def test_a_gross_failure_is_a_mean_or_a_single_frame():
 
 
 def test_seams_of_a_report():
-    assert hard_evaluation.seams_of({}) == []
+    frames = [f"{i:06d}" for i in range(1, 9)]
+    assert hard_evaluation.seams_of({}, frames) == []
     assert hard_evaluation.seams_of({"seams": [
-        {"frames_before": ["000001", "000002"],
-         "frames_after": ["cam0/000003.png"]}]}) == [
-             ({"000001", "000002"}, {"000003"})]
+        {"frames_before": ["000001", ["000006", "000008"]],
+         "frames_after": [["cam0/000002.png", "cam0/000003.png"]]}]},
+                                    frames) == [
+             ({"000001", "000006", "000007", "000008"}, {"000002", "000003"})]
 
 
 def test_hard_drives_resumes_and_leaves_only_results(
