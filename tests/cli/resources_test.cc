@@ -121,8 +121,8 @@ Files FilesOfAllCommands(const fs::path& folder) {
   }
   Files files;
   for (const auto& [path, content] : FilesIn(folder)) {
-    // The report has times and paths.
-    if (path.find("report.json") != std::string::npos) continue;
+    // Reports and pages have times and paths.
+    if (path.find("report.") != std::string::npos) continue;
     files[path.substr(out.size())] = content;
   }
   return files;

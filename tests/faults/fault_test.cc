@@ -90,6 +90,19 @@ Files VisibleFiles(const fs::path& folder) {
   return files;
 }
 
+// Names of files that only one side has or that differ.
+std::string Differences(const Files& a, const Files& b) {
+  std::string names;
+  for (const auto& [name, content] : a) {
+    const auto found = b.find(name);
+    if (found == b.end() || found->second != content) names += name + " ";
+  }
+  for (const auto& [name, content] : b) {
+    if (a.count(name) == 0) names += name + " ";
+  }
+  return names;
+}
+
 bool HasHiddenFiles(const fs::path& folder) {
   for (const auto& entry : fs::recursive_directory_iterator(folder)) {
     if (IsHidden(fs::relative(entry.path(), folder))) return true;
@@ -105,6 +118,7 @@ struct FaultCase {
   // What is written is complete at every instant, or not there. Otherwise the
   // next run continues with what is there.
   bool is_atomic = true;
+  bool is_in_place = false;  // the output is the input
 };
 
 struct FaultKind {
@@ -268,8 +282,14 @@ void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
     if (!HasHiddenFiles(Sandbox())) return;
     EXPECT_EQ(KindOfFaultyCall(), CallKind::kName);
   }
+  // A finished adjustment in place starts from its own result.
+  const bool is_repeated =
+      command.is_in_place && VisibleFiles(Sandbox()) == new_;
   const CommandOutput next = Run(command.arguments, Sandbox(), {});
-  EXPECT_TRUE(VisibleFiles(Sandbox()) == new_) << "the next run: " << next.err;
+  if (!is_repeated) {
+    EXPECT_EQ(Differences(VisibleFiles(Sandbox()), new_), "")
+      << "the next run: " << next.err;
+  }
   // A command that makes something new may find it complete.
   const bool is_there = next.err.find("exists; choose") != std::string::npos;
   EXPECT_EQ(next.exit_code, is_there ? 1 : 0) << next.err;
@@ -346,26 +366,33 @@ TEST_F(FaultTest, Map) {
   PrepareDrive();
   Prepare(
       "mapper --database_path sim/database.db --output_path out "
+      "--write_report 0 "
       "--output_format txt");
   WriteTextFile(Before() / "out" / "0" / "notes.txt", "mine");
   WriteTextFile(Before() / "out" / "photo.jpg", "mine");
   Sweep({"mapper",
          "mapper --database_path sim/database.db --output_path out "
+         "--write_report 0 "
          "--num_threads 1"});
 }
 
 // A model in a folder of its own is replaced by one exchange.
 TEST_F(FaultTest, AdjustInPlace) {
   PrepareDrive();
-  Prepare("mapper --database_path sim/database.db --output_path out");
+  Prepare(
+      "mapper --database_path sim/database.db --output_path out "
+      "--write_report 0");
   Sweep({"bundle_adjuster",
          "bundle_adjuster --input_path out/0 --output_path out/0 "
-         "--output_format txt --num_threads 1"});
+         "--output_format txt --num_threads 1",
+         true, true});
 }
 
 TEST_F(FaultTest, Evaluate) {
   PrepareDrive();
-  Prepare("mapper --database_path sim/database.db --output_path out");
+  Prepare(
+      "mapper --database_path sim/database.db --output_path out "
+      "--write_report 0");
   Prepare(
       "model_evaluator --input_path out/0 --gt_path sim/truth --json e.json");
   WriteTextFile(Before() / "e.json", "old");
