@@ -5,7 +5,7 @@
 #   scripts/setup.sh         to build and run the program
 #   scripts/setup.sh --test  also to build and run the tests and benchmarks
 #   scripts/setup.sh --dev   also for all checks of .ci/run and for experiments/
-#   scripts/setup.sh --all   also for fuzzing and coverage
+#   scripts/setup.sh --all   also for fuzzing
 set -euo pipefail
 
 packages=(
@@ -20,7 +20,7 @@ dev_packages=(
   ccache chromium clang-format clang-tidy colmap python3-pytest
   python3-matplotlib
 )
-all_packages=(clang-14 libclang-rt-14-dev gcovr valgrind)
+all_packages=(clang-14 libclang-rt-14-dev)
 case "${1:-}" in
   "") ;;
   --test) packages+=("${test_packages[@]}") ;;
