@@ -157,8 +157,8 @@ int RunBenchmark(const SimulatedRunOptions& options, const Context& context) {
   const auto comparison = CompareWithOracles(
       simulation, result, options.mapper.bundle_adjustment, context);
   if (comparison) AddComparison(*comparison, result.models.front(), &json);
-  if (!options.json_path.empty()) {
-    WriteFile(options.json_path, json.dump(2) + "\n");
+  if (!options.json_path->empty()) {
+    WriteFile(*options.json_path, json.dump(2) + "\n");
   }
   PrintLine(options.name, simulation, comparison, seconds);
   return comparison ? kExitSuccess : kExitNotSolvable;

@@ -35,8 +35,8 @@ inline Simulation SimulateRun(const SimulatedRunOptions& options,
   SimulationOptions simulation = options.simulation;
   simulation.random_seed = context.random_seed;
   SimulationInput input;
-  if (!options.trajectory_path.empty()) {
-    input.rig_from_world_path = ReadKittiPoses(options.trajectory_path);
+  if (!options.trajectory_path->empty()) {
+    input.rig_from_world_path = ReadKittiPoses(*options.trajectory_path);
   }
   return Simulate(simulation, input, context);
 }

@@ -58,7 +58,7 @@ struct Input {
 };
 
 Input MakeInput(const BenchmarkOptions& options, const Context& context) {
-  if (!options.database_path.empty()) {
+  if (!options.database_path->empty()) {
     LoadedScene loaded =
         LoadScene(options.database_path, SceneLoadingOptions(), context);
     return {std::move(loaded.scene), std::move(loaded.view_graph)};
@@ -228,7 +228,7 @@ int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
       BuildProblem(input.scene, start, options.run.mapper.bundle_adjustment,
                    RefinedParts::kAll);
   std::printf("%s: %zu images, %zu points, %zu observations, %d threads\n",
-              options.run.name.c_str(), built.problem.images.size(),
+              options.run.name->c_str(), built.problem.images.size(),
               built.problem.num_points(), built.problem.observations.size(),
               context.num_threads);
   std::printf("%-18s %8s %6s %12s %8s %20s %12s\n", "solver", "seconds", "iter",
@@ -252,8 +252,8 @@ int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
       WorkToJson(built.problem, native.seconds_per_iteration, context);
   PrintWork(json["work"]);
   json["peak_memory_mib"] = PeakMemoryMib();
-  if (!options.run.json_path.empty()) {
-    WriteFile(options.run.json_path, json.dump(2) + "\n");
+  if (!options.run.json_path->empty()) {
+    WriteFile(*options.run.json_path, json.dump(2) + "\n");
   }
   return kExitSuccess;
 }
