@@ -10,8 +10,7 @@ namespace mgsfm {
 
 // The input is an image file: EXIF is a TIFF file, alone or in a JPEG.
 void FuzzExif(const std::string& input) {
-  static const QuietImageLibraries* const quiet = new QuietImageLibraries;
-  (void)quiet;
+  const QuietImageLibraries quiet;
   const ImageTags tags = ReadTags(input, 640, 480);
   FUZZ_CHECK(!tags.focal_length_px || (std::isfinite(*tags.focal_length_px) &&
                                        *tags.focal_length_px > 0.0));
