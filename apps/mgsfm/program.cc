@@ -125,7 +125,7 @@ int PrintError(const std::string& message, ExitCode exit_code) {
   return exit_code;
 }
 
-// What the system says of a file, as the exceptions of <filesystem> hold it.
+// Describes the files and the reason in an exception of <filesystem>.
 std::string Describe(const std::filesystem::filesystem_error& error) {
   std::string paths = "'" + error.path1().string() + "'";
   if (!error.path2().empty()) paths += " and '" + error.path2().string() + "'";

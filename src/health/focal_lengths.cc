@@ -34,12 +34,15 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
                         ->focal_length_idxs.front()];
   const double measured_px = prior_px * std::exp(m.log_factor);
   const std::vector<std::string> sensors = SensorsOfCamera(scene, m.camera_idx);
-  char text[240];
-  std::snprintf(text, sizeof(text),
-                "the focal length of camera '%s', %.0f px, contradicts the "
-                "image pairs, which suggest %.0f +- %.0f px",
-                sensors.empty() ? "" : sensors.front().c_str(), prior_px,
-                measured_px, measured_px * m.sigma);
+  // Names may be long, so only the numbers are formatted.
+  char numbers[160];
+  std::snprintf(numbers, sizeof(numbers),
+                "%.0f px, contradicts the image pairs, which suggest "
+                "%.0f +- %.0f px",
+                prior_px, measured_px, measured_px * m.sigma);
+  const std::string text = "the focal length of camera '" +
+                           (sensors.empty() ? "" : sensors.front()) + "', " +
+                           numbers;
   return {Cause::kWrongFocalLength,
           sensors,
           {},

@@ -65,13 +65,15 @@ Finding Describe(const Scene& scene, int sensor_idx,
   const Extent typical{Median(std::move(x)), Median(std::move(y)), 0.0, 0.0};
   const Sensor& sensor = scene.sensors[sensor_idx];
   const Camera& camera = scene.cameras[sensor.camera_idx];
-  char text[200];
-  std::snprintf(text, sizeof(text),
-                "%zu images of camera '%s' have another size than its "
+  // Names may be long, so only the numbers are formatted.
+  char numbers[160];
+  std::snprintf(numbers, sizeof(numbers),
                 "%d x %d pixels: their keypoints reach %.0f x %.0f",
-                images.size(), sensor.name.c_str(), camera.width_px,
-                camera.height_px, typical.x * camera.width_px,
+                camera.width_px, camera.height_px, typical.x * camera.width_px,
                 typical.y * camera.height_px);
+  const std::string text = std::to_string(images.size()) +
+                           " images of camera '" + sensor.name +
+                           "' have another size than its " + numbers;
   return {Cause::kWrongImageSize,
           {sensor.name},
           {scene.frames[scene.images[images.front().first].frame_idx].name,

@@ -196,6 +196,32 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
   return unregistered;
 }
 
+// The models of all components of the rotations, by descending number of
+// frames.
+std::vector<MapperModel> ReconstructComponents(
+    const PositionStep& estimate_positions, const Measurements& measurements,
+    const std::vector<int>& num_frames, const MapperOptions& options,
+    const Context& context, EstimatedRotations* rotation) {
+  std::vector<MapperModel> all;
+  for (size_t component = 0; component < num_frames.size(); ++component) {
+    if (num_frames[component] < options.min_num_frames) continue;
+    context.Info("component " + std::to_string(component) + ": " +
+                 std::to_string(num_frames[component]) + " frames");
+    std::vector<MapperModel> models = ReconstructComponent(
+        estimate_positions, measurements,
+        SelectComponent(measurements.scene, measurements.view_graph,
+                        rotation->estimate, static_cast<int>(component)),
+        options, context, &rotation->verdicts);
+    for (MapperModel& model : models) {
+      if (!IsLargeEnough(model, options)) continue;
+      model.num_frames_in_component = num_frames[component];
+      all.push_back(std::move(model));
+    }
+  }
+  SortBySize(&all);
+  return all;
+}
+
 // The stages after the calibration of focal lengths, which replaces the cameras
 // of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const PositionStep& estimate_positions,
@@ -245,22 +271,9 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
       scene,  bearings, verified.estimate, index, input.position_priors,
       gravity};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
-  for (size_t component = 0; component < num_frames.size(); ++component) {
-    if (num_frames[component] < options.min_num_frames) continue;
-    context.Info("component " + std::to_string(component) + ": " +
-                 std::to_string(num_frames[component]) + " frames");
-    std::vector<MapperModel> models = ReconstructComponent(
-        estimate_positions, measurements,
-        SelectComponent(scene, verified.estimate, rotation.estimate,
-                        static_cast<int>(component)),
-        options, context, &rotation.verdicts);
-    for (MapperModel& model : models) {
-      if (!IsLargeEnough(model, options)) continue;
-      model.num_frames_in_component = num_frames[component];
-      result.models.push_back(std::move(model));
-    }
-  }
-  SortBySize(&result.models);
+  result.models =
+      ReconstructComponents(estimate_positions, measurements, num_frames,
+                            options, context, &rotation);
   result.rejected_pairs = CountRejections(rotation.verdicts);
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, options, result.models);

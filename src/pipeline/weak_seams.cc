@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <cstdio>
 #include <map>
 #include <optional>
 #include <string>
@@ -14,6 +13,10 @@
 
 namespace mgsfm {
 namespace {
+
+std::string Count(size_t number, const std::string& noun) {
+  return std::to_string(number) + " " + noun + (number == 1 ? "" : "s");
+}
 
 // Per frame: the set of frames that no seam separates from it. Sets are
 // numbered in the order of their first frames.
@@ -76,14 +79,13 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
   const size_t num_beyond = weakest.frame_idxs_beyond.size();
   const std::string& core = scene.frames[weakest.frame_idx_core].name;
   const std::string& beyond = scene.frames[weakest.frame_idx_beyond].name;
-  char text[512];
-  std::snprintf(text, sizeof(text),
-                "the model can be wrong at %zu weak seam%s; at the weakest, "
-                "between frames '%s' and '%s', %d points and %d matches "
-                "connect %zu frame%s to the others, %d matches contradict them",
-                num_seams, num_seams == 1 ? "" : "s", core.c_str(),
-                beyond.c_str(), weakest.num_tracks, weakest.num_confirmed,
-                num_beyond, num_beyond == 1 ? "" : "s", weakest.num_against);
+  const std::string text =
+      "the model can be wrong at " + Count(num_seams, "weak seam") +
+      "; at the weakest, between frames '" + core + "' and '" + beyond + "', " +
+      Count(weakest.num_tracks, "point") + " and " +
+      std::to_string(weakest.num_confirmed) + " matches connect " +
+      Count(num_beyond, "frame") + " to the others, " +
+      std::to_string(weakest.num_against) + " matches contradict them";
   return Finding{Cause::kWeakSeams,
                  {},
                  {core, beyond},

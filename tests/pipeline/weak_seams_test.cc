@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/weak_seams.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <string>
 #include <vector>
 
 #include "mgsfm/pipeline/mapper.h"
@@ -90,6 +93,22 @@ TEST(WeakSeams, LeaveSoundModelsWhole) {
       RunMapper({simulation.scene, simulation.view_graph}, split, {});
   ASSERT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.models[0].confidence.seams.empty());
+}
+
+TEST(WeakSeams, AreNamedInFull) {
+  Simulation simulation = DriveWithWeakSeam();
+  std::string name;
+  for (int i = 0; i < 500; ++i) name += "\u00e9";  // two bytes each
+  simulation.scene.frames[0].name = name + "0";
+  simulation.scene.frames[1].name = name + "1";
+  Confidence confidence;
+  confidence.seams.emplace_back();
+  confidence.seams[0].frame_idx_core = 0;
+  confidence.seams[0].frame_idx_beyond = 1;
+  const auto finding = DescribeSeams(simulation.scene, confidence);
+  ASSERT_TRUE(finding.has_value());
+  EXPECT_NE(finding->text.find(name + "0"), std::string::npos);
+  EXPECT_NE(finding->text.find(name + "1"), std::string::npos);
 }
 
 }  // namespace
