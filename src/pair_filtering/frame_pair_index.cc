@@ -3,8 +3,7 @@
 
 #include <algorithm>
 #include <tuple>
-
-#include "pair_filtering/temporal_order.h"
+#include <utility>
 
 namespace mgsfm {
 
@@ -31,12 +30,14 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
     frame_pair_of_pair_[i] = frame_pairs_.size() - 1;
   }
   if (sequence == SequenceMode::kNo) return;
-  const TemporalOrder temporal_order(scene);
-  is_sequence_ = sequence == SequenceMode::kYes ||
-                 IsSequence(scene, view_graph, temporal_order);
-  if (!is_sequence_) return;
+  TemporalOrder order_of_frames(scene);
+  if (sequence == SequenceMode::kAuto &&
+      !IsSequence(scene, view_graph, order_of_frames)) {
+    return;
+  }
+  order_ = std::move(order_of_frames);
   for (FramePair& frames : frame_pairs_) {
-    frames.time_gap = temporal_order.Gap(frames.frame_idx1, frames.frame_idx2);
+    frames.time_gap = order_->Gap(frames.frame_idx1, frames.frame_idx2);
   }
 }
 

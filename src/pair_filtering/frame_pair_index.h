@@ -8,6 +8,7 @@
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/temporal_order.h"
 
 namespace mgsfm {
 
@@ -37,10 +38,12 @@ class FramePairIndex {
                  SequenceMode sequence = SequenceMode::kAuto);
 
   int num_frames() const { return num_frames_; }
-  bool is_sequence() const { return is_sequence_; }
+  bool is_sequence() const { return order_.has_value(); }
+  // nullopt if the frames are not in temporal order.
+  const std::optional<TemporalOrder>& order() const { return order_; }
   // The frames are distant in a sequence, or of different sequences.
   bool IsLoop(const FramePair& frames) const {
-    return is_sequence_ &&
+    return is_sequence() &&
            (!frames.time_gap || *frames.time_gap > kMaxSequentialGap);
   }
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
@@ -52,7 +55,7 @@ class FramePairIndex {
 
  private:
   int num_frames_ = 0;
-  bool is_sequence_ = false;
+  std::optional<TemporalOrder> order_;
   std::vector<FramePair> frame_pairs_;
   std::vector<size_t> frame_pair_of_pair_;  // per image pair
 };

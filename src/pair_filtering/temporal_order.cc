@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/natural_order.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -25,34 +26,47 @@ bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   });
 }
 
-void SortByTime(const Scene& scene, std::vector<int>* frame_idxs) {
-  if (HasTimes(scene, *frame_idxs)) {
-    std::vector<double> times_s(scene.frames.size(), 0.0);
-    for (const int i : *frame_idxs) times_s[i] = TimeOfFrame(scene, i);
-    std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
-                     [&](int a, int b) { return times_s[a] < times_s[b]; });
+// Sorts the frames of a rig and assigns their times.
+void SortByTime(const Scene& scene, std::vector<int>* frame_idxs,
+                std::vector<double>* time_of_frame) {
+  if (!HasTimes(scene, *frame_idxs)) {
+    std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
+      return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
+    });
+    for (size_t k = 0; k < frame_idxs->size(); ++k) {
+      (*time_of_frame)[(*frame_idxs)[k]] = static_cast<double>(k);
+    }
     return;
   }
-  std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
-    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
-  });
+  std::vector<double>& times = *time_of_frame;
+  for (const int i : *frame_idxs) times[i] = TimeOfFrame(scene, i);
+  std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
+                   [&](int a, int b) { return times[a] < times[b]; });
+  std::vector<double> intervals;
+  for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
+    intervals.push_back(times[(*frame_idxs)[k + 1]] - times[(*frame_idxs)[k]]);
+  }
+  const double median = intervals.empty() ? 0.0 : Median(std::move(intervals));
+  if (median <= 0.0) return;
+  for (const int i : *frame_idxs) times[i] /= median;
 }
 
 }  // namespace
 
 TemporalOrder::TemporalOrder(const Scene& scene)
-    : rank_of_frame_(scene.frames.size()) {
-  std::vector<std::vector<int>> frames_of_rig(scene.rigs.size());
+    : rank_of_frame_(scene.frames.size()),
+      time_of_frame_(scene.frames.size(), 0.0),
+      sequences_(scene.rigs.size()) {
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const int rig_idx = scene.frames[i].rig_idx;
     rig_of_frame_.push_back(rig_idx);
-    if (rig_idx >= static_cast<int>(frames_of_rig.size())) {
-      frames_of_rig.resize(rig_idx + 1);
+    if (rig_idx >= static_cast<int>(sequences_.size())) {
+      sequences_.resize(rig_idx + 1);
     }
-    frames_of_rig[rig_idx].push_back(static_cast<int>(i));
+    sequences_[rig_idx].push_back(static_cast<int>(i));
   }
-  for (std::vector<int>& frames : frames_of_rig) {
-    SortByTime(scene, &frames);
+  for (std::vector<int>& frames : sequences_) {
+    SortByTime(scene, &frames, &time_of_frame_);
     for (size_t rank = 0; rank < frames.size(); ++rank) {
       rank_of_frame_[frames[rank]] = static_cast<int>(rank);
     }

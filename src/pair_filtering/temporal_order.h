@@ -17,10 +17,23 @@ class TemporalOrder {
 
   // 1 for consecutive frames; nullopt for frames of different rigs.
   std::optional<int> Gap(int frame_idx1, int frame_idx2) const;
+  // For frames of one rig.
+  bool IsBefore(int frame_idx1, int frame_idx2) const {
+    return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
+  }
+  // Time from one frame to the next of the same rig, relative to the median; 1
+  // if not all images of the rig have a time.
+  double Duration(int frame_idx, int next_frame_idx) const {
+    return time_of_frame_[next_frame_idx] - time_of_frame_[frame_idx];
+  }
+  // The frames of each rig, in their order.
+  const std::vector<std::vector<int>>& sequences() const { return sequences_; }
 
  private:
   std::vector<int> rig_of_frame_;
-  std::vector<int> rank_of_frame_;  // within its rig
+  std::vector<int> rank_of_frame_;     // within its rig
+  std::vector<double> time_of_frame_;  // in median intervals of its rig
+  std::vector<std::vector<int>> sequences_;
 };
 
 // Whether the order of the frames is that of a camera path: most frames share

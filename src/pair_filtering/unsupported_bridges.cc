@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "math/union_find.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/triplet_consistency.h"
 
@@ -104,6 +105,26 @@ void VisitComponent(const LinkGraph& graph, int root, int* num_entered,
   }
 }
 
+// Without the links in `is_left_out`.
+LinkGraph LeaveOut(const LinkGraph& graph, const Mask& is_left_out) {
+  LinkGraph rest;
+  rest.links_of_frame.resize(graph.links_of_frame.size());
+  for (size_t k = 0; k < graph.links.size(); ++k) {
+    if (is_left_out[k]) continue;
+    rest.links_of_frame[graph.links[k].frame_idx1].push_back(rest.links.size());
+    rest.links_of_frame[graph.links[k].frame_idx2].push_back(rest.links.size());
+    rest.links.push_back(graph.links[k]);
+  }
+  return rest;
+}
+
+Mask LoopLinks(const LinkGraph& graph) {
+  Mask is_loop(graph.links.size());
+  for (size_t k = 0; k < is_loop.size(); ++k)
+    is_loop[k] = graph.links[k].is_loop;
+  return is_loop;
+}
+
 DepthFirstForest VisitDepthFirst(const LinkGraph& graph) {
   DepthFirstForest forest(graph.links_of_frame.size());
   int num_entered = 0;
@@ -127,6 +148,13 @@ Mask FindSupportedLinks(const LinkGraph& graph, const ViewGraph& view_graph,
                                   [&](size_t i) { return support[i] > 0; });
   }
   return is_supported;
+}
+
+// Whether each frame is connected to the first one of its component by more
+// than one path.
+bool HasBridges(const DepthFirstForest& forest) {
+  return std::any_of(forest.begin(), forest.end(),
+                     [](const auto& frame) { return frame->IsBelowBridge(); });
 }
 
 bool IsUnsupportedAmongSupported(const LinkGraph& graph,
@@ -164,22 +192,13 @@ int CountMatchesAgainst(const FramePairIndex& index,
   return num_matches;
 }
 
-}  // namespace
-
-Mask FindUnsupportedBridges(const FramePairIndex& index,
-                            const ViewGraph& view_graph,
-                            const Mask& pair_is_consistent,
-                            const PairFilteringOptions& options,
-                            int num_threads) {
-  MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
-  MGSFM_CHECK_EQ(pair_is_consistent.size(), view_graph.pairs.size());
-  const LinkGraph graph = BuildLinkGraph(index, view_graph, pair_is_consistent);
-  const DepthFirstForest forest = VisitDepthFirst(graph);
+// The links without which parts of the frames come apart.
+Mask FindBridges(const FramePairIndex& index, const ViewGraph& view_graph,
+                 const Mask& pair_is_consistent, const LinkGraph& graph,
+                 const PairFilteringOptions& options, int num_threads) {
   Mask is_unsupported(view_graph.pairs.size(), false);
-  if (std::none_of(forest.begin(), forest.end(),
-                   [](const auto& frame) { return frame->IsBelowBridge(); })) {
-    return is_unsupported;
-  }
+  const DepthFirstForest forest = VisitDepthFirst(graph);
+  if (!HasBridges(forest)) return is_unsupported;
   const Mask link_is_supported =
       FindSupportedLinks(graph, view_graph, pair_is_consistent, num_threads);
   for (const std::optional<VisitedFrame>& top : forest) {
@@ -197,6 +216,48 @@ Mask FindUnsupportedBridges(const FramePairIndex& index,
     }
     for (const size_t i : bridge.pair_idxs) is_unsupported[i] = true;
   }
+  return is_unsupported;
+}
+
+// Rejects the loop links between frames that the other links do not connect.
+void RejectLoopsBetweenParts(const LinkGraph& graph, const Mask& is_loop,
+                             Mask* pair_is_unsupported) {
+  UnionFind parts(graph.links_of_frame.size());
+  for (size_t k = 0; k < graph.links.size(); ++k) {
+    const Link& link = graph.links[k];
+    if (is_loop[k] || (*pair_is_unsupported)[link.pair_idxs.front()]) continue;
+    parts.Union(link.frame_idx1, link.frame_idx2);
+  }
+  for (size_t k = 0; k < graph.links.size(); ++k) {
+    const Link& link = graph.links[k];
+    if (!is_loop[k] ||
+        parts.Find(link.frame_idx1) == parts.Find(link.frame_idx2)) {
+      continue;
+    }
+    for (const size_t i : link.pair_idxs) (*pair_is_unsupported)[i] = true;
+  }
+}
+
+}  // namespace
+
+Mask FindUnsupportedBridges(const FramePairIndex& index,
+                            const ViewGraph& view_graph,
+                            const Mask& pair_is_consistent,
+                            const PairFilteringOptions& options,
+                            int num_threads) {
+  MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
+  MGSFM_CHECK_EQ(pair_is_consistent.size(), view_graph.pairs.size());
+  const LinkGraph graph = BuildLinkGraph(index, view_graph, pair_is_consistent);
+  Mask is_loop = LoopLinks(graph);
+  if (is_loop.Any()) {
+    const Mask is_supported =
+        FindSupportedLinks(graph, view_graph, pair_is_consistent, num_threads);
+    is_loop.Remove(is_supported);
+  }
+  Mask is_unsupported =
+      FindBridges(index, view_graph, pair_is_consistent,
+                  LeaveOut(graph, is_loop), options, num_threads);
+  RejectLoopsBetweenParts(graph, is_loop, &is_unsupported);
   return is_unsupported;
 }
 

@@ -22,6 +22,10 @@ namespace mgsfm {
 //   min_share_against_bridge times as many matches, or the link is a loop: its
 //   frames are distant in a sequence.
 //
+// In a sequence, loop links without triplet-consistent matches connect nothing:
+// bridges are those of the graph without them, and such loops between parts
+// that nothing else connects are unsupported, however many there are.
+//
 // The third condition spares chains in which only neighbours were matched: they
 // have no triplets, and one wrong pair would cut them all.
 //

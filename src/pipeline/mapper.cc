@@ -15,6 +15,7 @@
 #include "pipeline/mapper_recipe.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
+#include "pipeline/motion_recipe.h"
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
 #include "pipeline/timed.h"
@@ -65,17 +66,21 @@ Mask UsedPairs(const RotationEstimate& rotations,
 }
 
 // Groups of pairs that the rotations or positions of the component contradict.
-std::vector<RejectedGroup> FindRejectedGroups(
-    const Scene& scene, const FramePairIndex& index,
-    const ViewGraph& view_graph, const RotationEstimate& rotations,
-    const Mask& pair_is_inconsistent) {
+// Pairs on moving objects are no evidence against either.
+std::vector<RejectedGroup> FindRejectedGroups(const Scene& scene,
+                                              const FramePairIndex& index,
+                                              const ViewGraph& view_graph,
+                                              const RotationEstimate& rotations,
+                                              const Mask& pair_is_inconsistent,
+                                              const PairVerdicts& verdicts) {
   Mask is_rejected = pair_is_inconsistent;
   for (size_t i = 0; i < is_rejected.size(); ++i) {
     const ImagePair& pair = view_graph.pairs[i];
     const bool is_rotation_known =
         pair.relative_pose && rotations.CamFromWorld(scene, pair.image_idx1) &&
         rotations.CamFromWorld(scene, pair.image_idx2);
-    if (is_rotation_known && !rotations.pair_is_inlier[i]) {
+    if (is_rotation_known && !rotations.pair_is_inlier[i] &&
+        verdicts[i] != RejectionReason::kDiscontinuousMotion) {
       is_rejected[i] = true;
     }
   }
@@ -104,6 +109,7 @@ struct Measurements {
   const FramePairIndex& index;  // of the view graph
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
+  const LengthHints& length_hints;
 };
 
 // The models of one connected component: one, unless it is split at seams.
@@ -125,14 +131,15 @@ std::vector<MapperModel> ReconstructComponent(
       Timed("translation averaging", context, &model.times, [&] {
         return estimate_positions(
             {scene, measurements.bearings, view_graph, index, rotations,
-             tracks.estimate},
+             tracks.estimate, measurements.length_hints},
             {options.translation_averaging, options.pair_filtering}, context);
       });
   model.translation = std::move(translation.summary);
   Reject(translation.pair_is_inconsistent,
          RejectionReason::kInconsistentBaseline, verdicts);
-  model.rejected_groups = FindRejectedGroups(
-      scene, index, view_graph, rotations, translation.pair_is_inconsistent);
+  model.rejected_groups =
+      FindRejectedGroups(scene, index, view_graph, rotations,
+                         translation.pair_is_inconsistent, *verdicts);
   LogRejectedPairs(scene, model.rejected_groups, view_graph.pairs.size(),
                    context);
 
@@ -222,6 +229,42 @@ std::vector<MapperModel> ReconstructComponents(
   return all;
 }
 
+// Rotations. In a sequence they are averaged again without objects that move
+// along with the rig, whose matches are removed from the view graph.
+EstimatedRotations EstimateRotationsOfWorld(
+    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
+    const MapperInput& input, const MapperOptions& options,
+    const Context& context, ViewGraph* view_graph, LengthHints* length_hints,
+    std::vector<StageTime>* times) {
+  const auto average = [&](const Mask& pair_is_on_object) {
+    return Timed("rotation averaging", context, times, [&] {
+      return EstimateRotations(scene, index, *view_graph, input.gravity_priors,
+                               options.rotation_averaging,
+                               options.pair_filtering, context,
+                               pair_is_on_object);
+    });
+  };
+  EstimatedRotations rotation = average({});
+  if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
+    return rotation;
+  }
+  MovingObjects objects = Timed("moving objects", context, times, [&] {
+    return FindMovingObjects(scene, bearings, index, *view_graph,
+                             rotation.estimate,
+                             options.translation_averaging.min_parallax_deg,
+                             options.pair_filtering, context);
+  });
+  RemoveMovingKeypoints(objects, view_graph);
+  length_hints->known = std::move(objects.length_of_pair);
+  const size_t num_pairs = objects.pair_is_on_object.Count();
+  if (num_pairs == 0) return rotation;
+  context.Info(std::to_string(num_pairs) + " of " +
+               std::to_string(view_graph->pairs.size()) +
+               " image pairs contradict the motion of the rig, as those on "
+               "vehicles that move along do; they are not used");
+  return average(objects.pair_is_on_object);
+}
+
 // The stages after the calibration of focal lengths, which replaces the cameras
 // of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const PositionStep& estimate_positions,
@@ -256,20 +299,18 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  EstimatedRotations rotation =
-      Timed("rotation averaging", context, &result.times, [&] {
-        return EstimateRotations(
-            scene, index, verified.estimate, input.gravity_priors,
-            options.rotation_averaging, options.pair_filtering, context);
-      });
+  LengthHints length_hints;
+  EstimatedRotations rotation = EstimateRotationsOfWorld(
+      scene, bearings, index, input, options, context, &verified.estimate,
+      &length_hints, &result.times);
   result.rotation = std::move(rotation.summary);
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,  bearings, verified.estimate, index, input.position_priors,
-      gravity};
+      scene,   bearings,    verified.estimate, index, input.position_priors,
+      gravity, length_hints};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

@@ -46,6 +46,7 @@ struct PositionInput {
   const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
+  LengthHints length_hints = {};
 };
 
 struct PositionOptions {

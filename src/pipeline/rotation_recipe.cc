@@ -195,11 +195,17 @@ EstimatedRotations EstimateRotations(const Scene& scene,
                                      const GravityPriors& gravity,
                                      const RotationAveragingOptions& options,
                                      const PairFilteringOptions& filtering,
-                                     const Context& context) {
+                                     const Context& context,
+                                     const Mask& pair_is_discontinuous) {
   EstimatedRotations result;
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
+  if (!pair_is_discontinuous.empty()) {
+    is_used.Remove(pair_is_discontinuous);
+    Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+           &result.verdicts);
+  }
   RotationResult averaged;
   if (!is_used.Any()) {
     averaged = NothingToAverage(scene, view_graph, context);

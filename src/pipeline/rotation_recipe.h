@@ -35,10 +35,13 @@ struct EstimatedRotations {
 // they cost more than 5 % of the pairs that agree without them: wrong priors
 // would tear the frames apart. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
+// Pairs that contradict the motion of the rig (motion_recipe.h) are rejected
+// first; an empty mask stands for none.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const GravityPriors& gravity,
     const RotationAveragingOptions& options,
-    const PairFilteringOptions& filtering, const Context& context);
+    const PairFilteringOptions& filtering, const Context& context,
+    const Mask& pair_is_discontinuous = {});
 
 }  // namespace mgsfm

@@ -344,10 +344,14 @@ struct PairRays {
 };
 
 PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
-                     const ImagePair& pair) {
+                     const ImagePair& pair, PairRotation rotation) {
   PairRays collected;
-  const Matrix3d& world_from_cam1 = *problem.world_from_cam[pair.image_idx1];
   const Matrix3d& world_from_cam2 = *problem.world_from_cam[pair.image_idx2];
+  const Matrix3d world_from_cam1 =
+      rotation == PairRotation::kOwn
+          ? Matrix3d(world_from_cam2 *
+                     pair.relative_pose->cam2_from_cam1.toRotationMatrix())
+          : *problem.world_from_cam[pair.image_idx1];
   for (const Match& match : pair.matches) {
     const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
     const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
@@ -367,7 +371,7 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
 // Fills all but the images.
 void MeasureBaseline(const Scene& scene, const Bearings& bearings,
                      const PositionProblem& problem, const ImagePair& pair,
-                     double min_sine, Random* random,
+                     PairRotation rotation, double min_sine, Random* random,
                      BaselineDirection* baseline) {
   if (pair.relative_pose && !pair.relative_pose->translation_direction) {
     // The pair's own rotation explains its matches; it fits them better than
@@ -375,7 +379,7 @@ void MeasureBaseline(const Scene& scene, const Bearings& bearings,
     baseline->kind = BaselineKind::kNoParallax;
     return;
   }
-  const PairRays collected = CollectRays(bearings, problem, pair);
+  const PairRays collected = CollectRays(bearings, problem, pair, rotation);
   const double noise_rad = std::hypot(PixelRad(scene, pair.image_idx1),
                                       PixelRad(scene, pair.image_idx2)) /
                            std::sqrt(2.0);
@@ -402,7 +406,7 @@ void MeasureBaseline(const Scene& scene, const Bearings& bearings,
 std::vector<BaselineDirection> EstimateBaselineDirections(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const Mask& pair_is_used, const PositionProblem& problem,
-    double min_parallax_deg, const Context& context) {
+    double min_parallax_deg, const Context& context, PairRotation rotation) {
   const double min_sine = std::sin(DegToRad(min_parallax_deg));
   std::vector<BaselineDirection> baselines(view_graph.pairs.size());
   ParallelFor(baselines.size(), context.num_threads, [&](size_t pair_idx) {
@@ -416,7 +420,7 @@ std::vector<BaselineDirection> EstimateBaselineDirections(
     }
     context.CheckInterrupted();
     Random random(context.random_seed, pair_idx);
-    MeasureBaseline(scene, bearings, problem, pair, min_sine, &random,
+    MeasureBaseline(scene, bearings, problem, pair, rotation, min_sine, &random,
                     &baseline);
   });
   return baselines;

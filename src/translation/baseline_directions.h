@@ -60,9 +60,15 @@ struct BaselineDirection {
 // Result: one item per pair of the view graph. Pairs outside pair_is_used and
 // pairs of images without rotation are kUnused.
 // Cost: linear in the matches; parallel over pairs.
+//
+// With PairRotation::kOwn the two-view rotation of the pair replaces the
+// averaged one. The baseline then does not depend on whether the pair agrees
+// with the others; only its axes are those of camera 2 in the world.
+enum class PairRotation { kAveraged, kOwn };
 std::vector<BaselineDirection> EstimateBaselineDirections(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,
     const Mask& pair_is_used, const PositionProblem& problem,
-    double min_parallax_deg, const Context& context);
+    double min_parallax_deg, const Context& context,
+    PairRotation rotation = PairRotation::kAveraged);
 
 }  // namespace mgsfm

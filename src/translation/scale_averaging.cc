@@ -29,6 +29,10 @@ constexpr int kMaxNumLinks = 3;
 // length. Chosen, not measured.
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
+// Of lengths that are equal if the cameras of the rig trigger simultaneously.
+constexpr double kEqualLengthSigma = 0.05;
+// Of lengths by the median of depths within a frame.
+constexpr double kKnownLengthSigma = 0.1;
 // A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;
 // Stopping rule on log(scale), far below kMinRatioSigma.
@@ -135,6 +139,31 @@ std::vector<ScaleLink> LinkPairs(
     links.insert(links.end(), some.begin(), some.end());
   }
   return links;
+}
+
+// Links each pair to the first one of its set with a direction.
+void LinkEqualLengths(const std::vector<BaselineDirection>& baselines,
+                      const std::vector<std::vector<int>>& equal,
+                      std::vector<ScaleLink>* links) {
+  for (const std::vector<int>& pair_idxs : equal) {
+    std::optional<int> first;
+    for (const int i : pair_idxs) {
+      if (baselines[i].kind != BaselineKind::kDirection) continue;
+      if (first) links->push_back({*first, i, 0.0, kEqualLengthSigma});
+      if (!first) first = i;
+    }
+  }
+}
+
+// Links each pair of known length to `unit`, the node of their common unit.
+void LinkKnownLengths(const std::vector<BaselineDirection>& baselines,
+                      const std::vector<std::optional<double>>& known, int unit,
+                      std::vector<ScaleLink>* links) {
+  for (size_t i = 0; i < known.size(); ++i) {
+    if (!known[i] || baselines[i].kind != BaselineKind::kDirection) continue;
+    links->push_back(
+        {unit, static_cast<int>(i), std::log(*known[i]), kKnownLengthSigma});
+  }
 }
 
 std::vector<GraphEdge> EdgesOf(const std::vector<ScaleLink>& links) {
@@ -350,15 +379,19 @@ PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
 }  // namespace
 
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
-                         int num_images, const Context& context) {
-  const std::vector<ScaleLink> links =
+                         int num_images, const Context& context,
+                         const LengthHints& hints) {
+  std::vector<ScaleLink> links =
       LinkPairs(baselines, num_images, context.num_threads);
+  const int unit = static_cast<int>(baselines.size());
+  LinkEqualLengths(baselines, hints.equal, &links);
+  LinkKnownLengths(baselines, hints.known, unit, &links);
   const std::vector<GraphEdge> edges = EdgesOf(links);
-  const int num_pairs = static_cast<int>(baselines.size());
+  const int num_nodes = hints.known.empty() ? unit : unit + 1;
   const Eigen::VectorXd log_scale =
-      AverageLinks(num_pairs, links, edges, context.num_threads);
+      AverageLinks(num_nodes, links, edges, context.num_threads);
   const ScaleGroups groups =
-      NumberGroups(baselines, FindConnectedComponents(num_pairs, edges));
+      NumberGroups(baselines, FindConnectedComponents(num_nodes, edges));
   return ChooseUnits(baselines, groups, log_scale,
                      ScaleSigmas(links, log_scale), context.num_threads);
 }

@@ -37,18 +37,22 @@ namespace mgsfm {
 // 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
 //    two components is rejected if it has no triplet support and other pairs
 //    contradict it. The components then stay apart.
-// 5. Baseline consistency (baseline_consistency.h). Direction and length of the
+// 5. Motion continuity (motion_continuity.h). In a sequence, pairs of
+//    neighbours that match an object moving along with the rig state that it
+//    stands still. The smoothest motion that the pairs offer exposes them.
+// 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate.
-// 6. Track support (track_support.h). A track helps to estimate positions only
+// 7. Track support (track_support.h). A track helps to estimate positions only
 //    if accepted pairs connect all frames that observe it.
 //
-// Rules 3 and 5 reject nothing if they would reject more than a third of the
+// Rules 3 and 6 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
 //
 // Known limits. Duplicates closer than the drift bound are accepted. If the
 // neighbours of a place are missing, its duplicate can be the strongest pair.
-// Objects that move along with the rig look like static structure.
+// Without temporal order, objects that move along with the rig look like static
+// structure.
 
 // Whether frames are in the order in which they were captured, by their
 // timestamps or names.
@@ -92,6 +96,11 @@ struct PairFilteringOptions {
       "use_unsupported_bridges", true,
       "Reject pairs that alone connect two components without triplet support "
       "and against other pairs."};
+  Option<bool> use_motion_continuity{
+      "use_motion_continuity", true,
+      "In a sequence, reject pairs of neighbouring frames whose baseline "
+      "contradicts a continuous motion, such as those on vehicles that keep "
+      "their distance."};
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "
@@ -151,9 +160,9 @@ struct PairFilteringOptions {
   void Describe(Visitor& visit) {
     visit(is_sequence, use_skeletal_graph, use_strict_skeletal_graph,
           use_triplet_support, use_rotation_consistency,
-          use_unsupported_bridges, use_baseline_drift_bound,
-          use_baseline_consistency, use_track_support, min_strength,
-          min_connecting_strength, strict_min_strength,
+          use_unsupported_bridges, use_motion_continuity,
+          use_baseline_drift_bound, use_baseline_consistency, use_track_support,
+          min_strength, min_connecting_strength, strict_min_strength,
           strict_min_connecting_strength, max_rotation_error_deg,
           rotation_drift_in_sigmas, max_rotation_drift_deg,
           min_share_against_bridge, max_baseline_drift,
@@ -166,6 +175,7 @@ struct PairFilteringOptions {
 // Why a pair is not used. A pair has the reason of the first rule it fails.
 enum class RejectionReason {
   kNoRelativePose,            // verification found none
+  kDiscontinuousMotion,       // rule 5
   kUnknownSensorRotation,     // sensor_from_rig of one of its images is unknown
   kRotationBeyondDriftBound,  // rule 3
   kInconsistentRotation,      // contradicts the estimated rotations
@@ -173,13 +183,14 @@ enum class RejectionReason {
   kFrameWithoutRotation,      // no accepted pair connects one of its frames
   kDifferentComponents,       // its frames are in different components
   kNoBaseline,                // no translation explains its matches
-  kInconsistentBaseline,      // rule 5
+  kInconsistentBaseline,      // rule 6
 };
 
 template <>
 struct EnumTable<RejectionReason> {
   static constexpr std::pair<std::string_view, RejectionReason> kNames[] = {
       {"no_relative_pose", RejectionReason::kNoRelativePose},
+      {"discontinuous_motion", RejectionReason::kDiscontinuousMotion},
       {"unknown_sensor_rotation", RejectionReason::kUnknownSensorRotation},
       {"rotation_beyond_drift_bound",
        RejectionReason::kRotationBeyondDriftBound},

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Vehicles that keep their distance for tens of frames and fill images.
+#include <gtest/gtest.h>
+
+#include <utility>
+
+#include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/synthetic/simulation.h"
+#include "support/model_comparison.h"
+
+namespace mgsfm {
+namespace {
+
+// Lorries ahead or alongside accompany half of the drive.
+Simulation DriveWithLorries(RigPreset rig, int seed) {
+  SimulationOptions options = StandardSimulation(rig);
+  options.path = PathPreset::kCurve;
+  options.num_frames = 90;
+  options.frame_spacing_m = 2.5;
+  options.convoy_ratio = 0.5;
+  options.random_seed = seed;
+  return Simulate(options);
+}
+
+double MaxPositionError(const Simulation& simulation,
+                        bool use_motion_continuity) {
+  MapperOptions options;
+  options.pair_filtering.use_motion_continuity = use_motion_continuity;
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, options, Context());
+  EXPECT_EQ(result.models.size(), 1u);
+  EXPECT_TRUE(result.unregistered_frames.empty());
+  return CompareModels(simulation.scene, result.models[0].reconstruction,
+                       simulation.ground_truth)
+      .max_position;
+}
+
+class MovingObjectsTest
+    : public testing::TestWithParam<std::pair<RigPreset, int>> {};
+
+TEST_P(MovingObjectsTest, LorriesThatKeepTheirDistanceDoNotStopTheRig) {
+  const Simulation simulation =
+      DriveWithLorries(GetParam().first, GetParam().second);
+  // The drive needs the rule: the rig would stand still next to a lorry.
+  EXPECT_GT(MaxPositionError(simulation, false), 2.5);
+  EXPECT_LT(MaxPositionError(simulation, true), 0.25);
+}
+
+INSTANTIATE_TEST_SUITE_P(RigsAndSeeds, MovingObjectsTest,
+                         testing::Values(std::pair(RigPreset::kStereo, 0),
+                                         std::pair(RigPreset::kStereo, 1),
+                                         std::pair(RigPreset::kKitti360, 1)));
+
+}  // namespace
+}  // namespace mgsfm
