@@ -254,10 +254,10 @@ EstimatedRotations EstimateRotationsOfWorld(
                              options.translation_averaging.min_parallax_deg,
                              options.pair_filtering, context);
   });
-  RemoveMovingKeypoints(objects, view_graph);
-  length_hints->known = std::move(objects.length_of_pair);
   const size_t num_pairs = objects.pair_is_on_object.Count();
   if (num_pairs == 0) return rotation;
+  RemoveMovingKeypoints(objects, view_graph);
+  length_hints->known = std::move(objects.length_of_pair);
   context.Info(std::to_string(num_pairs) + " of " +
                std::to_string(view_graph->pairs.size()) +
                " image pairs contradict the motion of the rig, as those on "

@@ -28,13 +28,13 @@ constexpr double kMinShareOfVotes = 0.15;
 const double kLogMoving = std::log(2.0);
 
 // Pairs of neighbours in a sequence, and those within a frame.
-Mask NeighbouringPairs(const FramePairIndex& index,
-                       const ViewGraph& view_graph) {
+Mask NeighbouringPairs(const FramePairIndex& index, const ViewGraph& view_graph,
+                       int max_gap) {
   Mask is_near(view_graph.pairs.size(), false);
   for (size_t i = 0; i < is_near.size(); ++i) {
     const auto& gap = index.Of(i).time_gap;
-    is_near[i] = gap && *gap <= kMaxSequentialGap &&
-                 view_graph.pairs[i].relative_pose.has_value();
+    is_near[i] =
+        gap && *gap <= max_gap && view_graph.pairs[i].relative_pose.has_value();
   }
   return is_near;
 }
@@ -217,6 +217,73 @@ bool IsMoving(const MovingObjects& objects, int image_idx, uint32_t keypoint) {
   return !moving.empty() && moving[keypoint];
 }
 
+struct Motions {
+  std::vector<std::vector<LengthVote>> votes;  // per pair
+  SupportedBaselines baselines;
+  MotionConsistency consistency;
+};
+
+// Compares the pairs of frames at most max_gap apart with the motion.
+Motions CompareWithMotion(const Scene& scene, const Bearings& bearings,
+                          const FramePairIndex& index,
+                          const ViewGraph& view_graph,
+                          const RotationEstimate& rotations, int max_gap,
+                          double min_parallax_deg,
+                          const PairFilteringOptions& filtering,
+                          const Context& context) {
+  const std::vector<BaselineDirection> measured =
+      EstimateBaselineDirections(scene, bearings, view_graph,
+                                 NeighbouringPairs(index, view_graph, max_gap),
+                                 MakePositionProblem(scene, rotations),
+                                 min_parallax_deg, context, PairRotation::kOwn);
+  const PairScales scales =
+      AverageScales(measured, static_cast<int>(scene.images.size()), context,
+                    {PairsOfEqualSensors(scene, index, view_graph), {}});
+  const ImageDepths depths =
+      DepthsWithinFrames(index, measured, scales, scene.images.size());
+  Motions motions;
+  motions.votes.resize(measured.size());
+  motions.baselines.resize(measured.size());
+  for (size_t i = 0; i < measured.size(); ++i) {
+    motions.votes[i] = VotesOf(measured[i], depths);
+    motions.baselines[i] =
+        BaselinesOf(measured[i], scales.pairs[i], motions.votes[i],
+                    static_cast<double>(view_graph.pairs[i].matches.size()));
+  }
+  motions.consistency = CheckMotion(scene, index, view_graph, rotations,
+                                    motions.baselines, filtering);
+  return motions;
+}
+
+// The pairs on objects, and the keypoints and lengths next to them.
+MovingObjects JudgeNextToObjects(const Scene& scene,
+                                 const FramePairIndex& index, Motions motions) {
+  const MotionConsistency& consistency = motions.consistency;
+  const Mask has_object =
+      FramesWithObjects(index, consistency.pair_is_discontinuous);
+  KeypointVerdicts verdicts(scene);
+  MovingObjects objects;
+  objects.length_of_pair.resize(motions.votes.size());
+  for (size_t i = 0; i < motions.votes.size(); ++i) {
+    const FramePairIndex::FramePair& frames = index.Of(i);
+    if (!frames.IsBetweenFrames() || !consistency.agreeing[i] ||
+        !(has_object[frames.frame_idx1] || has_object[frames.frame_idx2])) {
+      continue;
+    }
+    const double length =
+        motions.baselines[i][*consistency.agreeing[i]].baseline_in_world.norm();
+    if (length == 0.0) continue;
+    verdicts.Count(motions.votes[i], length);
+    if (motions.votes[i].size() >= kMinNumVotes) {
+      objects.length_of_pair[i] = length;
+    }
+  }
+  objects.keypoint_is_moving = verdicts.Moving();
+  objects.pair_is_on_object =
+      std::move(motions.consistency.pair_is_discontinuous);
+  return objects;
+}
+
 }  // namespace
 
 MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
@@ -226,43 +293,13 @@ MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
                                 double min_parallax_deg,
                                 const PairFilteringOptions& filtering,
                                 const Context& context) {
-  const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
-      scene, bearings, view_graph, NeighbouringPairs(index, view_graph),
-      MakePositionProblem(scene, rotations), min_parallax_deg, context,
-      PairRotation::kOwn);
-  const PairScales scales =
-      AverageScales(measured, static_cast<int>(scene.images.size()), context,
-                    {PairsOfEqualSensors(scene, index, view_graph), {}});
-  const ImageDepths depths =
-      DepthsWithinFrames(index, measured, scales, scene.images.size());
-  std::vector<std::vector<LengthVote>> votes(measured.size());
-  SupportedBaselines baselines(measured.size());
-  for (size_t i = 0; i < measured.size(); ++i) {
-    votes[i] = VotesOf(measured[i], depths);
-    baselines[i] =
-        BaselinesOf(measured[i], scales.pairs[i], votes[i],
-                    static_cast<double>(view_graph.pairs[i].matches.size()));
-  }
-  MotionConsistency consistency =
-      CheckMotion(scene, index, view_graph, rotations, baselines, filtering);
-  const Mask has_object =
-      FramesWithObjects(index, consistency.pair_is_discontinuous);
-  KeypointVerdicts verdicts(scene);
-  std::vector<std::optional<double>> length_of_pair(measured.size());
-  for (size_t i = 0; i < measured.size(); ++i) {
-    const FramePairIndex::FramePair& frames = index.Of(i);
-    if (!frames.IsBetweenFrames() || !consistency.agreeing[i] ||
-        !(has_object[frames.frame_idx1] || has_object[frames.frame_idx2])) {
-      continue;
-    }
-    const double length =
-        baselines[i][*consistency.agreeing[i]].baseline_in_world.norm();
-    if (length == 0.0) continue;
-    verdicts.Count(votes[i], length);
-    if (votes[i].size() >= kMinNumVotes) length_of_pair[i] = length;
-  }
-  return {std::move(consistency.pair_is_discontinuous), verdicts.Moving(),
-          std::move(length_of_pair)};
+  const auto compare = [&](int max_gap) {
+    return CompareWithMotion(scene, bearings, index, view_graph, rotations,
+                             max_gap, min_parallax_deg, filtering, context);
+  };
+  // An object that moves along is on pairs of consecutive frames, too.
+  if (!compare(1).consistency.pair_is_discontinuous.Any()) return {};
+  return JudgeNextToObjects(scene, index, compare(kMaxSequentialGap));
 }
 
 void RemoveMovingKeypoints(const MovingObjects& objects,

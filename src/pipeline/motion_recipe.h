@@ -14,7 +14,7 @@
 
 namespace mgsfm {
 
-// What moves along with the rig in a sequence.
+// What moves along with the rig in a sequence. All empty if nothing does.
 struct MovingObjects {
   // Per pair of the view graph: its matches follow an object.
   Mask pair_is_on_object;
