@@ -10,11 +10,13 @@ target_link_libraries(mgsfm_all INTERFACE ${modules})
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/mgsfm)
 install(TARGETS mgsfm_all ${modules} EXPORT mgsfmTargets
-  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
-  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir})
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev
+  LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT dev)
+install(EXPORT mgsfmTargets NAMESPACE mgsfm:: DESTINATION ${package_dir}
+  COMPONENT dev)
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/
-  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} FILES_MATCHING PATTERN "*.h")
+  DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT dev
+  FILES_MATCHING PATTERN "*.h")
 
 set(packages_file ${PROJECT_BINARY_DIR}/mgsfmPackages.cmake)
 set(packages_text "set(mgsfm_MODULES ${MGSFM_MODULE_NAMES})\n")
@@ -37,4 +39,4 @@ install(FILES
   ${packages_file}
   ${PROJECT_BINARY_DIR}/mgsfmConfig.cmake
   ${PROJECT_BINARY_DIR}/mgsfmConfigVersion.cmake
-  DESTINATION ${package_dir})
+  DESTINATION ${package_dir} COMPONENT dev)

@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Installs the Debian 12 packages that mgsfm needs; does nothing if they are
-# present.
+# present. Without root, it tells which are missing and how to install them.
 #   scripts/setup.sh         to build and run the program
 #   scripts/setup.sh --test  also to build and run the tests and benchmarks
 #   scripts/setup.sh --dev   also for all checks of .ci/run and for experiments/
@@ -17,8 +17,9 @@ packages=(
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(
-  ccache chromium clang-format clang-tidy colmap python3-pytest
-  python3-matplotlib
+  ccache chromium clang-format clang-tidy colmap
+  pybind11-dev python3-dev python3-numpy
+  python3-pytest python3-matplotlib python3-mypy
 )
 all_packages=(clang-14 libclang-rt-14-dev)
 case "${1:-}" in
@@ -30,6 +31,11 @@ case "${1:-}" in
   *) echo "usage: scripts/setup.sh [--test|--dev|--all]" >&2; exit 1 ;;
 esac
 
+if ! command -v dpkg-query >/dev/null; then
+  echo "This system has no Debian packages. CMake tells which libraries are" \
+    "missing; scripts/setup.sh names their packages." >&2
+  exit 0
+fi
 missing=()
 for package in "${packages[@]}"; do
   status=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
@@ -37,9 +43,12 @@ for package in "${packages[@]}"; do
 done
 [ ${#missing[@]} -gt 0 ] || exit 0
 
+if [ "$(id -u)" != 0 ]; then
+  echo "Missing packages; install them with" >&2
+  echo "  sudo apt-get install --no-install-recommends ${missing[*]}" >&2
+  exit 1
+fi
 echo "Installing ${missing[*]}"
-as_root=()
-[ "$(id -u)" = 0 ] || as_root=(sudo)
-"${as_root[@]}" apt-get update -q
-"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+apt-get update -q
+DEBIAN_FRONTEND=noninteractive \
   apt-get install -q -y --no-install-recommends "${missing[@]}"

@@ -3,7 +3,6 @@
 #include <cstdio>
 #include <numeric>
 #include <string>
-#include <tuple>
 #include <vector>
 
 #include "command.h"
@@ -136,7 +135,7 @@ BundleResult Adjust(const ModelScene& input,
       input.reconstruction, options.bundle_adjustment, context);
 }
 
-void PrintResult(const ModelScene& input, const BundleResult& result) {
+std::string Describe(const ModelScene& input, const BundleResult& result) {
   const Reconstruction& before = input.reconstruction;
   const Reconstruction& after = result.estimate;
   const auto errors_before = ComputeErrors(input.scene, before);
@@ -146,23 +145,26 @@ void PrintResult(const ModelScene& input, const BundleResult& result) {
   for (const SolveSummary& solve : solves) {
     num_iterations += solve.num_iterations;
   }
-  const auto num_observations = [](const ReprojectionErrors& errors) {
-    return static_cast<unsigned long>(errors.num_observations);
+  std::string text;
+  const auto add_row = [&](const char* format, auto... values) {
+    char row[160];
+    std::snprintf(row, sizeof(row), format, values...);
+    text += row;
   };
-  std::printf("%-22s %14s %14s\n", "", "before", "after");
-  std::printf("%-22s %14.6g %14.6g\n", "cost", solves.front().initial_cost,
-              solves.back().final_cost);
-  std::printf("%-22s %11.4f px %11.4f px\n", "reprojection, mean",
-              errors_before.mean_px, errors_after.mean_px);
-  std::printf("%-22s %11.4f px %11.4f px\n", "reprojection, median",
-              errors_before.median_px, errors_after.median_px);
-  std::printf("%-22s %14lu %14lu\n", "observations",
-              num_observations(errors_before), num_observations(errors_after));
-  std::printf("%-22s %14zu %14zu\n", "points", before.points.size(),
-              after.points.size());
-  std::printf("%-22s %14d in %zu solve%s, %s\n", "iterations", num_iterations,
-              solves.size(), solves.size() == 1 ? "" : "s",
-              std::string(TerminationName(solves.back().termination)).c_str());
+  add_row("%-22s %14s %14s\n", "", "before", "after");
+  add_row("%-22s %14.6g %14.6g\n", "cost", solves.front().initial_cost,
+          solves.back().final_cost);
+  add_row("%-22s %11.4f px %11.4f px\n", "reprojection, mean",
+          errors_before.mean_px, errors_after.mean_px);
+  add_row("%-22s %11.4f px %11.4f px\n", "reprojection, median",
+          errors_before.median_px, errors_after.median_px);
+  add_row("%-22s %14zu %14zu\n", "observations", errors_before.num_observations,
+          errors_after.num_observations);
+  add_row("%-22s %14zu %14zu\n", "points", before.points.size(),
+          after.points.size());
+  add_row("%-22s %14d in %zu solve%s, ", "iterations", num_iterations,
+          solves.size(), solves.size() == 1 ? "" : "s");
+  return text.append(TerminationName(solves.back().termination)) + "\n";
 }
 
 void LogInput(const ModelScene& input, const Context& context) {
@@ -216,9 +218,9 @@ void WriteResult(const ModelScene& input, const Reconstruction& model,
   output->Commit();
 }
 
-int RunBundleAdjuster(const BundleAdjusterOptions& options,
-                      const Context& context) {
-  const auto give_up = [&](const std::string& reason) {
+CommandResult RunBundleAdjuster(const BundleAdjusterOptions& options,
+                                const Context& context) {
+  const auto give_up = [&](const std::string& reason) -> CommandResult {
     context.log(LogLevel::kError, "nothing was adjusted: " + reason);
     return kExitNotSolvable;
   };
@@ -241,14 +243,10 @@ int RunBundleAdjuster(const BundleAdjusterOptions& options,
     context.Warning(check.message + "; provide a prior focal length");
   }
   WriteResult(input, result.estimate, options, context, &output);
-  PrintResult(input, result);
-  if (std::fflush(stdout) != 0) {
-    context.Warning(
-        "the table cannot be written to the standard output; the model is "
-        "complete");
-    std::ignore = std::freopen("/dev/null", "w", stdout);
-  }
-  return kExitSuccess;
+  CommandResult done(kExitSuccess);
+  done.text = Describe(input, result);
+  done.has_files = true;
+  return done;
 }
 
 }  // namespace

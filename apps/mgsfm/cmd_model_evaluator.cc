@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <iostream>
 #include <sstream>
 
 #include "base/text.h"
@@ -94,7 +93,8 @@ void CheckUsage(const EvaluatorOptions& options) {
   }
 }
 
-int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
+CommandResult RunModelEvaluator(const EvaluatorOptions& options,
+                                const Context&) {
   CheckUsage(options);
   const EvaluationOptions thresholds{
       ParseThresholds("position_thresholds", options.position_thresholds),
@@ -115,8 +115,10 @@ int RunModelEvaluator(const EvaluatorOptions& options, const Context&) {
     ReplaceFile(*options.svg_path,
                 EvaluationToSvg(comparison.images, evaluation), &files);
   }
-  std::cout << EvaluationToText(evaluation);
-  return kExitSuccess;
+  CommandResult result(kExitSuccess);
+  result.text = EvaluationToText(evaluation);
+  result.json = EvaluationToJson(evaluation);
+  return result;
 }
 
 }  // namespace

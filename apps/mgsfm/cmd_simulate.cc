@@ -369,8 +369,7 @@ int RunSimulate(const SimulateCommandOptions& options, const Context& context) {
   return kExitSuccess;
 }
 
-// The arguments are parsed twice: first for the preset, then on top of its
-// values.
+// The options are set twice: first for the preset, then on top of its values.
 int ParseAndRun(const std::vector<std::string>& arguments) {
   AllOptions<SimulateCommandOptions> preset;
   SetOptions(arguments, ListOptions(&preset));
@@ -382,11 +381,20 @@ int ParseAndRun(const std::vector<std::string>& arguments) {
   return RunSimulate(options.command, MakeTerminalContext(options.common));
 }
 
+CommandResult SetAndRun(const OptionSetter& set, const Context& environment) {
+  AllOptions<SimulateCommandOptions> preset;
+  set(ListOptions(&preset));
+  AllOptions<SimulateCommandOptions> options;
+  options.command.simulation = OptionsOf(preset.command.preset);
+  return CallWith(kName, options, set, environment, RunSimulate);
+}
+
 }  // namespace
 
 Command SimulateCommand() {
   Command command = MakeCommand(kName, kSummary, RunSimulate);
   command.run = ParseAndRun;
+  command.call = SetAndRun;
   return command;
 }
 

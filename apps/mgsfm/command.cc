@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 
+#include <cstdio>
 #include <iostream>
 #include <optional>
 #include <set>
+#include <tuple>
 #include <utility>
 
+#include "base/parallel.h"
 #include "mgsfm/base/error.h"
 #include "output_check.h"
 
@@ -120,9 +123,37 @@ bool ParseArguments(const std::string& name, const std::string& summary,
     std::cout << DumpOptions(options);
     return false;
   }
-  CheckOptions(options);
-  CheckOutputsAreNoInputs(name, options, switches.config_path);
+  CheckCommandOptions(name, options, switches.config_path);
   return true;
+}
+
+void CheckCommandOptions(const std::string& name, const OptionList& options,
+                         const std::string& config_path) {
+  CheckOptions(options);
+  CheckOutputsAreNoInputs(name, options, config_path);
+}
+
+Context ApplyCommonOptions(const CommonOptions& options, Context environment) {
+  environment.num_threads = ResolveNumThreads(options.num_threads);
+  environment.random_seed = static_cast<uint64_t>(options.random_seed);
+  environment.log = [min_level = *options.log_level,
+                     log = std::move(environment.log)](
+                        LogLevel level, const std::string& message) {
+    if (level >= min_level) log(level, message);
+  };
+  return environment;
+}
+
+int PrintResult(const CommandResult& result, const Context& context) {
+  std::cout << result.text;
+  if (result.has_files && !std::cout.flush()) {
+    context.Warning(
+        "the table cannot be written to the standard output; the model is "
+        "complete");
+    std::ignore = std::freopen("/dev/null", "w", stdout);
+    std::cout.clear();
+  }
+  return result.exit_code;
 }
 
 }  // namespace mgsfm

@@ -62,12 +62,32 @@ enum ExitCode : int {
   // 128 plus its number. Only resumable commands have written anything then.
 };
 
+// The end of a run. Commands that only write files return their ExitCode.
+struct CommandResult {
+  // NOLINTNEXTLINE(google-explicit-constructor)
+  CommandResult(int code) : exit_code(code) {}
+
+  int exit_code;
+  std::string text = {};  // for the standard output
+  std::string json = {};  // the same for programs; may be empty
+  // The output files are complete, so that the text may get lost.
+  bool has_files = false;
+};
+
+// Sets options by SetOption or LoadOptions.
+using OptionSetter = std::function<void(const OptionList&)>;
+
 struct Command {
   std::string name;
   std::string summary;  // one line
   // Runs with the arguments after the name of the command; returns an
   // ExitCode. Throws Error for bad input.
   std::function<int(const std::vector<std::string>&)> run;
+  // Runs within another program, and prints nothing. Makes the same checks.
+  // `environment` must have a log; the common options set its threads and seed.
+  std::function<CommandResult(const OptionSetter& set,
+                              const Context& environment)>
+      call;
   // Calls the function with all options at their defaults.
   std::function<void(const std::function<void(const OptionList&)>&)> list;
   // A stopped run keeps its finished work, and the next run continues from it.
@@ -130,33 +150,60 @@ bool ParseArguments(const std::string& name, const std::string& summary,
                     const std::vector<std::string>& arguments,
                     const OptionList& options);
 
+// The checks of ParseArguments.
+void CheckCommandOptions(const std::string& name, const OptionList& options,
+                         const std::string& config_path = "");
+
+// The environment with the threads and the seed of the options, and without the
+// log messages below their level.
+Context ApplyCommonOptions(const CommonOptions& options, Context environment);
+
+// Prints the text of a result; returns its exit code.
+int PrintResult(const CommandResult& result, const Context& context);
+
 // Prints log messages and, on a terminal, progress to the standard error
 // stream. Signals interrupt what is run with it; see interruption.h.
 Context MakeTerminalContext(const CommonOptions& options);
 
-template <class Options>
+// Command::call with options that already differ from their defaults.
+template <class Options, class Result>
+CommandResult CallWith(const std::string& name, AllOptions<Options> options,
+                       const OptionSetter& set, const Context& environment,
+                       Result (*run)(const Options&, const Context&)) {
+  const OptionList list = ListOptions(&options);
+  set(list);
+  CheckCommandOptions(name, list);
+  return run(options.command, ApplyCommonOptions(options.common, environment));
+}
+
+// Result is int (an ExitCode) or CommandResult.
+template <class Options, class Result>
 Command MakeCommand(const std::string& name, const std::string& summary,
-                    int (*run)(const Options&, const Context&)) {
+                    Result (*run)(const Options&, const Context&)) {
   const auto run_with = [=](const std::vector<std::string>& arguments) -> int {
     AllOptions<Options> options;
     if (!ParseArguments(name, summary, arguments, ListOptions(&options))) {
       return kExitSuccess;
     }
-    return run(options.command, MakeTerminalContext(options.common));
+    const Context context = MakeTerminalContext(options.common);
+    return PrintResult(run(options.command, context), context);
+  };
+  const auto call = [=](const OptionSetter& set, const Context& environment) {
+    return CallWith(name, AllOptions<Options>(), set, environment, run);
   };
   const auto list =
       [](const std::function<void(const OptionList&)>& use_options) {
         Options options;
         use_options(ListOptions(&options));
       };
-  return {name, summary, run_with, list};
+  return {name, summary, run_with, call, list};
 }
 
 // The same for a command that continues where an interrupted run stopped.
-template <class Options>
+template <class Options, class Result>
 Command MakeResumableCommand(const std::string& name,
                              const std::string& summary,
-                             int (*run)(const Options&, const Context&)) {
+                             Result (*run)(const Options&, const Context&)) {
   Command command = MakeCommand(name, summary, run);
   command.is_resumable = true;
   return command;

@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <vector>
+
 #include "command.h"
 
 namespace mgsfm {
+
+// All of the below, in the order of --help.
+std::vector<Command> AllCommands();
 
 // One per file cmd_*.cc.
 Command AutomaticReconstructorCommand();

@@ -20,7 +20,6 @@
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
-namespace {
 
 std::vector<Command> AllCommands() {
   return {AutomaticReconstructorCommand(),
@@ -38,6 +37,8 @@ std::vector<Command> AllCommands() {
           SpatialMatcherCommand(),
           MatchesImporterCommand()};
 }
+
+namespace {
 
 // For docs/reference/options.md.
 void PrintOptionsMarkdown() {

@@ -5,8 +5,8 @@
 #include <cstdio>
 #include <memory>
 #include <string>
+#include <utility>
 
-#include "base/parallel.h"
 #include "base/text.h"
 #include "command.h"
 #include "interruption.h"
@@ -20,12 +20,10 @@ namespace {
 class Terminal {
  public:
   explicit Terminal(LogLevel log_level)
-      : log_level_(log_level),
-        shows_progress_(log_level <= LogLevel::kInfo &&
+      : shows_progress_(log_level <= LogLevel::kInfo &&
                         isatty(STDERR_FILENO) != 0) {}
 
   void Log(LogLevel level, const std::string& message) {
-    if (level < log_level_) return;
     ClearProgress();
     const std::string_view name = EnumName(level);
     std::fprintf(stderr, "%8.2f %-7.*s %s\n", since_start_.Seconds(),
@@ -69,7 +67,6 @@ class Terminal {
   Terminal& operator=(const Terminal&) = delete;
 
  private:
-  LogLevel log_level_;
   bool shows_progress_;
   bool progress_is_shown_ = false;
   std::string stage_;
@@ -83,8 +80,6 @@ class Terminal {
 Context MakeTerminalContext(const CommonOptions& options) {
   const auto terminal = std::make_shared<Terminal>(options.log_level);
   Context context;
-  context.num_threads = ResolveNumThreads(options.num_threads);
-  context.random_seed = static_cast<uint64_t>(options.random_seed);
   context.log = [terminal](LogLevel level, const std::string& message) {
     terminal->Log(level, message);
   };
@@ -92,7 +87,7 @@ Context MakeTerminalContext(const CommonOptions& options) {
     terminal->ShowProgress(progress);
   };
   context.is_cancelled = [] { return InterruptionSignal() != 0; };
-  return context;
+  return ApplyCommonOptions(options, std::move(context));
 }
 
 }  // namespace mgsfm

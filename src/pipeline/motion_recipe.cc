@@ -305,6 +305,7 @@ MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
 void RemoveMovingKeypoints(const MovingObjects& objects,
                            ViewGraph* view_graph) {
   for (ImagePair& pair : view_graph->pairs) {
+    if (pair.matches.empty()) continue;
     pair.matches.erase(
         std::remove_if(
             pair.matches.begin(), pair.matches.end(),
@@ -313,6 +314,8 @@ void RemoveMovingKeypoints(const MovingObjects& objects,
                      IsMoving(objects, pair.image_idx2, match.keypoint_idx2);
             }),
         pair.matches.end());
+    // Its pose was that of the object.
+    if (pair.matches.empty()) pair.relative_pose.reset();
   }
 }
 

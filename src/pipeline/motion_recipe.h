@@ -50,7 +50,8 @@ MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
                                 const PairFilteringOptions& filtering,
                                 const Context& context);
 
-// Removes the matches of moving keypoints.
+// Removes the matches of moving keypoints, and the relative poses of pairs that
+// had no others.
 void RemoveMovingKeypoints(const MovingObjects& objects, ViewGraph* view_graph);
 
 }  // namespace mgsfm

@@ -25,6 +25,9 @@ using Eigen::Vector3d;
 // alike, so more matches do not average it out. A chosen bound, not a measured
 // value.
 constexpr double kRotationSigma = DegToRad(0.05);
+// Of directions that are given without matches. Positions depend on the ratio
+// of these deviations only if pairs with matches are mixed with them. A choice.
+constexpr double kGivenDirectionSigma = DegToRad(0.5);
 // A direction less certain than this is reported as unknown. Chosen: beyond it
 // the small-angle model of sigma_rad no longer holds.
 constexpr double kMaxDirectionSigma = DegToRad(15.0);
@@ -368,6 +371,15 @@ PairRays CollectRays(const Bearings& bearings, const PositionProblem& problem,
   return collected;
 }
 
+// A pair without matches: its relative pose was measured elsewhere.
+void TakeDirection(const PositionProblem& problem, const ImagePair& pair,
+                   BaselineDirection* baseline) {
+  baseline->kind = BaselineKind::kDirection;
+  baseline->direction = -(*problem.world_from_cam[pair.image_idx2] *
+                          *pair.relative_pose->translation_direction);
+  baseline->sigma_rad = kGivenDirectionSigma;
+}
+
 // Fills all but the images.
 void MeasureBaseline(const Scene& scene, const Bearings& bearings,
                      const PositionProblem& problem, const ImagePair& pair,
@@ -377,6 +389,10 @@ void MeasureBaseline(const Scene& scene, const Bearings& bearings,
     // The pair's own rotation explains its matches; it fits them better than
     // the averaged rotation, which could show parallax where there is none.
     baseline->kind = BaselineKind::kNoParallax;
+    return;
+  }
+  if (pair.relative_pose && pair.matches.empty()) {
+    TakeDirection(problem, pair, baseline);
     return;
   }
   const PairRays collected = CollectRays(bearings, problem, pair, rotation);

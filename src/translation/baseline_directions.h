@@ -57,6 +57,8 @@ struct BaselineDirection {
 // A pair is kNoParallax if its relative pose has no direction, or if no
 // direction is found and at most 40 % of its matches have parallax. Matches
 // with less than min_parallax_deg of parallax have no depths.
+// A pair with a relative pose and without matches is kDirection with the
+// direction of that pose and without depths.
 // Result: one item per pair of the view graph. Pairs outside pair_is_used and
 // pairs of images without rotation are kUnused.
 // Cost: linear in the matches; parallel over pairs.

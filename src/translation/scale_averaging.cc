@@ -297,7 +297,10 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
   return sigmas;
 }
 
+// Zero, i.e. one baseline, for directions that are given without matches. Such
+// a pair is a group of its own.
 double MedianLogDepth(const BaselineDirection& baseline) {
+  if (baseline.depths[0].empty()) return 0.0;
   std::vector<double> log_depths;
   for (const DepthSample& d : baseline.depths[0]) {
     log_depths.push_back(d.log_depth);

@@ -122,6 +122,54 @@ TEST(MakeCommand, PassesOptionsContextAndExitCode) {
   EXPECT_THROW(command.run({"--input_path=x", "--random_seed=-1"}), Error);
 }
 
+TEST(MakeCommand, CallChecksAndPassesTheSame) {
+  const Command command = MakeCommand("sample", "Tries.", RunSample);
+  Context environment;
+  environment.log = [](LogLevel, const std::string&) {};
+  const auto call = [&](const std::string& path) {
+    return command.call(
+        [&](const OptionList& options) {
+          SetOption(options, "input_path", path);
+          SetOption(options, "num_threads", "2");
+          SetOption(options, "random_seed", "5");
+        },
+        environment);
+  };
+  EXPECT_EQ(call("x").exit_code, kExitNotSolvable);
+  EXPECT_THROW(call(""), Error);
+}
+
+CommandResult ReturnText(const SampleOptions&, const Context& context) {
+  context.Info("info");
+  context.Warning("warning");
+  CommandResult result(kExitSuccess);
+  result.text = "a table\n";
+  return result;
+}
+
+TEST(MakeCommand, TextIsPrintedByTheProgramOnly) {
+  const Command command = MakeCommand("sample", "Tries.", ReturnText);
+  ::testing::internal::CaptureStdout();
+  EXPECT_EQ(command.run({"--input_path=x"}), kExitSuccess);
+  EXPECT_EQ(::testing::internal::GetCapturedStdout(), "a table\n");
+
+  Context environment;
+  std::vector<std::string> messages;
+  environment.log = [&](LogLevel, const std::string& message) {
+    messages.push_back(message);
+  };
+  ::testing::internal::CaptureStdout();
+  const CommandResult result = command.call(
+      [](const OptionList& options) {
+        SetOption(options, "input_path", "x");
+        SetOption(options, "log_level", "warning");
+      },
+      environment);
+  EXPECT_EQ(::testing::internal::GetCapturedStdout(), "");
+  EXPECT_EQ(result.text, "a table\n");
+  EXPECT_EQ(messages, std::vector<std::string>{"warning"});
+}
+
 TEST(CommonOptions, DefaultsAreInRange) {
   EXPECT_NO_THROW(CheckOptionsOf(CommonOptions()));
 }

@@ -61,6 +61,28 @@ TEST(TranslationAveragingTest, KnownExtrinsicsDetermineTheUnit) {
   EXPECT_NEAR(MeasureCenters(input, result.estimate).scale, 1.0, 1e-5);
 }
 
+// Relative poses without matches suffice where directions determine positions:
+// in a loop, not on a straight line.
+TEST(TranslationAveragingTest, DirectionsWithoutMatches) {
+  TranslationInput input =
+      MakeTranslationInput(SmallScene(RigPreset::kMono, PathPreset::kLoop));
+  const Scene& scene = input.simulation.scene;
+  for (ImagePair& pair : input.simulation.view_graph.pairs) {
+    const Reconstruction& truth = input.simulation.ground_truth;
+    const Rigid3 cam2_from_cam1 =
+        *truth.CamFromWorld(scene, pair.image_idx2) *
+        truth.CamFromWorld(scene, pair.image_idx1)->Inverse();
+    pair.relative_pose = RelativePose{cam2_from_cam1.rotation,
+                                      cam2_from_cam1.translation.normalized()};
+    pair.matches.clear();
+  }
+  input.tracks = {};
+  const TranslationResult result = Average(input);
+  EXPECT_EQ(result.summary.num_pairs_used,
+            static_cast<int>(input.simulation.view_graph.pairs.size()));
+  EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 1e-3);
+}
+
 // Pairs outside rotations.pair_is_inlier have no effect.
 TEST(TranslationAveragingTest, UsesInliersOnly) {
   SimulationOptions options =

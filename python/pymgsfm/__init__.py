@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Structure from motion for camera rigs: the commands of mgsfm as functions,
+models in memory, and averaging of one's own relative poses.
+
+    import pymgsfm
+    models = pymgsfm.global_mapping("database.db", "images", "sparse")
+    print(models[0].summary())
+
+Threads may call any function at the same time; runs that write must have
+outputs of their own. A process may fork as long as none of its threads runs a
+function of pymgsfm, as the child has no other thread and keeps their locks.
+"""
+
+from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
+                        ViewGraph, average_rotations, average_translations)
+from .commands import (automatic_reconstruction, bundle_adjustment,
+                       configure_rigs, evaluate, extend, extract_features,
+                       global_mapping, import_matches, match_exhaustive,
+                       match_sequential, match_spatial, match_vocab_tree,
+                       report, run, simulate, triangulate_points)
+from .errors import InputError, InternalError, NotSolvableError
+from .geometry import Rigid3d, Rotation3d
+from .options import OptionGroup, OptionInfo, Options
+from .reconstruction import (INVALID_POINT3D_ID, Camera, Frame, Image, Point2D,
+                             Point3D, Points2D, Points3D, Reconstruction, Rig,
+                             Track, TrackElement)
+
+__all__ = [
+    "Camera", "Frame", "INVALID_POINT3D_ID", "Image", "InputError",
+    "InternalError", "NotSolvableError", "ONE_CAMERA", "OptionGroup",
+    "OptionInfo", "Options", "Point2D", "Point3D", "Points2D", "Points3D",
+    "Reconstruction", "Rig", "Rigid3d", "Rotation3d", "Rotations",
+    "SensorState", "Track", "TrackElement", "Translations", "ViewGraph",
+    "automatic_reconstruction", "average_rotations", "average_translations",
+    "bundle_adjustment", "configure_rigs", "evaluate", "extend",
+    "extract_features", "global_mapping", "import_matches",
+    "match_exhaustive", "match_sequential", "match_spatial",
+    "match_vocab_tree", "report", "run", "simulate", "triangulate_points",
+]

@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands of the program mgsfm as functions.
+
+Each runs the code of the command of the same purpose and writes the same
+files, byte for byte. `options` are those of the command: an object
+Options("mapper"), or a dict, nested ({"Tracks": {"min_track_length": 2}}) or
+flat ({"Tracks.min_track_length": 2}), also with num_threads, random_seed and
+log_level.
+
+All functions release the GIL. They raise
+  InputError for bad input; nothing was written,
+  NotSolvableError if nothing can be estimated,
+  KeyboardInterrupt after Ctrl-C, in the main thread only.
+
+`log(level, message)` gets the messages of a run, by default the logger
+"pymgsfm" of Python's logging. `progress(stage, done, total)` is called several
+times per second. Both are called in the thread of the caller; an exception of
+theirs ends the run and is passed on.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import tempfile
+from pathlib import Path
+from typing import Any, Callable, Dict, Optional, Union
+
+from . import _core
+from .errors import NotSolvableError
+from .options import OptionsLike, to_texts
+from .reconstruction import Reconstruction
+
+PathLike = Union[str, "os.PathLike[str]"]
+Log = Callable[[str, str], object]
+Progress = Callable[[str, int, int], object]
+
+_logger = logging.getLogger("pymgsfm")
+_LEVELS = {"debug": logging.DEBUG, "info": logging.INFO,
+           "warning": logging.WARNING, "error": logging.ERROR}
+
+
+def log_to_logging(level: str, message: str) -> None:
+    """The default of `log`."""
+    _logger.log(_LEVELS[level], "%s", message)
+
+
+def run(command: str, options: OptionsLike = None, *,
+        log: Optional[Log] = None, progress: Optional[Progress] = None,
+        **paths: Optional[PathLike]) -> Any:
+    """Runs any command by its name, as `mgsfm COMMAND` does.
+
+    Keywords are options, too. Returns the printed result, if any, as a dict.
+    """
+    exit_code, text, message = _core.run_command(
+        command, to_texts(options, paths), log or log_to_logging, progress)
+    if exit_code != 0:
+        raise NotSolvableError(message or f"{command} estimated nothing")
+    return json.loads(text) if text else None
+
+
+def extract_features(database_path: PathLike, image_path: PathLike,
+                     options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Extracts SIFT features of the images in a folder into a database.
+
+    Images that have features in the database are skipped.
+    """
+    run("feature_extractor", options, log=log, progress=progress,
+        database_path=database_path, image_path=image_path)
+
+
+def configure_rigs(database_path: PathLike, options: OptionsLike = None, *,
+                   log: Optional[Log] = None) -> None:
+    """Writes rigs and frames to a database, replacing those it has."""
+    run("rig_configurator", options, log=log, database_path=database_path)
+
+
+def match_exhaustive(database_path: PathLike, options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Matches all pairs of images and verifies the matches."""
+    run("exhaustive_matcher", options, log=log, progress=progress,
+        database_path=database_path)
+
+
+def match_sequential(database_path: PathLike, options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Matches images with the next ones by name, and detects loops."""
+    run("sequential_matcher", options, log=log, progress=progress,
+        database_path=database_path)
+
+
+def match_spatial(database_path: PathLike, options: OptionsLike = None, *,
+                  log: Optional[Log] = None,
+                  progress: Optional[Progress] = None) -> None:
+    """Matches images with near positions, of the table pose_priors."""
+    run("spatial_matcher", options, log=log, progress=progress,
+        database_path=database_path)
+
+
+def match_vocab_tree(database_path: PathLike, options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Matches each image with those that look most similar."""
+    run("vocab_tree_matcher", options, log=log, progress=progress,
+        database_path=database_path)
+
+
+def import_matches(database_path: PathLike, match_list_path: PathLike,
+                   options: OptionsLike = None, *, log: Optional[Log] = None,
+                   progress: Optional[Progress] = None) -> None:
+    """Imports pairs or matches from a text file."""
+    run("matches_importer", options, log=log, progress=progress,
+        database_path=database_path, match_list_path=match_list_path)
+
+
+def global_mapping(database_path: PathLike, image_path: Optional[PathLike],
+                   output_path: PathLike, options: OptionsLike = None, *,
+                   log: Optional[Log] = None,
+                   progress: Optional[Progress] = None
+                   ) -> Dict[int, Reconstruction]:
+    """Reconstructs models from the verified matches of a database.
+
+    Args:
+      database_path: COLMAP database; it is only read.
+      image_path: Folder of the images, to colour points; None: black points.
+      output_path: Folder for the models 0, 1, ... and report.json.
+      options: Of the command mapper.
+
+    Returns the models by number, in descending order of their frames.
+    """
+    run("mapper", options, log=log, progress=progress,
+        database_path=database_path, image_path=image_path,
+        output_path=output_path)
+    return _read_models(output_path)
+
+
+def extend(database_path: PathLike, image_path: Optional[PathLike],
+           input_path: PathLike, output_path: PathLike,
+           options: OptionsLike = None, *, log: Optional[Log] = None,
+           progress: Optional[Progress] = None) -> Reconstruction:
+    """Adds the frames of a database that the model at input_path lacks.
+
+    Writes the model to the folder 0 of output_path, and returns it.
+    """
+    run("mapper", options, log=log, progress=progress,
+        database_path=database_path, image_path=image_path,
+        input_path=input_path, output_path=output_path)
+    return _read_models(output_path)[0]
+
+
+def automatic_reconstruction(workspace_path: PathLike, image_path: PathLike,
+                             options: OptionsLike = None, *,
+                             log: Optional[Log] = None,
+                             progress: Optional[Progress] = None
+                             ) -> Dict[int, Reconstruction]:
+    """Extracts features, matches and maps; models are in workspace/sparse."""
+    run("automatic_reconstructor", options, log=log, progress=progress,
+        workspace_path=workspace_path, image_path=image_path)
+    return _read_models(Path(workspace_path) / "sparse")
+
+
+def bundle_adjustment(model: Union[PathLike, Reconstruction],
+                      options: OptionsLike = None,
+                      output_path: Optional[PathLike] = None, *,
+                      log: Optional[Log] = None,
+                      progress: Optional[Progress] = None) -> Reconstruction:
+    """Refines a model: frame poses, rig extrinsics, points.
+
+    Args:
+      model: The folder of a model, or a model in memory, which stays unchanged.
+      options: Of the command bundle_adjuster.
+      output_path: Folder for the adjusted model; None: nothing is written.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        if isinstance(model, Reconstruction):
+            input_path: PathLike = Path(scratch) / "input"
+            model.write(input_path)
+        else:
+            input_path = model
+        target = output_path or Path(scratch) / "output"
+        run("bundle_adjuster", options, log=log, progress=progress,
+            input_path=input_path, output_path=target)
+        return Reconstruction(target)
+
+
+def triangulate_points(database_path: PathLike,
+                       image_path: Optional[PathLike], input_path: PathLike,
+                       output_path: PathLike, options: OptionsLike = None, *,
+                       log: Optional[Log] = None,
+                       progress: Optional[Progress] = None) -> Reconstruction:
+    """Triangulates the points of a model whose poses stay fixed."""
+    run("point_triangulator", options, log=log, progress=progress,
+        database_path=database_path, image_path=image_path,
+        input_path=input_path, output_path=output_path)
+    return Reconstruction(output_path)
+
+
+def evaluate(input_path: PathLike, gt_path: Optional[PathLike] = None,
+             options: OptionsLike = None, *,
+             log: Optional[Log] = None) -> Dict[str, Any]:
+    """Compares a model with true poses or a true rig.
+
+    Returns what `mgsfm model_evaluator --json` writes: lengths in the unit of
+    the true poses, angles in degrees (docs/reference/formats.md).
+    """
+    result: Dict[str, Any] = run("model_evaluator", options, log=log,
+                                 input_path=input_path, gt_path=gt_path)
+    return result
+
+
+def simulate(output_path: PathLike, options: OptionsLike = None, *,
+             log: Optional[Log] = None,
+             progress: Optional[Progress] = None) -> None:
+    """Simulates a drive: a database or images, and the true model."""
+    run("simulate", options, log=log, progress=progress,
+        output_path=output_path)
+
+
+def report(input_path: PathLike, output_path: PathLike,
+           options: OptionsLike = None, *, log: Optional[Log] = None,
+           progress: Optional[Progress] = None) -> None:
+    """Writes an HTML page to inspect a model."""
+    run("report", options, log=log, progress=progress, input_path=input_path,
+        output_path=output_path)
+
+
+def _read_models(folder: PathLike) -> Dict[int, Reconstruction]:
+    numbers = sorted(int(path.name) for path in Path(folder).iterdir()
+                     if path.is_dir() and path.name.isdecimal())
+    return {number: Reconstruction(Path(folder) / str(number))
+            for number in numbers}
