@@ -10,6 +10,7 @@ function(mgsfm_add_module name)
   add_library(${target} ${arg_SOURCES})
   add_library(mgsfm::${name} ALIAS ${target})
   set_target_properties(${target} PROPERTIES EXPORT_NAME ${name}
+    UNITY_BUILD ${MGSFM_UNITY_BUILD}
     VERSION ${PROJECT_VERSION}
     SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
   target_include_directories(${target}
