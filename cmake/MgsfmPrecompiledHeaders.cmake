@@ -38,7 +38,7 @@ if(MGSFM_PRECOMPILED_HEADERS)
     LINK Eigen3::Eigen HEADERS ${common_headers})
   if(MGSFM_BUILD_TESTS)
     mgsfm_add_precompiled_headers(mgsfm_test_headers
-      LINK Eigen3::Eigen GTest::gmock GTest::gtest
+      LINK Eigen3::Eigen GTest::gmock GTest::gtest mgsfm_test_flags
       HEADERS ${common_headers} <gmock/gmock.h> <gtest/gtest.h>)
   endif()
 endif()

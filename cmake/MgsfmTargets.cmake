@@ -10,6 +10,7 @@ function(mgsfm_add_module name)
   add_library(${target} ${arg_SOURCES})
   add_library(mgsfm::${name} ALIAS ${target})
   set_target_properties(${target} PROPERTIES EXPORT_NAME ${name}
+    UNITY_BUILD ${MGSFM_UNITY_BUILD}
     VERSION ${PROJECT_VERSION}
     SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
   target_include_directories(${target}
@@ -33,6 +34,12 @@ function(mgsfm_add_module name)
   set_property(GLOBAL PROPERTY MGSFM_PACKAGES_OF_${name} ${packages})
 endfunction()
 
+# Tests spend their time in the modules, which keep the flags of the build; to
+# optimise the tests themselves takes longer than it saves.
+add_library(mgsfm_test_flags INTERFACE)
+target_compile_options(mgsfm_test_flags INTERFACE
+  $<$<CONFIG:Release,RelWithDebInfo>:-O1>)
+
 # mgsfm_add_test(NAME SOURCES ... DEPENDS modules... [LINK packages...]
 #                [LABELS ...])
 # One GoogleTest program mgsfm_NAME_test, run by CTest as one test.
@@ -48,7 +55,7 @@ function(mgsfm_add_test name)
     target_link_libraries(${target} PRIVATE mgsfm::${module})
   endforeach()
   target_link_libraries(${target} PRIVATE ${arg_LINK} GTest::gmock
-    GTest::gtest_main mgsfm_warnings)
+    GTest::gtest_main mgsfm_test_flags mgsfm_warnings)
   mgsfm_reuse_precompiled_headers(${target} mgsfm_test_headers)
   add_test(NAME ${name} COMMAND ${target})
   set_tests_properties(${name} PROPERTIES TIMEOUT 600)
