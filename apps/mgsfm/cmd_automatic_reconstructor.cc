@@ -7,6 +7,7 @@
 
 #include "command.h"
 #include "commands.h"
+#include "exif_times.h"
 #include "extraction_run.h"
 #include "mapper_run.h"
 #include "matching_input.h"
@@ -95,9 +96,10 @@ Context WithoutRepetitions(const Context& context) {
   return once;
 }
 
-int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
+int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
   const Context context = WithoutRepetitions(terminal);
+  AutomaticReconstructorOptions options = given;
   if (!std::filesystem::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
   }
@@ -114,6 +116,8 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
                 "' cannot be created: " + error.message());
   }
   const std::string database_path = (workspace / "database.db").string();
+  UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
+               &options.loading);
   ExtractInto(database_path, options.image_path, options.extraction, context);
   Match(database_path, options, context);
   MapperRun run{database_path,      (workspace / "sparse").string(),
