@@ -11,7 +11,9 @@ find_package(SQLite3 REQUIRED)
 find_package(nlohmann_json 3.11 REQUIRED)
 include(MgsfmSystemLibraries)
 mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
-  opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2)
+  opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
+  mgsfm_yaml)
+mgsfm_find_optional_hdf5()
 
 if(MGSFM_BUILD_TESTS)
   find_package(GTest 1.12 REQUIRED)

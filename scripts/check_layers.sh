@@ -17,8 +17,10 @@ io: base math geometry scene
 io/files: base
 io/database: base math geometry scene io/files
 io/rigs: base math geometry scene io/files io/database
-io/models: base math geometry scene io/files io/database io/rigs
-io/priors: base math geometry scene io/files io/database
+io/hloc: base math geometry scene io/files io/database
+io/calibration: base math geometry scene io/files io/database io/rigs
+io/models: base math geometry scene io/files io/database io/rigs io/calibration
+io/priors: base math geometry scene io/files io/database io/rigs io/models
 features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene

@@ -13,7 +13,8 @@ packages=(
   libeigen3-dev libceres-dev libsuitesparse-dev libopenblas0-serial
   libsqlite3-dev nlohmann-json3-dev
   libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev
-  libexiv2-dev libflann-dev libre2-dev
+  libexiv2-dev libflann-dev libre2-dev libyaml-cpp-dev
+  libhdf5-dev
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(

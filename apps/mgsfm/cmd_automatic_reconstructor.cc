@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <filesystem>
+#include <memory>
+#include <set>
 #include <string>
+#include <vector>
 
 #include "command.h"
 #include "commands.h"
+#include "exif_times.h"
 #include "extraction_run.h"
 #include "mapper_run.h"
 #include "matching_input.h"
@@ -46,10 +50,6 @@ struct AutomaticReconstructorOptions {
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
-  Option<std::string> image_timestamps_path{
-      "image_timestamps_path", "",
-      "File with a line `image_name SECONDS` for every image: its time of "
-      "exposure. SoftRig.method time_offset needs it."};
   PairMatchingOptions matching;
   SequentialMatchingOptions sequential;
   ExhaustiveMatchingOptions exhaustive;
@@ -59,7 +59,7 @@ struct AutomaticReconstructorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(workspace_path, image_path, data_type, output_format, write_report,
-          extraction, loading, priors, image_timestamps_path, matching);
+          extraction, loading, priors, matching);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
     visit.Group("VocabTree", vocabulary);
@@ -84,13 +84,28 @@ void Match(const std::string& database_path,
   }
 }
 
-int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
-                              const Context& context) {
+// Matching and mapping both read the rigs; what they say about them is logged
+// once.
+Context WithoutRepetitions(const Context& context) {
+  Context once = context;
+  const auto seen = std::make_shared<std::set<std::string>>();
+  once.log = [seen, log = context.log](LogLevel level,
+                                       const std::string& text) {
+    if (log && seen->insert(text).second) log(level, text);
+  };
+  return once;
+}
+
+int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
+                              const Context& terminal) {
+  const Context context = WithoutRepetitions(terminal);
+  AutomaticReconstructorOptions options = given;
   if (!std::filesystem::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
   }
-  for (const std::string& name :
-       ListImages(options.image_path, options.extraction.image_list_path)) {
+  const std::vector<std::string> names =
+      ListImages(options.image_path, options.extraction.image_list_path);
+  for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
   const std::filesystem::path workspace = *options.workspace_path;
@@ -101,17 +116,14 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& options,
                 "' cannot be created: " + error.message());
   }
   const std::string database_path = (workspace / "database.db").string();
+  UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
+               &options.loading);
   ExtractInto(database_path, options.image_path, options.extraction, context);
   Match(database_path, options, context);
-  MapperRun run{database_path,
-                (workspace / "sparse").string(),
-                options.image_path,
-                options.output_format,
-                options.loading,
-                options.priors,
-                options.mapper,
-                OptionsToJsonOf(options),
-                options.image_timestamps_path};
+  MapperRun run{database_path,      (workspace / "sparse").string(),
+                options.image_path, options.output_format,
+                options.loading,    options.priors,
+                options.mapper,     OptionsToJsonOf(options)};
   run.write_report = options.write_report;
   return MapDatabase(run, context);
 }

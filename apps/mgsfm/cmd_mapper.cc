@@ -33,10 +33,6 @@ struct MapperCommandOptions {
       "Write report.html, a page to inspect a model, into its folder."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
-  Option<std::string> image_timestamps_path{
-      "image_timestamps_path", "",
-      "File with a line `image_name SECONDS` for every image: its time of "
-      "exposure. SoftRig.method time_offset needs it."};
   BaselineOptions baseline;
   RigSplitOptions rig_split;
   MapperOptions mapper;
@@ -44,8 +40,7 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, loading, priors, image_timestamps_path,
-          baseline, mapper);
+          output_format, write_report, loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -56,9 +51,8 @@ int RunMapperCommand(const MapperCommandOptions& options,
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options), options.image_timestamps_path,
-       options.input_path, options.image_list_path, options.baseline,
-       options.rig_split, options.write_report},
+       OptionsToJsonOf(options), options.input_path, options.image_list_path,
+       options.baseline, options.rig_split, options.write_report},
       context);
 }
 

@@ -15,6 +15,8 @@ Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
 Command ExhaustiveMatcherCommand();
 Command FeatureExtractorCommand();
+Command FeatureImporterCommand();
+Command GeometricVerifierCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();

@@ -23,7 +23,8 @@ const std::vector<BasicHelp>& BasicHelps() {
        "mgsfm automatic_reconstructor --image_path images --workspace_path "
        "work",
        {"workspace_path", "image_path", "data_type", "rig_config_path",
-        "rig_name_rule", "use_prior_position", "write_report"}},
+        "calibration_path", "rig_name_rule", "frame_max_time_difference_s",
+        "use_prior_position", "write_report"}},
       {"mapper",
        "mgsfm mapper --database_path database.db --image_path images "
        "--output_path sparse",

@@ -10,7 +10,6 @@
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
-#include "io/rigs/image_timestamps.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/io/rigs/rig_config.h"
@@ -23,7 +22,8 @@ namespace mgsfm {
 namespace {
 
 void CheckTimestamps(const MapperRun& run) {
-  if (run.image_timestamps_path.empty() &&
+  if (run.loading.image_timestamps_path->empty() &&
+      !run.loading.PairsFramesByTime() &&
       run.mapper.soft_rig.method == SoftRig::kTimeOffset) {
     throw Error(
         "--SoftRig.method time_offset needs the times of images; "
@@ -176,9 +176,6 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
     loaded.scene =
         SplitRig(std::move(loaded.scene), *run.rig_split.split_rig_at);
     loaded.rig_source += ", split at frame " + *run.rig_split.split_rig_at;
-  }
-  if (!run.image_timestamps_path.empty()) {
-    ReadImageTimestamps(run.image_timestamps_path, &loaded.scene);
   }
   LoadedInput input;
   if (model) {

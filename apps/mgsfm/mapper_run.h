@@ -24,11 +24,10 @@ struct MapperRun {
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   MapperOptions mapper;
-  std::string options_json;           // of the command, for the report
-  std::string image_timestamps_path;  // may be empty
-  std::string input_path = {};        // model to extend; may be empty
-  std::string image_list_path = {};   // images to use; empty: all
-  BaselineOptions baseline = {};      // by default the mapper itself
+  std::string options_json;          // of the command, for the report
+  std::string input_path = {};       // model to extend; may be empty
+  std::string image_list_path = {};  // images to use; empty: all
+  BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
   bool write_report = false;  // a page per model
 };

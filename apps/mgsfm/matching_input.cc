@@ -3,6 +3,7 @@
 
 #include <utility>
 
+#include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -16,14 +17,12 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
     throw Error("database '" + *options.database_path +
                 "' has no images; run feature_extractor first");
   }
-  // Missing matches are expected here, so no warning about them.
-  Context quiet = context;
-  quiet.log = nullptr;
-  LoadedScene loaded = LoadScene(std::move(contents), options.loading, quiet);
-  context.Info(std::to_string(loaded.scene.images.size()) + " images in " +
-               std::to_string(loaded.scene.frames.size()) +
-               " frames; rigs: " + loaded.rig_source);
-  return {std::move(database), std::move(loaded.scene)};
+  SceneOfRows rows = BuildSceneOfRows("database", std::move(contents),
+                                      options.loading, context);
+  context.Info(std::to_string(rows.scene.images.size()) + " images in " +
+               std::to_string(rows.scene.frames.size()) +
+               " frames; rigs: " + rows.rig_source);
+  return {std::move(database), std::move(rows.scene)};
 }
 
 }  // namespace mgsfm

@@ -30,6 +30,8 @@ std::vector<Command> AllCommands() {
           ReportCommand(),
           SimulateCommand(),
           FeatureExtractorCommand(),
+          FeatureImporterCommand(),
+          GeometricVerifierCommand(),
           RigConfiguratorCommand(),
           ExhaustiveMatcherCommand(),
           SequentialMatcherCommand(),

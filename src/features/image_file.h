@@ -17,6 +17,8 @@ struct ImageTags {
   // Latitude and longitude in degrees, altitude in metres. As in COLMAP, a
   // missing altitude is 0.
   std::optional<Eigen::Vector3d> position_wgs84;
+  // DateTimeOriginal with SubSecTimeOriginal, taken for UTC.
+  std::optional<double> time_s;
 };
 
 // Reads the metadata of an image file with the content `file`. Damaged or

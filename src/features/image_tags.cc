@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <cmath>
 #include <exiv2/exiv2.hpp>
 #include <mutex>
 #include <string>
 
 #include "features/image_file.h"
+#include "io/rigs/image_name_times.h"
 
 namespace mgsfm {
 namespace {
@@ -94,6 +96,21 @@ std::optional<Eigen::Vector3d> PositionWgs84(const Exiv2::ExifData& tags) {
                          is_below_sea ? -altitude : altitude);
 }
 
+// "2023:05:01 12:34:56" and "789".
+std::optional<double> TimeOf(const Exiv2::ExifData& tags) {
+  const auto text_of = [&tags](const char* name) {
+    const auto tag = tags.findKey(Exiv2::ExifKey(name));
+    return tag == tags.end() ? std::string() : tag->toString();
+  };
+  std::string digits = text_of("Exif.Photo.DateTimeOriginal");
+  digits.erase(std::remove(digits.begin(), digits.end(), ':'), digits.end());
+  const std::string fraction = text_of("Exif.Photo.SubSecTimeOriginal");
+  const auto time_ns =
+      TimeInName(digits + (fraction.empty() ? "" : "." + fraction) + ".jpg");
+  if (!time_ns) return std::nullopt;
+  return 1e-9 * static_cast<double>(*time_ns);
+}
+
 }  // namespace
 
 ImageTags ReadTags(const std::string& file, int width, int height) {
@@ -107,7 +124,8 @@ ImageTags ReadTags(const std::string& file, int width, int height) {
         static_cast<long>(file.size()));
     image->readMetadata();
     const Exiv2::ExifData& tags = image->exifData();
-    return {FocalLengthPx(tags, width, height), PositionWgs84(tags)};
+    return {FocalLengthPx(tags, width, height), PositionWgs84(tags),
+            TimeOf(tags)};
   } catch (const std::exception&) {
     return {};  // a format without tags, or damaged tags
   }

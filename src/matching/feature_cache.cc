@@ -42,9 +42,14 @@ bool FeatureCache::HasRoomFor(int image_idx) const {
          num_batch_bytes_ < max_num_bytes_;
 }
 
-void FeatureCache::AddToBatch(int image_idx) {
+void FeatureCache::AddToBatch(int image_idx, bool needs_descriptors) {
   if (features_.count(image_idx) == 0) Read(image_idx);
   ImageFeatures& features = features_.at(image_idx);
+  if (needs_descriptors && !features.has_descriptors) {
+    features.descriptors = ReadSiftDescriptors(
+        database_, scene_.images[image_idx], features.keypoints_px.size());
+    features.has_descriptors = true;
+  }
   if (features.last_batch == batch_) return;
   features.last_batch = batch_;
   num_batch_bytes_ += features.NumBytes();
@@ -57,8 +62,6 @@ void FeatureCache::Read(int image_idx) {
   for (const FeatureKeypoint& keypoint : database_.ReadKeypoints(image.id)) {
     features.keypoints_px.emplace_back(keypoint.x_px, keypoint.y_px);
   }
-  features.descriptors =
-      ReadSiftDescriptors(database_, image, features.keypoints_px.size());
   num_bytes_ += features.NumBytes();
   features_.emplace(image_idx, std::move(features));
 }

@@ -22,7 +22,8 @@ DescriptorMatrix ReadSiftDescriptors(const FeatureDatabase& database,
 struct ImageFeatures {
   std::vector<Eigen::Vector2f> keypoints_px;
   std::vector<std::optional<Eigen::Vector3d>> rays;  // see VerificationView
-  DescriptorMatrix descriptors;
+  DescriptorMatrix descriptors;  // if some batch needed them
+  bool has_descriptors = false;
   size_t last_batch = 0;  // the last one that used it
 
   DescriptorView Descriptors() const {
@@ -48,7 +49,8 @@ class FeatureCache {
   }
   // Whether the image is in the batch or may be added to it.
   bool HasRoomFor(int image_idx) const;
-  void AddToBatch(int image_idx);
+  // Verification of existing matches needs no descriptors.
+  void AddToBatch(int image_idx, bool needs_descriptors);
   // Call it after all images of the batch were added.
   void ComputeRays(const Context& context);
 

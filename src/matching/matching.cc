@@ -304,4 +304,19 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   return run.Finish("matching of the list");
 }
 
+PairMatchingSummary VerifyMatches(FeatureDatabase* database, const Scene& scene,
+                                  const PairMatchingOptions& matching,
+                                  const Context& context) {
+  const internal::ImageIdxs image_idxs(scene);
+  ImagePairList pairs;
+  for (const PairCount& row : database->CountMatches()) {
+    if (const auto pair = image_idxs.Find(row)) pairs.push_back(*pair);
+  }
+  internal::SortUnique(&pairs);
+  Run run(database, scene, matching, context);
+  run.Match(pairs, "verification");
+  run.VerifyUnits(pairs);
+  return run.Finish("verification");
+}
+
 }  // namespace mgsfm

@@ -114,8 +114,9 @@ std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
                            !cache_->HasRoomFor(pair.image_idx2))) {
       break;
     }
-    cache_->AddToBatch(pair.image_idx1);
-    cache_->AddToBatch(pair.image_idx2);
+    const bool needs_descriptors = matched_.count(pair) == 0;
+    cache_->AddToBatch(pair.image_idx1, needs_descriptors);
+    cache_->AddToBatch(pair.image_idx2, needs_descriptors);
     batch.push_back(pair);
     ++*next;
   }

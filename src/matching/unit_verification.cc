@@ -124,8 +124,8 @@ class UnitPass {
       }
       MatchLists lists;
       for (const ImageIdxPair& pair : pairs) {
-        cache_.AddToBatch(pair.image_idx1);
-        cache_.AddToBatch(pair.image_idx2);
+        cache_.AddToBatch(pair.image_idx1, false);
+        cache_.AddToBatch(pair.image_idx2, false);
         lists.push_back(ReadMatchesOfPair(*database_, scene_, pair));
         CheckMatches(lists.back(),
                      cache_.Get(pair.image_idx1).keypoints_px.size(),

@@ -13,6 +13,7 @@
 #include "pipeline/input_check.h"
 #include "pipeline/known_rigs.h"
 #include "pipeline/mapper_recipe.h"
+#include "pipeline/metric_scale.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
 #include "pipeline/motion_recipe.h"
@@ -409,6 +410,7 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                            const MapperInput& input,
                            const MapperOptions& options,
                            const Context& context) {
+  (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
   MapperResult result =
       NeedsFocalLengths(input.scene, options)
           ? CalibrateAndMap(estimate_positions, input, options, context)

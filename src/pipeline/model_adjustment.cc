@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipeline/candidates.h"
+#include "pipeline/metric_scale.h"
 #include "pipeline/soft_rig_images.h"
 #include "pipeline/timed.h"
 #include "priors/gravity_levelling.h"
@@ -85,6 +86,31 @@ void JudgeFocalLengths(const AdjustmentInput& input,
                         options.bundle_adjustment, context, used_priors);
 }
 
+// Scales the model by the known distance of two sensors, unless its unit of
+// length is defined already.
+void ScaleToBaseline(const AdjustmentInput& input, bool has_world,
+                     const MapperOptions& options, const Context& context,
+                     MapperModel* model) {
+  const auto baseline = ParseMetricScale(options.metric_scale, input.scene);
+  if (!baseline) return;
+  if (has_world || input.is_metric) {
+    context.Warning(
+        "metric_scale is not used: positions, a known rig or the extended "
+        "model define the unit of length");
+    return;
+  }
+  model->metres_per_unit = MetresPerUnit(*baseline, model->reconstruction);
+  if (!model->metres_per_unit) {
+    context.Warning(
+        "metric_scale is not used: the model has not the poses of both "
+        "cameras, or they coincide");
+    return;
+  }
+  Sim3 metric_from_model;
+  metric_from_model.scale = *model->metres_per_unit;
+  TransformWorld(metric_from_model, &model->reconstruction);
+}
+
 // Moves the model to its final world frame.
 void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
                   const Context& context, MapperModel* model) {
@@ -96,6 +122,7 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
                                 model->reconstruction, input.is_metric),
                    &model->reconstruction);
   }
+  ScaleToBaseline(input, is_registered || is_at_start, options, context, model);
   model->gravity = LevelModel(
       input.scene, input.gravity, is_registered || is_at_start,
       options.rotation_averaging.gravity_sigma_deg, &model->reconstruction);

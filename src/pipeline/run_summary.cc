@@ -27,11 +27,13 @@ std::string Count(size_t count, const char* one, const char* many) {
 
 std::string UnitOfLength(const MapperModel& model) {
   if (model.position_priors && model.position_priors->is_registered) {
-    return "that of the measured positions";
+    return "metric, that of the measured positions";
   }
-  if (model.translation.is_metric) return "that of the known rig";
+  if (model.metres_per_unit) return "metric, by the known baseline";
+  if (model.translation.is_metric) return "metric, that of the known rig";
   if (model.extension) return "that of the extended model";
-  return "arbitrary; known sensor poses or measured positions would define it";
+  return "arbitrary scale; known sensor poses, measured positions or "
+         "metric_scale would define it";
 }
 
 bool IsCalibrated(const Scene& scene, const Reconstruction& model, size_t k) {

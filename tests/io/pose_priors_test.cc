@@ -225,5 +225,49 @@ TEST_F(PosePriorsTest, GravityOfTheDatabase) {
   EXPECT_THAT(error(), HasSubstr("is zero"));
 }
 
+// ------------------------------------------------------------ trajectories
+
+TEST_F(PosePriorsTest, KittiTrajectoriesHaveALinePerFrame) {
+  options_.ref_images_path = Path("poses.txt");
+  WriteTextFile(*options_.ref_images_path,
+                "1 0 0 1 0 1 0 2 0 0 1 3\n1 0 0 4 0 1 0 5 0 0 1 6\n"
+                "0 -1 0 7 1 0 0 8 0 0 1 9\n");
+  const PositionPriors priors = Make({});
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR((priors.images[i]->position -
+                 Eigen::Vector3d(3 * i + 1, 3 * i + 2, 3 * i + 3))
+                    .norm(),
+                0.0, 1e-12);
+  }
+  EXPECT_THAT(ErrorOfFile("1 0 0 1 0 1 0 2 0 0 1 3\n"),
+              AllOf(HasSubstr("has 1 poses"), HasSubstr("3 frames")));
+  EXPECT_THAT(ErrorOfFile("1 0 0 1 0 1 0 2 0 0 1 3\n2 0 0 1 0 1 0 2 0 0 1 3\n"),
+              HasSubstr("line 2"));
+}
+
+// Positions are linear in time between poses, here of a constant velocity.
+TEST_F(PosePriorsTest, TumTrajectoriesAreInterpolated) {
+  const std::vector<std::string> names = {
+      "cam0/1403636579.040000000.png", "cam0/1403636579.130000000.png",
+      "cam0/1403636585.000000000.png", "cam1/1403636579.040000000.png"};
+  const Scene scene = LoadScene(MakeContents(names), {}, Context()).scene;
+  std::string text = "# timestamp tx ty tz qx qy qz qw\n";
+  for (int i = 0; i <= 10; ++i) {
+    text += "1403636579." + std::string(i < 5 ? "0" : "") +
+            std::to_string(2 * i) + " " + std::to_string(i) + " 0 " +
+            std::to_string(-2 * i) + " 0 0 0 1\n";
+  }
+  options_.ref_images_path = Path("poses.txt");
+  WriteTextFile(*options_.ref_images_path, text + "1403636599 0 0 0 0 0 0 1\n");
+  const PositionPriors priors =
+      MakePositionPriors(scene, {}, "in.db", options_);
+  EXPECT_NEAR(priors.images[0]->position.x(), 2.0, 1e-4);
+  EXPECT_NEAR(priors.images[1]->position.x(), 6.5, 1e-4);
+  EXPECT_NEAR(priors.images[1]->position.z(), -13.0, 1e-4);
+  EXPECT_FALSE(priors.images[2].has_value());  // in a gap of 20 s
+  EXPECT_FALSE(priors.images[3].has_value());  // not the reference sensor
+  EXPECT_THAT(ErrorOfFile("1 0 0 0 0 0 0 1\n"), HasSubstr("has no time"));
+}
+
 }  // namespace
 }  // namespace mgsfm

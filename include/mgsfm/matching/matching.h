@@ -70,4 +70,10 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
                                   const PairMatchingOptions& matching,
                                   const Context& context);
 
+// All pairs with matches in the database, of any kind of features; descriptors
+// are not used.
+PairMatchingSummary VerifyMatches(FeatureDatabase* database, const Scene& scene,
+                                  const PairMatchingOptions& matching,
+                                  const Context& context);
+
 }  // namespace mgsfm

@@ -62,6 +62,11 @@ struct MapperOptions {
       "Compute the covariances of the poses of sensors in their rig and of "
       "frames, and write them to covariances.csv next to each model."};
 
+  Option<std::string> metric_scale{
+      "metric_scale", "",
+      "known_baseline=CAMERA1:CAMERA2:METRES scales models such that the two "
+      "cameras of a rig are this far apart. Neither a known rig nor measured "
+      "positions need it."};
   Option<WeakSeams> weak_seams{
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Weak seams of a model: keep reports them, split makes a model of each "
@@ -81,7 +86,7 @@ struct MapperOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_frames, compute_covariances, weak_seams);
+    visit(min_num_frames, compute_covariances, metric_scale, weak_seams);
     visit.Group("FocalLengths", focal_lengths);
     visit.Group("ViewGraph", view_graph);
     visit.Group("PairFiltering", pair_filtering);
@@ -102,10 +107,11 @@ struct MapperModel {
   TranslationSummary translation;
   BundleSummary bundle;
   std::optional<PositionPriorSummary> position_priors;  // if some are given
-  std::optional<GravitySummary> gravity;                // if it was measured
-  std::vector<FocalLengthCheck> focal_lengths;          // of those refined
-  std::optional<CovarianceResult> covariances;          // if asked for
-  std::optional<ExtensionSummary> extension;            // if it had a start
+  std::optional<double> metres_per_unit;  // applied, by the known baseline
+  std::optional<GravitySummary> gravity;  // if it was measured
+  std::vector<FocalLengthCheck> focal_lengths;  // of those refined
+  std::optional<CovarianceResult> covariances;  // if asked for
+  std::optional<ExtensionSummary> extension;    // if it had a start
   // Set if the options request it. `reconstruction` then has the mean rig and
   // points that fit the individual poses of images; covariances are those
   // before that estimation.
@@ -164,7 +170,8 @@ struct MapperInput {
 //
 // SoftRig.method time_offset requires the timestamps of all images. Throws
 // Error if known poses of sensors in their rig contradict the matches
-// (src/pipeline/known_rigs.h).
+// (src/pipeline/known_rigs.h), and if metric_scale is malformed, names no
+// cameras of a rig or contradicts their known poses.
 [[nodiscard]] MapperResult RunMapper(const MapperInput& input,
                                      const MapperOptions& options,
                                      const Context& context);

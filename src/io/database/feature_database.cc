@@ -492,18 +492,22 @@ void FeatureDatabase::WriteKeypoints(
 
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
                                        const DescriptorMatrix& descriptors) {
-  MGSFM_CHECK_EQ(descriptors.cols(), kSiftColumns);
-  // Type 0 is SIFT in COLMAP 4.
+  // Types of COLMAP 4.
+  constexpr int kUndefined = -1;
+  constexpr int kSift = 0;
   SqliteStatement row = impl_->database().Prepare(
       impl_->descriptors_have_type()
           ? "INSERT OR REPLACE INTO descriptors "
-            "(image_id, rows, cols, data, type) VALUES (?1, ?2, ?3, ?4, 0)"
+            "(image_id, rows, cols, data, type) VALUES (?1, ?2, ?3, ?4, ?5)"
           : "INSERT OR REPLACE INTO descriptors "
             "(image_id, rows, cols, data) VALUES (?1, ?2, ?3, ?4)");
   row.BindInt(1, image_id.value());
   row.BindInt(2, descriptors.rows());
   row.BindInt(3, descriptors.cols());
   row.BindBlob(4, descriptors.data(), descriptors.size());
+  if (impl_->descriptors_have_type()) {
+    row.BindInt(5, descriptors.cols() == kSiftColumns ? kSift : kUndefined);
+  }
   row.Run();
 }
 

@@ -148,8 +148,9 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
                           const SceneLoadingOptions& options,
                           const Context& context) {
   if (model.poses.images.empty()) ThrowModelError(folder, "it has no image");
-  const bool has_config = !options.rig_config_path->empty();
-  if (!has_config && *options.rig_name_rule == "auto") {
+  const bool has_config = options.HasKnownRig();
+  if (!has_config && *options.rig_name_rule == "auto" &&
+      !options.PairsFramesByTime()) {
     CheckTables(model.poses, folder);
   }
   SceneOfRows rows =

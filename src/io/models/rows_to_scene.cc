@@ -2,11 +2,17 @@
 #include "io/models/rows_to_scene.h"
 
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <utility>
 
+#include "io/calibration/calibration_rigs.h"
+#include "io/rigs/frames_by_time.h"
+#include "io/rigs/image_name_times.h"
+#include "io/rigs/image_timestamps.h"
 #include "io/rigs/rig_inference.h"
 #include "io/rigs/scene_builder.h"
 #include "mgsfm/base/error.h"
@@ -15,6 +21,9 @@
 
 namespace mgsfm {
 namespace {
+
+constexpr double kNsPerSecond = 1e9;
+constexpr double kMaxTime_s = 9e9;  // 64 bits of nanoseconds
 
 // Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
 // none, of the sparse model there, which any program may have written.
@@ -58,20 +67,70 @@ RigAssignment AssignAllSingle(const RigInput& input) {
   return assignment;
 }
 
+// The times of images in a file or in their names.
+std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
+  std::vector<int64_t> times_ns;
+  if (path.empty()) {
+    for (const ImageRow& image : input.contents.images) {
+      const std::optional<int64_t> time_ns = TimeInName(image.name);
+      if (!time_ns) {
+        throw Error(input.Name() + ": the name of image '" + image.name +
+                    "' has no time; list the times of all images in a file "
+                    "and set image_timestamps_path");
+      }
+      times_ns.push_back(*time_ns);
+    }
+    return times_ns;
+  }
+  std::vector<std::string> names;
+  for (const ImageRow& image : input.contents.images) {
+    names.push_back(image.name);
+  }
+  for (const double time_s : ReadImageTimes(path, names)) {
+    if (!(std::abs(time_s) < kMaxTime_s)) {
+      throw Error("'" + path +
+                  "' has times beyond the year 2200; give them in seconds");
+    }
+    times_ns.push_back(std::llround(time_s * kNsPerSecond));
+  }
+  return times_ns;
+}
+
+std::optional<FrameTimes> ReadFrameTimes(const RigInput& input,
+                                         const SceneLoadingOptions& options) {
+  if (!options.PairsFramesByTime()) return std::nullopt;
+  return FrameTimes{
+      ReadTimes(input, options.image_timestamps_path),
+      std::llround(options.frame_max_time_difference_s * kNsPerSecond)};
+}
+
 RigAssignment AssignRigs(const RigInput& input,
                          const SceneLoadingOptions& options,
-                         const Context& context) {
+                         const FrameTimes* times, const Context& context) {
+  if (!options.rig_config_path->empty() && !options.calibration_path->empty()) {
+    throw Error(
+        "both rig_config_path and calibration_path are set; set one of them");
+  }
   if (!options.rig_config_path->empty()) {
     return AssignByConfig(
         input, ReadRigConfigOrModel(options.rig_config_path, context),
-        options.rig_config_path);
+        options.rig_config_path, times, context);
+  }
+  if (!options.calibration_path->empty()) {
+    const std::string& path = options.calibration_path;
+    RigAssignment assignment = AssignByConfig(
+        input, ReadCalibrationRigs(input, path, context), path, times, context);
+    assignment.source = "calibration '" + path + "'";
+    return assignment;
   }
   if (*options.rig_name_rule == "none") return AssignAllSingle(input);
   if (*options.rig_name_rule != "auto") {
-    return AssignByRule(input, options.rig_name_rule);
+    return AssignByRule(input, options.rig_name_rule, times, context);
   }
-  if (auto assignment = AssignByTables(input)) return *std::move(assignment);
-  return AssignByFolders(input);
+  if (times == nullptr) {
+    if (auto assignment = AssignByTables(input)) return *std::move(assignment);
+  }
+  return AssignByFolders(input, times, context);
 }
 
 }  // namespace
@@ -80,10 +139,20 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
                              const SceneLoadingOptions& options,
                              const Context& context) {
   RigInput input = MakeRigInput(kind, std::move(contents));
-  RigAssignment assignment = AssignRigs(input, options, context);
+  const std::optional<FrameTimes> times = ReadFrameTimes(input, options);
+  RigAssignment assignment =
+      AssignRigs(input, options, times ? &*times : nullptr, context);
   SceneOfRows result;
   result.rig_source = assignment.source;
   result.scene = BuildScene(std::move(input), std::move(assignment), context);
+  if (times) {
+    for (size_t i = 0; i < times->times_ns.size(); ++i) {
+      result.scene.images[i].timestamp_s =
+          static_cast<double>(times->times_ns[i]) / kNsPerSecond;
+    }
+  } else if (!options.image_timestamps_path->empty()) {
+    ReadImageTimestamps(*options.image_timestamps_path, &result.scene);
+  }
   return result;
 }
 

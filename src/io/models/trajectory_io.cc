@@ -9,15 +9,15 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
-using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-
-// Deviation of R R^T from identity; files with four digits stay below it.
-constexpr double kRotationTolerance = 1e-3;
+// Deviation of the norm of a quaternion from 1; files with four digits stay
+// below it.
+constexpr double kQuaternionTolerance = 1e-3;
 
 // The finite numbers a text consists of; none if there is any other word.
 std::vector<double> ParseNumbers(const std::string& text) {
@@ -41,18 +41,6 @@ bool IsBlank(const std::string& line) {
   return line.find_first_not_of(" \t\r") == std::string::npos;
 }
 
-// b_from_a of [R | t]; R is made orthogonal. False if it is no rotation.
-bool ToRigid3(const Matrix34& matrix, Rigid3* b_from_a) {
-  const Eigen::Matrix3d rotation = matrix.leftCols<3>();
-  const bool is_rotation =
-      matrix.allFinite() && rotation.determinant() > 0.0 &&
-      (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() <
-          kRotationTolerance;
-  if (!is_rotation) return false;
-  *b_from_a = {Eigen::Quaterniond(rotation).normalized(), matrix.col(3)};
-  return true;
-}
-
 }  // namespace
 
 std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
@@ -62,13 +50,15 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
   for (int line_number = 1; std::getline(file, line); ++line_number) {
     if (IsBlank(line)) continue;
     const std::vector<double> numbers = ParseNumbers(line);
-    Rigid3 world_from_cam;
-    if (numbers.size() != 12 ||
-        !ToRigid3(Eigen::Map<const Matrix34>(numbers.data()),
-                  &world_from_cam)) {
+    std::optional<Rigid3> world_from_cam;
+    if (numbers.size() == 12) {
+      world_from_cam =
+          RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers.data()));
+    }
+    if (!world_from_cam) {
       ThrowBadLine(path, line_number, "a 3x4 pose matrix (12 numbers)");
     }
-    poses.push_back(world_from_cam.Inverse());
+    poses.push_back(world_from_cam->Inverse());
   }
   return poses;
 }
@@ -84,7 +74,7 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
         n.size() == 8
             ? std::sqrt(n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7])
             : 0.0;
-    if (!(std::abs(norm - 1.0) < kRotationTolerance)) {
+    if (!(std::abs(norm - 1.0) < kQuaternionTolerance)) {
       ThrowBadLine(path, line_number, "timestamp tx ty tz qx qy qz qw");
     }
     const Rigid3 world_from_cam{
@@ -108,7 +98,7 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
       if (is_camera) ThrowBadLine(path, line_number, "12 numbers");
       continue;
     }
-    const Eigen::Map<const Matrix34> projection(numbers.data());
+    const Eigen::Map<const RigidMatrix> projection(numbers.data());
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
     if (std::abs(intrinsics.determinant()) < 1e-12) {
       ThrowBadLine(path, line_number, "a projection matrix K [I | t]");
@@ -137,13 +127,15 @@ Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
     if (c == ',') c = ' ';
   }
   const std::vector<double> numbers = ParseNumbers(data);
-  Rigid3 body_from_sensor;
-  if (numbers.size() != 16 ||
-      !ToRigid3(Eigen::Map<const Matrix34>(numbers.data()),
-                &body_from_sensor)) {
+  std::optional<Rigid3> body_from_sensor;
+  if (numbers.size() == 16) {
+    body_from_sensor =
+        RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers.data()));
+  }
+  if (!body_from_sensor) {
     throw Error("'" + path.string() + "': T_BS is not a 4x4 rigid transform");
   }
-  return body_from_sensor.Inverse();
+  return body_from_sensor->Inverse();
 }
 
 }  // namespace mgsfm

@@ -14,6 +14,7 @@
 #include "io/database/sqlite_snapshot.h"
 #include "io/files/output_file.h"
 #include "io/priors/named_vectors.h"
+#include "io/priors/trajectory_positions.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -45,13 +46,17 @@ class PriorMaker {
   void ReadLines() {
     const std::string& path = options_.ref_images_path;
     source_ = "'" + path + "'";
+    const PositionFileFormat format = DetectPositionFormat(path);
+    if (format != PositionFileFormat::kNamed) {
+      for (const auto& [image_idx, position] :
+           ReadTrajectoryPositions(scene_, path, format)) {
+        AddPosition(image_idx, position, CoordinateSystem::kCartesian);
+      }
+      return;
+    }
     for (const NamedVector& line :
          ReadNamedVectors(scene_, path, "X Y Z", "ref_images_path")) {
-      PosePriorRow row;
-      row.coordinate_system = CoordinateSystem::kUndefined;
-      row.position = line.value;
-      row.image_id = scene_.images[line.image_idx].id;
-      rows_[line.image_idx] = row;
+      AddPosition(line.image_idx, line.value, CoordinateSystem::kUndefined);
     }
   }
 
@@ -90,6 +95,14 @@ class PriorMaker {
   }
 
  private:
+  void AddPosition(int image_idx, const Eigen::Vector3d& position,
+                   CoordinateSystem coordinate_system) {
+    PosePriorRow row;
+    row.coordinate_system = coordinate_system;
+    row.position = position;
+    row.image_id = scene_.images[image_idx].id;
+    rows_[image_idx] = row;
+  }
   [[noreturn]] void Throw(const std::string& problem) const {
     throw Error(source_ + ": " + problem);
   }

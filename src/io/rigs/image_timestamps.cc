@@ -19,17 +19,22 @@ namespace {
 
 constexpr char kBlanks[] = " \t\r";
 
+[[noreturn]] void Throw(const std::filesystem::path& path,
+                        const std::string& problem) {
+  throw Error("'" + path.string() + "' " + problem);
+}
+
 class TimestampReader {
  public:
-  TimestampReader(const std::filesystem::path& path, Scene* scene)
-      : path_(path), scene_(*scene) {
-    for (size_t i = 0; i < scene_.images.size(); ++i) {
-      idx_of_name_[scene_.images[i].name] = static_cast<int>(i);
-      scene_.images[i].timestamp_s.reset();
+  TimestampReader(const std::filesystem::path& path,
+                  const std::vector<std::string>& names)
+      : path_(path), names_(names), times_s_(names.size()) {
+    for (size_t i = 0; i < names.size(); ++i) {
+      idx_of_name_[names[i]] = static_cast<int>(i);
     }
   }
 
-  void Read() {
+  std::vector<double> Read() {
     std::istringstream file(
         ReadFile(path_, "'" + path_.string() + "' (image_timestamps_path)"));
     std::string line;
@@ -39,28 +44,23 @@ class TimestampReader {
       line = line.substr(begin, line.find_last_not_of(kBlanks) + 1 - begin);
       TakeLine(line, "line " + std::to_string(number));
     }
-  }
-
-  void Check() const {
-    for (const Image& image : scene_.images) {
-      if (image.timestamp_s) continue;
-      Throw("has no time for image '" + image.name +
-            "'; add a line 'image_name SECONDS'");
+    std::vector<double> times_s;
+    for (size_t i = 0; i < names_.size(); ++i) {
+      if (!times_s_[i]) {
+        Throw(path_, "has no time for image '" + names_[i] +
+                         "'; add a line 'image_name SECONDS'");
+      }
+      times_s.push_back(*times_s_[i]);
     }
-    for (size_t r = 0; r < scene_.rigs.size(); ++r) {
-      CheckOrder(static_cast<int>(r));
-    }
+    return times_s;
   }
 
  private:
-  [[noreturn]] void Throw(const std::string& problem) const {
-    throw Error("'" + path_.string() + "' " + problem);
-  }
   void TakeLine(const std::string& line, const std::string& where);
-  void CheckOrder(int rig_idx) const;
 
   const std::filesystem::path path_;
-  Scene& scene_;
+  const std::vector<std::string>& names_;
+  std::vector<std::optional<double>> times_s_;
   std::map<std::string, int> idx_of_name_;
 };
 
@@ -69,62 +69,77 @@ void TimestampReader::TakeLine(const std::string& line,
                                const std::string& where) {
   const size_t blank = line.find_last_of(kBlanks);
   if (blank == std::string::npos) {
-    Throw(where + " is not 'image_name SECONDS'");
+    Throw(path_, where + " is not 'image_name SECONDS'");
   }
   const std::string word = line.substr(blank + 1);
   const std::string name =
       line.substr(0, line.find_last_not_of(kBlanks, blank) + 1);
   const std::optional<double> time_s = ParseDouble(word);
   if (!time_s) {
-    Throw(where + " has '" + word + "' as the time of '" + name +
-          "'; give a finite number of seconds");
+    Throw(path_, where + " has '" + word + "' as the time of '" + name +
+                     "'; give a finite number of seconds");
   }
   const auto found = idx_of_name_.find(name);
   if (found == idx_of_name_.end()) {
-    Throw(where + " names the image '" + name +
-          "', which the database does not have; delete the line, or correct "
-          "the name");
+    Throw(
+        path_,
+        where + " names the image '" + name +
+            "', which the database does not have; delete the line, or correct "
+            "the name");
   }
-  std::optional<double>& timestamp_s = scene_.images[found->second].timestamp_s;
-  if (timestamp_s) {
-    Throw(where + " names '" + name + "' again; delete one of the lines");
+  std::optional<double>& known_s = times_s_[found->second];
+  if (known_s) {
+    Throw(path_,
+          where + " names '" + name + "' again; delete one of the lines");
   }
-  timestamp_s = time_s;
+  known_s = time_s;
 }
 
-void TimestampReader::CheckOrder(int rig_idx) const {
+void CheckOrder(const std::filesystem::path& path, const Scene& scene,
+                int rig_idx) {
   std::vector<int> frame_idxs;
-  for (size_t i = 0; i < scene_.frames.size(); ++i) {
-    if (scene_.frames[i].rig_idx == rig_idx) {
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    if (scene.frames[i].rig_idx == rig_idx) {
       frame_idxs.push_back(static_cast<int>(i));
     }
   }
   const auto name_of = [&](int frame_idx) -> const std::string& {
-    return scene_.frames[frame_idx].name;
+    return scene.frames[frame_idx].name;
   };
   std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
     return IsNaturallyBefore(name_of(a), name_of(b));
   });
   const auto image_name = [&](int frame_idx) {
-    return "'" + scene_.images[scene_.frames[frame_idx].image_idxs[0]].name +
-           "'";
+    return "'" + scene.images[scene.frames[frame_idx].image_idxs[0]].name + "'";
   };
   for (size_t k = 1; k < frame_idxs.size(); ++k) {
     const int before = frame_idxs[k - 1], after = frame_idxs[k];
-    if (TimeOfFrame(scene_, before) < TimeOfFrame(scene_, after)) continue;
-    Throw("has the frame of image " + image_name(after) +
-          " not later than that of " + image_name(before) +
-          ", which is before it by its name; correct the times, or name "
-          "images in the order in which they were taken");
+    if (TimeOfFrame(scene, before) < TimeOfFrame(scene, after)) continue;
+    Throw(path,
+          "has the frame of image " + image_name(after) +
+              " not later than that of " + image_name(before) +
+              ", which is before it by its name; correct the times, or name "
+              "images in the order in which they were taken");
   }
 }
 
 }  // namespace
 
+std::vector<double> ReadImageTimes(const std::filesystem::path& path,
+                                   const std::vector<std::string>& names) {
+  return TimestampReader(path, names).Read();
+}
+
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene) {
-  TimestampReader reader(path, scene);
-  reader.Read();
-  reader.Check();
+  std::vector<std::string> names;
+  for (const Image& image : scene->images) names.push_back(image.name);
+  const std::vector<double> times_s = ReadImageTimes(path, names);
+  for (size_t i = 0; i < times_s.size(); ++i) {
+    scene->images[i].timestamp_s = times_s[i];
+  }
+  for (size_t r = 0; r < scene->rigs.size(); ++r) {
+    CheckOrder(path, *scene, static_cast<int>(r));
+  }
 }
 
 void WriteImageTimestamps(const std::filesystem::path& path,

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "mgsfm/scene/scene.h"
 
@@ -11,10 +12,15 @@ namespace mgsfm {
 // Times of exposure: one line "image_name SECONDS" per image; '#' starts
 // comments.
 
-// Sets the times of all images. Throws Error, naming the line or image, for an
-// unreadable file, a malformed line, a time that is not finite, an image that
-// is unknown, listed twice or missing, and for frames of a rig whose times do
-// not increase in the natural order of their names ("9" before "10").
+// The times of the images with these names. Throws Error, naming the line or
+// image, for an unreadable file, a malformed line, a time that is not finite,
+// and an image that is unknown, listed twice or missing.
+std::vector<double> ReadImageTimes(const std::filesystem::path& path,
+                                   const std::vector<std::string>& names);
+
+// Sets the times of all images. Throws Error as above, and for frames of a rig
+// whose times do not increase in the natural order of their names ("9" before
+// "10").
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene);
 
 // Images without a time are skipped.

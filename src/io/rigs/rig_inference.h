@@ -50,22 +50,30 @@ struct RigAssignment {
 };
 
 // Keys parsed from the name of an image. Images with equal `sensor` belong to
-// one sensor, images with equal `frame` to one frame.
+// one sensor, images with equal `frame` to one frame. Sensors with different
+// `rig` share no frames.
 struct ImageKeys {
+  std::string rig;
   std::string sensor;
   std::string frame;
   std::string sensor_name;
   std::string frame_name;
 };
 
-// The four sources of rigs, see scene_loading.h. AssignByTables returns nullopt
+struct FrameTimes;  // frames_by_time.h
+
+// The four sources of rigs, see scene_loading.h. Images make frames by their
+// times if these are given, else by their names. AssignByTables returns nullopt
 // if the tables have one camera per rig and one image per frame.
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
-                             const std::string& path);
-RigAssignment AssignByRule(const RigInput& input, const std::string& rule);
+                             const std::string& path, const FrameTimes* times,
+                             const Context& context);
+RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
+                           const FrameTimes* times, const Context& context);
 std::optional<RigAssignment> AssignByTables(const RigInput& input);
-RigAssignment AssignByFolders(const RigInput& input);
+RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
+                              const Context& context);
 
 // Sensors that share frames, directly or through others, make a rig; images of
 // sensors that share none are single.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <map>
 
+#include "io/rigs/frames_by_time.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -55,11 +56,48 @@ std::optional<int> FindSensor(const std::string& image_name,
   return found;
 }
 
+// Images whose names agree after the prefix make a frame.
+void AddFramesByName(const RigInput& input,
+                     const std::vector<std::string>& prefixes,
+                     RigAssignment* assignment) {
+  std::map<std::pair<int, std::string>, int> frames;
+  for (size_t i = 0; i < input.contents.images.size(); ++i) {
+    const int sensor = assignment->sensor_of_image[i];
+    if (sensor < 0) continue;
+    const std::string& name = input.contents.images[i].name;
+    const std::string& prefix = prefixes[sensor];
+    const std::string key =
+        prefix.empty() ? name : name.substr(name.rfind(prefix) + prefix.size());
+    const int rig = assignment->sensors[sensor].rig;
+    const auto [frame, is_new] = frames.emplace(
+        std::make_pair(rig, key), static_cast<int>(assignment->frames.size()));
+    if (is_new) assignment->frames.push_back({rig, WithoutExtension(key), {}});
+    assignment->frame_of_image[i] = frame->second;
+  }
+}
+
+void AddFramesByTime(const RigInput& input, const FrameTimes& times,
+                     const Context& context, RigAssignment* assignment) {
+  std::vector<TimedSensor> sensors;
+  for (const RigAssignment::Sensor& sensor : assignment->sensors) {
+    sensors.push_back({sensor.name, sensor.rig, sensor.is_reference});
+  }
+  const FramesByTime found =
+      FindFramesByTime(sensors, assignment->sensor_of_image, times);
+  ReportFramesByTime(input, sensors, assignment->sensor_of_image, found, times,
+                     context);
+  for (const FramesByTime::Frame& frame : found.frames) {
+    assignment->frames.push_back({frame.rig, frame.name, {}});
+  }
+  assignment->frame_of_image = found.frame_of_image;
+}
+
 }  // namespace
 
 RigAssignment AssignByConfig(const RigInput& input,
                              const std::vector<RigConfig>& rigs,
-                             const std::string& path) {
+                             const std::string& path, const FrameTimes* times,
+                             const Context& context) {
   RigAssignment assignment;
   assignment.source = "rig configuration '" + path + "'";
   AddRigs(rigs, &assignment);
@@ -70,28 +108,17 @@ RigAssignment AssignByConfig(const RigInput& input,
     }
   }
   const std::vector<ImageRow>& images = input.contents.images;
-  assignment.sensor_of_image.resize(images.size());
-  assignment.frame_of_image.resize(images.size());
-  std::map<std::pair<int, std::string>, int> frames;
+  assignment.sensor_of_image.resize(images.size(), -1);
+  assignment.frame_of_image.resize(images.size(), -1);
   Mask has_images(prefixes.size(), false);
   std::vector<int> single_images;
   for (size_t i = 0; i < images.size(); ++i) {
-    const std::string& name = images[i].name;
-    const std::optional<int> sensor = FindSensor(name, prefixes, path);
-    if (!sensor) {
+    if (const auto sensor = FindSensor(images[i].name, prefixes, path)) {
+      has_images[*sensor] = 1;
+      assignment.sensor_of_image[i] = *sensor;
+    } else {
       single_images.push_back(static_cast<int>(i));
-      continue;
     }
-    has_images[*sensor] = 1;
-    const std::string& prefix = prefixes[*sensor];
-    const std::string key =
-        prefix.empty() ? name : name.substr(name.rfind(prefix) + prefix.size());
-    const int rig = assignment.sensors[*sensor].rig;
-    const auto [frame, is_new] = frames.emplace(
-        std::make_pair(rig, key), static_cast<int>(assignment.frames.size()));
-    if (is_new) assignment.frames.push_back({rig, WithoutExtension(key), {}});
-    assignment.sensor_of_image[i] = *sensor;
-    assignment.frame_of_image[i] = frame->second;
   }
   for (size_t i = 0; i < prefixes.size(); ++i) {
     if (has_images[i] == 0) {
@@ -99,6 +126,11 @@ RigAssignment AssignByConfig(const RigInput& input,
                   input.Name() + " starts with the prefix '" + prefixes[i] +
                   "'");
     }
+  }
+  if (times != nullptr) {
+    AddFramesByTime(input, *times, context, &assignment);
+  } else {
+    AddFramesByName(input, prefixes, &assignment);
   }
   AssignSingleImages(input, single_images, &assignment);
   return assignment;

@@ -4,6 +4,7 @@
 #include <map>
 #include <set>
 
+#include "io/rigs/frames_by_time.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 
@@ -111,43 +112,70 @@ void Prefer(const Predicate& has_property, std::vector<Level>* levels) {
       levels->end());
 }
 
-// The level that tells the cameras apart, of images whose names are equally
-// deep; nullopt if no frame would have two images.
-std::optional<Level> ChooseLevel(const RigInput& input,
-                                 const std::vector<Name>& names,
-                                 const std::vector<int>& images) {
+// The levels that may tell the cameras apart, of images whose names are equally
+// deep; none if no frame would have two images. Without `by_name`, frames do
+// not depend on names, so each level may.
+std::vector<Level> FindLevels(const RigInput& input,
+                              const std::vector<Name>& names,
+                              const std::vector<int>& images, bool by_name) {
   std::vector<Level> levels;
   const size_t depth = names[images.front()].folders.size();
   size_t max_num_shared = 0;
   for (size_t i = 0; i < depth; ++i) {
     const auto level = RateLevel(input, names, images, i);
-    if (level && level->num_shared > 0) levels.push_back(*level);
+    if (level && (level->num_shared > 0 || !by_name)) levels.push_back(*level);
   }
-  if (levels.empty()) return std::nullopt;
   Prefer([](const Level& l) { return l.is_called_like_cameras; }, &levels);
   for (const Level& level : levels) {
     max_num_shared = std::max(max_num_shared, level.num_shared);
   }
-  Prefer(
-      [&](const Level& l) {
-        return kMinSharedRatio * static_cast<double>(l.num_shared) >
-               static_cast<double>(max_num_shared);
-      },
-      &levels);
+  if (by_name) {
+    Prefer(
+        [&](const Level& l) {
+          return kMinSharedRatio * static_cast<double>(l.num_shared) >
+                 static_cast<double>(max_num_shared);
+        },
+        &levels);
+  }
   Prefer([](const Level& l) { return l.has_one_camera_per_folder; }, &levels);
-  if (levels.size() == 1) return levels.front();
-  const std::string& name = input.contents.images[images.front()].name;
-  const Name& example = names[images.front()];
+  return levels;
+}
+
+[[noreturn]] void ThrowAmbiguous(const RigInput& input,
+                                 const std::string& image_name,
+                                 const Name& example,
+                                 const std::vector<Level>& levels) {
   throw Error(input.Name() + ": image names do not show whether '" +
               example.folders[levels[0].position] + "' or '" +
-              example.folders[levels[1].position] + "' of '" + name +
+              example.folders[levels[1].position] + "' of '" + image_name +
               "' is the camera of a rig; set rig_name_rule or "
               "rig_config_path");
 }
 
-}  // namespace
+ImageKeys MakeKeys(const Name& name, const std::string& image_name,
+                   const std::optional<Level>& level) {
+  ImageKeys keys;
+  // Outer folders without common camera names hold different rigs, which share
+  // no frames.
+  const bool has_camera_name = level && level->has_one_camera_per_folder;
+  keys.sensor_name =
+      has_camera_name ? name.folders[level->position] : FolderPath(name);
+  keys.frame_name =
+      level ? NameWithoutLevel(name, level->position) : image_name;
+  const std::string depth = std::to_string(name.folders.size()) + "/";
+  keys.rig = depth;
+  if (level && !has_camera_name) {
+    Name outer = name;
+    outer.file.clear();
+    keys.rig += NameWithoutLevel(outer, level->position);
+  }
+  keys.sensor = depth + keys.sensor_name;
+  keys.frame = depth + keys.frame_name;
+  return keys;
+}
 
-RigAssignment AssignByFolders(const RigInput& input) {
+// The cameras and frames that folders show. `by_name`: see FindLevels.
+std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
   const std::vector<Name> names = SplitNames(input);
   std::map<size_t, std::vector<int>> images_of_depth;
   for (size_t i = 0; i < names.size(); ++i) {
@@ -155,24 +183,50 @@ RigAssignment AssignByFolders(const RigInput& input) {
   }
   std::vector<ImageKeys> keys(names.size());
   for (const auto& [depth, images] : images_of_depth) {
-    const auto level = ChooseLevel(input, names, images);
+    const auto levels = FindLevels(input, names, images, by_name);
+    const auto name_of = [&](int image) -> const std::string& {
+      return input.contents.images[image].name;
+    };
+    if (levels.size() > 1) {
+      ThrowAmbiguous(input, name_of(images.front()), names[images.front()],
+                     levels);
+    }
+    std::optional<Level> level;
+    if (!levels.empty()) level = levels.front();
     for (const int image : images) {
-      const Name& name = names[image];
-      ImageKeys& key = keys[image];
-      // Outer folders without common camera names hold different rigs, which
-      // share no frames.
-      key.sensor_name = level && level->has_one_camera_per_folder
-                            ? name.folders[level->position]
-                            : FolderPath(name);
-      key.frame_name = level ? NameWithoutLevel(name, level->position)
-                             : input.contents.images[image].name;
-      const std::string prefix = std::to_string(depth) + "/";
-      key.sensor = prefix + key.sensor_name;
-      key.frame = prefix + key.frame_name;
+      keys[image] = MakeKeys(names[image], name_of(image), level);
     }
   }
+  return keys;
+}
+
+// Warns if most images are single although their times would make frames.
+void SuggestTimes(const RigInput& input, const RigAssignment& assignment,
+                  const Context& context) {
+  std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
+  for (const int frame : assignment.frame_of_image) ++frame_sizes[frame];
+  const auto num_single = static_cast<size_t>(
+      std::count(frame_sizes.begin(), frame_sizes.end(), 1));
+  if (2 * num_single < input.contents.images.size()) return;
+  try {
+    const auto suggestion =
+        SuggestFramesByTime(input, KeysByFolders(input, false));
+    if (suggestion) context.Warning(*suggestion);
+  } catch (const Error&) {
+    // Folders that leave several interpretations suggest nothing.
+  }
+}
+
+}  // namespace
+
+RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
+                              const Context& context) {
+  std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
+  if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
   RigAssignment assignment = AssignByKeys(input, keys);
-  assignment.source = "image names";
+  if (times == nullptr) SuggestTimes(input, assignment, context);
+  assignment.source =
+      times == nullptr ? "image names" : "image folders and times";
   return assignment;
 }
 

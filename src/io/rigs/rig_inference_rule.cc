@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <map>
 
+#include "io/rigs/frames_by_time.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -119,6 +120,7 @@ ImageKeys MakeKeys(const std::string& name, const Texts& texts,
   keys.sensor_name = JoinGroups(texts, rule, "camera");
   keys.frame_name = rule.HasGroup("frame") ? JoinGroups(texts, rule, "frame")
                                            : WithoutCamera(name, texts, rule);
+  keys.rig = rig;
   keys.sensor = rig + "\n" + keys.sensor_name;
   keys.frame = rig + "\n" + keys.frame_name;
   return keys;
@@ -126,7 +128,8 @@ ImageKeys MakeKeys(const std::string& name, const Texts& texts,
 
 }  // namespace
 
-RigAssignment AssignByRule(const RigInput& input, const std::string& rule) {
+RigAssignment AssignByRule(const RigInput& input, const std::string& rule,
+                           const FrameTimes* times, const Context& context) {
   const NameRule parsed(rule);
   Texts texts(1 + static_cast<size_t>(parsed.regex.NumberOfCapturingGroups()));
   std::vector<ImageKeys> keys;
@@ -138,6 +141,7 @@ RigAssignment AssignByRule(const RigInput& input, const std::string& rule) {
     }
     keys.push_back(MakeKeys(image.name, texts, parsed));
   }
+  if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
   RigAssignment assignment = AssignByKeys(input, keys);
   assignment.source = "image names by the rule '" + rule + "'";
   return assignment;

@@ -16,7 +16,8 @@ namespace mgsfm {
 // 1. `rig_config_path`: COLMAP's rig_config.json, see rig_config.h, or a folder
 //    with one or with a sparse model, whose calibration is taken. Images that
 //    no prefix covers are single: each camera a rig of its own, each image a
-//    frame.
+//    frame. Or `calibration_path`: a calibration in another format
+//    (src/io/calibration/calibration_rigs.h), likewise.
 // 2. `rig_name_rule` other than "auto".
 //    "none": all images are single.
 //    A regular expression of RE2, i.e. without back-references and look-around,
@@ -47,6 +48,11 @@ namespace mgsfm {
 // images of a camera folder must have one camera, or equal ones, which are
 // merged; otherwise LoadScene throws Error.
 //
+// With `frame_max_time_difference_s`, names define the cameras only (1, 2 and
+// 4; 3 is skipped), and images of different cameras of a rig belong to one
+// frame by their times (src/io/rigs/frames_by_time.h). In 4, each level of
+// folders may identify the camera then.
+//
 // The reference sensor is given by 1 or 3; otherwise it is the one with the
 // most images, ties by name. If it has no image, another sensor replaces it.
 struct SceneLoadingOptions {
@@ -54,6 +60,12 @@ struct SceneLoadingOptions {
       "rig_config_path", "",
       "COLMAP's rig_config.json, or the folder of an earlier model with the "
       "calibration. Overrides the rigs of the database."};
+  Option<std::string> calibration_path{
+      "calibration_path", "",
+      "Calibration of the cameras by Kalibr, EuRoC (sensor.yaml), OpenCV, ROS, "
+      "KITTI, KITTI-360, nuScenes, Argoverse or COLMAP (rig_config.json): a "
+      "file, several with commas between them, or a folder. Sets intrinsics "
+      "and poses in the rig."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
       "How image names identify cameras and frames: auto (by folder, unless "
@@ -61,10 +73,27 @@ struct SceneLoadingOptions {
       "with a group (?<camera>...) and optional groups (?<frame>...) and "
       "(?<rig>...)."};
 
+  Option<double> frame_max_time_difference_s{
+      "frame_max_time_difference_s", 0.0, Between(0.0, 1e6), "s",
+      "Pair images of different cameras into frames by their times: each with "
+      "the nearest of the other camera, at most this far apart. 0 pairs by "
+      "name. Set it if names are times that differ from camera to camera."};
+  Option<std::string> image_timestamps_path{
+      "image_timestamps_path", "",
+      "File with a line `image_name SECONDS` for every image: its time of "
+      "exposure. Otherwise frame_max_time_difference_s uses the times in image "
+      "names. SoftRig.method time_offset needs times, too."};
+
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(rig_config_path, rig_name_rule);
+    visit(rig_config_path, calibration_path, rig_name_rule,
+          frame_max_time_difference_s, image_timestamps_path);
   }
+
+  bool HasKnownRig() const {
+    return !rig_config_path->empty() || !calibration_path->empty();
+  }
+  bool PairsFramesByTime() const { return frame_max_time_difference_s > 0.0; }
 };
 
 // Changes of a loaded scene, at the request of the user.

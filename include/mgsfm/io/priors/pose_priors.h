@@ -13,7 +13,8 @@ namespace mgsfm {
 
 // Measured positions of images, by GPS or in any Cartesian world, and measured
 // gravity: from the table pose_priors of the database, or from a file with one
-// line "image_name X Y Z" per image, where '#' starts comments.
+// line "image_name X Y Z" per image, where '#' starts comments. A trajectory of
+// TUM or KITTI is a file of positions, too.
 struct PosePriorOptions {
   Option<bool> use_prior_position{
       "use_prior_position", false,
@@ -21,8 +22,9 @@ struct PosePriorOptions {
       "place models in their world and as priors of bundle adjustment."};
   Option<std::string> ref_images_path{
       "ref_images_path", "",
-      "Use the positions in this file instead, one line `image_name X Y Z` per "
-      "image."};
+      "Use the positions in this file instead: a line `image_name X Y Z` per "
+      "image, or a trajectory of the reference camera in the format of TUM (by "
+      "the times of images) or KITTI (a line per frame)."};
   Option<bool> ref_is_gps{
       "ref_is_gps", false,
       "Positions in that file, or in a database without coordinate system, are "

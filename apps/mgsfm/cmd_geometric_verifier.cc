@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+#include "commands.h"
+#include "matching_input.h"
+#include "mgsfm/matching/matching.h"
+
+namespace mgsfm {
+namespace {
+
+int RunGeometricVerifier(const MatchingInputOptions& options,
+                         const Context& context) {
+  MatchingInput input = OpenMatchingInput(options, context);
+  VerifyMatches(&input.database, input.scene, options.matching, context);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command GeometricVerifierCommand() {
+  return MakeResumableCommand(
+      "geometric_verifier",
+      "Verifies the matches of a database, of any kind of features.",
+      RunGeometricVerifier);
+}
+
+}  // namespace mgsfm

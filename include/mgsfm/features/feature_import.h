@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/features/feature_extraction.h"
+#include "mgsfm/io/database/feature_database.h"
+
+namespace mgsfm {
+
+struct FeatureImportOptions {
+  Option<std::string> import_path{
+      "import_path", "", Required(),
+      "Features in HDF5 as hloc writes them: keypoints and descriptors of each "
+      "image."};
+  Option<std::string> matches_path{
+      "matches_path", "",
+      "Matches of these features in HDF5 as hloc writes them. They are raw: "
+      "run geometric_verifier next."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Folder of the images, for their size, focal length and GPS position. By "
+      "default, sizes are those of the features, and focal lengths are "
+      "guesses."};
+  ImageReaderOptions reader;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(import_path, matches_path, image_path);
+    visit.Group("ImageReader", reader);
+  }
+};
+
+struct FeatureImportSummary {
+  size_t num_images = 0;   // in the file
+  size_t num_present = 0;  // of these, with features in the database before
+  size_t num_features = 0;
+  size_t num_pairs = 0;  // with matches
+  size_t num_matches = 0;
+};
+
+// Adds images, cameras, features and matches of other programs to a database,
+// in one transaction. Images with features in the database keep them; their
+// number of keypoints must be that of the file. Matches of the file replace
+// those of the database. Throws Error, naming file and image or pair, for bad
+// input; the database is not changed then.
+FeatureImportSummary ImportFeatures(const FeatureImportOptions& options,
+                                    FeatureDatabase* database,
+                                    const Context& context);
+
+}  // namespace mgsfm

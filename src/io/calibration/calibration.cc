@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/calibration/calibration.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+
+#include "base/file_reading.h"
+#include "io/calibration/formats.h"
+#include "io/calibration/yaml_value.h"
+#include "mgsfm/base/error.h"
+#include "scene/value_check.h"
+
+namespace mgsfm {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr const char* kFormats =
+    "Kalibr, EuRoC, OpenCV, ROS, camodocal, KITTI, KITTI-360, nuScenes and "
+    "Argoverse";
+constexpr uintmax_t kMaxFileSize = 64 << 20;
+
+bool HasExtension(const fs::path& path,
+                  const std::vector<std::string>& extensions) {
+  return std::find(extensions.begin(), extensions.end(), path.extension()) !=
+         extensions.end();
+}
+
+// The files of a folder, and of those in it, that may be calibrations.
+std::vector<fs::path> FilesIn(const fs::path& folder, bool has_subfolders) {
+  const fs::path table = folder / "calibrated_sensor.json";
+  if (fs::exists(table)) return {table};  // of nuScenes, with many others
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const fs::path& path = entry.path();
+    if (entry.is_directory() && has_subfolders) {
+      const auto inner = FilesIn(path, false);
+      files.insert(files.end(), inner.begin(), inner.end());
+    } else if (entry.is_regular_file() && entry.file_size() <= kMaxFileSize &&
+               HasExtension(path, {".yaml", ".yml", ".json", ".txt"})) {
+      files.push_back(path);
+    }
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+// nullopt if the file has none of the formats.
+std::optional<std::vector<CalibratedCamera>> ReadFormat(const fs::path& path) {
+  const std::string text = ReadFile(path);
+  if (HasExtension(path, {".txt"})) {
+    if (!IsKitti(text)) return std::nullopt;
+    return ReadKitti(text, path);
+  }
+  const YamlValue file(path.string(), text);
+  if (IsEuroc(file)) return ReadEuroc(file, path);
+  if (IsCamodocal(file)) return ReadCamodocal(file, path);
+  if (IsArgoverse(file)) return ReadArgoverse(file);
+  if (IsNuScenes(file)) return ReadNuScenes(file, path);
+  if (IsOpenCv(file)) return ReadOpenCv(file, path);
+  if (IsKalibr(file)) return ReadKalibr(file);
+  return std::nullopt;
+}
+
+void CheckValues(const CalibratedCamera& camera) {
+  const auto fail = [&camera](const std::string& problem) {
+    throw Error(camera.place + ": camera '" + camera.names.back() + "' " +
+                problem + "; correct it");
+  };
+  if (camera.model) {
+    const auto [width, height] = camera.size_px.value_or(std::make_pair(1, 1));
+    const Camera intrinsics{CameraId(1), *camera.model, width,
+                            height,      camera.params, true};
+    if (const auto problem = WhyImplausible(intrinsics)) fail(*problem);
+  }
+  if (!camera.cam_from_base) return;
+  if (const auto problem = WhyImplausible(*camera.cam_from_base)) {
+    fail("has a pose that " + *problem);
+  }
+}
+
+void CheckNames(const std::vector<CalibratedCamera>& cameras) {
+  std::map<std::string, const CalibratedCamera*> known;
+  for (const CalibratedCamera& camera : cameras) {
+    const auto [other, is_new] = known.emplace(camera.names.front(), &camera);
+    if (!is_new) {
+      throw Error(camera.place + ": camera '" + camera.names.front() +
+                  "' is also in " + other->second->place +
+                  "; keep the calibration of your recording only");
+    }
+  }
+}
+
+// A file per camera, without a rig, places all of them at the origin.
+void ForgetCommonPlace(std::vector<CalibratedCamera>* cameras) {
+  const bool is_common = std::all_of(
+      cameras->begin(), cameras->end(), [](const CalibratedCamera& camera) {
+        return !camera.cam_from_base ||
+               camera.cam_from_base->translation.isZero(0.0);
+      });
+  if (!is_common) return;
+  for (CalibratedCamera& camera : *cameras) camera.cam_from_base.reset();
+}
+
+}  // namespace
+
+std::vector<CalibratedCamera> ReadCalibration(const std::string& paths) {
+  std::vector<fs::path> files;
+  const bool is_folder = fs::is_directory(paths);
+  if (is_folder) {
+    files = FilesIn(paths, true);
+  } else if (fs::exists(paths) || paths.find(',') == std::string::npos) {
+    files = {paths};
+  } else {
+    for (size_t begin = 0; begin <= paths.size();) {
+      const size_t end = std::min(paths.find(',', begin), paths.size());
+      files.emplace_back(paths.substr(begin, end - begin));
+      begin = end + 1;
+    }
+  }
+  std::vector<CalibratedCamera> cameras;
+  for (const fs::path& file : files) {
+    const auto found = ReadFormat(file);
+    if (!found && !is_folder) {
+      throw Error("'" + file.string() +
+                  "' is no calibration of a known format; the formats are "
+                  "those of " +
+                  kFormats);
+    }
+    if (found) cameras.insert(cameras.end(), found->begin(), found->end());
+  }
+  if (cameras.empty()) {
+    throw Error("'" + paths +
+                "' has no calibration of a camera; the formats are those of " +
+                kFormats);
+  }
+  ForgetCommonPlace(&cameras);
+  for (const CalibratedCamera& camera : cameras) CheckValues(camera);
+  CheckNames(cameras);
+  return cameras;
+}
+
+}  // namespace mgsfm

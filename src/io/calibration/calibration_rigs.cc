@@ -1,0 +1,291 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/calibration/calibration_rigs.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "io/calibration/calibration.h"
+#include "io/calibration/yaml_value.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// The start of image names that may be those of a camera.
+struct Prefix {
+  std::string outer;  // folders before it, "seq1/"
+  std::string name;   // "cam0"
+  std::string text;   // "seq1/cam0/"
+  std::vector<int> images;
+};
+
+std::string Lower(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+// The number at the end of a name that consists of letters and this number.
+std::optional<int> NumberAtEnd(const std::string& name) {
+  const size_t begin = name.find_last_not_of("0123456789") + 1;
+  const std::string digits = name.substr(begin);
+  if (digits.empty() || digits.size() > 3) return std::nullopt;
+  return std::stoi(digits);
+}
+
+// All folders, and starts of file names up to their last '_' or '-'.
+std::map<std::string, Prefix> FindPrefixes(const RigInput& input) {
+  std::map<std::string, Prefix> prefixes;
+  for (size_t i = 0; i < input.contents.images.size(); ++i) {
+    const std::string& image_name = input.contents.images[i].name;
+    std::string outer;
+    const auto add = [&](const std::string& name, char separator) {
+      const std::string text = outer + name + separator;
+      Prefix& prefix =
+          prefixes.emplace(text, Prefix{outer, name, text, {}}).first->second;
+      prefix.images.push_back(static_cast<int>(i));
+    };
+    const std::vector<std::string> parts = SplitPath(image_name);
+    for (size_t k = 0; k + 1 < parts.size(); ++k) {
+      add(parts[k], '/');
+      outer += parts[k] + "/";
+    }
+    const size_t end = parts.back().find_last_of("_-");
+    if (end != std::string::npos) {
+      add(parts.back().substr(0, end), parts.back()[end]);
+    }
+  }
+  return prefixes;
+}
+
+class CameraMatcher {
+ public:
+  CameraMatcher(const RigInput& input,
+                const std::vector<CalibratedCamera>& cameras)
+      : input_(input),
+        cameras_(cameras),
+        prefixes_(FindPrefixes(input)),
+        camera_of_image_(input.contents.images.size(), -1),
+        prefixes_of_camera_(cameras.size()) {}
+
+  void Match() {
+    size_t num_rounds = 0;
+    for (const CalibratedCamera& camera : cameras_) {
+      num_rounds = std::max(num_rounds, camera.names.size());
+    }
+    for (size_t round = 0; round < num_rounds; ++round) {
+      MatchWith([&](const CalibratedCamera& camera, const Prefix& prefix) {
+        return round < camera.names.size() &&
+               Lower(camera.names[round]) == Lower(prefix.name);
+      });
+    }
+    MatchWith([](const CalibratedCamera& camera, const Prefix& prefix) {
+      const auto number = NumberAtEnd(camera.names.back());
+      return number && prefix.text.back() == '/' &&
+             NumberAtEnd(prefix.name) == number;
+    });
+  }
+
+  bool HasMatches() const {
+    return std::any_of(camera_of_image_.begin(), camera_of_image_.end(),
+                       [](int camera) { return camera >= 0; });
+  }
+  const std::vector<const Prefix*>& PrefixesOf(size_t camera) const {
+    return prefixes_of_camera_[camera];
+  }
+  std::vector<int> UnmatchedImages() const {
+    std::vector<int> images;
+    for (size_t i = 0; i < camera_of_image_.size(); ++i) {
+      if (camera_of_image_[i] < 0) images.push_back(static_cast<int>(i));
+    }
+    return images;
+  }
+  // The folders of the images, for messages.
+  std::string FolderNames() const {
+    std::set<std::string> names;
+    for (const auto& [text, prefix] : prefixes_) {
+      if (text.back() == '/') names.insert("'" + text + "'");
+    }
+    std::string joined;
+    for (const std::string& name : names) joined += " " + name;
+    return joined.empty() ? " none" : joined;
+  }
+
+ private:
+  // Cameras and images that are matched already take no part.
+  template <class Predicate>
+  void MatchWith(const Predicate& fits) {
+    std::vector<std::pair<int, const Prefix*>> found;
+    for (size_t c = 0; c < cameras_.size(); ++c) {
+      if (!prefixes_of_camera_[c].empty()) continue;
+      for (const auto& [text, prefix] : prefixes_) {
+        const bool is_free = std::none_of(
+            prefix.images.begin(), prefix.images.end(),
+            [this](int image) { return camera_of_image_[image] >= 0; });
+        if (is_free && fits(cameras_[c], prefix)) {
+          found.emplace_back(static_cast<int>(c), &prefix);
+        }
+      }
+    }
+    for (const auto& [camera, prefix] : found) Take(camera, *prefix);
+  }
+  void Take(int camera, const Prefix& prefix) {
+    for (const int image : prefix.images) {
+      int& known = camera_of_image_[image];
+      if (known >= 0) {
+        throw Error("image '" + input_.contents.images[image].name +
+                    "' fits the cameras '" + cameras_[known].names.front() +
+                    "' (" + cameras_[known].place + ") and '" +
+                    cameras_[camera].names.front() + "' (" +
+                    cameras_[camera].place +
+                    "); rename the folders of images like the cameras");
+      }
+      known = camera;
+    }
+    prefixes_of_camera_[camera].push_back(&prefix);
+  }
+
+  const RigInput& input_;
+  const std::vector<CalibratedCamera>& cameras_;
+  const std::map<std::string, Prefix> prefixes_;
+  std::vector<int> camera_of_image_;
+  std::vector<std::vector<const Prefix*>> prefixes_of_camera_;
+};
+
+// The intrinsics for images of another size; the aspect ratio must be that of
+// the calibration, up to the rounding of one pixel.
+std::vector<double> ScaledParams(const CalibratedCamera& camera,
+                                 const Camera& of_images) {
+  std::vector<double> params = camera.params;
+  if (!camera.size_px) return params;
+  const auto [width, height] = *camera.size_px;
+  const double scale = static_cast<double>(of_images.width_px) / width;
+  if (std::abs(scale * height - of_images.height_px) > 1.0) {
+    const auto size = [](int w, int h) {
+      return std::to_string(w) + "x" + std::to_string(h);
+    };
+    throw Error(camera.place + ": camera '" + camera.names.front() +
+                "' was calibrated with images of " + size(width, height) +
+                " px, but its images have " +
+                size(of_images.width_px, of_images.height_px) +
+                " px; calibrate it with images as they are used");
+  }
+  const CameraModelInfo& info =
+      *FindCameraModel(static_cast<int32_t>(*camera.model));
+  for (const int i : info.focal_length_idxs) params[i] *= scale;
+  for (const int i : info.principal_point_idxs) params[i] *= scale;
+  return params;
+}
+
+RigConfigCamera MakeConfig(const RigInput& input,
+                           const CalibratedCamera& camera,
+                           const Prefix& prefix) {
+  if (!camera.model) {
+    throw Error(camera.place + ": camera '" + camera.names.front() +
+                "' of the images in '" + prefix.text + "' " +
+                camera.why_no_model);
+  }
+  RigConfigCamera config;
+  config.image_prefix = prefix.text;
+  config.camera_model = camera.model;
+  config.camera_params =
+      ScaledParams(camera, input.CameraOf(prefix.images.front()));
+  return config;
+}
+
+// A rig for each outer folder.
+std::vector<RigConfig> MakeRigs(const RigInput& input,
+                                const std::vector<CalibratedCamera>& cameras,
+                                const CameraMatcher& matcher) {
+  struct OuterRig {
+    RigConfig rig;
+    const CalibratedCamera* reference = nullptr;
+  };
+  std::map<std::string, OuterRig> rigs;
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    const CalibratedCamera& camera = cameras[c];
+    for (const Prefix* prefix : matcher.PrefixesOf(c)) {
+      OuterRig& outer = rigs[prefix->outer];
+      RigConfigCamera config = MakeConfig(input, camera, *prefix);
+      if (outer.reference == nullptr) {
+        outer.reference = &camera;
+        config.is_reference = true;
+        config.cam_from_rig = Rigid3();
+      } else if (camera.cam_from_base && outer.reference->cam_from_base) {
+        config.cam_from_rig =
+            *camera.cam_from_base * outer.reference->cam_from_base->Inverse();
+      }
+      outer.rig.cameras.push_back(std::move(config));
+    }
+  }
+  std::vector<RigConfig> configs;
+  for (auto& [outer, rig] : rigs) configs.push_back(std::move(rig.rig));
+  return configs;
+}
+
+void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
+            const CameraMatcher& matcher, const Context& context) {
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    const CalibratedCamera& camera = cameras[c];
+    std::string line = "calibration: camera '" + camera.names.front() + "'";
+    if (matcher.PrefixesOf(c).empty()) {
+      context.Info(line + " has no images");
+      continue;
+    }
+    line += " is that of";
+    for (const Prefix* prefix : matcher.PrefixesOf(c)) {
+      line += " '" + prefix->text + "' (" +
+              std::to_string(prefix->images.size()) + " images)";
+    }
+    line += ", ";
+    line += FindCameraModel(static_cast<int32_t>(*camera.model))->name;
+    context.Info(line + (camera.cam_from_base ? ", pose known"
+                                              : ", pose to be estimated"));
+  }
+  const std::vector<int> unmatched = matcher.UnmatchedImages();
+  if (unmatched.empty()) return;
+  context.Warning(std::to_string(unmatched.size()) +
+                  " images belong to no camera of the calibration and are "
+                  "single; the first is '" +
+                  input.contents.images[unmatched.front()].name + "'");
+}
+
+bool IsRigConfig(const std::string& path) {
+  if (std::filesystem::path(path).extension() != ".json") return false;
+  const YamlValue file(path, ReadFile(path));
+  if (!file.IsSequence()) return false;
+  const auto items = file.Items();
+  return !items.empty() && items.front().second.Has("cameras");
+}
+
+}  // namespace
+
+std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
+                                           const std::string& paths,
+                                           const Context& context) {
+  if (IsRigConfig(paths)) return ReadRigConfig(paths);
+  const std::vector<CalibratedCamera> cameras = ReadCalibration(paths);
+  CameraMatcher matcher(input, cameras);
+  matcher.Match();
+  if (!matcher.HasMatches()) {
+    std::string names;
+    for (const CalibratedCamera& camera : cameras) {
+      names += " '" + camera.names.front() + "'";
+    }
+    throw Error("calibration '" + paths + "': no images belong to its cameras" +
+                names + "; the folders of images are" + matcher.FolderNames() +
+                "; rename them like the cameras");
+  }
+  std::vector<RigConfig> rigs = MakeRigs(input, cameras, matcher);
+  Report(input, cameras, matcher, context);
+  return rigs;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "io/rigs/rig_inference.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/io/rigs/rig_config.h"
+
+namespace mgsfm {
+
+// The rigs of images that a calibration describes; see calibration.h for the
+// formats and COLMAP's rig_config.json, which is taken as it is.
+//
+// A camera is matched with the folder of its images, at any level, by the first
+// of these that fits: the last part of its topic, its name, both ignoring case,
+// or the number at the end of its name (cam0, image_00). Names of files may
+// start with the name of the camera, too (left_0001.png). Each outer folder
+// (seq1/cam0, seq2/cam0) gets a rig of its own with the same poses. The first
+// matched camera of the calibration is the reference.
+//
+// Intrinsics are scaled to images of another size with the same aspect ratio.
+// Logs which cameras have which images. Throws Error if no camera has images, a
+// folder fits two cameras, no camera model describes a camera that has images,
+// or the aspect ratios differ.
+std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
+                                           const std::string& paths,
+                                           const Context& context);
+
+}  // namespace mgsfm

@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <Eigen/LU>
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <sstream>
+
+#include "base/file_reading.h"
+#include "base/text.h"
+#include "geometry/rigid_matrix.h"
+#include "io/calibration/formats.h"
+#include "io/calibration/lens_models.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+// "NAME: words"; lines without a name are called P0, P1, ...
+struct Line {
+  std::string place;
+  std::vector<std::string> words;
+};
+constexpr double kMaxSize = 1 << 20;  // px
+
+using Lines = std::map<std::string, Line>;
+
+Lines ParseLines(const std::string& text, const std::string& path) {
+  Lines lines;
+  std::istringstream stream(text);
+  std::string line;
+  size_t num_unnamed = 0;
+  for (int number = 1; std::getline(stream, line); ++number) {
+    const size_t colon = line.find(": ");
+    std::istringstream words(
+        colon == std::string::npos ? line : line.substr(colon + 1));
+    Line parsed{"'" + path + "', line " + std::to_string(number), {}};
+    for (std::string word; words >> word;) parsed.words.push_back(word);
+    if (parsed.words.empty()) continue;
+    const std::string name = colon == std::string::npos
+                                 ? "P" + std::to_string(num_unnamed++)
+                                 : line.substr(0, colon);
+    lines.emplace(name, std::move(parsed));
+  }
+  return lines;
+}
+
+std::vector<double> Numbers(const Line& line, size_t size) {
+  std::vector<double> numbers;
+  for (const std::string& word : line.words) {
+    const auto number = ParseDouble(word);
+    if (!number) {
+      throw Error(line.place + " has '" + Printable(word) +
+                  "' where a finite number should be; correct it");
+    }
+    numbers.push_back(*number);
+  }
+  if (numbers.size() != size) {
+    throw Error(line.place + " has " + std::to_string(numbers.size()) +
+                " numbers; give " + std::to_string(size));
+  }
+  return numbers;
+}
+
+Rigid3 PoseOf(const Line& line, const RigidMatrix& matrix) {
+  const auto pose = RigidFromMatrix(matrix);
+  if (!pose) {
+    throw Error(line.place + " is not a rigid transform; correct its rotation");
+  }
+  return *pose;
+}
+
+// The number k of "Pk", "P_rect_0k"; nullopt for other names.
+std::optional<int> CameraNumber(const std::string& name) {
+  for (const std::string prefix : {"P_rect_", "P"}) {
+    if (name.compare(0, prefix.size(), prefix) != 0) continue;
+    const std::string digits = name.substr(prefix.size());
+    const bool is_number =
+        !digits.empty() && digits.size() <= 2 &&
+        digits.find_first_not_of("0123456789") == std::string::npos;
+    if (is_number) return std::stoi(digits);
+  }
+  return std::nullopt;
+}
+
+std::string TwoDigits(int number) {
+  return (number < 10 ? "0" : "") + std::to_string(number);
+}
+
+// P = K [I | t], with respect to the rectified first camera.
+CalibratedCamera ReadProjection(const Line& line, int number) {
+  CalibratedCamera camera;
+  camera.names = {"image_" + TwoDigits(number),
+                  "image_" + std::to_string(number),
+                  "cam" + std::to_string(number)};
+  camera.place = line.place;
+  const std::vector<double> p = Numbers(line, 12);
+  SetMatrixAndLens(p, 4, PinholeLens(), &camera);
+  if (!camera.model) return camera;
+  const Eigen::Map<const RigidMatrix> P(p.data());
+  const Eigen::Matrix3d K = P.leftCols<3>();
+  camera.cam_from_base =
+      Rigid3{Eigen::Quaterniond::Identity(), K.inverse() * P.col(3)};
+  return camera;
+}
+
+// KITTI-360: the pose of the camera before it was turned by R_rect.
+void SetPoseInVehicle(const Line& vehicle_from_cam, const Line& rectification,
+                      CalibratedCamera* camera) {
+  const auto cam = Numbers(vehicle_from_cam, 12);
+  const auto r = Numbers(rectification, 9);
+  RigidMatrix matrix = RigidMatrix::Zero();
+  matrix.leftCols<3>() =
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(r.data());
+  const Rigid3 rectified_from_cam = PoseOf(rectification, matrix);
+  camera->cam_from_base =
+      rectified_from_cam *
+      PoseOf(vehicle_from_cam, Eigen::Map<const RigidMatrix>(cam.data()))
+          .Inverse();
+}
+
+bool IsProjection(const Line& line) {
+  std::vector<double> n;
+  for (const std::string& word : line.words) {
+    const auto number = ParseDouble(word);
+    if (number) n.push_back(*number);
+  }
+  // The focal length tells it from a pose.
+  return n.size() == 12 && line.words.size() == 12 && n[0] > 10.0 &&
+         n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 && n[10] == 1.0;
+}
+
+}  // namespace
+
+bool IsKitti(const std::string& text) {
+  const bool has_names = text.find("P0: ") != std::string::npos ||
+                         text.find("P_rect_0") != std::string::npos;
+  if (has_names) return true;
+  const Lines lines = ParseLines(text, "");
+  return !lines.empty() &&
+         std::all_of(lines.begin(), lines.end(), [](const auto& line) {
+           return IsProjection(line.second);
+         });
+}
+
+std::vector<CalibratedCamera> ReadKitti(const std::string& text,
+                                        const std::filesystem::path& path) {
+  const Lines lines = ParseLines(text, path.string());
+  Lines poses;
+  const std::filesystem::path beside =
+      path.parent_path() / "calib_cam_to_pose.txt";
+  if (std::filesystem::exists(beside)) {
+    poses = ParseLines(ReadFile(beside), beside.string());
+  }
+  std::vector<CalibratedCamera> cameras;
+  for (const auto& [name, line] : lines) {
+    const auto number = CameraNumber(name);
+    if (!number) continue;
+    CalibratedCamera camera = ReadProjection(line, *number);
+    const auto size = lines.find("S_rect_" + TwoDigits(*number));
+    if (size != lines.end()) {
+      const auto sides = Numbers(size->second, 2);
+      if (!(sides[0] >= 1.0 && sides[1] >= 1.0 &&
+            std::max(sides[0], sides[1]) <= kMaxSize)) {
+        throw Error(size->second.place + " is not the size of an image");
+      }
+      camera.size_px.emplace(static_cast<int>(sides[0]),
+                             static_cast<int>(sides[1]));
+    }
+    const auto rectification = lines.find("R_rect_" + TwoDigits(*number));
+    const auto pose = poses.find("image_" + TwoDigits(*number));
+    if (rectification != lines.end() && pose != poses.end()) {
+      SetPoseInVehicle(pose->second, rectification->second, &camera);
+    }
+    cameras.push_back(std::move(camera));
+  }
+  return cameras;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/priors/trajectory_positions.h"
+
+#include <algorithm>
+#include <numeric>
+#include <optional>
+#include <sstream>
+
+#include "base/file_reading.h"
+#include "base/natural_order.h"
+#include "base/text.h"
+#include "io/rigs/image_name_times.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/io/models/trajectory_io.h"
+
+namespace mgsfm {
+namespace {
+
+using Positions = std::vector<std::pair<int, Eigen::Vector3d>>;
+
+constexpr double kMaxGapRatio = 10.0;
+
+// The image of the reference sensor, else the first one.
+int MainImage(const Scene& scene, const Frame& frame) {
+  for (const int image_idx : frame.image_idxs) {
+    if (scene.IsReference(scene.images[image_idx].sensor_idx)) return image_idx;
+  }
+  return frame.image_idxs.front();
+}
+
+Positions PositionsByFrame(const Scene& scene, const std::string& path) {
+  const std::vector<Rigid3> poses = ReadKittiPoses(path);
+  if (poses.size() != scene.frames.size()) {
+    throw Error("'" + path + "' has " + std::to_string(poses.size()) +
+                " poses, but there are " + std::to_string(scene.frames.size()) +
+                " frames; give one line of 12 numbers for each frame");
+  }
+  std::vector<int> order(scene.frames.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
+  });
+  Positions positions;
+  for (size_t i = 0; i < order.size(); ++i) {
+    positions.emplace_back(MainImage(scene, scene.frames[order[i]]),
+                           poses[i].Center());
+  }
+  return positions;
+}
+
+double TimeOf(const Image& image, const std::string& path) {
+  if (image.timestamp_s) return *image.timestamp_s;
+  if (const auto time_ns = TimeInName(image.name)) {
+    return 1e-9 * static_cast<double>(*time_ns);
+  }
+  throw Error("'" + path + "' has poses by time, but image '" + image.name +
+              "' has no time in its name; set image_timestamps_path");
+}
+
+double MedianInterval(const std::vector<TimedPose>& poses) {
+  std::vector<double> intervals_s;
+  for (size_t i = 1; i < poses.size(); ++i) {
+    intervals_s.push_back(poses[i].timestamp_s - poses[i - 1].timestamp_s);
+  }
+  const auto middle =
+      intervals_s.begin() + static_cast<std::ptrdiff_t>(intervals_s.size() / 2);
+  std::nth_element(intervals_s.begin(), middle, intervals_s.end());
+  return *middle;
+}
+
+// The position at a time; nullopt outside the trajectory and in its gaps.
+std::optional<Eigen::Vector3d> Interpolate(const std::vector<TimedPose>& poses,
+                                           double max_gap_s, double time_s) {
+  const auto after = std::lower_bound(
+      poses.begin(), poses.end(), time_s,
+      [](const TimedPose& pose, double t) { return pose.timestamp_s < t; });
+  if (after == poses.end()) return std::nullopt;
+  const Eigen::Vector3d position = after->cam_from_world.Center();
+  if (after->timestamp_s == time_s) return position;
+  if (after == poses.begin()) return std::nullopt;
+  const auto before = std::prev(after);
+  const double gap_s = after->timestamp_s - before->timestamp_s;
+  if (gap_s > max_gap_s) return std::nullopt;
+  const double share = (time_s - before->timestamp_s) / gap_s;
+  return (1.0 - share) * before->cam_from_world.Center() + share * position;
+}
+
+Positions PositionsByTime(const Scene& scene, const std::string& path) {
+  std::vector<TimedPose> poses = ReadTumPoses(path);
+  std::stable_sort(poses.begin(), poses.end(),
+                   [](const TimedPose& a, const TimedPose& b) {
+                     return a.timestamp_s < b.timestamp_s;
+                   });
+  const double max_gap_s =
+      poses.size() < 2 ? 0.0 : kMaxGapRatio * MedianInterval(poses);
+  Positions positions;
+  for (const Frame& frame : scene.frames) {
+    const int image_idx = MainImage(scene, frame);
+    const auto position =
+        Interpolate(poses, max_gap_s, TimeOf(scene.images[image_idx], path));
+    if (position) positions.emplace_back(image_idx, *position);
+  }
+  if (positions.empty()) {
+    throw Error("'" + path +
+                "' has no pose at the time of any image; give both on one "
+                "clock, for instance with image_timestamps_path");
+  }
+  return positions;
+}
+
+}  // namespace
+
+PositionFileFormat DetectPositionFormat(const std::string& path) {
+  std::istringstream file(ReadFile(path, "'" + path + "' (ref_images_path)"));
+  std::string line;
+  while (std::getline(file, line)) {
+    std::istringstream words(line);
+    size_t num_numbers = 0;
+    bool is_numeric = true;
+    std::string word;
+    if (!(words >> word) || word.front() == '#') continue;
+    do {
+      is_numeric &= ParseDouble(word).has_value();
+      ++num_numbers;
+    } while (words >> word);
+    if (is_numeric && num_numbers == 12) return PositionFileFormat::kKitti;
+    if (is_numeric && num_numbers == 8) return PositionFileFormat::kTum;
+    break;
+  }
+  return PositionFileFormat::kNamed;
+}
+
+Positions ReadTrajectoryPositions(const Scene& scene, const std::string& path,
+                                  PositionFileFormat format) {
+  return format == PositionFileFormat::kKitti ? PositionsByFrame(scene, path)
+                                              : PositionsByTime(scene, path);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,399 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/rigs/frames_by_time.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "io/rigs/image_name_times.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr const char* kOption = "frame_max_time_difference_s";
+constexpr double kSecondsPerNs = 1e-9;
+// An offset is called constant if it is this many times its spread.
+constexpr double kMinOffsetToSpread = 5.0;
+
+std::string FormatTime(int64_t time_ns) {
+  constexpr int64_t kNanoseconds = 1'000'000'000;
+  char text[40];
+  std::snprintf(text, sizeof(text), "%lld.%09lld",
+                static_cast<long long>(time_ns / kNanoseconds),
+                static_cast<long long>(std::llabs(time_ns % kNanoseconds)));
+  return time_ns < 0 && time_ns > -kNanoseconds ? "-" + std::string(text)
+                                                : text;
+}
+
+std::string FormatDuration(double duration_ns) {
+  const std::pair<double, const char*> units[] = {
+      {1e9, "s"}, {1e6, "ms"}, {1e3, "us"}, {1.0, "ns"}};
+  char text[40] = "0 ns";
+  for (const auto& [size_ns, name] : units) {
+    if (std::abs(duration_ns) < size_ns) continue;
+    std::snprintf(text, sizeof(text), "%.3g %s", duration_ns / size_ns, name);
+    break;
+  }
+  return text;
+}
+
+double Median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// A frame or image, by its time.
+struct Instant {
+  int64_t time_ns = 0;
+  int number = 0;
+
+  bool operator<(const Instant& other) const {
+    return std::make_pair(time_ns, number) <
+           std::make_pair(other.time_ns, other.number);
+  }
+};
+
+// The position of the nearest instant, the earlier one of two.
+size_t FindNearest(const std::vector<Instant>& sorted, int64_t time_ns) {
+  const auto after = std::lower_bound(
+      sorted.begin(), sorted.end(), time_ns,
+      [](const Instant& a, int64_t time) { return a.time_ns < time; });
+  if (after == sorted.begin()) return 0;
+  const auto before = std::lower_bound(
+      sorted.begin(), after, std::prev(after)->time_ns,
+      [](const Instant& a, int64_t time) { return a.time_ns < time; });
+  const bool is_later = after == sorted.end() ||
+                        time_ns - before->time_ns <= after->time_ns - time_ns;
+  return static_cast<size_t>((is_later ? before : after) - sorted.begin());
+}
+
+class FramePairer {
+ public:
+  FramePairer(const std::vector<TimedSensor>& sensors, const FrameTimes& times)
+      : sensors_(sensors), times_(times) {}
+
+  FramesByTime Find(const std::vector<int>& sensor_of_image) {
+    result_.frame_of_image.assign(sensor_of_image.size(), -1);
+    images_of_sensor_.resize(sensors_.size());
+    for (size_t i = 0; i < sensor_of_image.size(); ++i) {
+      if (sensor_of_image[i] < 0) continue;
+      images_of_sensor_[sensor_of_image[i]].push_back(
+          {times_.times_ns[i], static_cast<int>(i)});
+    }
+    std::map<int, std::vector<int>> sensors_of_rig;
+    for (const int sensor : SortedSensors()) {
+      std::sort(images_of_sensor_[sensor].begin(),
+                images_of_sensor_[sensor].end());
+      FindSameTime(images_of_sensor_[sensor]);
+      sensors_of_rig[sensors_[sensor].rig].push_back(sensor);
+    }
+    for (const auto& [rig, sensors] : sensors_of_rig) PairRig(sensors);
+    return std::move(result_);
+  }
+
+ private:
+  std::vector<int> SortedSensors() const;
+  void FindSameTime(const std::vector<Instant>& images);
+  void PairRig(const std::vector<int>& sensors);
+  FramesByTime::Pairing PairSensor(const std::vector<Instant>& images,
+                                   std::vector<Instant>* frames, int rig);
+  Instant AddFrame(const Instant& image, int rig);
+
+  const std::vector<TimedSensor>& sensors_;
+  const FrameTimes& times_;
+  std::vector<std::vector<Instant>> images_of_sensor_;
+  FramesByTime result_;
+};
+
+std::vector<int> FramePairer::SortedSensors() const {
+  std::vector<int> order;
+  for (size_t i = 0; i < sensors_.size(); ++i) {
+    if (!images_of_sensor_[i].empty()) order.push_back(static_cast<int>(i));
+  }
+  const auto rank = [this](int i) {
+    return std::make_tuple(!sensors_[i].is_reference,
+                           -static_cast<int64_t>(images_of_sensor_[i].size()),
+                           sensors_[i].name, i);
+  };
+  std::sort(order.begin(), order.end(),
+            [&](int a, int b) { return rank(a) < rank(b); });
+  return order;
+}
+
+void FramePairer::FindSameTime(const std::vector<Instant>& images) {
+  const auto same = std::adjacent_find(images.begin(), images.end(),
+                                       [](const Instant& a, const Instant& b) {
+                                         return a.time_ns == b.time_ns;
+                                       });
+  if (same == images.end() || result_.same_time) return;
+  result_.same_time.emplace(same->number, std::next(same)->number);
+}
+
+Instant FramePairer::AddFrame(const Instant& image, int rig) {
+  const int frame = static_cast<int>(result_.frames.size());
+  result_.frames.push_back({rig, image.time_ns, FormatTime(image.time_ns)});
+  result_.frame_of_image[image.number] = frame;
+  return {image.time_ns, frame};
+}
+
+void FramePairer::PairRig(const std::vector<int>& sensors) {
+  const int rig = sensors_[sensors.front()].rig;
+  std::vector<Instant> frames;
+  for (const int sensor : sensors) {
+    FramesByTime::Pairing pairing =
+        PairSensor(images_of_sensor_[sensor], &frames, rig);
+    if (sensor == sensors.front()) continue;
+    pairing.sensor = sensor;
+    pairing.first_sensor = sensors.front();
+    result_.pairings.push_back(std::move(pairing));
+  }
+}
+
+FramesByTime::Pairing FramePairer::PairSensor(
+    const std::vector<Instant>& images, std::vector<Instant>* frames, int rig) {
+  FramesByTime::Pairing pairing;
+  pairing.num_images = images.size();
+  std::vector<Instant> added;
+  for (size_t i = 0; i < images.size(); ++i) {
+    std::optional<int64_t> later_ns;
+    if (!frames->empty()) {
+      const Instant& frame = (*frames)[FindNearest(*frames, images[i].time_ns)];
+      later_ns = images[i].time_ns - frame.time_ns;
+      if (std::abs(*later_ns) <= times_.max_difference_ns &&
+          FindNearest(images, frame.time_ns) == i) {
+        result_.frame_of_image[images[i].number] = frame.number;
+        pairing.differences_ns.push_back(*later_ns);
+        continue;
+      }
+    }
+    if (later_ns) {
+      pairing.nearest_ns = std::min(pairing.nearest_ns, std::abs(*later_ns));
+    }
+    added.push_back(AddFrame(images[i], rig));
+  }
+  const auto middle = static_cast<long>(frames->size());
+  frames->insert(frames->end(), added.begin(), added.end());
+  std::inplace_merge(frames->begin(), frames->begin() + middle, frames->end());
+  return pairing;
+}
+
+void CheckDistinct(const RigInput& input, const FramesByTime& frames,
+                   const FrameTimes& times) {
+  if (!frames.same_time) return;
+  const auto name = [&](int image) {
+    return "'" + input.contents.images[image].name + "'";
+  };
+  const auto& [image1, image2] = *frames.same_time;
+  throw Error(input.Name() + ": images " + name(image1) + " and " +
+              name(image2) + " of one camera have the same time " +
+              FormatTime(times.times_ns[image1]) +
+              " s; give distinct times with image_timestamps_path, or do not "
+              "set " +
+              kOption);
+}
+
+// The distribution of differences, and an offset that all of them share.
+std::string DescribeDifferences(const std::vector<int64_t>& differences_ns) {
+  std::vector<double> signed_ns(differences_ns.begin(), differences_ns.end());
+  std::vector<double> sizes_ns;
+  std::vector<double> spreads_ns;
+  const double offset_ns = Median(signed_ns);
+  for (const double difference : signed_ns) {
+    sizes_ns.push_back(std::abs(difference));
+    spreads_ns.push_back(std::abs(difference - offset_ns));
+  }
+  std::string text =
+      "times differ by " + FormatDuration(Median(sizes_ns)) +
+      " in the median, by " +
+      FormatDuration(*std::max_element(sizes_ns.begin(), sizes_ns.end())) +
+      " at most";
+  const double spread_ns = Median(spreads_ns);
+  if (std::abs(offset_ns) > kMinOffsetToSpread * spread_ns) {
+    text += std::string("; a constant offset: ") +
+            (offset_ns > 0.0 ? "later" : "earlier") + " by " +
+            FormatDuration(std::abs(offset_ns));
+  }
+  return text;
+}
+
+std::string Limit(const FrameTimes& times) {
+  return FormatDuration(static_cast<double>(times.max_difference_ns));
+}
+
+void CheckPaired(const RigInput& input, const FramesByTime& frames,
+                 const FrameTimes& times) {
+  int64_t smallest_ns = std::numeric_limits<int64_t>::max();
+  for (const FramesByTime::Pairing& pairing : frames.pairings) {
+    if (!pairing.differences_ns.empty()) return;
+    smallest_ns = std::min(smallest_ns, pairing.nearest_ns);
+  }
+  const std::string remedy =
+      frames.pairings.empty()
+          ? "; there is only one camera: put the images of each camera into a "
+            "folder of its own, or set rig_name_rule"
+          : ", the nearest are " +
+                FormatDuration(static_cast<double>(smallest_ns)) +
+                " apart; increase " + kOption +
+                ", or check that the clocks of the cameras agree";
+  throw Error(input.Name() +
+              ": no two images of different cameras are at most " +
+              Limit(times) + " apart" + remedy);
+}
+
+// Names the sensors with images that are alone in their frame.
+void WarnOfSingleImages(const RigInput& input,
+                        const std::vector<TimedSensor>& sensors,
+                        const std::vector<int>& sensor_of_image,
+                        const FramesByTime& frames, const FrameTimes& times,
+                        const Context& context) {
+  std::vector<size_t> frame_sizes(frames.frames.size(), 0);
+  for (const int frame : frames.frame_of_image) {
+    if (frame >= 0) ++frame_sizes[frame];
+  }
+  std::vector<std::vector<size_t>> single_images(sensors.size());
+  for (size_t i = 0; i < sensor_of_image.size(); ++i) {
+    const int frame = frames.frame_of_image[i];
+    if (frame >= 0 && frame_sizes[frame] == 1) {
+      single_images[sensor_of_image[i]].push_back(i);
+    }
+  }
+  for (size_t s = 0; s < sensors.size(); ++s) {
+    if (single_images[s].empty()) continue;
+    context.Warning(std::to_string(single_images[s].size()) + " images of '" +
+                    sensors[s].name + "' have no partner within " +
+                    Limit(times) + "; the first is '" +
+                    input.contents.images[single_images[s].front()].name + "'");
+  }
+}
+
+// Rounds up to one digit.
+double RoundUp(double value) {
+  const double unit = std::pow(10.0, std::floor(std::log10(value)));
+  return std::ceil(value / unit - 1e-9) * unit;
+}
+
+struct KeySensors {
+  std::vector<TimedSensor> sensors;
+  std::vector<int> sensor_of_image;
+};
+
+KeySensors SensorsOfKeys(const std::vector<ImageKeys>& keys) {
+  KeySensors result;
+  std::map<std::string, int> rigs;
+  std::map<std::string, int> sensors;
+  for (const ImageKeys& key : keys) {
+    const int rig =
+        rigs.emplace(key.rig, static_cast<int>(rigs.size())).first->second;
+    const auto [sensor, is_new] =
+        sensors.emplace(key.sensor, static_cast<int>(sensors.size()));
+    if (is_new) result.sensors.push_back({key.sensor_name, rig, false});
+    result.sensor_of_image.push_back(sensor->second);
+  }
+  return result;
+}
+
+// Half of the median time between images of a sensor, over all sensors.
+int64_t HalfInterval(const KeySensors& keys,
+                     const std::vector<int64_t>& times) {
+  std::vector<std::vector<int64_t>> times_of_sensor(keys.sensors.size());
+  for (size_t i = 0; i < times.size(); ++i) {
+    times_of_sensor[keys.sensor_of_image[i]].push_back(times[i]);
+  }
+  std::vector<double> intervals_ns;
+  for (std::vector<int64_t>& sorted : times_of_sensor) {
+    std::sort(sorted.begin(), sorted.end());
+    for (size_t i = 1; i < sorted.size(); ++i) {
+      intervals_ns.push_back(static_cast<double>(sorted[i] - sorted[i - 1]));
+    }
+  }
+  if (intervals_ns.empty()) return 0;
+  return static_cast<int64_t>(Median(std::move(intervals_ns)) / 2.0);
+}
+
+}  // namespace
+
+FramesByTime FindFramesByTime(const std::vector<TimedSensor>& sensors,
+                              const std::vector<int>& sensor_of_image,
+                              const FrameTimes& times) {
+  return FramePairer(sensors, times).Find(sensor_of_image);
+}
+
+void ReportFramesByTime(const RigInput& input,
+                        const std::vector<TimedSensor>& sensors,
+                        const std::vector<int>& sensor_of_image,
+                        const FramesByTime& frames, const FrameTimes& times,
+                        const Context& context) {
+  CheckDistinct(input, frames, times);
+  CheckPaired(input, frames, times);
+  for (const FramesByTime::Pairing& pairing : frames.pairings) {
+    if (pairing.differences_ns.empty()) continue;
+    context.Info("frames by time: '" + sensors[pairing.sensor].name +
+                 "': " + std::to_string(pairing.differences_ns.size()) +
+                 " of " + std::to_string(pairing.num_images) +
+                 " images paired with those of '" +
+                 sensors[pairing.first_sensor].name + "'; " +
+                 DescribeDifferences(pairing.differences_ns));
+  }
+  WarnOfSingleImages(input, sensors, sensor_of_image, frames, times, context);
+}
+
+void SetFramesByTime(const RigInput& input, const FrameTimes& times,
+                     const Context& context, std::vector<ImageKeys>* keys) {
+  const KeySensors sensors = SensorsOfKeys(*keys);
+  const FramesByTime found =
+      FindFramesByTime(sensors.sensors, sensors.sensor_of_image, times);
+  ReportFramesByTime(input, sensors.sensors, sensors.sensor_of_image, found,
+                     times, context);
+  for (size_t i = 0; i < keys->size(); ++i) {
+    const int frame = found.frame_of_image[i];
+    (*keys)[i].frame = std::to_string(frame);
+    (*keys)[i].frame_name = found.frames[frame].name;
+  }
+}
+
+std::optional<std::string> SuggestFramesByTime(
+    const RigInput& input, const std::vector<ImageKeys>& keys) {
+  const KeySensors sensors = SensorsOfKeys(keys);
+  FrameTimes times;
+  for (const ImageRow& image : input.contents.images) {
+    const std::optional<int64_t> time_ns = TimeInName(image.name);
+    if (!time_ns) return std::nullopt;
+    times.times_ns.push_back(*time_ns);
+  }
+  times.max_difference_ns = HalfInterval(sensors, times.times_ns);
+  if (sensors.sensors.size() < 2 || times.max_difference_ns == 0) {
+    return std::nullopt;
+  }
+  const FramesByTime found =
+      FindFramesByTime(sensors.sensors, sensors.sensor_of_image, times);
+  if (found.same_time) return std::nullopt;
+  size_t num_images = 0;
+  size_t num_pairs = 0;
+  int64_t largest_ns = 1;
+  for (const FramesByTime::Pairing& pairing : found.pairings) {
+    num_images += pairing.num_images;
+    num_pairs += pairing.differences_ns.size();
+    for (const int64_t difference_ns : pairing.differences_ns) {
+      largest_ns = std::max<int64_t>(largest_ns, std::abs(difference_ns));
+    }
+  }
+  if (2 * num_pairs < num_images) return std::nullopt;
+  const double limit_ns =
+      std::min(RoundUp(2.0 * static_cast<double>(largest_ns)),
+               static_cast<double>(times.max_difference_ns));
+  char value[40];
+  std::snprintf(value, sizeof(value), "%g", limit_ns * kSecondsPerNs);
+  return "the " + std::to_string(sensors.sensors.size()) +
+         " folders of images share few names, but the times in their names "
+         "agree within " +
+         FormatDuration(static_cast<double>(largest_ns)) + "; set " + kOption +
+         " " + value + " to make them frames of one rig";
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/rigs/image_name_times.h"
+
+#include <re2/re2.h>
+
+#include <charconv>
+#include <string_view>
+
+#include "io/rigs/rig_inference.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int64_t kNanoseconds = 1'000'000'000;
+constexpr size_t kMaxFractionDigits = 9;
+
+bool IsDigit(char c) { return c >= '0' && c <= '9'; }
+
+int64_t ToInt(std::string_view digits) {
+  int64_t value = 0;
+  std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  return value;
+}
+
+// "25" is 0.25 s.
+int64_t FractionNs(std::string_view digits) {
+  int64_t value = ToInt(digits);
+  for (size_t i = digits.size(); i < kMaxFractionDigits; ++i) value *= 10;
+  return value;
+}
+
+// The digits that start at `begin`.
+std::string_view DigitsAt(std::string_view text, size_t begin) {
+  size_t end = begin;
+  while (end < text.size() && IsDigit(text[end])) ++end;
+  return text.substr(begin, end - begin);
+}
+
+// The decimals after the separator at `begin`; empty if there are none.
+std::string_view DecimalsAt(std::string_view text, size_t begin) {
+  if (begin >= text.size()) return {};
+  const std::string_view digits = DigitsAt(text, begin + 1);
+  const size_t size = digits.size();
+  const bool fits = text[begin] == '.' ? size <= kMaxFractionDigits
+                                       : text[begin] == '_' && size % 3 == 0 &&
+                                             size <= kMaxFractionDigits;
+  return fits ? digits : std::string_view();
+}
+
+// Nanoseconds per unit of a UNIX time; nullopt if the number is none.
+std::optional<int64_t> UnitOfUnixTime(std::string_view digits) {
+  constexpr int64_t kFirst_s = 100'000'000;           // 1973
+  constexpr int64_t kFirstOfSeconds = 1'000'000'000;  // 2001; 123456789 is none
+  constexpr int64_t kLast_s = 4'200'000'000;          // 2103
+  if (digits.size() > 19 || digits.front() == '0') return std::nullopt;
+  const int64_t value = ToInt(digits);
+  for (int64_t per_second = 1; per_second <= kNanoseconds; per_second *= 1000) {
+    const int64_t first =
+        per_second == 1 ? kFirstOfSeconds : kFirst_s * per_second;
+    if (value >= first && value < kLast_s * per_second) {
+      return kNanoseconds / per_second;
+    }
+  }
+  return std::nullopt;
+}
+
+std::optional<int64_t> FindUnixTime(std::string_view stem) {
+  std::optional<int64_t> time_ns;
+  for (size_t i = 0; i < stem.size(); ++i) {
+    if (!IsDigit(stem[i])) continue;
+    const std::string_view digits = DigitsAt(stem, i);
+    i += digits.size();
+    const std::optional<int64_t> unit_ns = UnitOfUnixTime(digits);
+    if (!unit_ns) continue;
+    time_ns = ToInt(digits) * *unit_ns;
+    if (*unit_ns != kNanoseconds) continue;
+    const std::string_view decimals = DecimalsAt(stem, i);
+    if (decimals.empty()) continue;
+    *time_ns += FractionNs(decimals);
+    i += decimals.size();
+  }
+  return time_ns;
+}
+
+// Days since 1970-01-01 of the Gregorian calendar, whose leap days come at the
+// end of years that start in March.
+int64_t DaysSince1970(int64_t year, int64_t month, int64_t day) {
+  const int64_t y = month <= 2 ? year - 1 : year;
+  const int64_t month_from_march = (month + 9) % 12;
+  const int64_t day_of_year = (153 * month_from_march + 2) / 5 + day - 1;
+  return 365 * y + y / 4 - y / 100 + y / 400 + day_of_year - 719468;
+}
+
+std::optional<int64_t> FindDate(const std::string& stem) {
+  static const RE2 pattern(
+      R"((?:^|\D)((?:19|20)\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d))"
+      R"([-_T .]?([0-2]\d)[-_:.]?([0-5]\d)[-_:.]?([0-5]\d))"
+      R"((?:[._]?(\d{3}|\d{6}|\d{9})|\.(\d{1,9}))?(?:\D|$))");
+  int64_t year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0;
+  std::string fraction, decimals;
+  const auto decimal = [](int64_t* value) { return RE2::Arg(value); };
+  if (!RE2::PartialMatch(stem, pattern, decimal(&year), decimal(&month),
+                         decimal(&day), decimal(&hour), decimal(&minute),
+                         decimal(&second), &fraction, &decimals)) {
+    return std::nullopt;
+  }
+  if (month < 1 || month > 12 || day < 1 || day > 31 || hour > 23) {
+    return std::nullopt;
+  }
+  const int64_t days = DaysSince1970(year, month, day);
+  const int64_t seconds = ((days * 24 + hour) * 60 + minute) * 60 + second;
+  return seconds * kNanoseconds + FractionNs(fraction + decimals);
+}
+
+std::optional<int64_t> FindSeconds(std::string_view stem) {
+  const std::string_view whole = DigitsAt(stem, 0);
+  if (whole.empty() || whole.size() > 9 || whole.size() == stem.size()) {
+    return std::nullopt;
+  }
+  const std::string_view decimals = DecimalsAt(stem, whole.size());
+  if (stem[whole.size()] != '.' || decimals.size() < 3 ||
+      whole.size() + 1 + decimals.size() != stem.size()) {
+    return std::nullopt;
+  }
+  return ToInt(whole) * kNanoseconds + FractionNs(decimals);
+}
+
+}  // namespace
+
+std::optional<int64_t> TimeInName(const std::string& image_name) {
+  const std::string stem = SplitPath(WithoutExtension(image_name)).back();
+  if (const auto time_ns = FindUnixTime(stem)) return time_ns;
+  if (const auto time_ns = FindDate(stem)) return time_ns;
+  return FindSeconds(stem);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace mgsfm {
+
+// The time, in nanoseconds, in the file name of an image; folders and extension
+// are ignored. The first of these that the name has:
+// 1. The last number that is a UNIX time between 1973 (2001 for seconds) and
+//    2103 in s, ms, us or ns; its magnitude shows the unit. A fraction may
+//    follow the seconds, after
+//    '.', or after '_' with 3, 6 or 9 digits: 1403636579.763555584,
+//    n015__CAM_FRONT__1532402927612460.
+// 2. A date with a time of day, and a fraction as above: 20230501_123456_789,
+//    2013-05-28T08-46-02.904626944. It is taken for UTC.
+// 3. Seconds with at least three decimals that are the whole name: 12.345.
+// Counters such as 0000000250 are no times.
+std::optional<int64_t> TimeInName(const std::string& image_name);
+
+}  // namespace mgsfm
