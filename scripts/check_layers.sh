@@ -18,12 +18,14 @@ io/files: base
 io/database: base math geometry scene io/files
 io/rigs: base math geometry scene io/files io/database
 io/models: base math geometry scene io/files io/database io/rigs
+io/exchange: base math geometry scene io/files io/rigs io/models
 io/priors: base math geometry scene io/files io/database
 features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
 eval: base math geometry scene
 priors: base math geometry scene
+model_tools: base math geometry scene eval
 report_page: base math geometry scene eval
 pair_filtering: base math geometry scene
 view_graph: base math geometry scene

@@ -21,8 +21,9 @@ constexpr char kBlanks[] = " \t\r";
 
 class TimestampReader {
  public:
-  TimestampReader(const std::filesystem::path& path, Scene* scene)
-      : path_(path), scene_(*scene) {
+  TimestampReader(const std::filesystem::path& path, OtherImages others,
+                  Scene* scene)
+      : path_(path), others_(others), scene_(*scene) {
     for (size_t i = 0; i < scene_.images.size(); ++i) {
       idx_of_name_[scene_.images[i].name] = static_cast<int>(i);
       scene_.images[i].timestamp_s.reset();
@@ -60,6 +61,7 @@ class TimestampReader {
   void CheckOrder(int rig_idx) const;
 
   const std::filesystem::path path_;
+  const OtherImages others_;
   Scene& scene_;
   std::map<std::string, int> idx_of_name_;
 };
@@ -81,6 +83,7 @@ void TimestampReader::TakeLine(const std::string& line,
   }
   const auto found = idx_of_name_.find(name);
   if (found == idx_of_name_.end()) {
+    if (others_ == OtherImages::kIgnore) return;
     Throw(where + " names the image '" + name +
           "', which the database does not have; delete the line, or correct "
           "the name");
@@ -121,8 +124,9 @@ void TimestampReader::CheckOrder(int rig_idx) const {
 
 }  // namespace
 
-void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene) {
-  TimestampReader reader(path, scene);
+void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
+                         OtherImages others) {
+  TimestampReader reader(path, others, scene);
   reader.Read();
   reader.Check();
 }

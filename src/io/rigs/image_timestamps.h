@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <string>
 
+#include "io/files/other_images.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -15,7 +16,8 @@ namespace mgsfm {
 // unreadable file, a malformed line, a time that is not finite, an image that
 // is unknown, listed twice or missing, and for frames of a rig whose times do
 // not increase in the natural order of their names ("9" before "10").
-void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene);
+void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
+                         OtherImages others = OtherImages::kReject);
 
 // Images without a time are skipped.
 void WriteImageTimestamps(const std::filesystem::path& path,
