@@ -8,6 +8,8 @@ namespace mgsfm {
 // One per file cmd_*.cc.
 Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
+Command DatabaseCleanerCommand();
+Command DatabaseMergerCommand();
 Command ExhaustiveMatcherCommand();
 Command FeatureExtractorCommand();
 Command ImageDeleterCommand();

@@ -77,6 +77,7 @@ constexpr Output kOutputs[] = {
     {"model_converter", "output_path", ExportReplaces},
     {"model_cropper", "output_path", ModelReplaces},
     {"model_merger", "output_path", ModelReplaces},
+    {"database_merger", "merged_database_path", IsSameFile},
     {"image_deleter", "output_path", ModelReplaces},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},

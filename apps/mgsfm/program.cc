@@ -38,6 +38,8 @@ std::vector<Command> AllCommands() {
           SimulateCommand(),
           FeatureExtractorCommand(),
           RigConfiguratorCommand(),
+          DatabaseMergerCommand(),
+          DatabaseCleanerCommand(),
           ExhaustiveMatcherCommand(),
           SequentialMatcherCommand(),
           VocabTreeMatcherCommand(),
