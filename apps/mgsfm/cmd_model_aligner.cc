@@ -212,9 +212,17 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
   PositionRegistration registration =
       RegisterToPriors(scene, priors, std::nullopt, !options.estimate_scale,
                        context.random_seed, &input->model.reconstruction);
-  if (!registration.summary.is_registered) {
+  const PositionPriorSummary& summary = registration.summary;
+  if (!summary.is_registered) {
     throw Error("'" + *options.input_path + "' cannot be aligned to '" +
-                reference + "': " + registration.summary.message);
+                reference + "': " + summary.message);
+  }
+  if (summary.num_used < options.min_common_images) {
+    throw Error("'" + *options.input_path + "' has another shape than the " +
+                std::to_string(summary.num_priors) + " positions in '" +
+                reference +
+                "', of which no similarity brings --min_common_images within "
+                "--alignment_max_error; check --ref_is_gps and the positions");
   }
   EvaluatePositions(scene, priors, registration.used,
                     input->model.reconstruction, &registration.summary);
