@@ -20,12 +20,14 @@ io/rigs: base math geometry scene io/files io/database
 io/hloc: base math geometry scene io/files io/database
 io/calibration: base math geometry scene io/files io/database io/rigs
 io/models: base math geometry scene io/files io/database io/rigs io/calibration
+io/exchange: base math geometry scene io/files io/rigs io/models
 io/priors: base math geometry scene io/files io/database io/rigs io/models
 features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
 eval: base math geometry scene
 priors: base math geometry scene
+model_tools: base math geometry scene eval
 report_page: base math geometry scene eval
 pair_filtering: base math geometry scene
 view_graph: base math geometry scene

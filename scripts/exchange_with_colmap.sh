@@ -1,6 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# COLMAP goes on from a database of mgsfm, and mgsfm from one of COLMAP 3.8:
+# COLMAP goes on from databases and models of mgsfm, and mgsfm from those of
+# COLMAP 3.8:
 #   exchange_with_colmap.sh IMAGES WORK [--ImageReader.OPTION VALUE ...]
 # IMAGES holds a folder for each camera; WORK is a new folder for the results.
 # On the processor; about 3 minutes for 40 images of 0.5 megapixels.
@@ -42,4 +43,16 @@ colmap sequential_matcher --database_path colmap.db \
   --SequentialMatching.overlap 3 --SequentialMatching.quadratic_overlap 0 \
   --SiftMatching.use_gpu 0 >colmap_matches.log 2>&1
 "$mgsfm" mapper --database_path colmap.db --output_path mgsfm_model
+
+echo "== model of mgsfm, tools of mgsfm and COLMAP"
+"$mgsfm" model_aligner --input_path mgsfm_model/0 --output_path aligned \
+  --alignment_type plane
+mkdir triangulated undistorted
+colmap model_converter --input_path aligned --output_path points.ply \
+  --output_type PLY >colmap_tools.log 2>&1
+colmap point_triangulator --database_path colmap.db --image_path "$images" \
+  --input_path aligned --output_path triangulated >>colmap_tools.log 2>&1
+colmap image_undistorter --image_path "$images" --input_path aligned \
+  --output_path undistorted >>colmap_tools.log 2>&1
+"$mgsfm" model_analyzer --path triangulated
 exit $status

@@ -26,8 +26,9 @@ struct EvaluatorOptions {
       "--calib_path."};
   Option<std::string> calib_path{
       "calib_path", "",
-      "True rig: KITTI's calib.txt, or EuRoC's sensor.yaml of every camera, "
-      "separated by commas, in the order of the camera folders."};
+      "True rig: a rig_config.json, KITTI's calib.txt, or EuRoC's sensor.yaml "
+      "of every camera, separated by commas, in the order of the camera "
+      "folders."};
   Option<std::string> database_path{
       "database_path", "",
       "Database of the model, for kitti and tum: counts images that are "

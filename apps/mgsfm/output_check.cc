@@ -49,6 +49,15 @@ bool SimulationReplaces(const fs::path& target, const fs::path& file) {
          ModelReplaces(target / "truth_images", file);
 }
 
+// Files of an export have the path of the output with a suffix.
+bool ExportReplaces(const fs::path& target, const fs::path& file) {
+  std::error_code ignored;
+  const std::string prefix = fs::weakly_canonical(target, ignored).string();
+  const std::string path = fs::weakly_canonical(file, ignored).string();
+  return path.compare(0, prefix.size(), prefix) == 0 ||
+         ModelReplaces(target, file);
+}
+
 // The outputs of all commands. Those that only read have none.
 struct Output {
   const char* command;
@@ -63,6 +72,13 @@ constexpr Output kOutputs[] = {
     {"automatic_reconstructor", "workspace_path", WorkspaceReplaces},
     {"bundle_adjuster", "output_path", ModelReplaces, "input_path"},
     {"point_triangulator", "output_path", ModelReplaces, "input_path"},
+    {"model_aligner", "output_path", ModelReplaces},
+    {"model_aligner", "transform_path", IsSameFile},
+    {"model_converter", "output_path", ExportReplaces},
+    {"model_cropper", "output_path", ModelReplaces},
+    {"model_merger", "output_path", ModelReplaces},
+    {"database_merger", "merged_database_path", IsSameFile},
+    {"image_deleter", "output_path", ModelReplaces},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},

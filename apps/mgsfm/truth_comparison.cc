@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "truth_comparison.h"
 
+#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -10,6 +11,7 @@
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/io/rigs/rig_config.h"
 #include "named_model.h"
 #include "true_trajectory.h"
 
@@ -33,13 +35,34 @@ std::vector<Rigid3> ReadCameras(const std::string& calib_path) {
   return cameras;
 }
 
+// The number at the end of a name, such as 2 of image_2.
+std::optional<double> CameraNumber(const std::string& sensor_name) {
+  const size_t digits = sensor_name.find_last_not_of("0123456789") + 1;
+  return ParseNumber(sensor_name.substr(digits));
+}
+
+// Cameras without a number go by their order, so there must be as many.
+void CheckIsPaired(const std::map<std::string, int>& sensors,
+                   size_t num_cameras, const std::string& calib_path) {
+  for (const auto& [name, sensor_idx] : sensors) {
+    const auto number = CameraNumber(name);
+    const bool is_numbered =
+        number && *number < static_cast<double>(num_cameras);
+    if (is_numbered || sensors.size() == num_cameras) continue;
+    throw Error("'" + calib_path + "' has " + std::to_string(num_cameras) +
+                " cameras for the " + std::to_string(sensors.size()) +
+                " of the model, and the name of '" + name +
+                "' does not tell which is its; give one calibration per "
+                "camera, or a rig_config.json");
+  }
+}
+
 // The camera of a sensor: image_2 and image_3 are the third and fourth of
 // KITTI's matrices, others go by their order.
 const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
                        const std::vector<Rigid3>& cameras,
                        const std::string& calib_path) {
-  const size_t digits = sensor_name.find_last_not_of("0123456789") + 1;
-  const auto number = ParseNumber(sensor_name.substr(digits));
+  const auto number = CameraNumber(sensor_name);
   const size_t k = number && *number < static_cast<double>(cameras.size())
                        ? static_cast<size_t>(*number)
                        : order;
@@ -50,8 +73,82 @@ const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
   return cameras[k];
 }
 
+bool StartsWith(const std::string& name, const std::string& prefix) {
+  return name.compare(0, prefix.size(), prefix) == 0;
+}
+
+// The cameras of a rig configuration that images of the sensor have.
+std::vector<const RigConfigCamera*> FindCameras(const NamedModel& model,
+                                                int sensor_idx,
+                                                const RigConfig& rig) {
+  std::vector<const RigConfigCamera*> cameras;
+  for (const RigConfigCamera& camera : rig.cameras) {
+    const bool has_image =
+        std::any_of(model.scene.images.begin(), model.scene.images.end(),
+                    [&](const Image& image) {
+                      return image.sensor_idx == sensor_idx &&
+                             StartsWith(image.name, camera.image_prefix);
+                    });
+    if (has_image) cameras.push_back(&camera);
+  }
+  return cameras;
+}
+
+// The poses in one rig of the configuration, if it has all sensors of a rig of
+// the model; nullopt for those whose pose it leaves open.
+std::optional<std::map<int, std::optional<Rigid3>>> PosesInConfig(
+    const NamedModel& model, int rig_idx, const RigConfig& config,
+    const std::string& path) {
+  std::map<int, std::optional<Rigid3>> poses;
+  for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
+    const auto cameras = FindCameras(model, sensor_idx, config);
+    if (cameras.empty()) return std::nullopt;
+    if (cameras.size() > 1) {
+      throw Error("'" + path + "' has two cameras for the images of '" +
+                  model.scene.sensors[sensor_idx].name + "', '" +
+                  cameras[0]->image_prefix + "' and '" +
+                  cameras[1]->image_prefix + "'; keep one of them");
+    }
+    poses[sensor_idx] = cameras.front()->cam_from_rig;
+  }
+  return poses;
+}
+
+// Our own or COLMAP's rig_config.json as the truth.
+TrueSensors ReadTrueRigConfig(const std::string& path,
+                              const NamedModel& model) {
+  const std::vector<RigConfig> configs = ReadRigConfig(path);
+  TrueSensors sensors(model.scene.sensors.size());
+  for (size_t rig_idx = 0; rig_idx < model.scene.rigs.size(); ++rig_idx) {
+    std::optional<std::map<int, std::optional<Rigid3>>> poses;
+    for (const RigConfig& config : configs) {
+      if (!poses) {
+        poses = PosesInConfig(model, static_cast<int>(rig_idx), config, path);
+      }
+    }
+    const int ref_sensor = model.ref_sensor[rig_idx];
+    if (!poses) {
+      throw Error("'" + path + "' has no rig with a camera for each of the " +
+                  std::to_string(model.scene.rigs[rig_idx].sensor_idxs.size()) +
+                  " cameras of the rig of '" +
+                  model.scene.sensors[ref_sensor].name +
+                  "'; its image_prefix must be those of the image names");
+    }
+    for (const auto& [sensor_idx, pose] : *poses) {
+      if (pose && poses->at(ref_sensor)) {
+        sensors[sensor_idx] = *pose * poses->at(ref_sensor)->Inverse();
+      }
+    }
+    sensors[ref_sensor] = Rigid3();
+  }
+  return sensors;
+}
+
 TrueSensors ReadTrueSensors(const std::string& calib_path,
                             const NamedModel& model) {
+  if (std::filesystem::path(calib_path).extension() == ".json") {
+    return ReadTrueRigConfig(calib_path, model);
+  }
   TrueSensors sensors(model.scene.sensors.size());
   for (const int ref_sensor : model.ref_sensor) sensors[ref_sensor] = Rigid3();
   if (SplitList(calib_path).empty()) return sensors;
@@ -61,6 +158,7 @@ TrueSensors ReadTrueSensors(const std::string& calib_path,
     for (const int sensor_idx : model.scene.rigs[rig_idx].sensor_idxs) {
       by_name[model.scene.sensors[sensor_idx].name] = sensor_idx;
     }
+    CheckIsPaired(by_name, cameras.size(), calib_path);
     size_t order = 0;
     for (const auto& [name, sensor_idx] : by_name) {
       sensors[sensor_idx] = CameraOf(name, order++, cameras, calib_path);
@@ -120,21 +218,39 @@ TruthComparison CompareWithModel(const TruthSource& source,
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     image_of_name[model.scene.images[i].name] = i;
   }
+  // Sensors of the truth that are references of the model, with --reference
+  // others than in the truth.
+  std::vector<std::optional<bool>> is_reference(truth.scene.sensors.size());
+  for (const Image& image : truth.scene.images) {
+    const auto found = image_of_name.find(image.name);
+    if (found == image_of_name.end()) continue;
+    is_reference[image.sensor_idx] =
+        model.IsReference(static_cast<int>(found->second));
+  }
   TruthComparison comparison;
   std::vector<int> true_image_of_image(model.scene.images.size(), -1);
   for (size_t i = 0; i < truth.scene.images.size(); ++i) {
     const int true_idx = static_cast<int>(i);
     const std::string& name = truth.scene.images[i].name;
-    ImagePoses poses{name, truth.IsReference(true_idx), std::nullopt,
-                     truth.cam_from_world[i]};
+    ImagePoses poses{name,
+                     is_reference[truth.scene.images[i].sensor_idx].value_or(
+                         truth.IsReference(true_idx)),
+                     std::nullopt, truth.cam_from_world[i]};
     const auto found = image_of_name.find(name);
     if (found != image_of_name.end()) {
       const size_t image_idx = found->second;
       true_image_of_image[image_idx] = true_idx;
       poses.cam_from_model = model.cam_from_world[image_idx];
-      poses.is_reference = model.IsReference(static_cast<int>(image_idx));
     }
     comparison.images.push_back(std::move(poses));
+  }
+  if (std::none_of(comparison.images.begin(), comparison.images.end(),
+                   [](const ImagePoses& image) {
+                     return image.cam_from_model.has_value();
+                   })) {
+    throw Error("the models '" + source.model_path + "' and '" +
+                source.gt_path + "' have no image in common; the names of " +
+                "their images must agree");
   }
   comparison.sensors =
       PairSensors(model, FindTrueSensors(model, truth, true_image_of_image));

@@ -2,19 +2,16 @@
 #include "mgsfm/eval/evaluation.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
+#include "eval/error_statistics.h"
+#include "eval/relative_errors.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
-
-ErrorStatistics Summarize(const std::vector<double>& errors) {
-  const double sum = std::accumulate(errors.begin(), errors.end(), 0.0);
-  return {sum / static_cast<double>(errors.size()), Median(errors),
-          *std::max_element(errors.begin(), errors.end())};
-}
 
 std::vector<AreaUnderCurve> ComputeAuc(const std::vector<double>& errors,
                                        int num_images,
@@ -44,8 +41,8 @@ void EvaluateImages(const std::vector<ImagePoses>& images,
     position_m.push_back(
         (cam_from_world.Center() - image.cam_from_world.Center()).norm());
   }
-  evaluation->rotation_deg = Summarize(rotation_deg);
-  evaluation->position_m = Summarize(position_m);
+  evaluation->rotation_deg = SummarizeErrors(rotation_deg);
+  evaluation->position_m = SummarizeErrors(position_m);
   evaluation->rotation_auc = ComputeAuc(rotation_deg, evaluation->num_images,
                                         options.rotation_thresholds_deg);
   evaluation->position_auc = ComputeAuc(position_m, evaluation->num_images,
@@ -124,6 +121,16 @@ double Extent(const std::vector<ImagePoses>& images) {
 
 }  // namespace
 
+ErrorStatistics SummarizeErrors(const std::vector<double>& errors) {
+  const auto count = static_cast<double>(errors.size());
+  const double sum = std::accumulate(errors.begin(), errors.end(), 0.0);
+  const double square =
+      std::inner_product(errors.begin(), errors.end(), errors.begin(), 0.0);
+  return {sum / count, Median(errors),
+          *std::max_element(errors.begin(), errors.end()),
+          std::sqrt(square / count)};
+}
+
 Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
                     const std::vector<SensorPoses>& sensors,
                     const EvaluationOptions& options) {
@@ -136,6 +143,11 @@ Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
   if (has_true_poses) {
     EvaluateImages(images, options, &evaluation);
     evaluation.path_m = PathLength(images);
+    if (evaluation.world_from_model) {
+      const double scale = evaluation.world_from_model->scale;
+      evaluation.segments = EvaluateSegments(images, scale);
+      evaluation.steps = EvaluateSteps(images, scale);
+    }
   } else {
     evaluation.world_from_model = AlignSensors(sensors);
   }

@@ -40,6 +40,17 @@ std::string SensorsToText(const std::vector<SensorErrors>& sensors) {
   return text;
 }
 
+std::string StatisticsToText(const char* name, const char* unit,
+                             const ErrorStatistics& errors) {
+  std::string text = Format("%-16s", name);
+  for (const double value :
+       {errors.median, errors.mean, errors.max, errors.rms}) {
+    text += Format(" %8.4f %-3s", value, unit);
+  }
+  text.erase(text.find_last_not_of(' ') + 1);
+  return text + "\n";
+}
+
 std::string AucToText(const char* name, const char* unit,
                       const std::vector<AreaUnderCurve>& areas) {
   std::string text = Format("%-16s", name);
@@ -53,7 +64,24 @@ Json ToJson(const std::optional<ErrorStatistics>& statistics) {
   if (!statistics) return nullptr;
   return {{"median", statistics->median},
           {"mean", statistics->mean},
-          {"max", statistics->max}};
+          {"max", statistics->max},
+          {"rmse", statistics->rms}};
+}
+
+Json ToJson(const std::optional<SegmentErrors>& segments) {
+  if (!segments) return nullptr;
+  return {{"num_segments", segments->num_segments},
+          {"t_rel_percent", segments->translation_percent},
+          {"r_rel_deg_per_100m", segments->rotation_deg_per_100m}};
+}
+
+Json ToJson(const std::optional<StepErrors>& steps) {
+  if (!steps) return nullptr;
+  const std::optional<ErrorStatistics> rotation = steps->rotation_deg;
+  const std::optional<ErrorStatistics> translation = steps->translation_m;
+  return {{"num_steps", steps->num_steps},
+          {"rotation_deg", ToJson(rotation)},
+          {"translation_m", ToJson(translation)}};
 }
 
 Json ToJson(const std::vector<AreaUnderCurve>& areas) {
@@ -84,12 +112,21 @@ std::string EvaluationToText(const Evaluation& evaluation) {
   if (evaluation.position_m) {
     const ErrorStatistics& rotation = *evaluation.rotation_deg;
     const ErrorStatistics& position = *evaluation.position_m;
-    text += Format("%-16s %12s %12s %12s\n", "error of images", "median",
-                   "mean", "max");
-    text += Format("%-16s %8.4f deg %8.4f deg %8.4f deg\n", "rotation",
-                   rotation.median, rotation.mean, rotation.max);
-    text += Format("%-16s %8.4f m   %8.4f m   %8.4f m\n", "position",
-                   position.median, position.mean, position.max);
+    text += Format("%-16s %12s %12s %12s %12s\n", "error of images", "median",
+                   "mean", "max", "RMSE");
+    text += StatisticsToText("rotation", "deg", rotation);
+    text += StatisticsToText("position", "m", position);
+    if (evaluation.steps) {
+      const StepErrors& steps = *evaluation.steps;
+      text += StatisticsToText("step rotation", "deg", steps.rotation_deg);
+      text += StatisticsToText("step translation", "m", steps.translation_m);
+    }
+    if (evaluation.segments) {
+      text += Format("%-16s t_rel %.4f %%, r_rel %.4f deg/100 m, %d segments\n",
+                     "KITTI", evaluation.segments->translation_percent,
+                     evaluation.segments->rotation_deg_per_100m,
+                     evaluation.segments->num_segments);
+    }
     text += AucToText("rotation AUC", "deg", evaluation.rotation_auc);
     text += AucToText("position AUC", "m", evaluation.position_auc);
   }
@@ -111,6 +148,8 @@ std::string EvaluationToJson(const Evaluation& evaluation) {
                {"position_m", ToJson(evaluation.position_m)},
                {"rotation_auc", ToJson(evaluation.rotation_auc)},
                {"position_auc", ToJson(evaluation.position_auc)},
+               {"kitti", ToJson(evaluation.segments)},
+               {"rpe", ToJson(evaluation.steps)},
                {"sensors", Json::array()}};
   for (const SensorErrors& errors : evaluation.sensors) {
     json["sensors"].push_back(

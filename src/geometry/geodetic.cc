@@ -24,19 +24,49 @@ Eigen::Vector3d EarthCentered(const Eigen::Vector3d& position) {
           (radius * (1.0 - squared_eccentricity) + position.z()) * sine};
 }
 
+// The columns are the east, north and up axes of an origin, earth-centred.
+Eigen::Matrix3d LocalAxes(const Eigen::Vector3d& origin) {
+  const double latitude = DegToRad(origin.x());
+  const double longitude = DegToRad(origin.y());
+  Eigen::Matrix3d axes;
+  axes.col(0) << -std::sin(longitude), std::cos(longitude), 0.0;
+  axes.col(2) << std::cos(latitude) * std::cos(longitude),
+      std::cos(latitude) * std::sin(longitude), std::sin(latitude);
+  axes.col(1) = axes.col(2).cross(axes.col(0));
+  return axes;
+}
+
 }  // namespace
 
 Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
                             const Eigen::Vector3d& origin) {
   const Eigen::Vector3d d =
       EarthCentered(latitude_longitude_altitude) - EarthCentered(origin);
-  const double latitude = DegToRad(origin.x());
-  const double longitude = DegToRad(origin.y());
-  const Eigen::Vector3d east(-std::sin(longitude), std::cos(longitude), 0.0);
-  const Eigen::Vector3d up(std::cos(latitude) * std::cos(longitude),
-                           std::cos(latitude) * std::sin(longitude),
-                           std::sin(latitude));
-  return {east.dot(d), up.cross(east).dot(d), up.dot(d)};
+  return LocalAxes(origin).transpose() * d;
+}
+
+Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
+                                          const Eigen::Vector3d& origin) {
+  // Each step reduces the error of the latitude by the squared eccentricity.
+  constexpr int kNumSteps = 10;
+  const Eigen::Vector3d p =
+      EarthCentered(origin) + LocalAxes(origin) * east_north_up;
+  const double squared_eccentricity = kFlattening * (2.0 - kFlattening);
+  const double from_axis = p.head<2>().norm();
+  double latitude = std::atan2(p.z(), from_axis * (1.0 - squared_eccentricity));
+  double radius = kSemiMajorAxis_m;
+  for (int i = 0; i < kNumSteps; ++i) {
+    const double sine = std::sin(latitude);
+    radius =
+        kSemiMajorAxis_m / std::sqrt(1.0 - squared_eccentricity * sine * sine);
+    latitude =
+        std::atan2(p.z() + squared_eccentricity * radius * sine, from_axis);
+  }
+  // Also at the poles, where the distance from the axis is zero.
+  const double sine = std::sin(latitude);
+  const double altitude = from_axis * std::cos(latitude) + p.z() * sine -
+                          radius * (1.0 - squared_eccentricity * sine * sine);
+  return {RadToDeg(latitude), RadToDeg(std::atan2(p.y(), p.x())), altitude};
 }
 
 }  // namespace mgsfm

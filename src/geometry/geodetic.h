@@ -11,4 +11,8 @@ namespace mgsfm {
 Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
                             const Eigen::Vector3d& origin);
 
+// The inverse, to 1e-9 m within 10,000 km of the ellipsoid.
+Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
+                                          const Eigen::Vector3d& origin);
+
 }  // namespace mgsfm

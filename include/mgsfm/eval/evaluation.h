@@ -65,6 +65,22 @@ struct ErrorStatistics {
   double mean = 0.0;
   double median = 0.0;
   double max = 0.0;
+  double rms = 0.0;
+};
+
+// Relative poses over segments of 100, 200, ..., 800 m of the true path that
+// start at every tenth reference image, as in the KITTI odometry benchmark. The
+// errors are relative to the lengths of the segments.
+struct SegmentErrors {
+  int num_segments = 0;
+  double translation_percent = 0.0;
+  double rotation_deg_per_100m = 0.0;
+};
+
+// Relative poses of successive reference images, as in the TUM benchmark (RPE).
+struct StepErrors {
+  int num_steps = 0;
+  ErrorStatistics rotation_deg, translation_m;
 };
 
 struct AreaUnderCurve {
@@ -95,6 +111,10 @@ struct Evaluation {
   // Errors of registered images after alignment; nullopt without true poses.
   std::optional<ErrorStatistics> rotation_deg, position_m;
   std::vector<AreaUnderCurve> rotation_auc, position_auc;
+  // In the scale of the alignment; nullopt without true poses, or if the path
+  // is too short.
+  std::optional<SegmentErrors> segments;
+  std::optional<StepErrors> steps;
   std::vector<SensorErrors> sensors;
   // The largest distance between two reference images of the model, in metres.
   std::optional<double> extent_m;

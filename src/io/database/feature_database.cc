@@ -21,7 +21,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kSiftColumns = 128;
 // Since this version, absent matrices and poses are NULL.
 constexpr int64_t kFirstVersionWithNull = 4000000;
 // Time for other programs to finish before the database counts as in use: long
@@ -379,20 +378,7 @@ DescriptorMatrix FeatureDatabase::ReadDescriptors(ImageId image_id) const {
       "SELECT image_id, rows, cols, data FROM descriptors WHERE image_id = ?1",
       image_id.value());
   if (!row.Step()) return DescriptorMatrix(0, kSiftColumns);
-  const int64_t rows = row.Int(1);
-  const BlobView blob = row.Blob(3);
-  if (rows == 0 && blob.size == 0) return DescriptorMatrix(0, kSiftColumns);
-  if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
-      blob.size / kSiftColumns != static_cast<size_t>(rows)) {
-    ThrowDatabaseError(
-        path(), "the descriptors of " + impl_->ImageName(image_id) +
-                    " are not SIFT's: " + std::to_string(blob.size) +
-                    " bytes for " + std::to_string(rows) + " x " +
-                    std::to_string(row.Int(2)) + " values" + kExtractAgain);
-  }
-  DescriptorMatrix descriptors(rows, kSiftColumns);
-  std::memcpy(descriptors.data(), blob.data, blob.size);
-  return descriptors;
+  return DecodeDescriptors(row, path(), impl_->ImageName(image_id));
 }
 
 std::vector<Match> FeatureDatabase::ReadMatches(ImageId image_id1,

@@ -39,4 +39,23 @@ std::vector<FeatureKeypoint> MakeFeatureKeypoints(const KeypointBlob& blob) {
   return keypoints;
 }
 
+DescriptorMatrix DecodeDescriptors(const SqliteStatement& row,
+                                   const std::string& path,
+                                   const std::string& name) {
+  const int64_t rows = row.Int(1);
+  const BlobView blob = row.Blob(3);
+  if (rows == 0 && blob.size == 0) return DescriptorMatrix(0, kSiftColumns);
+  if (rows < 0 || row.Int(2) != kSiftColumns || blob.size % kSiftColumns != 0 ||
+      blob.size / kSiftColumns != static_cast<size_t>(rows)) {
+    ThrowDatabaseError(
+        path, "the descriptors of " + name +
+                  " are not SIFT's: " + std::to_string(blob.size) +
+                  " bytes for " + std::to_string(rows) + " x " +
+                  std::to_string(row.Int(2)) + " values" + kExtractAgain);
+  }
+  DescriptorMatrix descriptors(rows, kSiftColumns);
+  std::memcpy(descriptors.data(), blob.data, blob.size);
+  return descriptors;
+}
+
 }  // namespace mgsfm

@@ -51,7 +51,8 @@ bool IsSkipped(const std::string& line) {
 std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
                                           const std::string& path,
                                           const std::string& columns,
-                                          const std::string& option) {
+                                          const std::string& option,
+                                          OtherImages others) {
   std::map<std::string, int> idx_of_name;
   for (size_t i = 0; i < scene.images.size(); ++i) {
     idx_of_name[scene.images[i].name] = static_cast<int>(i);
@@ -68,7 +69,9 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
     std::string problem;
     const std::string name = SplitLine(line, columns, &vector.value, &problem);
     const auto found = idx_of_name.find(name);
-    if (problem.empty() && found == idx_of_name.end()) {
+    const bool is_unknown = problem.empty() && found == idx_of_name.end();
+    if (is_unknown && others == OtherImages::kIgnore) continue;
+    if (is_unknown) {
       problem = "names the image '";
       problem += name + "', which the database does not have";
     } else if (problem.empty() && is_named[found->second]) {

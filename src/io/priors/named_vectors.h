@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "io/files/other_images.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -21,9 +22,8 @@ struct NamedVector {
 // Error, naming file and line, for malformed lines, unknown or repeated images
 // and an unreadable file; its message uses `columns` ("X Y Z") and `option`
 // ("ref_images_path").
-std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
-                                          const std::string& path,
-                                          const std::string& columns,
-                                          const std::string& option);
+std::vector<NamedVector> ReadNamedVectors(
+    const Scene& scene, const std::string& path, const std::string& columns,
+    const std::string& option, OtherImages others = OtherImages::kReject);
 
 }  // namespace mgsfm

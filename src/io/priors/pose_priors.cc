@@ -4,10 +4,12 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/file_reading.h"
 #include "base/text.h"
 #include "geometry/geodetic.h"
 #include "io/database/database_rows.h"
@@ -259,6 +261,35 @@ void WriteGeoOrigin(const std::string& path,
                                        {"longitude_deg", origin_wgs84.y()},
                                        {"altitude_m", origin_wgs84.z()}};
   WriteFile(path, json.dump(2) + "\n");
+}
+
+void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
+                    const std::string& source) {
+  if (origin_wgs84.allFinite() && std::abs(origin_wgs84.x()) <= 90.0 &&
+      std::abs(origin_wgs84.y()) <= 360.0) {
+    return;
+  }
+  throw Error(source +
+              " is not a latitude and longitude in degrees and an altitude in "
+              "metres; correct it");
+}
+
+std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {
+  const std::filesystem::path path =
+      std::filesystem::path(model_folder) / "geo_origin.json";
+  if (!std::filesystem::exists(path)) return std::nullopt;
+  try {
+    const nlohmann::json json = nlohmann::json::parse(ReadFile(path));
+    const Eigen::Vector3d origin(json.at("latitude_deg").get<double>(),
+                                 json.at("longitude_deg").get<double>(),
+                                 json.at("altitude_m").get<double>());
+    CheckGeoOrigin(origin, "'" + path.string() + "'");
+    return origin;
+  } catch (const nlohmann::json::exception&) {
+    throw Error("'" + path.string() +
+                "' is no object with the numbers latitude_deg, longitude_deg "
+                "and altitude_m; correct or delete it");
+  }
 }
 
 void WriteGravity(const std::string& path, const Scene& scene,

@@ -26,9 +26,12 @@ constexpr char kBlanks[] = " \t\r";
 
 class TimestampReader {
  public:
-  TimestampReader(const std::filesystem::path& path,
+  TimestampReader(const std::filesystem::path& path, OtherImages others,
                   const std::vector<std::string>& names)
-      : path_(path), names_(names), times_s_(names.size()) {
+      : path_(path),
+        others_(others),
+        names_(names),
+        times_s_(names.size()) {
     for (size_t i = 0; i < names.size(); ++i) {
       idx_of_name_[names[i]] = static_cast<int>(i);
     }
@@ -59,6 +62,7 @@ class TimestampReader {
   void TakeLine(const std::string& line, const std::string& where);
 
   const std::filesystem::path path_;
+  const OtherImages others_;
   const std::vector<std::string>& names_;
   std::vector<std::optional<double>> times_s_;
   std::map<std::string, int> idx_of_name_;
@@ -81,6 +85,7 @@ void TimestampReader::TakeLine(const std::string& line,
   }
   const auto found = idx_of_name_.find(name);
   if (found == idx_of_name_.end()) {
+    if (others_ == OtherImages::kIgnore) return;
     Throw(
         path_,
         where + " names the image '" + name +
@@ -126,14 +131,16 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
 }  // namespace
 
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
-                                   const std::vector<std::string>& names) {
-  return TimestampReader(path, names).Read();
+                                   const std::vector<std::string>& names,
+                                   OtherImages others) {
+  return TimestampReader(path, others, names).Read();
 }
 
-void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene) {
+void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
+                         OtherImages others) {
   std::vector<std::string> names;
   for (const Image& image : scene->images) names.push_back(image.name);
-  const std::vector<double> times_s = ReadImageTimes(path, names);
+  const std::vector<double> times_s = ReadImageTimes(path, names, others);
   for (size_t i = 0; i < times_s.size(); ++i) {
     scene->images[i].timestamp_s = times_s[i];
   }

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "io/files/other_images.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
@@ -16,12 +17,14 @@ namespace mgsfm {
 // image, for an unreadable file, a malformed line, a time that is not finite,
 // and an image that is unknown, listed twice or missing.
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
-                                   const std::vector<std::string>& names);
+                                   const std::vector<std::string>& names,
+                                   OtherImages others = OtherImages::kReject);
 
 // Sets the times of all images. Throws Error as above, and for frames of a rig
 // whose times do not increase in the natural order of their names ("9" before
 // "10").
-void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene);
+void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,
+                         OtherImages others = OtherImages::kReject);
 
 // Images without a time are skipped.
 void WriteImageTimestamps(const std::filesystem::path& path,

@@ -312,8 +312,7 @@ std::vector<RigConfig> ReadRigConfig(const std::string& path) {
   return rigs;
 }
 
-void WriteRigConfig(const std::string& path,
-                    const std::vector<RigConfig>& rigs) {
+std::string RigConfigsToJson(const std::vector<RigConfig>& rigs) {
   Json json = Json::array();
   for (const RigConfig& rig : rigs) {
     Json cameras = Json::array();
@@ -322,7 +321,12 @@ void WriteRigConfig(const std::string& path,
     }
     json.push_back({{kCameras, cameras}});
   }
-  WriteFile(path, json.dump(2) + '\n');
+  return json.dump(2) + '\n';
+}
+
+void WriteRigConfig(const std::string& path,
+                    const std::vector<RigConfig>& rigs) {
+  WriteFile(path, RigConfigsToJson(rigs));
 }
 
 std::vector<RigConfig> MakeRigConfigs(const Scene& scene,

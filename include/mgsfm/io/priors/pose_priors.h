@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -94,6 +95,15 @@ void WriteGravity(const std::string& path, const Scene& scene,
 // world that is east, north, up.
 void WriteGeoOrigin(const std::string& path,
                     const Eigen::Vector3d& origin_wgs84);
+
+// The same from geo_origin.json in the folder of a model; nullopt without one.
+// Throws Error, naming the file, unless it holds a latitude, a longitude and an
+// altitude.
+[[nodiscard]] std::optional<Eigen::Vector3d> ReadGeoOrigin(
+    const std::string& model_folder);
+// Throws Error, naming `source`, unless it is a place on the earth.
+void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
+                    const std::string& source);
 
 // Rows for a database, in Cartesian coordinates.
 [[nodiscard]] std::vector<PosePriorRow> MakePosePriorRows(

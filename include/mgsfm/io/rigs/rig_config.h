@@ -37,6 +37,9 @@ struct RigConfig {
 // above, including unknown keys, a second reference and an incomplete pose.
 [[nodiscard]] std::vector<RigConfig> ReadRigConfig(const std::string& path);
 
+// The content of such a file.
+[[nodiscard]] std::string RigConfigsToJson(const std::vector<RigConfig>& rigs);
+
 void WriteRigConfig(const std::string& path,
                     const std::vector<RigConfig>& rigs);
 

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <string>
+
+#include "command.h"
+#include "commands.h"
+#include "io/database/database_cleaning.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+struct DatabaseCleanerOptions {
+  Option<std::string> database_path{"database_path", "", Required(),
+                                    "COLMAP database to change."};
+  Option<std::string> type{
+      "type", "", Required(),
+      "Rows to delete: matches (with two-view geometries), features (with "
+      "matches), images (with features, frames and priors), all."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, type);
+  }
+};
+
+CleanedRows ParseType(const std::string& name) {
+  for (const auto& [type_name, rows] : EnumTable<CleanedRows>::kNames) {
+    if (type_name == name) return rows;
+  }
+  throw Error("unknown --type '" + name +
+              "'; choose all, images, features or matches");
+}
+
+int RunDatabaseCleaner(const DatabaseCleanerOptions& options,
+                       const Context& context) {
+  CleanDatabase(options.database_path, ParseType(options.type));
+  context.Info("deleted from " + *options.database_path + ": " + *options.type);
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command DatabaseCleanerCommand() {
+  return MakeCommand("database_cleaner",
+                     "Deletes matches, features, images or all of a database.",
+                     RunDatabaseCleaner);
+}
+
+}  // namespace mgsfm

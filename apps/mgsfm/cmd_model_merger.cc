@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <cstdio>
+#include <utility>
+
+#include "command.h"
+#include "commands.h"
+#include "io/files/staged_output.h"
+#include "mgsfm/base/error.h"
+#include "tool_model.h"
+
+namespace mgsfm {
+namespace {
+
+struct ModelMergerOptions {
+  Option<std::string> input_path1{"input_path1", "", Required(),
+                                  "Folder of the first model, whose world and "
+                                  "poses the result has."};
+  Option<std::string> input_path2{
+      "input_path2", "", Required(),
+      "Folder of the second model, of images in the same database."};
+  Option<std::string> output_path{"output_path", "", Required(),
+                                  "Folder for the merged model."};
+  Option<int> min_common_images{
+      "min_common_images", 3, AtLeast(3), "images",
+      "Minimum number of common images, or of cameras in common frames."};
+  Option<double> max_reproj_error{
+      "max_reproj_error", 64.0, GreaterThan(0.0), "px",
+      "Observations with larger errors are removed from the merged model."};
+  Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
+                                    "Format of the model: binary or text."};
+  ToolRigOptions rigs;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(input_path1, input_path2, output_path, min_common_images,
+          max_reproj_error, output_format, rigs);
+  }
+};
+
+void LogSummary(const MergeSummary& summary, const Context& context) {
+  char line[200];
+  std::snprintf(line, sizeof(line),
+                "%d common frames with %d common images, median distance "
+                "%.4g, scale %.9g",
+                summary.num_common_frames, summary.num_common_images,
+                summary.median_distance, summary.first_from_second.scale);
+  context.Info(line);
+  std::snprintf(line, sizeof(line),
+                "%d new images, %d points merged, %d contradictory points "
+                "dropped",
+                summary.num_new_images, summary.num_merged_points,
+                summary.num_dropped_points);
+  context.Info(line);
+}
+
+int RunModelMerger(const ModelMergerOptions& options, const Context& context) {
+  StagedOutput output(*options.output_path, OutputKind::kModel);
+  ToolModel first = ReadToolModel(options.input_path1, options.rigs, context);
+  ToolModel second = ReadToolModel(options.input_path2, options.rigs, context);
+  MergeSummary summary;
+  try {
+    summary = MergeModels(std::move(second.model),
+                          {options.min_common_images, options.max_reproj_error},
+                          &first.model);
+  } catch (const Error& error) {
+    throw Error("'" + *options.input_path1 + "' and '" + *options.input_path2 +
+                "' cannot be merged: " + error.what());
+  }
+  CheckFormat(first.model.scene, options.output_format);
+  WriteToolModel(first, options.output_format, context, &output);
+  LogSummary(summary, context);
+  context.Info("the merged model has " + DescribeSize(first.model));
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command ModelMergerCommand() {
+  return MakeCommand("model_merger",
+                     "Merges two models with common images or frames.",
+                     RunModelMerger);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "tool_model.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/io/priors/pose_priors.h"
+#include "mgsfm/io/rigs/rig_config.h"
+
+namespace mgsfm {
+namespace {
+
+// Whether the tables of rigs and frames say more than the images do.
+bool HasRigs(const PoseModel& poses) {
+  size_t num_images = 0;
+  bool has_frames = false;
+  for (const ModelFrame& frame : poses.frames) {
+    num_images += frame.image_ids.size();
+    has_frames |= frame.image_ids.size() > 1;
+  }
+  const bool has_rigs =
+      std::any_of(poses.rigs.begin(), poses.rigs.end(),
+                  [](const ModelRig& rig) { return rig.sensors.size() > 1; });
+  return num_images >= poses.images.size() && (has_frames || has_rigs);
+}
+
+}  // namespace
+
+ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
+                        const Context& context) {
+  const Model model = ReadModel(path);
+  SceneLoadingOptions loading;
+  loading.rig_config_path = rigs.rig_config_path;
+  loading.rig_name_rule = rigs.rig_name_rule;
+  if (*rigs.rig_name_rule == "auto" && !HasRigs(model.poses)) {
+    loading.rig_name_rule = "none";
+  }
+  ModelScene loaded = MakeModelScene(model, path, loading, context);
+  return {{std::move(loaded.scene), std::move(loaded.reconstruction)},
+          ReadGeoOrigin(path)};
+}
+
+void WriteToolModel(const ToolModel& model, ModelFormat format,
+                    const Context& context, StagedOutput* output) {
+  const std::filesystem::path folder = output->StagingDir();
+  const Scene& scene = model.model.scene;
+  const Reconstruction& reconstruction = model.model.reconstruction;
+  WriteModel(folder, scene, reconstruction, format, context);
+  WriteRigConfig((folder / "rig_config.json").string(), scene, reconstruction);
+  if (model.origin_wgs84) {
+    WriteGeoOrigin((folder / "geo_origin.json").string(), *model.origin_wgs84);
+  }
+  context.CheckInterrupted();
+  output->Commit();
+}
+
+std::string DescribeSize(const SceneModel& model) {
+  const ModelStatistics statistics = AnalyzeModel(model);
+  return std::to_string(statistics.num_frames) + " frames, " +
+         std::to_string(statistics.num_images) + " images and " +
+         std::to_string(statistics.num_points) + " points";
+}
+
+}  // namespace mgsfm

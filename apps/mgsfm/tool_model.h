@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+
+#include "io/files/staged_output.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/io/models/model_io.h"
+#include "mgsfm/model_tools/model_tools.h"
+
+namespace mgsfm {
+
+// How commands on finished models find rigs. Unlike the mapper, they make no
+// rigs by themselves, as that would change the poses of images.
+struct ToolRigOptions {
+  Option<std::string> rig_config_path{
+      "rig_config_path", "",
+      "COLMAP's rig_config.json, or the folder of an earlier model: takes its "
+      "rigs, to whose poses the images are fitted."};
+  Option<std::string> rig_name_rule{
+      "rig_name_rule", "auto",
+      "Rigs and frames: auto (those of the model; without them, each image is "
+      "single), none, or a regular expression on image names as for the "
+      "mapper, which fits the images to rigs."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(rig_config_path, rig_name_rule);
+  }
+};
+
+// A model on disk, and its place on the earth if it has one.
+struct ToolModel {
+  SceneModel model;
+  std::optional<Eigen::Vector3d> origin_wgs84;
+};
+
+ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
+                        const Context& context);
+
+// Writes the model, rig_config.json and geo_origin.json, and commits them.
+void WriteToolModel(const ToolModel& model, ModelFormat format,
+                    const Context& context, StagedOutput* output);
+
+// "12 frames, 48 images and 3600 points", for messages.
+std::string DescribeSize(const SceneModel& model);
+
+}  // namespace mgsfm

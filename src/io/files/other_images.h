@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+namespace mgsfm {
+
+// What to do with lines about images that a scene does not have. A finished
+// model may lack images of its database.
+enum class OtherImages { kReject, kIgnore };
+
+}  // namespace mgsfm

@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/model_tools/model_tools.h"
+#include "model_tools/model_union.h"
+
+namespace mgsfm {
+namespace {
+
+// Two calibrations of one rig differ by noise, far below this.
+constexpr double kMaxSensorRotationDeg = 5.0;
+
+// Gives out ids that are not taken: the wanted one if possible.
+template <class Id>
+class FreeIds {
+ public:
+  template <class Items>
+  explicit FreeIds(const Items& items) {
+    for (const auto& item : items) taken_.insert(item.id.value());
+  }
+  Id Take(Id wanted) {
+    if (taken_.insert(wanted.value()).second) return wanted;
+    const uint32_t id = *taken_.rbegin() + 1;
+    taken_.insert(id);
+    return Id(id);
+  }
+
+ private:
+  std::set<uint32_t> taken_;
+};
+
+class ModelMerger {
+ public:
+  ModelMerger(SceneModel* second, SceneModel* first)
+      : union_(FindUnion(*first, *second)),
+        a_(first->scene),
+        b_(second->scene),
+        in_a_(first->reconstruction),
+        in_b_(second->reconstruction),
+        first_(first) {}
+
+  MergeSummary Run(const MergeOptions& options) {
+    Align(options.min_common_images);
+    AddRigs();
+    AddFrames();
+    AddImages();
+    AddPoints();
+    RemoveLargeErrors(options.max_reproj_error_px, first_);
+    CheckConsistent(a_);
+    return summary_;
+  }
+
+ private:
+  std::vector<ImagePoses> CommonPoses();
+  void Align(int min_common_images);
+  void AddRigs();
+  void AddRig(int rig_idx);
+  int AddCamera(int camera_idx);
+  void AddSensors(int rig_idx);
+  void AddSensor(int sensor_idx, const std::optional<Rigid3>& pose);
+  void CheckSensor(int sensor_idx, int common_idx) const;
+  void AddFrames();
+  void AddImages();
+  void AddPoints();
+  void AddPoint(Point3D point, std::map<Observation, size_t>* point_of);
+
+  ModelUnion union_;
+  Scene& a_;
+  Scene& b_;
+  Reconstruction& in_a_;
+  Reconstruction& in_b_;
+  SceneModel* first_;
+  std::map<int, int> camera_of_second_;
+  MergeSummary summary_;
+};
+
+std::vector<ImagePoses> ModelMerger::CommonPoses() {
+  std::vector<ImagePoses> poses;
+  for (size_t i = 0; i < b_.frames.size(); ++i) {
+    const auto frame = union_.first_frame[i];
+    if (!frame) continue;
+    ++summary_.num_common_frames;
+    for (const int sensor_idx : b_.rigs[b_.frames[i].rig_idx].sensor_idxs) {
+      const auto sensor = union_.first_sensor[sensor_idx];
+      if (!sensor || !in_a_.sensor_from_rig[*sensor] ||
+          !in_b_.sensor_from_rig[sensor_idx] || !in_a_.rig_from_world[*frame] ||
+          !in_b_.rig_from_world[i]) {
+        continue;
+      }
+      poses.push_back(
+          {b_.frames[i].name, b_.IsReference(sensor_idx),
+           *in_b_.sensor_from_rig[sensor_idx] * *in_b_.rig_from_world[i],
+           *in_a_.sensor_from_rig[*sensor] * *in_a_.rig_from_world[*frame]});
+    }
+  }
+  return poses;
+}
+
+void ModelMerger::Align(int min_common_images) {
+  const std::vector<ImagePoses> common = CommonPoses();
+  summary_.num_common_images = static_cast<int>(common.size());
+  if (summary_.num_common_images < min_common_images) {
+    throw Error("the models have " + std::to_string(common.size()) +
+                " images in common, but " + std::to_string(min_common_images) +
+                " are needed; merge models that overlap");
+  }
+  summary_.first_from_second = *AlignPoses(common);
+  std::vector<double> distances;
+  for (const ImagePoses& pose : common) {
+    distances.push_back(
+        (summary_.first_from_second * pose.cam_from_model->Center() -
+         pose.cam_from_world.Center())
+            .norm());
+  }
+  summary_.median_distance = Median(distances);
+  TransformWorld(summary_.first_from_second, &in_b_);
+}
+
+int ModelMerger::AddCamera(int camera_idx) {
+  const auto [known, is_new] = camera_of_second_.emplace(
+      camera_idx, static_cast<int>(a_.cameras.size()));
+  if (!is_new) return known->second;
+  Camera camera = in_b_.cameras[camera_idx];
+  camera.id = FreeIds<CameraId>(a_.cameras).Take(camera.id);
+  a_.cameras.push_back(camera);
+  in_a_.cameras.push_back(camera);
+  return known->second;
+}
+
+void ModelMerger::AddSensor(int sensor_idx, const std::optional<Rigid3>& pose) {
+  Sensor sensor = b_.sensors[sensor_idx];
+  const auto new_idx = static_cast<int>(a_.sensors.size());
+  const int rig_idx = *union_.first_rig[sensor.rig_idx];
+  sensor.rig_idx = rig_idx;
+  sensor.camera_idx = AddCamera(sensor.camera_idx);
+  sensor.sensor_from_rig.reset();
+  a_.rigs[rig_idx].sensor_idxs.push_back(new_idx);
+  a_.sensors.push_back(sensor);
+  in_a_.sensor_from_rig.push_back(pose);
+  union_.first_sensor[sensor_idx] = new_idx;
+}
+
+void ModelMerger::AddRig(int rig_idx) {
+  const Rig& rig = b_.rigs[rig_idx];
+  union_.first_rig[rig_idx] = static_cast<int>(a_.rigs.size());
+  a_.rigs.push_back({FreeIds<RigId>(a_.rigs).Take(rig.id), 0, {}});
+  for (const int sensor_idx : rig.sensor_idxs) {
+    AddSensor(sensor_idx, in_b_.sensor_from_rig[sensor_idx]);
+  }
+  const int ref_sensor_idx = *union_.first_sensor[rig.ref_sensor_idx];
+  a_.rigs.back().ref_sensor_idx = ref_sensor_idx;
+  a_.sensors[ref_sensor_idx].sensor_from_rig = Rigid3();
+}
+
+void ModelMerger::CheckSensor(int sensor_idx, int common_idx) const {
+  const int first = *union_.first_sensor[sensor_idx];
+  const int first_common = *union_.first_sensor[common_idx];
+  if (!in_a_.sensor_from_rig[first] || !in_b_.sensor_from_rig[sensor_idx]) {
+    return;
+  }
+  const Rigid3 in_a = *in_a_.sensor_from_rig[first] *
+                      in_a_.sensor_from_rig[first_common]->Inverse();
+  const Rigid3 in_b = *in_b_.sensor_from_rig[sensor_idx] *
+                      in_b_.sensor_from_rig[common_idx]->Inverse();
+  if (RadToDeg(AngleBetween(in_a.rotation, in_b.rotation)) <=
+      kMaxSensorRotationDeg) {
+    return;
+  }
+  throw Error("the rotation between cameras '" + b_.sensors[sensor_idx].name +
+              "' and '" + b_.sensors[common_idx].name +
+              "' differs between the models by more than 5 degrees; the rig "
+              "has changed, so give the images of one model other folders");
+}
+
+// Relates the sensors of a common rig to one that is posed in both models.
+void ModelMerger::AddSensors(int rig_idx) {
+  const std::vector<int>& sensor_idxs = b_.rigs[rig_idx].sensor_idxs;
+  const auto common =
+      std::find_if(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
+        const auto first = union_.first_sensor[sensor_idx];
+        return first && in_a_.sensor_from_rig[*first] &&
+               in_b_.sensor_from_rig[sensor_idx];
+      });
+  if (common == sensor_idxs.end()) {
+    throw Error(
+        "no camera of the rig of '" +
+        b_.sensors[b_.rigs[rig_idx].ref_sensor_idx].name +
+        "' has a pose in both models; merge models that share a camera");
+  }
+  const Rigid3 rig_a_from_rig_b =
+      in_a_.sensor_from_rig[*union_.first_sensor[*common]]->Inverse() *
+      *in_b_.sensor_from_rig[*common];
+  for (const int sensor_idx : sensor_idxs) {
+    const std::optional<Rigid3>& in_b = in_b_.sensor_from_rig[sensor_idx];
+    std::optional<Rigid3> pose;
+    if (in_b) pose = *in_b * rig_a_from_rig_b.Inverse();
+    const auto first = union_.first_sensor[sensor_idx];
+    if (!first) {
+      AddSensor(sensor_idx, pose);
+    } else if (!in_a_.sensor_from_rig[*first]) {
+      in_a_.sensor_from_rig[*first] = pose;
+    } else {
+      CheckSensor(sensor_idx, *common);
+    }
+  }
+}
+
+void ModelMerger::AddRigs() {
+  for (size_t i = 0; i < b_.rigs.size(); ++i) {
+    const int rig_idx = static_cast<int>(i);
+    if (union_.first_rig[i]) {
+      AddSensors(rig_idx);
+    } else {
+      AddRig(rig_idx);
+    }
+  }
+}
+
+// The pose of a frame follows from its image of the reference sensor, else from
+// its first one.
+void ModelMerger::AddFrames() {
+  FreeIds<FrameId> ids(a_.frames);
+  for (size_t i = 0; i < b_.frames.size(); ++i) {
+    if (union_.first_frame[i]) continue;
+    const Frame& frame = b_.frames[i];
+    const int rig_idx = *union_.first_rig[frame.rig_idx];
+    std::optional<Rigid3> rig_from_world;
+    for (const int image_idx : frame.image_idxs) {
+      const int sensor_idx =
+          *union_.first_sensor[b_.images[image_idx].sensor_idx];
+      const auto pose = in_b_.CamFromWorld(b_, image_idx);
+      const bool is_reference = a_.rigs[rig_idx].ref_sensor_idx == sensor_idx;
+      if (!pose || (rig_from_world && !is_reference)) continue;
+      rig_from_world = in_a_.sensor_from_rig[sensor_idx]->Inverse() * *pose;
+    }
+    union_.first_frame[i] = static_cast<int>(a_.frames.size());
+    a_.frames.push_back({ids.Take(frame.id), frame.name, rig_idx, {}});
+    in_a_.rig_from_world.push_back(rig_from_world);
+  }
+}
+
+void ModelMerger::AddImages() {
+  FreeIds<ImageId> ids(a_.images);
+  for (size_t i = 0; i < b_.images.size(); ++i) {
+    if (union_.first_image[i]) continue;
+    Image image = b_.images[i];
+    image.id = ids.Take(image.id);
+    image.sensor_idx = *union_.first_sensor[image.sensor_idx];
+    image.camera_idx = a_.sensors[image.sensor_idx].camera_idx;
+    image.frame_idx = *union_.first_frame[image.frame_idx];
+    const auto new_idx = static_cast<int>(a_.images.size());
+    union_.first_image[i] = new_idx;
+    a_.frames[image.frame_idx].image_idxs.push_back(new_idx);
+    a_.images.push_back(std::move(image));
+    ++summary_.num_new_images;
+  }
+}
+
+void ModelMerger::AddPoint(Point3D point,
+                           std::map<Observation, size_t>* point_of) {
+  std::set<size_t> same;
+  for (Observation& o : point.track) {
+    o.image_idx = *union_.first_image[o.image_idx];
+    const auto found = point_of->find(o);
+    if (found != point_of->end()) same.insert(found->second);
+  }
+  if (same.size() > 1) {
+    ++summary_.num_dropped_points;
+    return;
+  }
+  if (same.empty()) {
+    std::sort(point.track.begin(), point.track.end());
+    for (const Observation& o : point.track) {
+      point_of->emplace(o, in_a_.points.size());
+    }
+    in_a_.points.push_back(std::move(point));
+    return;
+  }
+  ++summary_.num_merged_points;
+  std::vector<Observation>& track = in_a_.points[*same.begin()].track;
+  for (const Observation& o : point.track) {
+    if (point_of->emplace(o, *same.begin()).second) track.push_back(o);
+  }
+  std::sort(track.begin(), track.end());
+}
+
+void ModelMerger::AddPoints() {
+  std::map<Observation, size_t> point_of;
+  for (size_t i = 0; i < in_a_.points.size(); ++i) {
+    for (const Observation& o : in_a_.points[i].track) point_of.emplace(o, i);
+  }
+  for (Point3D& point : in_b_.points) AddPoint(std::move(point), &point_of);
+}
+
+}  // namespace
+
+MergeSummary MergeModels(SceneModel second, const MergeOptions& options,
+                         SceneModel* first) {
+  return ModelMerger(&second, first).Run(options);
+}
+
+}  // namespace mgsfm

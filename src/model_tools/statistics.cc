@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <set>
+#include <utility>
+
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/model_tools/model_tools.h"
+
+namespace mgsfm {
+namespace {
+
+// nullopt if the point does not project into the image.
+std::optional<double> ReprojectionErrorPx(const SceneModel& model,
+                                          const Eigen::Vector3d& point_in_world,
+                                          const Observation& o) {
+  const Image& image = model.scene.images[o.image_idx];
+  const Camera& camera =
+      model.reconstruction
+          .cameras[model.scene.sensors[image.sensor_idx].camera_idx];
+  const auto pose = model.reconstruction.CamFromWorld(model.scene, o.image_idx);
+  if (!pose) return std::nullopt;
+  const auto pixel = ProjectToPixel(camera.model, camera.params.data(),
+                                    *pose * point_in_world);
+  if (!pixel) return std::nullopt;
+  return (*pixel - image.keypoints_px[o.keypoint_idx].cast<double>()).norm();
+}
+
+}  // namespace
+
+void RemoveLargeErrors(double max_error_px, SceneModel* model) {
+  constexpr size_t kMinTrackLength = 2;
+  std::vector<Point3D> kept;
+  for (Point3D& point : model->reconstruction.points) {
+    std::vector<Observation> track;
+    double sum_px = 0.0;
+    for (const Observation& o : point.track) {
+      const auto error_px =
+          ReprojectionErrorPx(*model, point.point_in_world, o);
+      if (!error_px || *error_px > max_error_px) continue;
+      track.push_back(o);
+      sum_px += *error_px;
+    }
+    if (track.size() < kMinTrackLength) continue;
+    point.error_px = sum_px / static_cast<double>(track.size());
+    point.track = std::move(track);
+    kept.push_back(std::move(point));
+  }
+  model->reconstruction.points = std::move(kept);
+}
+
+ModelStatistics AnalyzeModel(const SceneModel& model) {
+  const Scene& scene = model.scene;
+  std::set<int> rig_idxs, camera_idxs, frame_idxs;
+  ModelStatistics statistics;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    if (!model.reconstruction.IsRegistered(scene, static_cast<int>(i))) {
+      continue;
+    }
+    const Sensor& sensor = scene.sensors[scene.images[i].sensor_idx];
+    rig_idxs.insert(sensor.rig_idx);
+    camera_idxs.insert(sensor.camera_idx);
+    frame_idxs.insert(scene.images[i].frame_idx);
+    ++statistics.num_images;
+  }
+  statistics.num_rigs = rig_idxs.size();
+  statistics.num_cameras = camera_idxs.size();
+  statistics.num_frames = frame_idxs.size();
+  statistics.num_points = model.reconstruction.points.size();
+  double sum_px = 0.0;
+  size_t num_errors = 0;
+  for (const Point3D& point : model.reconstruction.points) {
+    statistics.num_observations += point.track.size();
+    if (!point.error_px) continue;
+    sum_px += *point.error_px;
+    ++num_errors;
+  }
+  const auto mean = [](size_t sum, size_t count) {
+    return count == 0 ? 0.0
+                      : static_cast<double>(sum) / static_cast<double>(count);
+  };
+  statistics.mean_track_length =
+      mean(statistics.num_observations, statistics.num_points);
+  statistics.mean_observations_per_image =
+      mean(statistics.num_observations, statistics.num_images);
+  if (num_errors > 0) {
+    statistics.mean_reprojection_error_px =
+        sum_px / static_cast<double>(num_errors);
+  }
+  return statistics;
+}
+
+}  // namespace mgsfm

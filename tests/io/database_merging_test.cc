@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/database/database_merging.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "io/database/database_cleaning.h"
+#include "io/test_database.h"
+#include "mgsfm/io/database/feature_database.h"
+#include "support/subprocess.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+
+class DatabaseMerging : public testing::Test {
+ protected:
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+
+  // Stereo images of a sequence with everything that a database can hold.
+  DatabaseContents MakeDatabase(const std::string& name,
+                                const std::string& sequence) const {
+    std::vector<std::string> names;
+    for (const char* file :
+         {"/cam0/1.jpg", "/cam1/1.jpg", "/cam0/2.jpg", "/cam1/2.jpg"}) {
+      names.push_back(sequence + file);
+    }
+    DatabaseContents contents = MakeContents(names);
+    const CameraId left = contents.images[0].camera_id;
+    const CameraId right = contents.images[1].camera_id;
+    contents.rigs = {{RigId(3),
+                      left,
+                      {{left, Rigid3()},
+                       {right, Rigid3{ExpSO3({0.0, 0.1, 0.0}), {1, 2, 3}}}}}};
+    contents.frames = {
+        {FrameId(4),
+         RigId(3),
+         {{left, contents.images[0].id}, {right, contents.images[1].id}}},
+        {FrameId(9),
+         RigId(3),
+         {{left, contents.images[2].id}, {right, contents.images[3].id}}}};
+    WriteDatabase(Path(name), contents, DatabaseSchema::k312);
+    FeatureDatabase database(Path(name), FeatureDatabase::OpenMode::kExisting);
+    for (const ImageRow& image : contents.images) {
+      DescriptorMatrix descriptors(image.keypoints_px.size(), 128);
+      descriptors.setConstant(static_cast<uint8_t>(image.id.value()));
+      database.WriteDescriptors(image.id, descriptors);
+      database.WritePosePrior({image.id,
+                               PosePriorRow::CoordinateSystem::kWgs84,
+                               {47.0, 8.0, 1.0 * image.id.value()},
+                               Eigen::Matrix3d::Identity()});
+    }
+    return contents;
+  }
+
+  void Merge(const std::string& merged) const {
+    MergeDatabases(Path("a.db"), Path("b.db"), Path(merged), Context());
+  }
+
+  const TempDir dir_;
+};
+
+// Rows of a database under the names of images.
+const ImageRow& ImageOf(const DatabaseContents& contents,
+                        const std::string& name) {
+  for (const ImageRow& image : contents.images) {
+    if (image.name == name) return image;
+  }
+  throw ContractError("no image " + name);
+}
+std::string NameOf(const DatabaseContents& contents, ImageId id) {
+  for (const ImageRow& image : contents.images) {
+    if (image.id == id) return image.name;
+  }
+  return "";
+}
+
+void ExpectContains(const DatabaseContents& merged, FeatureDatabase* features,
+                    const DatabaseContents& part) {
+  for (const ImageRow& image : part.images) {
+    const ImageRow& copy = ImageOf(merged, image.name);
+    EXPECT_EQ(copy.keypoints_px, image.keypoints_px);
+    const DescriptorMatrix descriptors = features->ReadDescriptors(copy.id);
+    ASSERT_EQ(descriptors.rows(),
+              static_cast<Eigen::Index>(image.keypoints_px.size()));
+    EXPECT_EQ(descriptors(0, 0), image.id.value());
+  }
+  for (const TwoViewGeometryRow& pair : part.pairs) {
+    const auto copy = features->ReadTwoViewGeometry(
+        ImageOf(merged, NameOf(part, pair.image_id1)).id,
+        ImageOf(merged, NameOf(part, pair.image_id2)).id);
+    ASSERT_TRUE(copy.has_value());
+    EXPECT_EQ(*copy->F, *pair.F);
+    EXPECT_EQ(*copy->E, *pair.E);
+    EXPECT_EQ(*copy->H, *pair.H);
+    EXPECT_EQ(copy->config, pair.config);
+    EXPECT_EQ(copy->cam2_from_cam1->translation,
+              pair.cam2_from_cam1->translation);
+    EXPECT_EQ(copy->matches.size(), pair.matches.size());
+    EXPECT_EQ(
+        features
+            ->ReadMatches(ImageOf(merged, NameOf(part, pair.image_id1)).id,
+                          ImageOf(merged, NameOf(part, pair.image_id2)).id)
+            .size(),
+        pair.matches.size());
+  }
+}
+
+TEST_F(DatabaseMerging, KeepsEverythingOfBoth) {
+  const DatabaseContents a = MakeDatabase("a.db", "seq1");
+  const DatabaseContents b = MakeDatabase("b.db", "seq2");
+  const std::string before = ReadTextFile(Path("a.db"));
+  Merge("merged.db");
+  EXPECT_TRUE(ReadTextFile(Path("a.db")) == before);
+  const DatabaseContents merged = ReadDatabase(Path("merged.db"), Context());
+  FeatureDatabase features(Path("merged.db"),
+                           FeatureDatabase::OpenMode::kExisting);
+  EXPECT_EQ(merged.images.size(), 8u);
+  EXPECT_EQ(merged.cameras.size(), a.cameras.size() + b.cameras.size());
+  EXPECT_EQ(merged.pairs.size(), a.pairs.size() + b.pairs.size());
+  ExpectContains(merged, &features, a);
+  ExpectContains(merged, &features, b);
+  ASSERT_EQ(merged.rigs.size(), 2u);
+  for (const RigRow& rig : merged.rigs) {
+    ASSERT_EQ(rig.sensors.size(), 2u);
+    for (const RigSensorRow& sensor : rig.sensors) {
+      const bool is_reference = sensor.camera_id == *rig.ref_camera_id;
+      EXPECT_EQ(
+          sensor.sensor_from_rig->translation,
+          is_reference ? Eigen::Vector3d(0, 0, 0) : Eigen::Vector3d(1, 2, 3));
+    }
+  }
+  ASSERT_EQ(merged.frames.size(), 4u);
+  for (const FrameRow& frame : merged.frames) {
+    ASSERT_EQ(frame.data.size(), 2u);
+    const std::string first = NameOf(merged, frame.data[0].image_id);
+    const std::string second = NameOf(merged, frame.data[1].image_id);
+    EXPECT_EQ(first.substr(0, 4), second.substr(0, 4));
+    EXPECT_EQ(first.substr(9), second.substr(9));
+  }
+  const std::vector<PosePriorRow> priors = features.ReadPosePriors();
+  ASSERT_EQ(priors.size(), 8u);
+  for (const PosePriorRow& prior : priors) {
+    const std::string name = NameOf(merged, prior.image_id);
+    const DatabaseContents& part = name.substr(0, 4) == "seq1" ? a : b;
+    EXPECT_EQ(prior.position.z(), ImageOf(part, name).id.value());
+    EXPECT_EQ(prior.coordinate_system, PosePriorRow::CoordinateSystem::kWgs84);
+  }
+}
+
+TEST_F(DatabaseMerging, EqualInputGivesEqualFiles) {
+  MakeDatabase("a.db", "seq1");
+  MakeDatabase("b.db", "seq2");
+  Merge("first.db");
+  Merge("second.db");
+  EXPECT_TRUE(ReadTextFile(Path("first.db")) ==
+              ReadTextFile(Path("second.db")));
+}
+
+TEST_F(DatabaseMerging, RefusedDatabasesLeaveNothingBehind) {
+  MakeDatabase("a.db", "seq1");
+  const auto expect_refused = [&](const std::string& message) {
+    try {
+      Merge("merged.db");
+      ADD_FAILURE() << "merged, not: " << message;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(message));
+    }
+  };
+  fs::copy_file(Path("a.db"), Path("b.db"));
+  expect_refused("seq1/cam0/1.jpg");
+  WriteTextFile(Path("b.db"), "no database");
+  expect_refused("b.db");
+  fs::remove(Path("b.db"));
+  expect_refused("b.db");
+  for (const auto& entry : fs::directory_iterator(dir_.path())) {
+    EXPECT_THAT(entry.path().filename().string(),
+                testing::AnyOf("a.db", "b.db"));
+  }
+  WriteTextFile(Path("merged.db"), "mine");
+  expect_refused("exists");
+  EXPECT_EQ(ReadTextFile(Path("merged.db")), "mine");
+}
+
+TEST_F(DatabaseMerging, ColmapOpensTheResult) {
+  if (RunShell("command -v colmap").exit_code != 0) {
+    GTEST_SKIP() << "colmap is not installed";
+  }
+  MakeDatabase("a.db", "seq1");
+  MakeDatabase("b.db", "seq2");
+  Merge("merged.db");
+  const CommandOutput output = RunShell(
+      "QT_QPA_PLATFORM=offscreen colmap database_cleaner --type matches "
+      "--database_path " +
+      Path("merged.db"));
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  FeatureDatabase database(Path("merged.db"),
+                           FeatureDatabase::OpenMode::kExisting);
+  EXPECT_TRUE(database.CountMatches().empty());
+  EXPECT_EQ(database.ImagesWithKeypoints().size(), 8u);
+}
+
+TEST_F(DatabaseMerging, CleaningDeletesWhatItSays) {
+  using Rows = CleanedRows;
+  for (const Rows rows :
+       {Rows::kMatches, Rows::kFeatures, Rows::kImages, Rows::kAll}) {
+    MakeDatabase("a.db", "seq1");
+    CleanDatabase(Path("a.db"), rows);
+    FeatureDatabase database(Path("a.db"),
+                             FeatureDatabase::OpenMode::kExisting);
+    EXPECT_TRUE(database.CountMatches().empty());
+    EXPECT_TRUE(database.CountInlierMatches().empty());
+    const size_t num_features = rows == Rows::kMatches ? 4 : 0;
+    EXPECT_EQ(database.ImagesWithKeypoints().size(), num_features);
+    EXPECT_EQ(database.ImagesWithDescriptors().size(), num_features);
+    const DatabaseContents contents = database.ReadStructure(Context());
+    const bool has_images = rows == Rows::kMatches || rows == Rows::kFeatures;
+    EXPECT_EQ(contents.images.size(), has_images ? 4u : 0u);
+    EXPECT_EQ(contents.frames.size(), has_images ? 2u : 0u);
+    EXPECT_EQ(database.ReadPosePriors().size(), has_images ? 4u : 0u);
+    EXPECT_EQ(contents.rigs.empty(), rows == Rows::kAll);
+    EXPECT_EQ(contents.cameras.empty(), rows == Rows::kAll);
+    fs::remove(Path("a.db"));
+  }
+  WriteTextFile(Path("c.db"), "no database");
+  EXPECT_THROW(CleanDatabase(Path("c.db"), Rows::kAll), Error);
+  EXPECT_THROW(CleanDatabase(Path("none.db"), Rows::kAll), Error);
+  EXPECT_FALSE(fs::exists(Path("none.db")));
+}
+
+}  // namespace
+}  // namespace mgsfm
