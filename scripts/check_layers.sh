@@ -22,6 +22,7 @@ io/priors: base math geometry scene io/files io/database
 features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
+undistortion: base math geometry scene io
 eval: base math geometry scene
 priors: base math geometry scene
 report_page: base math geometry scene eval

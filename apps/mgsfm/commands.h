@@ -10,6 +10,7 @@ Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
 Command ExhaustiveMatcherCommand();
 Command FeatureExtractorCommand();
+Command ImageUndistorterCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelEvaluatorCommand();

@@ -40,6 +40,16 @@ bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
          RunReplaces(target / "sparse", file);
 }
 
+bool UndistortionReplaces(const fs::path& target, const fs::path& file) {
+  for (const char* name :
+       {"undistortion.json", "transforms.json", "sparse_pc.ply"}) {
+    if (IsSameFile(target / name, file)) return true;
+  }
+  return ModelReplaces(target / "sparse", file) ||
+         ModelReplaces(target / "sparse" / "0", file) ||
+         ModelReplaces(target / "colmap" / "sparse" / "0", file);
+}
+
 bool SimulationReplaces(const fs::path& target, const fs::path& file) {
   for (const char* name : {"database.db", "timestamps.txt", "gravity.txt",
                            "cameras.txt", "pairs.csv"}) {
@@ -63,6 +73,7 @@ constexpr Output kOutputs[] = {
     {"automatic_reconstructor", "workspace_path", WorkspaceReplaces},
     {"bundle_adjuster", "output_path", ModelReplaces, "input_path"},
     {"point_triangulator", "output_path", ModelReplaces, "input_path"},
+    {"image_undistorter", "output_path", UndistortionReplaces},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},

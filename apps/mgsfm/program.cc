@@ -28,6 +28,7 @@ std::vector<Command> AllCommands() {
           BundleAdjusterCommand(),
           PointTriangulatorCommand(),
           ModelEvaluatorCommand(),
+          ImageUndistorterCommand(),
           ReportCommand(),
           SimulateCommand(),
           FeatureExtractorCommand(),
