@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "base/file_reading.h"
 #include "base/parallel.h"
 #include "command.h"
 #include "commands.h"
+#include "image_run_summary.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "mapper_run.h"
@@ -93,23 +92,6 @@ fs::path Canonical(const fs::path& path) {
   return fs::weakly_canonical(fs::absolute(path));
 }
 
-// Throws if the undistorted images or masks would lie among the originals.
-void CheckOutputPath(const ImageUndistorterOptions& options) {
-  for (const std::string& input : {*options.image_path, *options.mask_path}) {
-    if (input.empty()) continue;
-    const fs::path original = Canonical(input);
-    for (const char* name : {"images", "masks"}) {
-      fs::path folder = Canonical(fs::path(*options.output_path) / name);
-      for (; folder != folder.root_path(); folder = folder.parent_path()) {
-        if (folder != original) continue;
-        throw Error("--output_path '" + *options.output_path +
-                    "' would write into the folder of original images '" +
-                    input + "'; choose another output_path");
-      }
-    }
-  }
-}
-
 // ------------------------------------------------------------------- settings
 
 nlohmann::ordered_json ToJson(const Camera& camera) {
@@ -147,28 +129,6 @@ std::string Settings(const ImageUndistorterOptions& options,
       {"jpeg_quality", *options.jpeg_quality},
       {"cameras", std::move(cameras)}};
   return settings.dump(1) + "\n";
-}
-
-bool HoldsFiles(const fs::path& folder) {
-  return fs::is_directory(folder) && !fs::is_empty(folder);
-}
-
-// Checks that what is in the output was written with these settings.
-void ContinueOrBegin(const fs::path& output_path, const std::string& settings) {
-  const fs::path path = output_path / "undistortion.json";
-  const bool is_continued = fs::is_regular_file(path);
-  if (is_continued && ReadFile(path) == settings) return;
-  for (const char* name : {"images", "masks"}) {
-    const fs::path folder = output_path / name;
-    if (!HoldsFiles(folder)) continue;
-    throw Error("'" + folder.string() + "' holds images " +
-                (is_continued ? "of other settings or another calibration"
-                              : "that this program did not write") +
-                "; remove them or choose another output_path");
-  }
-  fs::create_directories(output_path);
-  FileOperations operations;
-  ReplaceFile(path, settings, &operations);
 }
 
 // ---------------------------------------------------------------------- steps
@@ -261,23 +221,11 @@ void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
   }
 }
 
-void LogSummary(const ImageRunSummary& summary, size_t num_views,
-                const Context& context) {
-  char rate[64];
-  std::snprintf(rate, sizeof(rate), " in %.1f s, %.3g images/s",
-                summary.seconds,
-                static_cast<double>(summary.num_written) /
-                    std::max(summary.seconds, 1e-9));
-  context.Info(std::to_string(summary.num_written) + " images undistorted" +
-               rate + "; " + std::to_string(summary.num_present) +
-               " were already there; " + std::to_string(num_views) +
-               " images in the result");
-}
-
 int RunImageUndistorter(const ImageUndistorterOptions& options,
                         const Context& context) {
   CheckImagePath(options.image_path);
-  CheckOutputPath(options);
+  CheckIsApart(*options.output_path, *options.image_path);
+  CheckIsApart(*options.output_path, *options.mask_path);
   const ModelScene input =
       LoadModelScene(*options.input_path, options.loading, context);
   const std::vector<std::vector<View>> views_of_camera = PlanAllViews(
@@ -306,7 +254,9 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
                  context);
   WriteLayoutFiles(options, has_masks, model);
   WriteModelFiles(model, &output, context);
-  LogSummary(summary, model.scene.images.size(), context);
+  context.Info("undistorted " + Describe(summary) + "; " +
+               std::to_string(model.scene.images.size()) +
+               " images in the result");
   return kExitSuccess;
 }
 

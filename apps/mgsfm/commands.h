@@ -10,6 +10,7 @@ Command AutomaticReconstructorCommand();
 Command BundleAdjusterCommand();
 Command ExhaustiveMatcherCommand();
 Command FeatureExtractorCommand();
+Command ImageSplitterCommand();
 Command ImageUndistorterCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();

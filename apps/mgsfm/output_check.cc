@@ -35,8 +35,14 @@ bool ModelReplaces(const fs::path& target, const fs::path& file) {
   return IsReplacedByOutput(target, OutputKind::kModel, file);
 }
 
+bool SplittingReplaces(const fs::path& target, const fs::path& file) {
+  return IsSameFile(target / "cameras.txt", file) ||
+         IsSameFile(target / "rig_config.json", file);
+}
+
 bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
   return IsSameFile(target / "database.db", file) ||
+         SplittingReplaces(target / "views", file) ||
          RunReplaces(target / "sparse", file);
 }
 
@@ -74,6 +80,7 @@ constexpr Output kOutputs[] = {
     {"bundle_adjuster", "output_path", ModelReplaces, "input_path"},
     {"point_triangulator", "output_path", ModelReplaces, "input_path"},
     {"image_undistorter", "output_path", UndistortionReplaces},
+    {"image_splitter", "output_path", SplittingReplaces},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},

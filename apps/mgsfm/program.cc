@@ -31,6 +31,7 @@ std::vector<Command> AllCommands() {
           ImageUndistorterCommand(),
           ReportCommand(),
           SimulateCommand(),
+          ImageSplitterCommand(),
           FeatureExtractorCommand(),
           RigConfiguratorCommand(),
           ExhaustiveMatcherCommand(),

@@ -58,6 +58,10 @@ class SharedRenderer {
   size_t num_left_ = 0;
 };
 
+bool HoldsFiles(const fs::path& folder) {
+  return fs::is_directory(folder) && !fs::is_empty(folder);
+}
+
 class ImageRun {
  public:
   ImageRun(const std::vector<Camera>& cameras,
@@ -166,7 +170,7 @@ class ImageRun {
     throw Error("has " + size(image.cols, image.rows) +
                 " pixels, but its camera has " +
                 size(camera.width_px, camera.height_px) +
-                "; use the images from which the model was made");
+                "; images of one camera must have one size, that of the model");
   }
 
   void WriteImage(const fs::path& path, const cv::Mat& image,
@@ -199,6 +203,37 @@ void CheckImagesExist(const std::vector<ImageTask>& tasks,
                 image_path.string() +
                 "'; use the folder from which the model was made");
   }
+}
+
+void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
+  if (image_path.empty()) return;
+  const fs::path originals = fs::weakly_canonical(fs::absolute(image_path));
+  for (const char* name : {"images", "masks"}) {
+    fs::path folder = fs::weakly_canonical(fs::absolute(output_path / name));
+    for (; folder != folder.root_path(); folder = folder.parent_path()) {
+      if (folder != originals) continue;
+      throw Error("the output '" + output_path.string() +
+                  "' would lie in the folder of original images '" +
+                  image_path.string() + "'; choose another output folder");
+    }
+  }
+}
+
+void ContinueOrBegin(const fs::path& output_path, const std::string& settings) {
+  const fs::path path = output_path / "undistortion.json";
+  const bool is_continued = fs::is_regular_file(path);
+  if (is_continued && ReadFile(path) == settings) return;
+  for (const char* name : {"images", "masks"}) {
+    const fs::path folder = output_path / name;
+    if (!HoldsFiles(folder)) continue;
+    throw Error("'" + folder.string() + "' holds images " +
+                (is_continued ? "of other settings or another calibration"
+                              : "that this program did not write") +
+                "; remove them or choose another folder");
+  }
+  fs::create_directories(output_path);
+  FileOperations operations;
+  ReplaceFile(path, settings, &operations);
 }
 
 ImageRunSummary WriteViews(

@@ -52,4 +52,15 @@ ImageRunSummary WriteViews(
 void CheckImagesExist(const std::vector<ImageTask>& tasks,
                       const std::filesystem::path& image_path);
 
+// Throws Error if the outputs would lie among images (or masks) that are read.
+// An empty path is no folder.
+void CheckIsApart(const std::filesystem::path& output_path,
+                  const std::filesystem::path& image_path);
+
+// Images of a run may be kept if they were written with the same settings, a
+// text in output_path/undistortion.json, which a new run writes first. Throws
+// Error if there are images of other settings, or without.
+void ContinueOrBegin(const std::filesystem::path& output_path,
+                     const std::string& settings);
+
 }  // namespace mgsfm

@@ -34,11 +34,11 @@ struct Face {
 };
 
 const std::vector<Face>& CubeFaces() {
-  static const std::vector<Face> faces = {
+  static const std::vector<Face> kFaces = {
       {"front", 0.0, Vector3d::UnitY()}, {"right", -90.0, Vector3d::UnitY()},
       {"left", 90.0, Vector3d::UnitY()}, {"up", -90.0, Vector3d::UnitX()},
       {"down", 90.0, Vector3d::UnitX()}, {"back", 180.0, Vector3d::UnitY()}};
-  return faces;
+  return kFaces;
 }
 
 std::optional<Vector3d> Ray(const Camera& camera, const Vector2d& pixel) {

@@ -182,7 +182,7 @@ TEST_F(ImageUndistorterTest, KeepsImagesOfOtherSettingsAndOriginals) {
   const Files before = FilesIn(Path("out"));
   const CommandOutput other = RunMgsfm(Line("out") + "--field_of_view 50");
   EXPECT_EQ(other.exit_code, 1);
-  EXPECT_THAT(LastWord(other), HasSubstr("choose another output_path"));
+  EXPECT_THAT(LastWord(other), HasSubstr("choose another folder"));
   EXPECT_EQ(FilesIn(Path("out")), before);
 
   fs::create_directory(Path("data"));
@@ -190,7 +190,7 @@ TEST_F(ImageUndistorterTest, KeepsImagesOfOtherSettingsAndOriginals) {
   const Files originals = FilesIn(Path("data"));
   const CommandOutput inside = RunMgsfm(Line("data", Path("data/images")));
   EXPECT_EQ(inside.exit_code, 1);
-  EXPECT_THAT(LastWord(inside), HasSubstr("choose another output_path"));
+  EXPECT_THAT(LastWord(inside), HasSubstr("choose another output folder"));
   EXPECT_EQ(FilesIn(Path("data")), originals);
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,14 @@ inline Camera Barrel() {
 
 inline Camera Panorama() {
   return MakeCamera(CameraModelId::kEquirectangular, 800, 400, {800, 400});
+}
+
+// The brightness of a direction: waves of 12 degrees along all axes.
+inline double Brightness(const Eigen::Vector3d& ray) {
+  const Eigen::Vector3d direction = ray.normalized();
+  double sum = 128.0;
+  for (const double x : direction) sum += 40.0 * std::sin(30.0 * x);
+  return sum;
 }
 
 // The ray of a pixel of a PINHOLE camera, by its definition.

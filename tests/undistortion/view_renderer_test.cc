@@ -14,14 +14,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// The brightness of a direction: waves of 12 degrees along all axes.
-double Brightness(const Vector3d& ray) {
-  const Vector3d direction = ray.normalized();
-  double sum = 128.0;
-  for (const double x : direction) sum += 40.0 * std::sin(30.0 * x);
-  return sum;
-}
-
 cv::Mat Paint(const Camera& camera) {
   cv::Mat image(camera.height_px, camera.width_px, CV_8U, cv::Scalar(0));
   for (int y = 0; y < image.rows; ++y) {
