@@ -25,6 +25,7 @@ io/priors: base math geometry scene io/files io/database io/rigs io/models
 features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
+undistortion: base math geometry scene io
 eval: base math geometry scene
 priors: base math geometry scene
 model_tools: base math geometry scene eval

@@ -9,23 +9,31 @@
 #include "commands.h"
 #include "exif_times.h"
 #include "extraction_run.h"
+#include "geometry/so3.h"
+#include "image_run_summary.h"
 #include "mapper_run.h"
 #include "matching_input.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
+#include "undistortion/image_splitting.h"
 
 namespace mgsfm {
 namespace {
 
+namespace fs = std::filesystem;
+
 // Kind of images, under COLMAP's names.
-enum class DataType { kVideo, kIndividual };
+enum class DataType { kVideo, kIndividual, kPanorama, kDualFisheye };
 
 }  // namespace
 
 template <>
 struct EnumTable<DataType> {
   static constexpr std::pair<std::string_view, DataType> kNames[] = {
-      {"video", DataType::kVideo}, {"individual", DataType::kIndividual}};
+      {"video", DataType::kVideo},
+      {"individual", DataType::kIndividual},
+      {"panorama", DataType::kPanorama},
+      {"dual_fisheye", DataType::kDualFisheye}};
 };
 
 namespace {
@@ -41,12 +49,15 @@ struct AutomaticReconstructorOptions {
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
       "video: images in temporal order by name; matches neighbours and closes "
-      "loops. individual: matches all pairs of images."};
+      "loops. individual: matches all pairs of images. panorama, "
+      "dual_fisheye: video of images that are first split into those of rigs, "
+      "as image_splitter does, in the folder `views` of the workspace."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the models: binary or text."};
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  SplittingOptions splitting;
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -60,6 +71,7 @@ struct AutomaticReconstructorOptions {
   void Describe(Visitor& visit) {
     visit(workspace_path, image_path, data_type, output_format, write_report,
           extraction, loading, priors, matching);
+    visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
     visit.Group("VocabTree", vocabulary);
@@ -75,12 +87,12 @@ void Match(const std::string& database_path,
   input_options.loading = options.loading;
   input_options.matching = options.matching;
   MatchingInput input = OpenMatchingInput(input_options, context);
-  if (options.data_type == DataType::kVideo) {
-    MatchSequentially(&input.database, input.scene, options.sequential,
-                      options.vocabulary, options.matching, context);
-  } else {
+  if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,
                       options.matching, context);
+  } else {
+    MatchSequentially(&input.database, input.scene, options.sequential,
+                      options.vocabulary, options.matching, context);
   }
 }
 
@@ -96,11 +108,46 @@ Context WithoutRepetitions(const Context& context) {
   return once;
 }
 
+// Splits the images; the options of all that follows refer to the result.
+void UseViews(const fs::path& views_path, CombinedImages kind,
+              const Context& context, AutomaticReconstructorOptions* options) {
+  ImageReaderOptions& reader = options->extraction.reader;
+  const bool is_panorama = kind == CombinedImages::kPanorama;
+  if (is_panorama && !options->loading.rig_config_path->empty()) {
+    throw Error(
+        "--rig_config_path cannot be combined with --data_type panorama, whose "
+        "views form rigs of their own; use image_splitter and edit its "
+        "rig_config.json");
+  }
+  const ImageRunSummary summary = SplitImages(
+      {*options->image_path,
+       ListImages(options->image_path, options->extraction.image_list_path),
+       *reader.mask_path, *reader.camera_params_path, views_path},
+      kind, options->splitting, context);
+  context.Info("split " + Describe(summary) + "; the models are of " +
+               (views_path / "images").string());
+  options->image_path = (views_path / "images").string();
+  options->extraction.image_list_path = "";
+  if (!reader.mask_path->empty()) {
+    reader.mask_path = (views_path / "masks").string();
+  }
+  if (is_panorama) {
+    reader.camera_params_path = (views_path / "cameras.txt").string();
+    options->loading.rig_config_path =
+        (views_path / "rig_config.json").string();
+  } else if (reader.camera_params->empty()) {
+    // Equidistant, until it is refined.
+    reader.camera_model = "OPENCV_FISHEYE";
+    reader.default_focal_length_factor =
+        1.0 / DegToRad(options->splitting.fisheye_field_of_view_deg);
+  }
+}
+
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
   const Context context = WithoutRepetitions(terminal);
   AutomaticReconstructorOptions options = given;
-  if (!std::filesystem::is_directory(*options.image_path)) {
+  if (!fs::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
   }
   const std::vector<std::string> names =
@@ -108,10 +155,18 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
-  const std::filesystem::path workspace = *options.workspace_path;
+  const fs::path workspace = *options.workspace_path;
+  if (options.data_type == DataType::kPanorama ||
+      options.data_type == DataType::kDualFisheye) {
+    UseViews(workspace / "views",
+             options.data_type == DataType::kPanorama
+                 ? CombinedImages::kPanorama
+                 : CombinedImages::kDualFisheye,
+             context, &options);
+  }
   std::error_code error;
-  std::filesystem::create_directories(workspace, error);
-  if (!std::filesystem::is_directory(workspace)) {
+  fs::create_directories(workspace, error);
+  if (!fs::is_directory(workspace)) {
     throw Error("--workspace_path '" + *options.workspace_path +
                 "' cannot be created: " + error.message());
   }
@@ -123,7 +178,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   MapperRun run{database_path,      (workspace / "sparse").string(),
                 options.image_path, options.output_format,
                 options.loading,    options.priors,
-                options.mapper,     OptionsToJsonOf(options)};
+                options.mapper,     OptionsToJsonOf(given)};
   run.write_report = options.write_report;
   return MapDatabase(run, context);
 }

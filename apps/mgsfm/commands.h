@@ -20,6 +20,8 @@ Command FeatureExtractorCommand();
 Command FeatureImporterCommand();
 Command GeometricVerifierCommand();
 Command ImageDeleterCommand();
+Command ImageSplitterCommand();
+Command ImageUndistorterCommand();
 Command MapperCommand();
 Command MatchesImporterCommand();
 Command ModelAlignerCommand();

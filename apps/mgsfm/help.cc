@@ -50,6 +50,11 @@ const std::vector<BasicHelp>& BasicHelps() {
        "report.html",
        {"input_path", "output_path", "database_path", "image_path",
         "compare_path", "gt_path", "gt_format", "max_size"}},
+      {"image_undistorter",
+       "mgsfm image_undistorter --image_path images --input_path sparse/0 "
+       "--output_path undistorted",
+       {"image_path", "input_path", "output_path", "output_type", "projection",
+        "field_of_view", "blank_pixels", "max_image_size", "mask_path"}},
       {"feature_extractor",
        "mgsfm feature_extractor --database_path database.db --image_path "
        "images",

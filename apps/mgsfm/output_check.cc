@@ -35,9 +35,25 @@ bool ModelReplaces(const fs::path& target, const fs::path& file) {
   return IsReplacedByOutput(target, OutputKind::kModel, file);
 }
 
+bool SplittingReplaces(const fs::path& target, const fs::path& file) {
+  return IsSameFile(target / "cameras.txt", file) ||
+         IsSameFile(target / "rig_config.json", file);
+}
+
 bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
   return IsSameFile(target / "database.db", file) ||
+         SplittingReplaces(target / "views", file) ||
          RunReplaces(target / "sparse", file);
+}
+
+bool UndistortionReplaces(const fs::path& target, const fs::path& file) {
+  for (const char* name :
+       {"undistortion.json", "transforms.json", "sparse_pc.ply"}) {
+    if (IsSameFile(target / name, file)) return true;
+  }
+  return ModelReplaces(target / "sparse", file) ||
+         ModelReplaces(target / "sparse" / "0", file) ||
+         ModelReplaces(target / "colmap" / "sparse" / "0", file);
 }
 
 bool SimulationReplaces(const fs::path& target, const fs::path& file) {
@@ -79,6 +95,8 @@ constexpr Output kOutputs[] = {
     {"model_merger", "output_path", ModelReplaces},
     {"database_merger", "merged_database_path", IsSameFile},
     {"image_deleter", "output_path", ModelReplaces},
+    {"image_undistorter", "output_path", UndistortionReplaces},
+    {"image_splitter", "output_path", SplittingReplaces},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},

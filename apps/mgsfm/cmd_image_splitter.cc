@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "command.h"
+#include "commands.h"
+#include "image_run_summary.h"
+#include "mapper_run.h"
+#include "mgsfm/features/feature_extraction.h"
+#include "undistortion/image_splitting.h"
+
+namespace mgsfm {
+namespace {
+
+struct ImageSplitterOptions {
+  Option<std::string> image_path{"image_path", "", Required(),
+                                 "Folder of images, searched recursively."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for images and, of panoramas, cameras.txt and rig_config.json. "
+      "Images that an interrupted run with the same settings has written are "
+      "kept."};
+  Option<CombinedImages> image_type{
+      "image_type", CombinedImages::kPanorama,
+      "panorama: equirectangular images, to six perspective views. "
+      "dual_fisheye: two square images side by side, to these."};
+  Option<std::string> image_list_path{
+      "image_list_path", "",
+      "File with one image name per line, relative to the image folder. By "
+      "default all images of the folder are used."};
+  Option<std::string> mask_path{
+      "mask_path", "",
+      "Folder of masks of the images, pano/a.jpg.png for pano/a.jpg. They are "
+      "split, too."};
+  Option<std::string> camera_params_path{
+      "camera_params_path", "",
+      "File with intrinsics, as for feature_extractor, of folders of ordinary "
+      "cameras beside those of panoramas."};
+  SplittingOptions splitting;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(image_path, output_path, image_type, image_list_path, mask_path,
+          camera_params_path, splitting);
+  }
+};
+
+int RunImageSplitter(const ImageSplitterOptions& options,
+                     const Context& context) {
+  CheckImagePath(options.image_path);
+  const ImageRunSummary summary = SplitImages(
+      {*options.image_path,
+       ListImages(options.image_path, options.image_list_path),
+       *options.mask_path, *options.camera_params_path, *options.output_path},
+      options.image_type, options.splitting, context);
+  context.Info("split " + Describe(summary));
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command ImageSplitterCommand() {
+  return MakeResumableCommand(
+      "image_splitter",
+      "Splits panoramas and dual fisheyes into images of rigs.",
+      RunImageSplitter);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "base/parallel.h"
+#include "command.h"
+#include "commands.h"
+#include "image_run_summary.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "mapper_run.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/io/models/model_scene.h"
+#include "mgsfm/io/rigs/rig_config.h"
+#include "mgsfm/undistortion/undistorted_model.h"
+#include "mgsfm/undistortion/views.h"
+#include "undistortion/image_run.h"
+#include "undistortion/layouts.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+enum class UndistortionLayout {
+  kColmap,
+  kMvs,
+  kGaussianSplatting,
+  kNerfstudio
+};
+
+}  // namespace
+
+template <>
+struct EnumTable<UndistortionLayout> {
+  static constexpr std::pair<std::string_view, UndistortionLayout> kNames[] = {
+      {"COLMAP", UndistortionLayout::kColmap},
+      {"colmap", UndistortionLayout::kColmap},
+      {"mvs", UndistortionLayout::kMvs},
+      {"gaussian_splatting", UndistortionLayout::kGaussianSplatting},
+      {"nerfstudio", UndistortionLayout::kNerfstudio}};
+};
+
+namespace {
+
+struct ImageUndistorterOptions {
+  Option<std::string> image_path{"image_path", "", Required(),
+                                 "Folder of the images of the model."};
+  Option<std::string> input_path{"input_path", "", Required(),
+                                 "Folder of the model."};
+  Option<std::string> output_path{
+      "output_path", "", Required(),
+      "Folder for images, masks and the model. Images that an interrupted run "
+      "with the same settings has written are kept."};
+  Option<UndistortionLayout> output_type{
+      "output_type", UndistortionLayout::kColmap,
+      "COLMAP: images and sparse. mvs: also COLMAP's folder stereo. "
+      "gaussian_splatting: flat image names, sparse/0, centred principal "
+      "points. nerfstudio: transforms.json."};
+  Option<std::string> mask_path{
+      "mask_path", "",
+      "Folder of masks of the original images, cam0/a.jpg.png for cam0/a.jpg. "
+      "They are undistorted, too."};
+  Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
+                           "Quality of JPEG images; 100 is best."};
+  ViewOptions views;
+  SceneLoadingOptions loading;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(image_path, input_path, output_path, output_type, mask_path,
+          jpeg_quality, views, loading);
+  }
+};
+
+fs::path ModelFolder(UndistortionLayout layout) {
+  switch (layout) {
+    case UndistortionLayout::kColmap:
+    case UndistortionLayout::kMvs:
+      return "sparse";
+    case UndistortionLayout::kGaussianSplatting:
+      return fs::path("sparse") / "0";
+    case UndistortionLayout::kNerfstudio:
+      return fs::path("colmap") / "sparse" / "0";
+  }
+  return {};
+}
+
+fs::path Canonical(const fs::path& path) {
+  return fs::weakly_canonical(fs::absolute(path));
+}
+
+// ------------------------------------------------------------------- settings
+
+nlohmann::ordered_json ToJson(const Camera& camera) {
+  return {{"model", FindCameraModel(static_cast<int32_t>(camera.model))->name},
+          {"width", camera.width_px},
+          {"height", camera.height_px},
+          {"params", camera.params}};
+}
+
+// Everything that images depend on, so that a run continues another one only if
+// it would write the same.
+std::string Settings(const ImageUndistorterOptions& options,
+                     const Reconstruction& model,
+                     const std::vector<std::vector<View>>& views_of_camera,
+                     bool writes_masks) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::array();
+  for (size_t i = 0; i < model.cameras.size(); ++i) {
+    nlohmann::ordered_json views = nlohmann::ordered_json::array();
+    for (const View& view : views_of_camera[i]) {
+      views.push_back({{"name", view.name},
+                       {"camera", ToJson(view.camera)},
+                       {"max_view_angle_rad", view.max_view_angle_rad}});
+    }
+    cameras.push_back(
+        {{"camera", ToJson(model.cameras[i])}, {"views", std::move(views)}});
+  }
+  const nlohmann::ordered_json settings = {
+      {"image_path", Canonical(*options.image_path).string()},
+      {"mask_path", options.mask_path->empty()
+                        ? ""
+                        : Canonical(*options.mask_path).string()},
+      {"has_flat_names",
+       options.output_type == UndistortionLayout::kGaussianSplatting},
+      {"has_masks", writes_masks},
+      {"jpeg_quality", *options.jpeg_quality},
+      {"cameras", std::move(cameras)}};
+  return settings.dump(1) + "\n";
+}
+
+// ---------------------------------------------------------------------- steps
+
+std::vector<std::vector<View>> PlanAllViews(const Reconstruction& model,
+                                            ViewOptions options,
+                                            UndistortionLayout layout,
+                                            const Context& context) {
+  if (layout == UndistortionLayout::kGaussianSplatting) {
+    options.center_principal_point = true;
+  }
+  std::vector<std::vector<View>> views(model.cameras.size());
+  ParallelFor(
+      views.size(), context.num_threads,
+      [&](size_t i) { views[i] = PlanViews(model.cameras[i], options); }, 1);
+  return views;
+}
+
+void LogViews(const Scene& scene,
+              const std::vector<std::vector<View>>& views_of_camera,
+              const Context& context) {
+  constexpr size_t kMaxNumCameras = 20;
+  for (size_t i = 0; i < std::min(kMaxNumCameras, views_of_camera.size());
+       ++i) {
+    std::string line = CameraLabel(scene, static_cast<int>(i)) + ": ";
+    const std::vector<View>& views = views_of_camera[i];
+    for (const View& view : views) {
+      if (!view.name.empty()) line += view.name + " ";
+    }
+    const Camera& camera = views.front().camera;
+    context.Info(line + (views.size() > 1 ? "of " : "") +
+                 std::to_string(camera.width_px) + " x " +
+                 std::to_string(camera.height_px) + " px");
+  }
+}
+
+bool NeedsMasks(const ImageUndistorterOptions& options,
+                const Reconstruction& model,
+                const std::vector<std::vector<View>>& views_of_camera) {
+  if (!options.mask_path->empty()) return true;
+  for (size_t i = 0; i < views_of_camera.size(); ++i) {
+    for (const View& view : views_of_camera[i]) {
+      if (HasBlankPixels(model.cameras[i], view)) return true;
+    }
+  }
+  return false;
+}
+
+std::vector<ImageTask> MakeTasks(const Scene& original,
+                                 const UndistortedModel& undistorted) {
+  std::map<int, ImageTask> tasks;  // by image
+  for (size_t i = 0; i < undistorted.sources.size(); ++i) {
+    const UndistortedModel::Source& source = undistorted.sources[i];
+    const Image& image = original.images[source.image_idx];
+    ImageTask& task = tasks[source.image_idx];
+    task.name = image.name;
+    task.camera_idx = image.camera_idx;
+    task.view_names.resize(
+        std::max(task.view_names.size(), size_t(source.view_idx) + 1));
+    task.view_names[source.view_idx] = undistorted.scene.images[i].name;
+  }
+  std::vector<ImageTask> list;
+  for (auto& [image_idx, task] : tasks) list.push_back(std::move(task));
+  return list;
+}
+
+void WriteModelFiles(const UndistortedModel& model, StagedOutput* output,
+                     const Context& context) {
+  WriteModel(output->StagingDir(), model.scene, model.reconstruction,
+             ModelFormat::kBinary, context);
+  WriteRigConfig((output->StagingDir() / "rig_config.json").string(),
+                 model.scene, model.reconstruction);
+  context.CheckInterrupted();
+  output->Commit();
+}
+
+void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
+                      const UndistortedModel& model) {
+  const fs::path output_path = *options.output_path;
+  FileOperations operations;
+  if (options.output_type == UndistortionLayout::kMvs) {
+    WriteStereoFolder(output_path / "stereo", model.scene);
+  } else if (options.output_type == UndistortionLayout::kNerfstudio) {
+    ReplaceFile(output_path / "sparse_pc.ply",
+                PointsToPly(model.reconstruction), &operations);
+    ReplaceFile(
+        output_path / "transforms.json",
+        NerfstudioTransforms(model.scene, model.reconstruction, has_masks),
+        &operations);
+  }
+}
+
+int RunImageUndistorter(const ImageUndistorterOptions& options,
+                        const Context& context) {
+  CheckImagePath(options.image_path);
+  CheckIsApart(*options.output_path, *options.image_path);
+  CheckIsApart(*options.output_path, *options.mask_path);
+  const ModelScene input =
+      LoadModelScene(*options.input_path, options.loading, context);
+  const std::vector<std::vector<View>> views_of_camera = PlanAllViews(
+      input.reconstruction, options.views, options.output_type, context);
+  const UndistortedModel model = UndistortModel(
+      input.scene, input.reconstruction, views_of_camera,
+      options.output_type == UndistortionLayout::kGaussianSplatting
+          ? ViewNaming::kFlat
+          : ViewNaming::kFolders,
+      context);
+  LogViews(input.scene, views_of_camera, context);
+  const bool has_masks =
+      NeedsMasks(options, input.reconstruction, views_of_camera);
+
+  const fs::path output_path = *options.output_path;
+  const std::vector<ImageTask> tasks = MakeTasks(input.scene, model);
+  CheckImagesExist(tasks, *options.image_path);
+  ContinueOrBegin(output_path, Settings(options, input.reconstruction,
+                                        views_of_camera, has_masks));
+  StagedOutput output(output_path / ModelFolder(options.output_type),
+                      OutputKind::kModel);
+  const ImageRunSummary summary =
+      WriteViews(tasks, input.reconstruction.cameras, views_of_camera,
+                 {*options.image_path, *options.mask_path, output_path,
+                  has_masks, options.jpeg_quality},
+                 context);
+  WriteLayoutFiles(options, has_masks, model);
+  WriteModelFiles(model, &output, context);
+  context.Info("undistorted " + Describe(summary) + "; " +
+               std::to_string(model.scene.images.size()) +
+               " images in the result");
+  return kExitSuccess;
+}
+
+}  // namespace
+
+Command ImageUndistorterCommand() {
+  return MakeResumableCommand(
+      "image_undistorter",
+      "Makes pinhole images and their model, for dense methods.",
+      RunImageUndistorter);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "undistortion/image_splitting.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+
+#include "mgsfm/base/error.h"
+#include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/io/rigs/rig_config.h"
+#include "support/temp_dir.h"
+#include "undistortion/test_cameras.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class ImageSplittingTest : public testing::Test {
+ protected:
+  fs::path Path(const std::string& name) const { return dir_.path() / name; }
+
+  void Write(const std::string& name, const cv::Mat& image) {
+    fs::create_directories(Path("in/" + name).parent_path());
+    cv::imwrite(Path("in/" + name).string(), image);
+    names_.push_back(name);
+  }
+
+  ImageRunSummary Split(CombinedImages kind,
+                        const fs::path& camera_params_path = {}) const {
+    return SplitImages(
+        {Path("in"), names_, {}, camera_params_path, Path("out")}, kind,
+        SplittingOptions(), Context());
+  }
+
+  cv::Mat Read(const std::string& name) const {
+    return cv::imread(Path("out/images/" + name).string(),
+                      cv::IMREAD_GRAYSCALE);
+  }
+
+  TempDir dir_;
+  std::vector<std::string> names_;
+};
+
+cv::Mat PaintPanorama() {
+  const Camera camera = Panorama();
+  cv::Mat image(camera.height_px, camera.width_px, CV_8U);
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      const Eigen::Vector3d ray =
+          *RayFromPixel(camera.model, camera.params.data(), {x + 0.5, y + 0.5});
+      image.at<uint8_t>(y, x) = cv::saturate_cast<uint8_t>(Brightness(ray));
+    }
+  }
+  return image;
+}
+
+// Random gray values, so that shifts do not go unnoticed.
+cv::Mat Noise(int width_px, int height_px) {
+  cv::Mat image(height_px, width_px, CV_8U);
+  cv::theRNG().state = 5;
+  cv::randu(image, 0, 256);
+  return image;
+}
+
+// rig_config.json says where the views look.
+TEST_F(ImageSplittingTest, PanoramasBecomeRigsOfKnownCameras) {
+  Write("seq/pano/000.png", PaintPanorama());
+  Write("seq/pano/001.png", PaintPanorama());
+  Write("seq/stereo/000.png", Noise(60, 40));
+  EXPECT_THROW(Split(CombinedImages::kPanorama), Error);  // of the intrinsics
+  const std::string line = "seq/stereo SIMPLE_PINHOLE 60 40 50 30 20\n";
+  WriteTextFile(Path("cameras.txt"),
+                "seq/pano EQUIRECTANGULAR 800 400 800 400\n" + line);
+  const ImageRunSummary summary =
+      Split(CombinedImages::kPanorama, Path("cameras.txt"));
+  EXPECT_EQ(summary.num_written, 3u);
+  const std::vector<RigConfig> rigs =
+      ReadRigConfig(Path("out/rig_config.json").string());
+  ASSERT_EQ(rigs.size(), 1u);
+  ASSERT_EQ(rigs[0].cameras.size(), 7u);
+  for (size_t i = 0; i < 6; ++i) {
+    const RigConfigCamera& camera = rigs[0].cameras[i];
+    EXPECT_EQ(camera.is_reference, i == 0);
+    const cv::Mat view = Read(camera.image_prefix + "001.png");
+    ASSERT_FALSE(view.empty()) << camera.image_prefix;
+    const Camera pinhole = MakeCamera(*camera.camera_model, view.cols,
+                                      view.rows, camera.camera_params);
+    double sum = 0.0;
+    for (int y = 0; y < view.rows; ++y) {
+      for (int x = 0; x < view.cols; ++x) {
+        const Eigen::Vector3d ray = camera.cam_from_rig->rotation.conjugate() *
+                                    PinholeRay(pinhole, x + 0.5, y + 0.5);
+        sum += std::abs(view.at<uint8_t>(y, x) - Brightness(ray));
+      }
+    }
+    EXPECT_LT(sum / static_cast<double>(view.total()), 2.0)
+        << camera.image_prefix;
+  }
+  // The other camera of the rig is as before, at an unknown pose.
+  EXPECT_EQ(rigs[0].cameras[6].image_prefix, "seq/stereo/");
+  EXPECT_FALSE(rigs[0].cameras[6].cam_from_rig);
+  EXPECT_EQ(ReadTextFile(Path("out/images/seq/stereo/000.png")),
+            ReadTextFile(Path("in/seq/stereo/000.png")));
+  const std::string cameras = ReadTextFile(Path("out/cameras.txt"));
+  EXPECT_THAT(cameras, HasSubstr("seq/pano_left PINHOLE 255 255 "));
+  EXPECT_THAT(cameras, HasSubstr(line));
+  EXPECT_THAT(cameras, testing::Not(HasSubstr("EQUIRECTANGULAR")));
+  // A second run has nothing to do.
+  EXPECT_EQ(Split(CombinedImages::kPanorama, Path("cameras.txt")).num_present,
+            3u);
+}
+
+TEST_F(ImageSplittingTest, DualFisheyesAreCutInTheMiddle) {
+  const cv::Mat image = Noise(200, 100);
+  Write("000.png", image);
+  Split(CombinedImages::kDualFisheye);
+  EXPECT_EQ(cv::norm(Read("left/000.png"), image.colRange(0, 100)), 0.0);
+  EXPECT_EQ(cv::norm(Read("right/000.png"), image.colRange(100, 200)), 0.0);
+}
+
+TEST_F(ImageSplittingTest, ImagesOfAnotherShapeAreAnError) {
+  Write("000.png", Noise(60, 40));
+  EXPECT_THROW(Split(CombinedImages::kPanorama), Error);
+  EXPECT_FALSE(fs::exists(Path("out")));
+}
+
+TEST_F(ImageSplittingTest, FilesThatDoNotFitAreLeftOut) {
+  Write("000.png", PaintPanorama());
+  Write("001.png", Noise(60, 40));
+  WriteTextFile(Path("in/notes.txt"), "no image");
+  names_.push_back("notes.txt");
+  EXPECT_EQ(Split(CombinedImages::kPanorama).num_written, 1u);
+  EXPECT_TRUE(Read("front/001.png").empty());
+}
+
+}  // namespace
+}  // namespace mgsfm
