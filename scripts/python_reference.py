@@ -72,7 +72,7 @@ def main():
     print("# Python\n\nMade by `scripts/python_reference.py` from the "
           "package itself; do not edit. The [guide](../guides/python.md)\n"
           "explains how the parts work together.\n")
-    names = set(pymgsfm.__all__)
+    names = {name for name in pymgsfm.__all__ if not name.startswith("__")}
     for title, module_name in SECTIONS:
         module = inspect.importlib.import_module("pymgsfm." + module_name)
         print(f"## {title}\n")

@@ -7,6 +7,7 @@
 #include "io/files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/timer.h"
+#include "mgsfm/base/version.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 
@@ -77,7 +78,7 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   run.input_path = options.input_path;
   run.loading = options.loading;
   RunDescription description;
-  description.version = MGSFM_VERSION;
+  description.version = Version();
   description.database_path = options.database_path;
   description.input_path = options.input_path;
   description.options_json = OptionsToJsonOf(options);

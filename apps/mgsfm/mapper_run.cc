@@ -12,6 +12,7 @@
 #include "io/models/point_colors.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
+#include "mgsfm/base/version.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/pipeline/report.h"
 #include "pipeline/covariance_report.h"
@@ -208,7 +209,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   context.Debug("reading started");
   StagedOutput output(run.output_path);
   RunDescription description;
-  description.version = MGSFM_VERSION;
+  description.version = Version();
   description.database_path = run.database_path;
   description.input_path = run.input_path;
   description.options_json = run.options_json;

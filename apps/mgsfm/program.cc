@@ -18,6 +18,8 @@
 #include "commands.h"
 #include "interruption.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/version.h"
+#include "version_text.h"
 
 namespace mgsfm {
 
@@ -71,8 +73,8 @@ void PrintOptionsMarkdown() {
 }
 
 void PrintUsage() {
-  std::cout << "mgsfm " MGSFM_VERSION
-               ": global structure from motion for multi-camera rigs\n\n"
+  std::cout << "mgsfm " << Version()
+            << ": global structure from motion for multi-camera rigs\n\n"
                "Usage: mgsfm COMMAND [--option value ...]\n\n";
   for (const Command& command : AllCommands()) {
     std::printf("  %-20s %s\n", command.name.c_str(), command.summary.c_str());
@@ -111,7 +113,7 @@ int RunCommand(const std::string& name,
               "; mgsfm --help lists them");
 }
 
-int Dispatch(std::vector<std::string> arguments) {
+int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
   if (arguments.empty()) {
     throw Error("no command given; mgsfm --help lists them");
   }
@@ -124,7 +126,7 @@ int Dispatch(std::vector<std::string> arguments) {
   if (is_help) {
     PrintUsage();
   } else if (name == "--version" || name == "version") {
-    std::cout << "mgsfm " MGSFM_VERSION "\n";
+    std::cout << VersionText(commit);
   } else if (name == "print_options_markdown") {
     PrintOptionsMarkdown();
   } else {
@@ -152,8 +154,8 @@ bool ReaderIsGone() {
   return poll(&out, 1, 0) == 1 && (out.revents & POLLERR) != 0;
 }
 
-int Run(const std::vector<std::string>& arguments) {
-  const int exit_code = Dispatch(arguments);
+int Run(const std::vector<std::string>& arguments, const std::string& commit) {
+  const int exit_code = Dispatch(arguments, commit);
   const bool is_written = std::cout.flush() && std::fflush(stdout) == 0;
   if (!is_written && !ReaderIsGone()) {
     throw Error("cannot write to the standard output; redirect it");
@@ -172,7 +174,8 @@ void ReserveStandardStreams() {
 
 }  // namespace
 
-int RunProgram(const std::vector<std::string>& arguments) {
+int RunProgram(const std::vector<std::string>& arguments,
+               const std::string& commit) {
   ReserveStandardStreams();
   CatchInterruptions();
   // Turns these signals into failed writes: a closed log reader must not end
@@ -180,7 +183,7 @@ int RunProgram(const std::vector<std::string>& arguments) {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   try {
-    return Run(arguments);
+    return Run(arguments, commit);
   } catch (const Error& error) {
     return PrintError(error.what(), kExitBadInput);
   } catch (const std::filesystem::filesystem_error& error) {

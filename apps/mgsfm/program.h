@@ -6,7 +6,9 @@
 
 namespace mgsfm {
 
-// The whole program; called once in a process. Returns its exit code.
-int RunProgram(const std::vector<std::string>& arguments);
+// The whole program; called once in a process. Returns its exit code. The
+// commit is for --version.
+int RunProgram(const std::vector<std::string>& arguments,
+               const std::string& commit = "unknown");
 
 }  // namespace mgsfm

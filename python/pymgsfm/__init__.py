@@ -11,6 +11,8 @@ outputs of their own. A process may fork as long as none of its threads runs a
 function of pymgsfm, as the child has no other thread and keeps their locks.
 """
 
+from ._core import commit as __commit__
+from ._core import version as __version__
 from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
                         ViewGraph, average_rotations, average_translations)
 from .commands import (automatic_reconstruction, bundle_adjustment,
@@ -26,6 +28,7 @@ from .reconstruction import (INVALID_POINT3D_ID, Camera, Frame, Image, Point2D,
                              Track, TrackElement)
 
 __all__ = [
+    "__commit__", "__version__",
     "Camera", "Frame", "INVALID_POINT3D_ID", "Image", "InputError",
     "InternalError", "NotSolvableError", "ONE_CAMERA", "OptionGroup",
     "OptionInfo", "Options", "Point2D", "Point3D", "Points2D", "Points3D",

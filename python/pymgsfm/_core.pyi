@@ -5,6 +5,9 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 import numpy.typing as npt
 
+version: str
+commit: str
+
 class InputError(ValueError): ...
 class InternalError(RuntimeError): ...
 

@@ -7,6 +7,8 @@
 
 #include "bindings.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/version.h"
+#include "mgsfm_commit.h"
 
 namespace py = pybind11;
 
@@ -33,6 +35,8 @@ void TranslateSystemErrors(std::exception_ptr exception) {
 
 PYBIND11_MODULE(_core, module) {
   module.doc() = "The compiled part of pymgsfm.";
+  module.attr("version") = mgsfm::Version();
+  module.attr("commit") = MGSFM_COMMIT;
   py::register_exception<mgsfm::Error>(module, "InputError", PyExc_ValueError)
       .doc() =
       "Bad input: an unusable file, image or option. The message names it and "

@@ -62,6 +62,13 @@ def test_unknown_names():
         pymgsfm.Options("map")
 
 
+def test_versions():
+    from conftest import run_program
+    first_line = run_program("--version").splitlines()[0]
+    assert first_line == (f"mgsfm {pymgsfm.__version__}, "
+                          f"commit {pymgsfm.__commit__}")
+
+
 def test_pickle():
     options = pymgsfm.Options("mapper", {"Tracks": {"min_track_length": 2}})
     again = pickle.loads(pickle.dumps(options))

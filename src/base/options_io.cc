@@ -9,6 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/option_range.h"
+#include "mgsfm/base/version.h"
 
 namespace mgsfm {
 namespace {
@@ -42,13 +43,29 @@ std::string Unquote(const std::string& text) {
   throw Error("unbalanced quotes in " + text);
 }
 
-// Parses one line of a configuration file, which sets `section` or an option.
+constexpr char kVersionKey[] = "mgsfm_version";
+
+// Where the reader of a configuration file is.
+struct FileState {
+  std::string section;
+  std::set<std::string> names;
+  std::string version;  // that wrote the file; may be empty
+};
+
+void CheckFileVersion(const std::string& version) {
+  if (!IsNewerVersion(version)) return;
+  throw Error("the file was written by mgsfm " + version +
+              ", which is newer than this " + Version() +
+              "; update mgsfm, or remove the line and what it does not know");
+}
+
+// Parses one line of a configuration file, which sets a section or an option.
 void LoadLine(const std::string& line, const OptionList& options,
-              std::string* section, std::set<std::string>* names) {
+              FileState* state) {
   if (line.empty() || line[0] == '#' || line[0] == ';') return;
   if (line[0] == '[') {
     if (line.back() != ']') throw Error("']' is missing after '" + line + "'");
-    *section = Trim(line.substr(1, line.size() - 2));
+    state->section = Trim(line.substr(1, line.size() - 2));
     return;
   }
   const size_t equals = line.find('=');
@@ -56,11 +73,18 @@ void LoadLine(const std::string& line, const OptionList& options,
     throw Error("expected 'key = value' or '[Section]', not '" + line + "'");
   }
   const std::string key = Trim(line.substr(0, equals));
-  const std::string name = section->empty() ? key : *section + "." + key;
-  if (!names->insert(name).second) {
+  const std::string name =
+      state->section.empty() ? key : state->section + "." + key;
+  if (!state->names.insert(name).second) {
     throw Error("option " + name + " is set twice; remove one of the lines");
   }
-  SetOption(options, name, Unquote(Trim(line.substr(equals + 1))));
+  const std::string value = Unquote(Trim(line.substr(equals + 1)));
+  if (name == kVersionKey) {
+    CheckFileVersion(value);
+    state->version = value;
+  } else {
+    SetOption(options, name, value);
+  }
 }
 
 // Describes the valid values, e.g. "int in [2, inf)" or "a|b".
@@ -142,14 +166,18 @@ std::string KeyInSection(const OptionEntry& entry) {
 void LoadOptions(std::istream& text, const std::string& source,
                  const OptionList& options) {
   std::string line;
-  std::string section;
-  std::set<std::string> names;
+  FileState state;
   for (int line_number = 1; std::getline(text, line); ++line_number) {
     try {
-      LoadLine(Trim(line), options, &section, &names);
+      LoadLine(Trim(line), options, &state);
     } catch (const Error& error) {
+      const bool is_older =
+          !state.version.empty() && state.version != Version();
       throw Error(source + ":" + std::to_string(line_number) + ": " +
-                  error.what());
+                  error.what() +
+                  (is_older ? "; mgsfm " + state.version + " wrote the file" +
+                                  ", this is " + Version()
+                            : ""));
     }
   }
   if (text.bad()) throw Error(source + ": read error");
@@ -162,11 +190,10 @@ void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
 }
 
 std::string DumpOptions(const OptionList& options) {
-  std::string text;
+  std::string text = std::string(kVersionKey) + " = " + Version() + "\n";
   ForEachSection(
       options, [&text](const std::string& section, const auto& entries) {
-        if (!section.empty())
-          text += (text.empty() ? "[" : "\n[") + section + "]\n";
+        if (!section.empty()) text += "\n[" + section + "]\n";
         for (const OptionEntry* entry : entries) {
           const std::string value = FormatOptionValue(entry->get());
           // A required option stays commented out so that it is still reported

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/version.h"
 #include "report_page/encoding.h"
 #include "report_page/page_asset.h"
 #include "report_page/page_model.h"
@@ -32,6 +33,17 @@ std::string FillTemplate(
   return filled;
 }
 
+void WarnOfNewerVersion(const std::string& version, const Context& context) {
+  try {
+    if (version.empty() || !IsNewerVersion(version)) return;
+    context.Warning("the report of the run was written by mgsfm " + version +
+                    ", which is newer than this " + Version() +
+                    "; what has changed is missing in the page");
+  } catch (const Error& error) {
+    context.Warning(std::string("the report of the run: ") + error.what());
+  }
+}
+
 Json ParseReport(const std::string& text, const Context& context) {
   if (text.empty()) return Json::object();
   Json report = Json::parse(text, nullptr, false);
@@ -39,6 +51,7 @@ Json ParseReport(const std::string& text, const Context& context) {
     context.Warning("the report of the run is no JSON object; it is ignored");
     return Json::object();
   }
+  WarnOfNewerVersion(GetText(report, "mgsfm_version"), context);
   return report;
 }
 

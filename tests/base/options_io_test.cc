@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "base/sample_options.h"
+#include "mgsfm/base/version.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -16,6 +17,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::Each;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::SizeIs;
 using ::testing::StartsWith;
 
@@ -113,6 +115,36 @@ TEST(LoadOptions, ErrorsNameFileLineAndKey) {
     EXPECT_THAT(LoadError("title = " + std::string(quoted)),
                 HasSubstr("quotes"))
         << quoted;
+  }
+}
+
+TEST(LoadOptions, FilesStateTheVersionThatWroteThem) {
+  const std::string version = Version();
+  EXPECT_THAT(SampleDump(SampleOptions()),
+              StartsWith("mgsfm_version = " + version + "\n"));
+  SampleOptions options;
+  Load("mgsfm_version = 0.0.1\ntitle = t\n", &options);
+  EXPECT_EQ(*options.title, "t");
+  EXPECT_EQ(LoadError("mgsfm_version = 0.0.1\nheading = t"),
+            "test.ini:2: unknown option heading; mgsfm 0.0.1 wrote the file, "
+            "this is " +
+                version);
+  EXPECT_THAT(LoadError("mgsfm_version = " + version + "\nheading = t"),
+              Not(HasSubstr("wrote")));
+  EXPECT_THAT(LoadError("mgsfm_version = 1000.0.0"),
+              AllOf(HasSubstr("newer than this"), HasSubstr("update")));
+  EXPECT_THAT(LoadError("mgsfm_version = new"), HasSubstr("no version"));
+}
+
+TEST(IsNewerVersion, PatchesAreCompatible) {
+  EXPECT_FALSE(IsNewerVersion(Version()));
+  EXPECT_FALSE(IsNewerVersion("0.0.9"));
+  EXPECT_FALSE(IsNewerVersion("0.1.1000"));
+  EXPECT_TRUE(IsNewerVersion("0.1000.0"));
+  EXPECT_TRUE(IsNewerVersion("1000.0.0"));
+  for (const char* text :
+       {"", "1", "1.2", "1.2.", "1.2.3.4", "a.b.c", "1,2,3"}) {
+    EXPECT_THROW(IsNewerVersion(text), Error) << text;
   }
 }
 

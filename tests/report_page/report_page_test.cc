@@ -122,6 +122,12 @@ TEST(ReportPage, IgnoresReportsOfOtherKinds) {
     EXPECT_THAT(Page(drive, report), HasSubstr("</html>"));
   }
   EXPECT_EQ(num_warnings, 1);
+  // Other versions: only newer and unreadable ones are worth a warning.
+  Page(drive, R"({"mgsfm_version": "0.0.1"})", context);
+  EXPECT_EQ(num_warnings, 1);
+  Page(drive, R"({"mgsfm_version": "1000.0.0"})", context);
+  Page(drive, R"({"mgsfm_version": "new"})", context);
+  EXPECT_EQ(num_warnings, 3);
 }
 
 TEST(ReportPage, ListsAllFramesAndImages) {

@@ -135,10 +135,11 @@ std::string SuggestName(const std::string& name,
 //   [Tracks]
 //   min_track_length = 3
 //
-// Keys are option names without the prefix of their section. A value extends to
-// the end of its line. Values that start or end with a space or start with '"'
-// are quoted, with the escapes \" and \\. Keys may appear in any order, each at
-// most once.
+// `mgsfm_version` may name the version that wrote the file; a newer one than
+// this is an error. Keys are option names without the prefix of their section.
+// A value extends to the end of its line. Values that start or end with a space
+// or start with '"' are quoted, with the escapes \" and \\. Keys may appear in
+// any order, each at most once.
 
 // Sets the options listed in the text. `source` identifies the text in errors.
 void LoadOptions(std::istream& text, const std::string& source,
