@@ -217,6 +217,8 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
     throw Error("'" + *options.input_path + "' cannot be aligned to '" +
                 reference + "': " + summary.message);
   }
+  EvaluatePositions(scene, priors, registration.used,
+                    input->model.reconstruction, &registration.summary);
   if (summary.num_used < options.min_common_images) {
     throw Error("'" + *options.input_path + "' has another shape than the " +
                 std::to_string(summary.num_priors) + " positions in '" +
@@ -224,8 +226,6 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
                 "', of which no similarity brings --min_common_images within "
                 "--alignment_max_error; check --ref_is_gps and the positions");
   }
-  EvaluatePositions(scene, priors, registration.used,
-                    input->model.reconstruction, &registration.summary);
   input->origin_wgs84 = priors.origin_wgs84;
   char numbers[120];
   std::snprintf(numbers, sizeof(numbers),

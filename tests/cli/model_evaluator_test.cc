@@ -273,6 +273,53 @@ TEST_F(ModelEvaluator, TruthThatIsNoTruthIsRefused) {
   ExpectRefused("", HasSubstr("--gt_path is needed"));
 }
 
+TEST_F(ModelEvaluator, ARigConfigurationIsATrueRig) {
+  WriteModel("model", Stereo({0, 1, 2, 3}), 2);
+  WriteTextFile(Path("rig.json"),
+                R"([{"cameras": [{"image_prefix": "cam1/", "ref_sensor": true},
+                       {"image_prefix": "cam0/",
+                        "cam_from_rig_rotation": [1, 0, 0, 0],
+                        "cam_from_rig_translation": [2, 0, 0]}]}])");
+  const std::string rig =
+      "--gt_format rig --calib_path " + Path("rig.json") + " ";
+  // The rotation of kRightFromLeft is 0.01 rad.
+  for (const char* reference : {"", "--reference cam1"}) {
+    const Json sensor = Evaluate(rig + reference)["sensors"][0];
+    EXPECT_EQ(sensor["name"], *reference == 0 ? "cam1" : "cam0");
+    EXPECT_NEAR(sensor["rotation_deg"], RadToDeg(0.01), 1e-9);
+    EXPECT_NEAR(sensor["true_length_m"], 2.0, 1e-9);
+  }
+  fs::remove(Path("out.json"));
+  fs::remove_all(Path("model"));
+  WriteModel("model", Mono({0, 1, 2}));
+  ExpectRefused(rig, AllOf(HasSubstr("rig.json"), HasSubstr("left")));
+}
+
+TEST_F(ModelEvaluator, WhatCannotBePairedIsRefused) {
+  WriteModel("model", Mono({0, 1, 2}));
+  WriteModel("truth", Stereo({0, 1, 2}), 2);
+  ExpectRefused("--gt_path " + Path("truth"),
+                AllOf(HasSubstr("no image in common"), HasSubstr("truth")));
+  // Which of these is the left camera?
+  WriteTextFile(Path("calib.txt"),
+                "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n"
+                "P1: 700 0 600 -350 0 700 180 0 0 0 1 0\n");
+  ExpectRefused(WriteKitti(3) + "--calib_path " + Path("calib.txt"),
+                AllOf(HasSubstr("2 cameras"), HasSubstr("'left'")));
+}
+
+TEST_F(ModelEvaluator, MissingImagesAreOfTheChosenReference) {
+  WriteModel("truth", Stereo({0, 1, 2, 3, 4, 5}), 2);
+  WriteModel("model", Stereo({0, 1, 2, 4, 5}), 2);
+  const Json evaluation =
+      Evaluate("--gt_path " + Path("truth") + " --reference cam1");
+  // Between six images of cam1, one of which is missing.
+  EXPECT_EQ(evaluation["rpe"]["num_steps"], 3);
+  EXPECT_LT(evaluation["rpe"]["translation_m"]["rmse"], 1e-6);
+  EXPECT_LT(evaluation["position_m"]["rmse"], 1e-6);
+  EXPECT_TRUE(evaluation["kitti"].is_null());
+}
+
 TEST_F(ModelEvaluator, DrawsThePath) {
   WriteModel("model", Mono({0, 1, 2, 3, 4, 7, 8, 9}));
   Evaluate(WriteKitti(20) + "--svg_path " + Path("path.svg"));
