@@ -157,10 +157,9 @@ class ImageRun {
 
   static cv::Mat Decode(const std::string& file, int color,
                         const Camera& camera) {
-    const cv::Mat image =
-        DecodeImage(file, color | cv::IMREAD_IGNORE_ORIENTATION,
-                    kDefaultMaxNumPixels)
-            .pixels;
+    cv::Mat image = DecodeImage(file, color | cv::IMREAD_IGNORE_ORIENTATION,
+                                kDefaultMaxNumPixels)
+                        .pixels;
     if (image.cols == camera.width_px && image.rows == camera.height_px) {
       return image;
     }

@@ -156,18 +156,12 @@ TEST_F(ImageUndistorterTest, ContinuesAfterAKill) {
     RunningProgram program({"image_undistorter", "--image_path", kImages,
                             "--input_path", kModel, "--output_path",
                             Path("parts"), "--output_type", "mvs"});
-    const auto num_files = [&] {
-      return fs::exists(Path("parts/images"))
-                 ? FilesIn(Path("parts/images")).size()
-                 : 0;
-    };
-    while (num_files() < 30) {
+    while (!fs::exists(Path("parts/images/front_left/000005.jpg"))) {
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
     program.Send(SIGKILL);
     program.End();
   }
-  EXPECT_FALSE(fs::exists(Path("parts/sparse/images.bin")));
   const CommandOutput rest = RunMgsfm(Line("parts") + "--output_type mvs");
   ASSERT_EQ(rest.exit_code, 0) << rest.err;
   std::smatch match;
