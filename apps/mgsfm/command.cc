@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <iostream>
 #include <optional>
@@ -9,6 +10,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "colmap_names.h"
 #include "mgsfm/base/error.h"
 #include "output_check.h"
 
@@ -65,13 +67,17 @@ bool TakeSwitch(const std::string& name, std::vector<Flag>* flags) {
   return flag.has_value();
 }
 
-bool IsBool(const OptionList& options, const std::string& name) {
+const OptionEntry* FindOption(const OptionList& options,
+                              const std::string& name) {
   for (const OptionEntry& entry : options) {
-    if (entry.name == name) {
-      return std::holds_alternative<bool>(entry.default_value);
-    }
+    if (entry.name == name) return &entry;
   }
-  return false;
+  return nullptr;
+}
+
+bool IsBool(const OptionEntry* option) {
+  return option != nullptr &&
+         std::holds_alternative<bool>(option->default_value);
 }
 
 void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
@@ -80,9 +86,14 @@ void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
     if (!names.insert(flag.name).second) {
       throw Error("--" + flag.name + " is given twice");
     }
+    const OptionEntry* option = FindOption(options, flag.name);
+    const auto advice = AdviceOnOption(flag.name, options);
+    if (option == nullptr && advice) {
+      throw Error("unknown option " + flag.name + ": " + *advice);
+    }
     if (flag.value) {
       SetOption(options, flag.name, *flag.value);
-    } else if (IsBool(options, flag.name)) {
+    } else if (IsBool(option)) {
       SetOption(options, flag.name, "true");
     } else {
       // An unknown name is the likelier mistake, so it is reported first.
@@ -133,10 +144,14 @@ void CheckCommandOptions(const std::string& name, const OptionList& options,
   CheckOutputsAreNoInputs(name, options, config_path);
 }
 
+LogLevel CommonOptions::MinLogLevel() const {
+  return quiet ? std::max<LogLevel>(log_level, LogLevel::kWarning) : *log_level;
+}
+
 Context ApplyCommonOptions(const CommonOptions& options, Context environment) {
   environment.num_threads = ResolveNumThreads(options.num_threads);
   environment.random_seed = static_cast<uint64_t>(options.random_seed);
-  environment.log = [min_level = *options.log_level,
+  environment.log = [min_level = options.MinLogLevel(),
                      log = std::move(environment.log)](
                         LogLevel level, const std::string& message) {
     if (level >= min_level) log(level, message);

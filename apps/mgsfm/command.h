@@ -113,10 +113,14 @@ struct CommonOptions {
   Option<LogLevel> log_level{
       "log_level", LogLevel::kInfo,
       "Minimum level of the messages on the standard error stream."};
+  Option<bool> quiet{"quiet", false,
+                     "Print only warnings and errors, and no progress."};
+
+  LogLevel MinLogLevel() const;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(num_threads, random_seed, log_level);
+    visit(num_threads, random_seed, log_level, quiet);
   }
 };
 
@@ -161,8 +165,9 @@ Context ApplyCommonOptions(const CommonOptions& options, Context environment);
 // Prints the text of a result; returns its exit code.
 int PrintResult(const CommandResult& result, const Context& context);
 
-// Prints log messages and, on a terminal, progress to the standard error
-// stream. Signals interrupt what is run with it; see interruption.h.
+// Prints log messages and progress to the standard error stream: on a terminal
+// a bar, elsewhere a line per minute. Signals interrupt what is run with it;
+// see interruption.h.
 Context MakeTerminalContext(const CommonOptions& options);
 
 // Command::call with options that already differ from their defaults.

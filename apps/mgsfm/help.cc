@@ -69,8 +69,8 @@ const std::vector<BasicHelp>& BasicHelps() {
   return helps;
 }
 
-const char* const kCommonOptions[] = {"num_threads", "random_seed",
-                                      "log_level"};
+const char* const kCommonOptions[] = {"num_threads", "random_seed", "log_level",
+                                      "quiet"};
 
 OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
   const auto is_basic = [&](const std::string& name) {

@@ -15,10 +15,13 @@
 #include <system_error>
 
 #include "base/text.h"
+#include "colmap_names.h"
 #include "commands.h"
+#include "help_formats.h"
 #include "interruption.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
+#include "terminal_style.h"
 #include "version_text.h"
 
 namespace mgsfm {
@@ -72,12 +75,47 @@ void PrintOptionsMarkdown() {
   }
 }
 
+std::vector<CommandHelp> AllHelp() {
+  static CommonOptions common;
+  std::vector<CommandHelp> all;
+  for (const Command& command : AllCommands()) {
+    command.list([&](const OptionList& options) {
+      all.push_back({command.name, command.summary, options});
+    });
+    for (OptionEntry& entry : ListOptions(&common)) {
+      all.back().options.push_back(std::move(entry));
+    }
+  }
+  return all;
+}
+
+std::string ManPageNamed(const std::string& name) {
+  for (const CommandHelp& command : AllHelp()) {
+    if (command.name == name) return ManPageOf(Version(), command);
+  }
+  throw Error("unknown command '" + name + "'; mgsfm --help lists them");
+}
+
+// `mgsfm help --format FORMAT`, for packages: scripts/write_help_files.sh.
+std::string FormattedHelp(const std::vector<std::string>& arguments) {
+  if (arguments.size() > 1 && arguments[1] == "man") {
+    if (arguments.size() == 3) return ManPageNamed(arguments[2]);
+    if (arguments.size() == 2) return ManPage(Version(), AllHelp());
+  }
+  if (arguments.size() == 2) {
+    if (arguments[1] == "bash") return BashCompletion(AllHelp());
+    if (arguments[1] == "zsh") return ZshCompletion(AllHelp());
+    if (arguments[1] == "fish") return FishCompletion(AllHelp());
+  }
+  throw Error("usage: mgsfm help --format bash|zsh|fish|man [COMMAND of man]");
+}
+
 void PrintUsage() {
   std::cout << "mgsfm " << Version()
             << ": global structure from motion for multi-camera rigs\n\n"
                "Usage: mgsfm COMMAND [--option value ...]\n\n";
   for (const Command& command : AllCommands()) {
-    std::printf("  %-20s %s\n", command.name.c_str(), command.summary.c_str());
+    std::printf("  %-23s %s\n", command.name.c_str(), command.summary.c_str());
   }
   std::cout << "\nmgsfm COMMAND --help shows the basic options of a command, "
                "--help_all "
@@ -109,6 +147,9 @@ int RunCommand(const std::string& name,
       return EndInterrupted(command);
     }
   }
+  if (const auto advice = AdviceOnCommand(name)) {
+    throw Error("unknown command '" + name + "': " + *advice);
+  }
   throw Error("unknown command '" + name + "'" + SuggestName(name, names) +
               "; mgsfm --help lists them");
 }
@@ -120,6 +161,10 @@ int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
   const std::string name = arguments.front();
   arguments.erase(arguments.begin());
   const bool is_help = name == "help" || name == "--help" || name == "-h";
+  if (is_help && !arguments.empty() && arguments.front() == "--format") {
+    std::cout << FormattedHelp(arguments);
+    return kExitSuccess;
+  }
   if (is_help && !arguments.empty()) {
     return RunCommand(arguments.front(), {"--help"});
   }
@@ -136,7 +181,8 @@ int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
 }
 
 int PrintError(const std::string& message, ExitCode exit_code) {
-  std::fprintf(stderr, "mgsfm: %s\n", Printable(message).c_str());
+  std::fprintf(stderr, "%s %s\n", Coloured(Colour::kRed, "mgsfm:").c_str(),
+               Printable(message).c_str());
   return exit_code;
 }
 

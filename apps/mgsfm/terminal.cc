@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <sys/ioctl.h>
 #include <unistd.h>
 
-#include <chrono>
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -11,48 +12,74 @@
 #include "command.h"
 #include "interruption.h"
 #include "mgsfm/base/timer.h"
+#include "progress_text.h"
+#include "terminal_style.h"
 
 namespace mgsfm {
 namespace {
 
-// The standard error stream: log lines, and below them, on a terminal only,
-// one line of progress that is overwritten.
+// Often enough for the eye, seldom enough to cost nothing.
+constexpr double kTerminalInterval_s = 0.1;
+// Elsewhere (nohup, CI), a log must not look dead, nor grow long.
+constexpr double kLogInterval_s = 60.0;
+
+// Cuts a line that would wrap, which could not be overwritten.
+std::string FitToTerminal(std::string line) {
+  winsize size{};
+  if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1) {
+    line.resize(std::min<size_t>(line.size(), size.ws_col - 1));
+  }
+  return line;
+}
+
+std::string NameOf(LogLevel level) {
+  char name[16];
+  const std::string_view text = EnumName(level);
+  std::snprintf(name, sizeof(name), "%-7.*s", static_cast<int>(text.size()),
+                text.data());
+  if (level == LogLevel::kError) return Coloured(Colour::kRed, name);
+  if (level == LogLevel::kWarning) return Coloured(Colour::kYellow, name);
+  return name;
+}
+
+// The standard error stream: log lines, and below them, on a terminal, one line
+// of progress that is overwritten. Elsewhere progress is a log line.
 class Terminal {
  public:
   explicit Terminal(LogLevel log_level)
-      : shows_progress_(log_level <= LogLevel::kInfo &&
-                        isatty(STDERR_FILENO) != 0) {}
+      : log_level_(log_level),
+        is_terminal_(ErrorStreamIsTerminal()),
+        progress_(is_terminal_ ? kTerminalInterval_s : kLogInterval_s) {}
 
   void Log(LogLevel level, const std::string& message) {
     ClearProgress();
-    const std::string_view name = EnumName(level);
-    std::fprintf(stderr, "%8.2f %-7.*s %s\n", since_start_.Seconds(),
-                 static_cast<int>(name.size()), name.data(),
-                 Printable(message).c_str());
+    std::fprintf(stderr, "%8.2f %s %s\n", since_start_.Seconds(),
+                 NameOf(level).c_str(), Printable(message).c_str());
+    if (!is_terminal_) progress_.Postpone(since_start_.Seconds());
   }
 
   void ShowProgress(const Progress& progress) {
-    if (!shows_progress_ || progress.total == 0) return;
-    if (progress.stage != stage_) {
-      stage_ = progress.stage;
-      since_stage_start_ = Timer();
-      since_shown_ = Timer();
-      return;
+    if (log_level_ > LogLevel::kInfo) return;
+    const auto line = progress_.Update(progress, since_start_.Seconds());
+    if (!line) {
+      if (progress.done >= progress.total) ClearProgress();
+    } else if (is_terminal_) {
+      ShowLine(*line);
+    } else {
+      Log(LogLevel::kInfo, *line);
     }
-    if (progress.done >= progress.total) {
-      ClearProgress();
-      stage_.clear();  // it may run once more, for another part of the scene
-      return;
-    }
-    // Often enough for the eye, seldom enough to cost nothing.
-    if (progress.done == 0 || since_shown_.Seconds() < 0.1) return;
-    since_shown_ = Timer();
-    const double seconds = since_stage_start_.Seconds();
-    const double num_left = static_cast<double>(progress.total - progress.done);
-    const double per_second = static_cast<double>(progress.done) / seconds;
-    std::fprintf(stderr, "\r\033[K%s: %zu of %zu, %.3g/s, %.0f s left",
-                 stage_.c_str(), progress.done, progress.total, per_second,
-                 num_left / per_second);
+  }
+
+  ~Terminal() { ClearProgress(); }
+  Terminal(const Terminal&) = delete;
+  Terminal& operator=(const Terminal&) = delete;
+
+ private:
+  void ShowLine(const std::string& text) {
+    constexpr int kBarWidth = 20;
+    const std::string line =
+        FitToTerminal(ProgressBar(progress_.Share(), kBarWidth) + " " + text);
+    std::fprintf(stderr, "\r\033[K%s", line.c_str());
     std::fflush(stderr);
     progress_is_shown_ = true;
   }
@@ -62,23 +89,17 @@ class Terminal {
     progress_is_shown_ = false;
   }
 
-  ~Terminal() { ClearProgress(); }
-  Terminal(const Terminal&) = delete;
-  Terminal& operator=(const Terminal&) = delete;
-
- private:
-  bool shows_progress_;
+  LogLevel log_level_;
+  bool is_terminal_;
   bool progress_is_shown_ = false;
-  std::string stage_;
   Timer since_start_;
-  Timer since_stage_start_;
-  Timer since_shown_;
+  ProgressText progress_;
 };
 
 }  // namespace
 
 Context MakeTerminalContext(const CommonOptions& options) {
-  const auto terminal = std::make_shared<Terminal>(options.log_level);
+  const auto terminal = std::make_shared<Terminal>(options.MinLogLevel());
   Context context;
   context.log = [terminal](LogLevel level, const std::string& message) {
     terminal->Log(level, message);

@@ -134,6 +134,20 @@ size_t EditDistance(const std::string& a, const std::string& b) {
   return row[b.size()];
 }
 
+// The shortest of the names that contain the part, unless it is too short to
+// say anything.
+const std::string* ShortestWithPart(const std::string& part,
+                                    const std::vector<std::string>& names) {
+  constexpr size_t kMinPartSize = 4;
+  if (part.size() < kMinPartSize) return nullptr;
+  const std::string* shortest = nullptr;
+  for (const std::string& name : names) {
+    if (ToLower(name).find(part) == std::string::npos) continue;
+    if (shortest == nullptr || name.size() < shortest->size()) shortest = &name;
+  }
+  return shortest;
+}
+
 }  // namespace
 
 std::string Range::ToString() const {
@@ -220,6 +234,7 @@ std::string SuggestName(const std::string& name,
       nearest = &known_name;
     }
   }
+  if (nearest == nullptr) nearest = ShortestWithPart(wanted, known_names);
   return nullptr == nearest ? "" : " (did you mean '" + *nearest + "'?)";
 }
 

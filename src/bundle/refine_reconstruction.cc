@@ -28,12 +28,27 @@ struct RefinementInput {
   const FixedPoses& fixed;
 };
 
+// Counts the iterations of all solves, supposing that those to come take as
+// many as this one. The summary must outlive the context.
+Context ContextOfSolve(const RefinementInput& input,
+                       const BundleSummary& summary) {
+  Context context = input.context;
+  context.progress = [&](const Progress& solve) {
+    size_t num_before = 0;
+    for (const SolveSummary& earlier : summary.solves) {
+      num_before += static_cast<size_t>(earlier.num_iterations);
+    }
+    const size_t num_solves = static_cast<size_t>(input.options.num_rounds) + 2;
+    const size_t num_to_come = num_solves - summary.solves.size();
+    input.context.ReportProgress("bundle adjustment", num_before + solve.done,
+                                 num_before + num_to_come * solve.total);
+  };
+  return context;
+}
+
 bool Solve(const RefinementInput& input, RefinedParts parts,
            double function_tolerance, BundleResult* result) {
   BundleSummary& summary = result->summary;
-  input.context.ReportProgress(
-      "bundle adjustment", summary.solves.size(),
-      static_cast<size_t>(input.options.num_rounds) + 2);
   BundleAdjustmentOptions options = input.options;
   if (!summary.rounds.empty()) {
     options.loss_scale_px =
@@ -41,7 +56,7 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
   }
   const bool is_usable =
       SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                function_tolerance, input.context, result);
+                function_tolerance, ContextOfSolve(input, summary), result);
   const SolveSummary& solve = summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),

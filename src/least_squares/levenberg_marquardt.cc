@@ -41,7 +41,7 @@ class LevenbergMarquardt {
   SolveSummary Run() {
     Start();
     while (!is_done_ && summary_.num_iterations < max_num_iterations_) {
-      context_.CheckInterrupted();
+      ReportProgress();
       ++summary_.num_iterations;
       if (!problem_.Linearize(lambda_)) {
         Finish(Termination::kFailure, "A derivative is not finite.");
@@ -66,6 +66,18 @@ class LevenbergMarquardt {
     } else if (cost_ == 0.0) {
       Finish(Termination::kConverged, "The initial cost is zero.");
     }
+  }
+
+  // Of the iterations until convergence, the relative decrease of the cost
+  // being about geometric. `max_num_iterations` is far too pessimistic.
+  void ReportProgress() const {
+    const double num_done = summary_.num_iterations;
+    const double num_estimated =
+        share_ > 0.0 ? std::min<double>(max_num_iterations_, num_done / share_)
+                     : max_num_iterations_;
+    context_.ReportProgress(
+        "solver", static_cast<size_t>(summary_.num_iterations),
+        static_cast<size_t>(std::max(num_done + 1.0, num_estimated)));
   }
 
   // Backtracks along the step if the initial state is far from a solution.
@@ -107,6 +119,9 @@ class LevenbergMarquardt {
   }
 
   void Accept(double new_cost, double ratio) {
+    const double relative_decrease = (cost_ - new_cost) / cost_;
+    share_ = std::max(share_, std::log(relative_decrease) /
+                                  std::log(options_.function_tolerance));
     const bool is_converged =
         cost_ - new_cost <= options_.function_tolerance * cost_;
     problem_.AcceptStep();
@@ -153,6 +168,7 @@ class LevenbergMarquardt {
   const Context& context_;
   DampedProblem& problem_;
   double cost_ = 0.0;
+  double share_ = 0.0;  // of the iterations that are done, estimated
   double lambda_ = kInitialLambda;
   double lambda_growth_ = 2.0;
   double lambda_shrinkage_ = kShrinkage;

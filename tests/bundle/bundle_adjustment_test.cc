@@ -192,6 +192,30 @@ INSTANTIATE_TEST_SUITE_P(
                                      RigPreset::kKitti360, RigPreset::kCube6),
                      testing::Values(PathPreset::kCurve)));
 
+TEST(RefineReconstructionTest, ProgressCountsTheIterationsOfAllSolves) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  std::vector<Progress> reports;
+  Context context = Threads(2);
+  context.progress = [&](const Progress& progress) {
+    reports.push_back(progress);
+  };
+  const BundleResult result = RefineReconstruction(
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 21),
+      BundleAdjustmentOptions(), context);
+  size_t num_iterations = 0;
+  for (const SolveSummary& solve : result.summary.solves) {
+    num_iterations += static_cast<size_t>(solve.num_iterations);
+  }
+  ASSERT_EQ(reports.size(), num_iterations);
+  for (size_t i = 0; i < reports.size(); ++i) {
+    EXPECT_EQ(reports[i].stage, "bundle adjustment");
+    EXPECT_EQ(reports[i].done, i);
+    EXPECT_GT(reports[i].total, i);
+  }
+}
+
 // Without noise, the robust estimates of scale are zero.
 TEST(RefineReconstructionTest, ExactDataKeepAllWithParallax) {
   const Simulation simulation =

@@ -13,6 +13,14 @@ run(${CMAKE_COMMAND} -S ${MGSFM_SOURCE_DIR}/examples -B ${examples} -G Ninja
   -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH=${prefix})
 run(${CMAKE_COMMAND} --build ${examples})
 
+foreach(file man/man1/mgsfm.1 man/man1/mgsfm-mapper.1
+    bash-completion/completions/mgsfm zsh/site-functions/_mgsfm
+    fish/vendor_completions.d/mgsfm.fish)
+  if(NOT EXISTS ${prefix}/share/${file})
+    message(FATAL_ERROR "share/${file} was not installed")
+  endif()
+endforeach()
+
 set(mgsfm ${prefix}/bin/mgsfm)
 run(${mgsfm} --version)
 run(${mgsfm} simulate --output_path ${data} --preset standard --num_frames 12)

@@ -28,10 +28,7 @@ class TimestampReader {
  public:
   TimestampReader(const std::filesystem::path& path, OtherImages others,
                   const std::vector<std::string>& names)
-      : path_(path),
-        others_(others),
-        names_(names),
-        times_s_(names.size()) {
+      : path_(path), others_(others), names_(names), times_s_(names.size()) {
     for (size_t i = 0; i < names.size(); ++i) {
       idx_of_name_[names[i]] = static_cast<int>(i);
     }

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "mgsfm/base/context.h"
+
+namespace mgsfm {
+
+// "1:05" for 65 minutes. Rounds up, so that it is 0:00 only at the end.
+std::string FormatHoursMinutes(double seconds);
+
+// "[=====>    ]" with `width` characters between the brackets.
+std::string ProgressBar(double share, int width);
+
+// Turns the progress that stages report into lines for a reader, at most one
+// per interval. Times are seconds on any clock.
+class ProgressText {
+ public:
+  explicit ProgressText(double interval_s) : interval_s_(interval_s) {}
+
+  // "matching: 20 of 80, 4/s, 0:01 left", if it is time for it.
+  std::optional<std::string> Update(const Progress& progress, double now_s);
+  // The share of the stage that was done at the last update.
+  double Share() const { return share_; }
+  // The reader has just seen another line.
+  void Postpone(double now_s) { shown_s_ = now_s; }
+
+ private:
+  double interval_s_;
+  std::string stage_;
+  double stage_start_s_ = 0.0;
+  size_t num_done_at_start_ = 0;
+  double shown_s_ = 0.0;
+  double share_ = 0.0;
+};
+
+}  // namespace mgsfm
