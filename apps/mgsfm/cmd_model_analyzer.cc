@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <cstdio>
+#include <algorithm>
+#include <ostream>
+#include <sstream>
 
 #include "command.h"
 #include "commands.h"
@@ -19,61 +21,69 @@ struct ModelAnalyzerOptions {
 };
 
 // The lines of COLMAP; every image and frame of a model on disk is registered.
-void Print(const ModelStatistics& s) {
-  std::printf("Rigs: %zu\nCameras: %zu\n", s.num_rigs, s.num_cameras);
-  std::printf("Frames: %zu\nRegistered frames: %zu\n", s.num_frames,
-              s.num_frames);
-  std::printf("Images: %zu\nRegistered images: %zu\n", s.num_images,
-              s.num_images);
-  std::printf("Points: %zu\nObservations: %zu\n", s.num_points,
-              s.num_observations);
-  std::printf("Mean track length: %f\n", s.mean_track_length);
-  std::printf("Mean observations per image: %f\n",
-              s.mean_observations_per_image);
+void Describe(const ModelStatistics& s, std::ostream& text) {
+  text << std::fixed << "Rigs: " << s.num_rigs << "\nCameras: " << s.num_cameras
+       << "\nFrames: " << s.num_frames
+       << "\nRegistered frames: " << s.num_frames
+       << "\nImages: " << s.num_images
+       << "\nRegistered images: " << s.num_images
+       << "\nPoints: " << s.num_points
+       << "\nObservations: " << s.num_observations
+       << "\nMean track length: " << s.mean_track_length
+       << "\nMean observations per image: " << s.mean_observations_per_image
+       << "\nMean reprojection error: ";
   if (s.mean_reprojection_error_px) {
-    std::printf("Mean reprojection error: %fpx\n",
-                *s.mean_reprojection_error_px);
+    text << *s.mean_reprojection_error_px << "px\n";
   } else {
-    std::printf("Mean reprojection error: unknown\n");
+    text << "unknown\n";
+  }
+  text << std::defaultfloat;
+}
+
+void DescribeSensor(const SceneModel& model, int sensor_idx, bool is_reference,
+                    std::ostream& text) {
+  const auto num_images = std::count_if(
+      model.scene.images.begin(), model.scene.images.end(),
+      [&](const Image& image) { return image.sensor_idx == sensor_idx; });
+  text << "  " << model.scene.sensors[sensor_idx].name << ": " << num_images
+       << " images, ";
+  const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
+  if (is_reference) {
+    text << "reference\n";
+  } else if (pose) {
+    text << pose->translation.norm() << " from the reference\n";
+  } else {
+    text << "pose in the rig unknown\n";
   }
 }
 
 // The baselines are in the unit of the model.
-void PrintRigs(const SceneModel& model) {
+void DescribeRigs(const SceneModel& model, std::ostream& text) {
   for (size_t i = 0; i < model.scene.rigs.size(); ++i) {
     const Rig& rig = model.scene.rigs[i];
     if (rig.sensor_idxs.size() < 2) continue;
-    int num_frames = 0;
-    for (const Frame& frame : model.scene.frames) {
-      num_frames += frame.rig_idx == static_cast<int>(i) ? 1 : 0;
-    }
-    std::printf("Rig %u: %zu cameras, %d frames\n", rig.id.value(),
-                rig.sensor_idxs.size(), num_frames);
+    const auto num_frames =
+        std::count_if(model.scene.frames.begin(), model.scene.frames.end(),
+                      [&](const Frame& frame) {
+                        return frame.rig_idx == static_cast<int>(i);
+                      });
+    text << "Rig " << rig.id.value() << ": " << rig.sensor_idxs.size()
+         << " cameras, " << num_frames << " frames\n";
     for (const int sensor_idx : rig.sensor_idxs) {
-      const auto& pose = model.reconstruction.sensor_from_rig[sensor_idx];
-      int num_images = 0;
-      for (const Image& image : model.scene.images) {
-        num_images += image.sensor_idx == sensor_idx ? 1 : 0;
-      }
-      std::printf("  %s: %d images, ",
-                  model.scene.sensors[sensor_idx].name.c_str(), num_images);
-      if (sensor_idx == rig.ref_sensor_idx) {
-        std::printf("reference\n");
-      } else if (pose) {
-        std::printf("%.6g from the reference\n", pose->translation.norm());
-      } else {
-        std::printf("pose in the rig unknown\n");
-      }
+      DescribeSensor(model, sensor_idx, sensor_idx == rig.ref_sensor_idx, text);
     }
   }
 }
 
-int RunModelAnalyzer(const ModelAnalyzerOptions& options,
-                     const Context& context) {
+CommandResult RunModelAnalyzer(const ModelAnalyzerOptions& options,
+                               const Context& context) {
   const ToolModel input = ReadToolModel(options.path, options.rigs, context);
-  Print(AnalyzeModel(input.model));
-  PrintRigs(input.model);
-  return kExitSuccess;
+  std::ostringstream text;
+  Describe(AnalyzeModel(input.model), text);
+  DescribeRigs(input.model, text);
+  CommandResult result(kExitSuccess);
+  result.text = text.str();
+  return result;
 }
 
 }  // namespace

@@ -5,14 +5,17 @@
 #include <poll.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cctype>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <iostream>
+#include <iterator>
 #include <new>
 #include <system_error>
+#include <utility>
 
 #include "base/text.h"
 #include "colmap_names.h"
@@ -26,33 +29,42 @@
 
 namespace mgsfm {
 
+namespace {
+
+struct CommandGroup {
+  const char* title;
+  std::vector<Command> commands;
+};
+
+// In the order of a first session.
+std::vector<CommandGroup> CommandGroups() {
+  return {{"Reconstruction",
+           {AutomaticReconstructorCommand(), MapperCommand(),
+            BundleAdjusterCommand(), PointTriangulatorCommand()}},
+          {"Images, features and matches",
+           {FeatureExtractorCommand(), FeatureImporterCommand(),
+            ImageSplitterCommand(), RigConfiguratorCommand(),
+            SequentialMatcherCommand(), ExhaustiveMatcherCommand(),
+            VocabTreeMatcherCommand(), SpatialMatcherCommand(),
+            MatchesImporterCommand(), GeometricVerifierCommand()}},
+          {"Models",
+           {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
+            ModelConverterCommand(), ImageUndistorterCommand(),
+            ModelAlignerCommand(), ModelMergerCommand(), ModelCropperCommand(),
+            ImageDeleterCommand()}},
+          {"Databases", {DatabaseMergerCommand(), DatabaseCleanerCommand()}},
+          {"Simulation", {SimulateCommand()}}};
+}
+
+}  // namespace
+
 std::vector<Command> AllCommands() {
-  return {AutomaticReconstructorCommand(),
-          MapperCommand(),
-          BundleAdjusterCommand(),
-          PointTriangulatorCommand(),
-          ModelEvaluatorCommand(),
-          ImageUndistorterCommand(),
-          ReportCommand(),
-          ModelAnalyzerCommand(),
-          ModelConverterCommand(),
-          ModelAlignerCommand(),
-          ModelMergerCommand(),
-          ModelCropperCommand(),
-          ImageDeleterCommand(),
-          SimulateCommand(),
-          ImageSplitterCommand(),
-          FeatureExtractorCommand(),
-          FeatureImporterCommand(),
-          GeometricVerifierCommand(),
-          RigConfiguratorCommand(),
-          DatabaseMergerCommand(),
-          DatabaseCleanerCommand(),
-          ExhaustiveMatcherCommand(),
-          SequentialMatcherCommand(),
-          VocabTreeMatcherCommand(),
-          SpatialMatcherCommand(),
-          MatchesImporterCommand()};
+  std::vector<Command> all;
+  for (CommandGroup& group : CommandGroups()) {
+    std::move(group.commands.begin(), group.commands.end(),
+              std::back_inserter(all));
+  }
+  return all;
 }
 
 namespace {
@@ -113,9 +125,13 @@ std::string FormattedHelp(const std::vector<std::string>& arguments) {
 void PrintUsage() {
   std::cout << "mgsfm " << Version()
             << ": global structure from motion for multi-camera rigs\n\n"
-               "Usage: mgsfm COMMAND [--option value ...]\n\n";
-  for (const Command& command : AllCommands()) {
-    std::printf("  %-23s %s\n", command.name.c_str(), command.summary.c_str());
+               "Usage: mgsfm COMMAND [--option value ...]\n";
+  for (const CommandGroup& group : CommandGroups()) {
+    std::printf("\n%s\n", group.title);
+    for (const Command& command : group.commands) {
+      std::printf("  %-23s %s\n", command.name.c_str(),
+                  command.summary.c_str());
+    }
   }
   std::cout << "\nmgsfm COMMAND --help shows the basic options of a command, "
                "--help_all "
