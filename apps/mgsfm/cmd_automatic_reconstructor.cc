@@ -49,9 +49,9 @@ struct AutomaticReconstructorOptions {
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
       "video: images in temporal order by name; matches neighbours and closes "
-      "loops. individual: matches all pairs of images. panorama, "
-      "dual_fisheye: video of images that are first split into those of rigs, "
-      "as image_splitter does, in the folder `views` of the workspace."};
+      "loops. individual: matches all pairs of images. panorama, dual_fisheye: "
+      "a video whose images are first split, as by image_splitter, into the "
+      "folder `views` of the workspace."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the models: binary or text."};
   Option<bool> write_report{

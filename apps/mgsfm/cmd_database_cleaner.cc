@@ -14,8 +14,8 @@ struct DatabaseCleanerOptions {
                                     "COLMAP database to change."};
   Option<std::string> type{
       "type", "", Required(),
-      "Rows to delete: matches (with two-view geometries), features (with "
-      "matches), images (with features, frames and priors), all."};
+      "Rows to delete: matches (and two-view geometries), features (and "
+      "matches), images (and features, frames and priors) or all."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -41,9 +41,10 @@ int RunDatabaseCleaner(const DatabaseCleanerOptions& options,
 }  // namespace
 
 Command DatabaseCleanerCommand() {
-  return MakeCommand("database_cleaner",
-                     "Deletes matches, features, images or all of a database.",
-                     RunDatabaseCleaner);
+  return MakeCommand(
+      "database_cleaner",
+      "Deletes matches, features, images or everything from a database.",
+      RunDatabaseCleaner);
 }
 
 }  // namespace mgsfm

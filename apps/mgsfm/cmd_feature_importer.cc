@@ -52,9 +52,10 @@ int RunFeatureImporter(const FeatureImporterOptions& options,
 }  // namespace
 
 Command FeatureImporterCommand() {
-  return MakeCommand("feature_importer",
-                     "Imports features and matches of other programs (hloc).",
-                     RunFeatureImporter);
+  return MakeCommand(
+      "feature_importer",
+      "Imports features and matches of other programs, in hloc's format.",
+      RunFeatureImporter);
 }
 
 }  // namespace mgsfm

@@ -19,7 +19,7 @@ int RunGeometricVerifier(const MatchingInputOptions& options,
 Command GeometricVerifierCommand() {
   return MakeResumableCommand(
       "geometric_verifier",
-      "Verifies the matches of a database, of any kind of features.",
+      "Verifies the matches of a database, for any kind of features.",
       RunGeometricVerifier);
 }
 

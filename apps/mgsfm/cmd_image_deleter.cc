@@ -22,10 +22,10 @@ struct ImageDeleterOptions {
                                   "Folder for the model without the images."};
   Option<std::string> image_names_path{
       "image_names_path", "",
-      "Text file with the name of an image to delete per line."};
+      "Text file with the images to delete, one name per line."};
   Option<std::string> image_ids_path{
       "image_ids_path", "",
-      "Text file with the id of an image to delete per line."};
+      "Text file with the images to delete, one id per line."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the model: binary or text."};
   ToolRigOptions rigs;

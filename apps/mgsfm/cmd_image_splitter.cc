@@ -14,25 +14,25 @@ struct ImageSplitterOptions {
                                  "Folder of images, searched recursively."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for images and, of panoramas, cameras.txt and rig_config.json. "
-      "Images that an interrupted run with the same settings has written are "
-      "kept."};
+      "Folder for images and, for panoramas, cameras.txt and rig_config.json. "
+      "Images of an interrupted run with the same settings are kept."};
   Option<CombinedImages> image_type{
       "image_type", CombinedImages::kPanorama,
-      "panorama: equirectangular images, to six perspective views. "
-      "dual_fisheye: two square images side by side, to these."};
+      "panorama: equirectangular images, split into six perspective views. "
+      "dual_fisheye: two square fisheye images side by side, split into left "
+      "and right."};
   Option<std::string> image_list_path{
       "image_list_path", "",
       "File with one image name per line, relative to the image folder. By "
       "default all images of the folder are used."};
   Option<std::string> mask_path{
       "mask_path", "",
-      "Folder of masks of the images, pano/a.jpg.png for pano/a.jpg. They are "
-      "split, too."};
+      "Folder of masks of the images, such as pano/a.jpg.png for pano/a.jpg. "
+      "They are split, too."};
   Option<std::string> camera_params_path{
       "camera_params_path", "",
-      "File with intrinsics, as for feature_extractor, of folders of ordinary "
-      "cameras beside those of panoramas."};
+      "File with the intrinsics of ordinary cameras beside the panoramas, in "
+      "the format of ImageReader.camera_params_path."};
   SplittingOptions splitting;
 
   template <class Visitor>
@@ -59,7 +59,7 @@ int RunImageSplitter(const ImageSplitterOptions& options,
 Command ImageSplitterCommand() {
   return MakeResumableCommand(
       "image_splitter",
-      "Splits panoramas and dual fisheyes into images of rigs.",
+      "Splits panoramas and dual fisheye images into the images of rigs.",
       RunImageSplitter);
 }
 

@@ -52,17 +52,17 @@ struct ImageUndistorterOptions {
                                  "Folder of the model."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder for images, masks and the model. Images that an interrupted run "
-      "with the same settings has written are kept."};
+      "Folder for images, masks and the model. Images of an interrupted run "
+      "with the same settings are kept."};
   Option<UndistortionLayout> output_type{
       "output_type", UndistortionLayout::kColmap,
-      "COLMAP: images and sparse. mvs: also COLMAP's folder stereo. "
-      "gaussian_splatting: flat image names, sparse/0, centred principal "
-      "points. nerfstudio: transforms.json."};
+      "COLMAP: folders images and sparse. mvs: also COLMAP's folder stereo. "
+      "gaussian_splatting: images without subfolders, sparse/0, centred "
+      "principal points. nerfstudio: transforms.json."};
   Option<std::string> mask_path{
       "mask_path", "",
-      "Folder of masks of the original images, cam0/a.jpg.png for cam0/a.jpg. "
-      "They are undistorted, too."};
+      "Folder of masks of the original images, such as cam0/a.jpg.png for "
+      "cam0/a.jpg. They are undistorted, too."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Quality of JPEG images; 100 is best."};
   ViewOptions views;
@@ -263,10 +263,10 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
 }  // namespace
 
 Command ImageUndistorterCommand() {
-  return MakeResumableCommand(
-      "image_undistorter",
-      "Makes pinhole images and their model, for dense methods.",
-      RunImageUndistorter);
+  return MakeResumableCommand("image_undistorter",
+                              "Makes pinhole images and their model, for dense "
+                              "matching and Gaussian splatting.",
+                              RunImageUndistorter);
 }
 
 }  // namespace mgsfm

@@ -49,21 +49,24 @@ struct ModelAlignerOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "custom: to the positions or model above. enu: likewise, but positions "
-      "must be GPS, which become metres east, north and up of the first one. "
-      "plane: z up, the path in the plane z = 0, without reference."};
+      "custom: align to the positions or the model above. enu: the same, but "
+      "positions must be GPS; they become metres east, north and up of the "
+      "first one. plane: needs no reference; z is up and the trajectory lies "
+      "in the plane z = 0."};
   Option<bool> ref_is_gps{
       "ref_is_gps", true,
-      "Positions in the file, or in a database without coordinate system, are "
-      "latitude, longitude (deg) and altitude (m)."};
-  Option<int> min_common_images{"min_common_images", 3, AtLeast(3), "images",
-                                "Minimum number of images with a reference."};
-  Option<bool> estimate_scale{"estimate_scale", true,
-                              "0 keeps the unit of the model."};
+      "Whether positions in the file, or in a database without coordinate "
+      "system, are latitude, longitude (deg) and altitude (m)."};
+  Option<int> min_common_images{
+      "min_common_images", 3, AtLeast(3), "images",
+      "Minimum number of images that have a reference."};
+  Option<bool> estimate_scale{
+      "estimate_scale", true,
+      "Whether to estimate the scale. 0 keeps the unit of the model."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
-      "Positions farther from the aligned model are outliers, unless most "
-      "are."};
+      "Positions farther than this from the aligned model are outliers, unless "
+      "most are."};
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};

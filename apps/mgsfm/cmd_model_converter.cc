@@ -28,17 +28,17 @@ struct ModelConverterOptions {
                                  "Folder of the model to convert."};
   Option<std::string> output_path{
       "output_path", "", Required(),
-      "Folder (bin, txt; with one file per camera, others too) or file to "
-      "write. bundler appends .bundle.out and .list.txt."};
+      "File to write, or folder for bin, txt and one file per camera. bundler "
+      "appends .bundle.out and .list.txt."};
   Option<std::string> output_type{
       "output_type", "bin",
-      "bin, txt (COLMAP); ply, nvm, bundler; tum, kitti, euroc "
-      "(trajectories); kalibr, ros_tf, ros_launch, camera_info, rig_config "
-      "(calibration); geojson, kml (paths on the earth)."};
+      "bin, txt (COLMAP); ply, nvm, bundler; tum, kitti, euroc (trajectories); "
+      "kalibr, ros_tf, ros_launch, camera_info, rig_config (calibration); "
+      "geojson, kml (georeferenced trajectories)."};
   Option<TrajectoryPoses> poses{
       "poses", TrajectoryPoses::kFrame,
-      "Trajectories: one of the frames, which is that of the reference camera, "
-      "or a file per camera in a folder."};
+      "Poses of a trajectory. frame: those of the reference camera of the rig. "
+      "camera: those of every camera, in a folder with one file per camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "Times for tum and euroc, a line `image_name SECONDS` per image. Without "

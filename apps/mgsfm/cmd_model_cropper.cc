@@ -24,8 +24,8 @@ struct ModelCropperOptions {
       "the points along each axis, such as 0.01,0.99."};
   Option<bool> boundary_is_gps{
       "boundary_is_gps", false,
-      "The corners of the box are latitude,longitude,altitude; the model must "
-      "have a geo_origin.json."};
+      "Whether the corners of the box are latitude,longitude,altitude. The "
+      "model must have a geo_origin.json."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the model: binary or text."};
   ToolRigOptions rigs;

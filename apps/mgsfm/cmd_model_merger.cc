@@ -12,12 +12,12 @@ namespace mgsfm {
 namespace {
 
 struct ModelMergerOptions {
-  Option<std::string> input_path1{"input_path1", "", Required(),
-                                  "Folder of the first model, whose world and "
-                                  "poses the result has."};
+  Option<std::string> input_path1{
+      "input_path1", "", Required(),
+      "Folder of the first model. The result keeps its world and poses."};
   Option<std::string> input_path2{
       "input_path2", "", Required(),
-      "Folder of the second model, of images in the same database."};
+      "Folder of the second model, reconstructed from the same database."};
   Option<std::string> output_path{"output_path", "", Required(),
                                   "Folder for the merged model."};
   Option<int> min_common_images{

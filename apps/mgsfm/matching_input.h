@@ -16,8 +16,8 @@ namespace mgsfm {
 struct MatchingInputOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),
-      "COLMAP database with features. Adds matches; pairs that have matches "
-      "are skipped."};
+      "COLMAP database with features. Adds matches and two-view geometries; "
+      "pairs that have them are skipped."};
   SceneLoadingOptions loading;
   PairMatchingOptions matching;
 

@@ -18,13 +18,13 @@ namespace mgsfm {
 struct ToolRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",
-      "COLMAP's rig_config.json, or the folder of an earlier model: takes its "
-      "rigs, to whose poses the images are fitted."};
+      "COLMAP's rig_config.json, or the folder of an earlier model. Groups the "
+      "images into its rigs, whose poses are fitted to those of the images."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "Rigs and frames: auto (those of the model; without them, each image is "
-      "single), none, or a regular expression on image names as for the "
-      "mapper, which fits the images to rigs."};
+      "How to find rigs and frames: auto (those of the model, otherwise single "
+      "images), none (single images), or a regular expression on image names, "
+      "as for the mapper, that groups the images into rigs."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
