@@ -219,8 +219,8 @@ std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
 }
 
 // Without findings about cameras whose matches the models explain as well as
-// those of healthy cameras: few pairs and little motion can mislead the check of
-// a focal length, but a wrong one costs many matches.
+// those of healthy cameras: few pairs and little motion can mislead the check
+// of a focal length, but a wrong one costs many matches.
 std::vector<Finding> WithoutRefuted(const Scene& scene,
                                     const std::vector<MapperModel>& models,
                                     std::vector<Finding> findings) {
@@ -235,14 +235,14 @@ std::vector<Finding> WithoutRefuted(const Scene& scene,
     }
     return kept.num_matches > 0 && kept.Share() >= kMinHealthyShare;
   };
-  findings.erase(
-      std::remove_if(findings.begin(), findings.end(),
-                     [&](const Finding& finding) {
-                       return !finding.cameras.empty() &&
-                              std::all_of(finding.cameras.begin(),
-                                          finding.cameras.end(), keeps_matches);
-                     }),
-      findings.end());
+  findings.erase(std::remove_if(findings.begin(), findings.end(),
+                                [&](const Finding& finding) {
+                                  return !finding.cameras.empty() &&
+                                         std::all_of(finding.cameras.begin(),
+                                                     finding.cameras.end(),
+                                                     keeps_matches);
+                                }),
+                 findings.end());
   return findings;
 }
 

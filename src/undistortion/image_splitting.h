@@ -37,8 +37,8 @@ struct SplittingOptions {
       "of the panorama divided by 3.14."};
   Option<double> fisheye_field_of_view_deg{
       "fisheye_field_of_view", 190.0, Between(100.0, 240.0), "deg",
-      "Field of view between opposite borders of the image of a dual fisheye: "
-      "the first guess of its focal length."};
+      "Field of view of each lens of a dual fisheye. It gives the first guess "
+      "of the focal length."};
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Quality of JPEG images; 100 is best."};
 

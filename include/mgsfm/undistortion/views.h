@@ -28,7 +28,7 @@ struct EnumTable<ViewProjection> {
 struct ViewOptions {
   Option<ViewProjection> projection{
       "projection", ViewProjection::kAuto,
-      "pinhole: one image per image. cube: one image per face of a cube that "
+      "pinhole: one view per image. cube: one image per face of a cube that "
       "the camera sees, with fixed poses in the rig. auto: cube for fisheyes "
       "and panoramas too wide for a pinhole image."};
   Option<double> field_of_view_deg{
@@ -45,10 +45,10 @@ struct ViewOptions {
       "view: 0 crops to pixels that the original has, 1 keeps all of them."};
   Option<double> min_scale{
       "min_scale", 0.2, Range{0.0, 10.0, true, false},
-      "Minimum change of the size of such an image by cropping."};
+      "Smallest factor by which cropping may change the size of a view."};
   Option<double> max_scale{
       "max_scale", 2.0, Range{0.0, 10.0, true, false},
-      "Maximum change of the size of such an image by blank pixels."};
+      "Largest factor by which blank pixels may change the size of a view."};
   Option<int> max_image_size{
       "max_image_size", -1, AtLeast(-1), "px",
       "Maximum width or height of undistorted images; -1: no limit."};

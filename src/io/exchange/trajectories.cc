@@ -10,6 +10,7 @@
 #include "base/text.h"
 #include "io/exchange/exported_names.h"
 #include "io/exchange/formats.h"
+#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -30,24 +31,20 @@ struct Trajectory {
   std::vector<Stop> stops;  // in the natural order of their names
 };
 
-bool IsDigits(const std::string& text, const char* characters) {
+bool HasOnly(const std::string& text, const char* characters) {
   return !text.empty() &&
          text.find_first_not_of(characters) == std::string::npos;
 }
 
-// Integers of 15 digits and more are nanoseconds, other numbers seconds.
+// The time in the name of an image; the number itself, in seconds, if it is
+// none of an epoch.
 std::optional<int64_t> TimeOfName(const std::string& stem) {
-  constexpr size_t kMinDigitsOfNanoseconds = 15;
-  constexpr size_t kMaxDigits = 18;
-  const size_t first = std::min(stem.find_first_not_of('0'), stem.size());
-  const size_t num_digits = stem.size() - first;
-  if (IsDigits(stem, "0123456789") && num_digits >= kMinDigitsOfNanoseconds) {
-    if (num_digits > kMaxDigits + 1) return std::nullopt;
-    return std::stoll(stem);
-  }
-  if (!IsDigits(stem, "0123456789.")) return std::nullopt;
-  const std::optional<double> time_s = ParseDouble(stem);
-  if (!time_s) return std::nullopt;
+  // The function expects an extension.
+  if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
+  const std::optional<double> time_s =
+      HasOnly(stem, "0123456789.") ? ParseDouble(stem) : std::nullopt;
+  // Larger numbers do not fit into 64 bits of nanoseconds.
+  if (!time_s || *time_s >= 9e9) return std::nullopt;
   return std::llround(*time_s * kNanosecondsPerSecond);
 }
 
@@ -166,7 +163,7 @@ void CheckHasNoGap(const Trajectory& trajectory) {
   const auto number = [](const Stop& stop) -> std::optional<int64_t> {
     constexpr size_t kMaxDigits = 18;
     const bool is_number =
-        IsDigits(stop.stem, "0123456789") && stop.stem.size() <= kMaxDigits;
+        HasOnly(stop.stem, "0123456789") && stop.stem.size() <= kMaxDigits;
     if (!is_number) return std::nullopt;
     return std::stoll(stop.stem);
   };

@@ -63,9 +63,9 @@ struct SceneLoadingOptions {
   Option<std::string> calibration_path{
       "calibration_path", "",
       "Calibration of the cameras by Kalibr, EuRoC (sensor.yaml), OpenCV, ROS, "
-      "KITTI, KITTI-360, nuScenes, Argoverse or COLMAP (rig_config.json): a "
-      "file, several with commas between them, or a folder. Sets intrinsics "
-      "and poses in the rig."};
+      "KITTI, KITTI-360, nuScenes, Argoverse 1 or COLMAP (rig_config.json): "
+      "a file, several separated by commas, or a folder. Sets intrinsics and "
+      "poses in the rig."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
       "How image names identify cameras and frames: auto (by folder, unless "
@@ -75,9 +75,9 @@ struct SceneLoadingOptions {
 
   Option<double> frame_max_time_difference_s{
       "frame_max_time_difference_s", 0.0, Between(0.0, 1e6), "s",
-      "Pair images of different cameras into frames by their times: each with "
-      "the nearest of the other camera, at most this far apart. 0 pairs by "
-      "name. Set it if names are times that differ from camera to camera."};
+      "Pair images of different cameras into frames by their times, one to "
+      "one, if they are at most this far apart. 0 pairs by name. Set it if "
+      "names are times that differ from camera to camera."};
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "File with a line `image_name SECONDS` for every image: its time of "

@@ -23,8 +23,9 @@ struct PosePriorOptions {
       "place models in their world and as priors of bundle adjustment."};
   Option<std::string> ref_images_path{
       "ref_images_path", "",
-      "Use the positions in this file instead: a line `image_name X Y Z` per "
-      "image, or a trajectory of the reference camera in the format of TUM (by "
+      "Use the positions in this file instead of the table pose_priors: a line "
+      "`image_name X Y Z` per image, or a trajectory of the reference camera "
+      "in the format of TUM (by "
       "the times of images) or KITTI (a line per frame)."};
   Option<bool> ref_is_gps{
       "ref_is_gps", false,
