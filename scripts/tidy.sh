@@ -19,5 +19,6 @@ fi
 [ ${#files[@]} -gt 0 ] || exit 0
 
 cmake --preset tidy >/dev/null
+cmake --build build/tidy --target mgsfm_commit >/dev/null
 printf '%s\0' "${files[@]}" |
   xargs -0 -n 1 -P "$(nproc)" clang-tidy -p build/tidy --quiet

@@ -37,6 +37,13 @@ struct ImageDeleterOptions {
   }
 };
 
+[[noreturn]] void ThrowNoImage(const std::string& list_path,
+                               const std::string& key,
+                               const std::string& model_path) {
+  throw Error("'" + list_path + "' lists '" + key +
+              "', which is no image of '" + model_path + "'; remove the line");
+}
+
 // Marks the images that a list names; `keys` are their names or ids.
 void MarkDeleted(const std::string& list_path,
                  const std::vector<std::string>& keys,
@@ -46,9 +53,7 @@ void MarkDeleted(const std::string& list_path,
   for (const std::string& key : ReadImageList(list_path)) {
     const auto found = image_of_key.find(key);
     if (found == image_of_key.end()) {
-      throw Error("'" + list_path + "' lists '" + key +
-                  "', which is no image of '" + model_path +
-                  "'; remove the line");
+      ThrowNoImage(list_path, key, model_path);
     }
     (*keeps_image)[found->second] = false;
   }

@@ -249,7 +249,7 @@ Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
   const std::vector<ImagePoses> pairs =
       PairImages(input->model, reference.model);
   CheckCount(pairs.size(), options.ref_model_path, options);
-  const Sim3 transform =
+  Sim3 transform =
       *AlignPoses(pairs, options.estimate_scale ? Alignment::kSimilarity
                                                 : Alignment::kRigid);
   std::vector<double> distances;
@@ -271,7 +271,7 @@ Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
 Sim3 Align(const ModelAlignerOptions& options, ToolModel* input,
            const Context& context) {
   if (options.alignment_type == AlignmentType::kPlane) {
-    const Sim3 transform = *AlignToGroundPlane(input->model);
+    Sim3 transform = *AlignToGroundPlane(input->model);
     TransformWorld(transform, &input->model.reconstruction);
     input->origin_wgs84.reset();
     return transform;

@@ -88,7 +88,7 @@ Eigen::Vector3d ParseOrigin(const std::string& text) {
     throw Error("--origin '" + text +
                 "' is not latitude,longitude,altitude, such as 47.37,8.54,408");
   }
-  const Eigen::Vector3d origin(values[0], values[1], values[2]);
+  Eigen::Vector3d origin(values[0], values[1], values[2]);
   CheckGeoOrigin(origin, "--origin '" + text + "'");
   return origin;
 }

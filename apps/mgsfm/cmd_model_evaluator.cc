@@ -67,13 +67,18 @@ struct EvaluatorOptions {
   }
 };
 
+[[noreturn]] void ThrowNotPositive(const std::string& name,
+                                   const std::string& item) {
+  throw Error("--" + name + ": '" + item + "' is not a positive number");
+}
+
 std::vector<double> ParseThresholds(const std::string& name,
                                     const std::string& list) {
   std::vector<double> thresholds;
   for (const std::string& item : SplitList(list)) {
     const std::optional<double> value = ParseDouble(item);
     if (!value || !(*value > 0.0)) {
-      throw Error("--" + name + ": '" + item + "' is not a positive number");
+      ThrowNotPositive(name, item);
     }
     thresholds.push_back(*value);
   }

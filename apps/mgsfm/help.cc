@@ -3,6 +3,9 @@
 
 #include <algorithm>
 #include <iterator>
+#include <sstream>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "mgsfm/base/error.h"
@@ -12,92 +15,84 @@ namespace {
 
 // The one place that tells basic options from advanced ones.
 struct BasicHelp {
-  std::string command;
-  std::string example;
-  std::vector<std::string> options;
+  std::string_view command;
+  const char* example;
+  const char* options;  // separated by blanks
 };
 
-const std::vector<BasicHelp>& BasicHelps() {
-  static const std::vector<BasicHelp> helps = {
-      {"automatic_reconstructor",
-       "mgsfm automatic_reconstructor --image_path images --workspace_path "
-       "work",
-       {"workspace_path", "image_path", "data_type", "rig_config_path",
-        "calibration_path", "rig_name_rule", "frame_max_time_difference_s",
-        "use_prior_position", "write_report"}},
-      {"mapper",
-       "mgsfm mapper --database_path database.db --image_path images "
-       "--output_path sparse",
-       {"database_path", "output_path", "image_path", "input_path",
-        "output_format", "rig_config_path", "calibration_path", "rig_name_rule",
-        "frame_max_time_difference_s", "use_prior_position",
-        "use_prior_gravity", "image_timestamps_path", "compute_covariances",
-        "SoftRig.method", "write_report"}},
-      {"bundle_adjuster",
-       "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
-       {"input_path", "output_path", "output_format", "retriangulate",
-        "compute_covariances", "rig_config_path", "rig_name_rule",
-        "BundleAdjustment.refine_rig_from_world",
-        "BundleAdjustment.refine_sensor_from_rig",
-        "BundleAdjustment.refine_focal_length",
-        "BundleAdjustment.refine_extra_params"}},
-      {"point_triangulator",
-       "mgsfm point_triangulator --database_path database.db --input_path "
-       "poses --output_path model",
-       {"database_path", "input_path", "output_path", "image_path",
-        "clear_points", "output_format", "rig_config_path", "rig_name_rule"}},
-      {"report",
-       "mgsfm report --input_path sparse/0 --image_path images --output_path "
-       "report.html",
-       {"input_path", "output_path", "database_path", "image_path",
-        "compare_path", "gt_path", "gt_format", "max_size"}},
-      {"image_undistorter",
-       "mgsfm image_undistorter --image_path images --input_path sparse/0 "
-       "--output_path undistorted",
-       {"image_path", "input_path", "output_path", "output_type", "projection",
-        "field_of_view", "blank_pixels", "max_image_size", "mask_path"}},
-      {"feature_extractor",
-       "mgsfm feature_extractor --database_path database.db --image_path "
-       "images",
-       {"database_path", "image_path", "image_list_path",
-        "ImageReader.camera_model", "ImageReader.camera_params_path",
-        "ImageReader.mask_path", "ImageReader.single_camera_per_folder"}},
-      {"image_splitter",
-       "mgsfm image_splitter --image_path panoramas --output_path views "
-       "--image_type panorama",
-       {"image_path", "output_path", "image_type", "field_of_view",
-        "max_image_size", "mask_path", "camera_params_path"}},
-      {"model_converter",
-       "mgsfm model_converter --input_path sparse/0 --output_path poses.txt "
-       "--output_type tum",
-       {"input_path", "output_path", "output_type", "poses",
-        "image_timestamps_path", "origin"}},
-      {"model_aligner",
-       "mgsfm model_aligner --input_path sparse/0 --output_path aligned "
-       "--alignment_type plane",
-       {"input_path", "output_path", "alignment_type", "ref_images_path",
-        "ref_is_gps", "database_path", "ref_model_path",
-        "alignment_max_error"}},
-      {"model_evaluator",
-       "mgsfm model_evaluator --input_path sparse/0 --gt_path poses.txt "
-       "--gt_format kitti",
-       {"input_path", "gt_path", "gt_format", "calib_path", "reference",
-        "alignment", "json", "svg_path"}},
-      {"simulate",
-       "mgsfm simulate --preset standard --output_path drive",
-       {"output_path", "preset", "rig", "path", "num_frames", "pixel_noise",
-        "rig_config_path", "trajectory_path", "render"}},
-  };
-  return helps;
-}
+constexpr BasicHelp kBasicHelps[] = {
+    {"automatic_reconstructor",
+     "mgsfm automatic_reconstructor --image_path images --workspace_path work",
+     "workspace_path image_path data_type rig_config_path calibration_path "
+     "rig_name_rule frame_max_time_difference_s use_prior_position "
+     "write_report"},
+    {"mapper",
+     "mgsfm mapper --database_path database.db --image_path images "
+     "--output_path sparse",
+     "database_path output_path image_path input_path output_format "
+     "rig_config_path calibration_path rig_name_rule "
+     "frame_max_time_difference_s use_prior_position use_prior_gravity "
+     "image_timestamps_path compute_covariances SoftRig.method write_report"},
+    {"bundle_adjuster",
+     "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
+     "input_path output_path output_format retriangulate compute_covariances "
+     "rig_config_path rig_name_rule BundleAdjustment.refine_rig_from_world "
+     "BundleAdjustment.refine_sensor_from_rig "
+     "BundleAdjustment.refine_focal_length "
+     "BundleAdjustment.refine_extra_params"},
+    {"point_triangulator",
+     "mgsfm point_triangulator --database_path database.db --input_path poses "
+     "--output_path model",
+     "database_path input_path output_path image_path clear_points "
+     "output_format rig_config_path rig_name_rule"},
+    {"report",
+     "mgsfm report --input_path sparse/0 --image_path images --output_path "
+     "report.html",
+     "input_path output_path database_path image_path compare_path gt_path "
+     "gt_format max_size"},
+    {"image_undistorter",
+     "mgsfm image_undistorter --image_path images --input_path sparse/0 "
+     "--output_path undistorted",
+     "image_path input_path output_path output_type projection field_of_view "
+     "blank_pixels max_image_size mask_path"},
+    {"feature_extractor",
+     "mgsfm feature_extractor --database_path database.db --image_path images",
+     "database_path image_path image_list_path ImageReader.camera_model "
+     "ImageReader.camera_params_path ImageReader.mask_path "
+     "ImageReader.single_camera_per_folder"},
+    {"image_splitter",
+     "mgsfm image_splitter --image_path panoramas --output_path views "
+     "--image_type panorama",
+     "image_path output_path image_type field_of_view max_image_size "
+     "mask_path camera_params_path"},
+    {"model_converter",
+     "mgsfm model_converter --input_path sparse/0 --output_path poses.txt "
+     "--output_type tum",
+     "input_path output_path output_type poses image_timestamps_path origin"},
+    {"model_aligner",
+     "mgsfm model_aligner --input_path sparse/0 --output_path aligned "
+     "--alignment_type plane",
+     "input_path output_path alignment_type ref_images_path ref_is_gps "
+     "database_path ref_model_path alignment_max_error"},
+    {"model_evaluator",
+     "mgsfm model_evaluator --input_path sparse/0 --gt_path poses.txt "
+     "--gt_format kitti",
+     "input_path gt_path gt_format calib_path reference alignment json "
+     "svg_path"},
+    {"simulate", "mgsfm simulate --preset standard --output_path drive",
+     "output_path preset rig path num_frames pixel_noise rig_config_path "
+     "trajectory_path render"},
+};
 
 const char* const kCommonOptions[] = {"num_threads", "random_seed", "log_level",
                                       "quiet"};
 
 OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
+  std::istringstream words(help.options);
+  const std::vector<std::string> names{
+      std::istream_iterator<std::string>(words), {}};
   const auto is_basic = [&](const std::string& name) {
-    return std::find(help.options.begin(), help.options.end(), name) !=
-               help.options.end() ||
+    return std::find(names.begin(), names.end(), name) != names.end() ||
            std::find(std::begin(kCommonOptions), std::end(kCommonOptions),
                      name) != std::end(kCommonOptions);
   };
@@ -105,7 +100,7 @@ OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
   for (const OptionEntry& entry : options) {
     if (is_basic(entry.name)) basic.push_back(entry);
   }
-  MGSFM_CHECK_EQ(basic.size(), help.options.size() + std::size(kCommonOptions));
+  MGSFM_CHECK_EQ(basic.size(), names.size() + std::size(kCommonOptions));
   return basic;
 }
 
@@ -123,13 +118,13 @@ constexpr char kSwitches[] =
 
 std::string MakeHelp(const std::string& command, const std::string& summary,
                      const OptionList& options, HelpLevel level) {
-  const std::vector<BasicHelp>& helps = BasicHelps();
-  const auto help = std::find_if(
-      helps.begin(), helps.end(),
+  const auto* const help = std::find_if(
+      std::begin(kBasicHelps), std::end(kBasicHelps),
       [&](const BasicHelp& entry) { return entry.command == command; });
   std::string text = "mgsfm " + command + ": " + summary + "\n\n";
-  if (help == helps.end()) return text + OptionsToHelp(options) + kSwitches;
-  text += "Example\n  " + help->example + "\n\n";
+  if (help == std::end(kBasicHelps))
+    return text + OptionsToHelp(options) + kSwitches;
+  text += std::string("Example\n  ") + help->example + "\n\n";
   if (level == HelpLevel::kAll) {
     return text + OptionsToHelp(options) + kSwitches;
   }

@@ -185,6 +185,13 @@ fs::path Canonical(const std::string& path) {
   return fs::weakly_canonical(fs::absolute(path, ignored), ignored);
 }
 
+[[noreturn]] void ThrowIsModelFile(const std::string& target,
+                                   const std::string& option,
+                                   const std::string& remedy) {
+  throw Error("'" + target + "' (--" + option +
+              ") is the name of a file of a model" + remedy);
+}
+
 // A new file is neither named like a file of a model nor another output.
 void CheckNewFiles(const std::string& command, const OptionList& options) {
   std::map<fs::path, std::string> option_of_file;
@@ -197,8 +204,7 @@ void CheckNewFiles(const std::string& command, const OptionList& options) {
     // The page of a model may stand beside the model.
     const bool is_page = command == "report";
     if (!is_page && IsModelFileName(fs::path(target).filename())) {
-      throw Error("'" + target + "' (--" + output.option +
-                  ") is the name of a file of a model" + remedy);
+      ThrowIsModelFile(target, output.option, remedy);
     }
     const auto [other, is_new] =
         option_of_file.emplace(Canonical(target), output.option);

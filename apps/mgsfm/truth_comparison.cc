@@ -41,6 +41,16 @@ std::optional<double> CameraNumber(const std::string& sensor_name) {
   return ParseNumber(sensor_name.substr(digits));
 }
 
+[[noreturn]] void ThrowUnpaired(const std::string& calib_path,
+                                size_t num_calibrations, size_t num_cameras,
+                                const std::string& name) {
+  throw Error("'" + calib_path + "' has " + std::to_string(num_calibrations) +
+              " cameras for the " + std::to_string(num_cameras) +
+              " of the model, and the name of '" + name +
+              "' does not tell which is its; give one calibration per "
+              "camera, or a rig_config.json");
+}
+
 // Cameras without a number go by their order, so there must be as many.
 void CheckIsPaired(const std::map<std::string, int>& sensors,
                    size_t num_cameras, const std::string& calib_path) {
@@ -49,11 +59,7 @@ void CheckIsPaired(const std::map<std::string, int>& sensors,
     const bool is_numbered =
         number && *number < static_cast<double>(num_cameras);
     if (is_numbered || sensors.size() == num_cameras) continue;
-    throw Error("'" + calib_path + "' has " + std::to_string(num_cameras) +
-                " cameras for the " + std::to_string(sensors.size()) +
-                " of the model, and the name of '" + name +
-                "' does not tell which is its; give one calibration per "
-                "camera, or a rig_config.json");
+    ThrowUnpaired(calib_path, num_cameras, sensors.size(), name);
   }
 }
 

@@ -7,6 +7,8 @@
 namespace mgsfm {
 namespace {
 
+constexpr double kUnitLength_m = 100.0;
+
 std::vector<const ImagePoses*> ReferenceImages(
     const std::vector<ImagePoses>& images) {
   std::vector<const ImagePoses*> references;
@@ -36,7 +38,6 @@ double RotationDeg(const Rigid3& error) {
 std::optional<SegmentErrors> EvaluateSegments(
     const std::vector<ImagePoses>& images, double scale) {
   constexpr int kStep = 10;  // images between the starts of segments
-  constexpr double kUnitLength_m = 100.0;
   constexpr int kNumLengths = 8;
   const std::vector<const ImagePoses*> references = ReferenceImages(images);
   std::vector<double> distance_m(references.size(), 0.0);
