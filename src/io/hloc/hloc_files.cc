@@ -11,6 +11,12 @@
 namespace mgsfm {
 namespace {
 
+[[noreturn]] void ThrowBadPair(const std::string& path,
+                               const std::string& group,
+                               const std::string& problem) {
+  throw Error("'" + path + "': the pair '" + Printable(group) + "' " + problem);
+}
+
 constexpr float kMaxSize = 1 << 20;  // px
 
 std::string WithDashes(std::string name) {
@@ -113,16 +119,15 @@ HlocMatchFile::HlocMatchFile(const std::string& path,
     const auto find = [&](const std::string& name) {
       const auto found = image_of_name.find(name);
       if (found != image_of_name.end()) return found->second;
-      throw Error("'" + path + "': the pair '" + Printable(group) +
-                  "' has an image without features; give the features that "
-                  "were matched");
+      ThrowBadPair(path, group,
+                   "has an image without features; give the features that were "
+                   "matched");
     };
     const int image1 = find(group.substr(0, slash));
     const int image2 =
         find(slash == std::string::npos ? "" : group.substr(slash + 1));
     if (image1 == image2) {
-      throw Error("'" + path + "': the pair '" + group +
-                  "' is of one image; remove it");
+      ThrowBadPair(path, group, "is of one image; remove it");
     }
     pairs_.push_back({image1, image2, group});
   }

@@ -13,6 +13,11 @@
 namespace mgsfm {
 namespace {
 
+[[noreturn]] void ThrowAtLine(const std::string& path, int number,
+                              const std::string& problem) {
+  throw Error("'" + path + "': line " + std::to_string(number) + " " + problem);
+}
+
 // Names may have blanks: the last three words are the numbers. Returns the
 // name; `problem` says what is wrong, if anything.
 std::string SplitLine(const std::string& line, const std::string& columns,
@@ -78,8 +83,7 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
       problem = "names '" + name + "' again";
     }
     if (!problem.empty()) {
-      throw Error("'" + path + "': line " + std::to_string(number) + " " +
-                  problem);
+      ThrowAtLine(path, number, problem);
     }
     vector.image_idx = found->second;
     is_named[vector.image_idx] = true;

@@ -49,15 +49,15 @@ std::string_view DecimalsAt(std::string_view text, size_t begin) {
 
 // Nanoseconds per unit of a UNIX time; nullopt if the number is none.
 std::optional<int64_t> UnitOfUnixTime(std::string_view digits) {
-  constexpr int64_t kFirst_s = 100'000'000;           // 1973
+  constexpr int64_t kFirst = 100'000'000;             // 1973, in seconds
   constexpr int64_t kFirstOfSeconds = 1'000'000'000;  // 2001; 123456789 is none
-  constexpr int64_t kLast_s = 4'200'000'000;          // 2103
+  constexpr int64_t kLast = 4'200'000'000;            // 2103
   if (digits.size() > 19 || digits.front() == '0') return std::nullopt;
   const int64_t value = ToInt(digits);
   for (int64_t per_second = 1; per_second <= kNanoseconds; per_second *= 1000) {
     const int64_t first =
-        per_second == 1 ? kFirstOfSeconds : kFirst_s * per_second;
-    if (value >= first && value < kLast_s * per_second) {
+        per_second == 1 ? kFirstOfSeconds : kFirst * per_second;
+    if (value >= first && value < kLast * per_second) {
       return kNanoseconds / per_second;
     }
   }
@@ -92,14 +92,14 @@ int64_t DaysSince1970(int64_t year, int64_t month, int64_t day) {
 }
 
 std::optional<int64_t> FindDate(const std::string& stem) {
-  static const RE2 pattern(
+  static const RE2 kPattern(
       R"((?:^|\D)((?:19|20)\d\d)[-_.]?([01]\d)[-_.]?([0-3]\d))"
       R"([-_T .]?([0-2]\d)[-_:.]?([0-5]\d)[-_:.]?([0-5]\d))"
       R"((?:[._]?(\d{3}|\d{6}|\d{9})|\.(\d{1,9}))?(?:\D|$))");
   int64_t year = 0, month = 0, day = 0, hour = 0, minute = 0, second = 0;
   std::string fraction, decimals;
   const auto decimal = [](int64_t* value) { return RE2::Arg(value); };
-  if (!RE2::PartialMatch(stem, pattern, decimal(&year), decimal(&month),
+  if (!RE2::PartialMatch(stem, kPattern, decimal(&year), decimal(&month),
                          decimal(&day), decimal(&hour), decimal(&minute),
                          decimal(&second), &fraction, &decimals)) {
     return std::nullopt;

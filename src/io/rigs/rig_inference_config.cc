@@ -114,7 +114,7 @@ RigAssignment AssignByConfig(const RigInput& input,
   std::vector<int> single_images;
   for (size_t i = 0; i < images.size(); ++i) {
     if (const auto sensor = FindSensor(images[i].name, prefixes, path)) {
-      has_images[*sensor] = 1;
+      has_images[*sensor] = true;
       assignment.sensor_of_image[i] = *sensor;
     } else {
       single_images.push_back(static_cast<int>(i));
