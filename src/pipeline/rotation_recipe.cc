@@ -16,9 +16,11 @@
 namespace mgsfm {
 namespace {
 
-Mask Not(Mask mask) {
-  for (size_t i = 0; i < mask.size(); ++i) mask[i] = !mask[i];
-  return mask;
+Mask Not(const Mask& mask) {
+  Mask opposite;
+  opposite.reserve(mask.size());
+  for (const bool value : mask) opposite.push_back(!value);
+  return opposite;
 }
 
 Mask PairsWithRelativePose(const ViewGraph& view_graph) {
