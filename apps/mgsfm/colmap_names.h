@@ -8,9 +8,9 @@
 
 namespace mgsfm {
 
-// What to use here instead of a command or an option of COLMAP (or a habit from
-// other programs) that does not exist here, as in "use mapper"; nullopt if
-// the name is not known, or none of the options replaces it.
+// The replacement for a command or an option of COLMAP, or a habit from other
+// programs, that does not exist here, as in "use mapper"; nullopt if the name
+// is not known, or none of the options replaces it.
 std::optional<std::string> AdviceOnCommand(const std::string& name);
 std::optional<std::string> AdviceOnOption(const std::string& name,
                                           const OptionList& options);

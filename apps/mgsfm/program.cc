@@ -36,7 +36,7 @@ struct CommandGroup {
   std::vector<Command> commands;
 };
 
-// In the order of a first session.
+// The groups come in the order in which a first session needs them.
 std::vector<CommandGroup> CommandGroups() {
   return {{"Reconstruction",
            {AutomaticReconstructorCommand(), MapperCommand(),

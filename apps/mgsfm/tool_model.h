@@ -13,8 +13,8 @@
 
 namespace mgsfm {
 
-// How commands on finished models find rigs. Unlike the mapper, they make no
-// rigs by themselves, as that would change the poses of images.
+// The rigs of commands on finished models. These commands make no rigs by
+// themselves, as the mapper does: that would change the poses of images.
 struct ToolRigOptions {
   Option<std::string> rig_config_path{
       "rig_config_path", "",

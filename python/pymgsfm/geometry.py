@@ -64,7 +64,7 @@ class Rotation3d:
         return Rotation3d(self.quat * (-1.0, -1.0, -1.0, 1.0))
 
     def angle(self) -> float:
-        """In radians, between 0 and pi."""
+        """The angle of the rotation in radians, between 0 and pi."""
         return float(2.0 * np.arctan2(np.linalg.norm(self.quat[:3]),
                                       abs(self.quat[3])))
 

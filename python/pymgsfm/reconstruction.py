@@ -358,7 +358,7 @@ class Reconstruction:
         return int(self._arrays["track_offsets"][-1])
 
     def compute_mean_reprojection_error(self) -> float:
-        """In px, over the observations of points with a known error."""
+        """Mean over the observations of points with a known error, in px."""
         is_known = self.points3D.error >= 0.0
         weights = self.points3D.track_lengths()[is_known]
         if not weights.any():

@@ -41,4 +41,19 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
   }
 }
 
+const FramePairIndex::FramePair* FramePairIndex::Find(int frame_idx1,
+                                                      int frame_idx2) const {
+  const std::pair<int, int> wanted = std::minmax(frame_idx1, frame_idx2);
+  const auto frames_of = [](const FramePair& frames) {
+    return std::pair(frames.frame_idx1, frames.frame_idx2);
+  };
+  const auto found =
+      std::lower_bound(frame_pairs_.begin(), frame_pairs_.end(), wanted,
+                       [&](const FramePair& frames, const auto& value) {
+                         return frames_of(frames) < value;
+                       });
+  return found != frame_pairs_.end() && frames_of(*found) == wanted ? &*found
+                                                                    : nullptr;
+}
+
 }  // namespace mgsfm

@@ -49,6 +49,8 @@ class FramePairIndex {
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
   // Sorted by (frame_idx1, frame_idx2), each at most once.
   const std::vector<FramePair>& frame_pairs() const { return frame_pairs_; }
+  // The pair of two frames in any order; nullptr if no image pair has them.
+  const FramePair* Find(int frame_idx1, int frame_idx2) const;
   const FramePair& Of(size_t pair_idx) const {
     return frame_pairs_[frame_pair_of_pair_[pair_idx]];
   }

@@ -87,16 +87,14 @@ class Displacements {
 };
 
 // Per step of the sequence.
-std::vector<Hypotheses> FindHypotheses(
-    const std::vector<int>& sequence,
-    const std::map<std::pair<int, int>, const FramePair*>& frame_pairs,
-    const Displacements& displacements) {
+std::vector<Hypotheses> FindHypotheses(const std::vector<int>& sequence,
+                                       const FramePairIndex& index,
+                                       const Displacements& displacements) {
   std::vector<Hypotheses> steps(sequence.size() - 1);
   for (size_t k = 0; k < steps.size(); ++k) {
-    const auto found =
-        frame_pairs.find(std::minmax(sequence[k], sequence[k + 1]));
-    if (found == frame_pairs.end()) continue;
-    for (const size_t i : found->second->pair_idxs) {
+    const FramePair* frames = index.Find(sequence[k], sequence[k + 1]);
+    if (frames == nullptr) continue;
+    for (const size_t i : frames->pair_idxs) {
       const auto [sensor1, sensor2] = displacements.SensorsFrom(sequence[k], i);
       if (sensor1 != sensor2) continue;
       for (const auto& b : displacements.From(sequence[k], i)) {
@@ -341,16 +339,12 @@ struct Motion {
 
 Motion FollowSequences(const Scene& scene, const FramePairIndex& index,
                        const Displacements& displacements) {
-  std::map<std::pair<int, int>, const FramePair*> frame_pairs;
-  for (const FramePair& frames : index.frame_pairs()) {
-    frame_pairs[{frames.frame_idx1, frames.frame_idx2}] = &frames;
-  }
   Motion motion;
   motion.at_frame.resize(scene.frames.size());
   for (const std::vector<int>& sequence : index.order()->sequences()) {
     if (sequence.size() < 2) continue;
     const std::vector<Hypotheses> steps =
-        FindHypotheses(sequence, frame_pairs, displacements);
+        FindHypotheses(sequence, index, displacements);
     motion.unit = std::max(motion.unit, MedianLength(steps));
     const std::vector<MotionAt> at_rank =
         EstimateMotion(*index.order(), sequence, steps);

@@ -181,16 +181,15 @@ Mask FramesWithObjects(const FramePairIndex& index, const Mask& is_rejected) {
 class KeypointVerdicts {
  public:
   explicit KeypointVerdicts(const Scene& scene)
-      : balance_(scene.images.size()) {
-    for (size_t i = 0; i < balance_.size(); ++i) {
-      balance_[i].assign(scene.images[i].keypoints_px.size(), 0);
-    }
-  }
+      : scene_(scene), balance_(scene.images.size()) {}
   void Count(const std::vector<LengthVote>& votes, double length) {
     for (const LengthVote& vote : votes) {
       const bool is_moving =
           std::abs(vote.log_length - std::log(length)) > kLogMoving;
-      balance_[vote.image_idx][vote.keypoint_idx] += is_moving ? 1 : -1;
+      std::vector<int>& balance = balance_[vote.image_idx];
+      // Most images have no votes.
+      balance.resize(scene_.images[vote.image_idx].keypoints_px.size(), 0);
+      balance[vote.keypoint_idx] += is_moving ? 1 : -1;
     }
   }
   std::vector<Mask> Moving() const {
@@ -209,6 +208,7 @@ class KeypointVerdicts {
   }
 
  private:
+  const Scene& scene_;
   std::vector<std::vector<int>> balance_;
 };
 
