@@ -46,7 +46,6 @@ struct PositionInput {
   const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
-  LengthHints length_hints = {};
 };
 
 struct PositionOptions {
