@@ -150,6 +150,8 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path) {
   constexpr double kMinNanoseconds = 1e14;
+  // UNIX times in s have ten digits.
+  constexpr size_t kMaxCounterDigits = 9;
   std::vector<Rigid3> ref_from_world;
   ref_from_world.reserve(poses.size());
   for (const TimedPose& pose : poses) {
@@ -166,9 +168,13 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   const double max_difference_s =
       0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
       static_cast<double>(poses.size() - 1);
-  TrueTrajectory trajectory{std::move(ref_from_world), {}};
+  // The nearest frame of each pose, and its distance.
+  std::map<size_t, std::pair<double, std::string>> frame_of_pose;
+  bool are_counters = true;
   for (const std::string& frame : frames) {
     double time_s = *ParseNumber(frame);
+    are_counters &= frame.size() <= kMaxCounterDigits &&
+                    frame.find('.') == std::string::npos;
     if (time_s > kMinNanoseconds) time_s *= 1e-9;
     size_t nearest = 0;
     for (size_t i = 1; i < poses.size(); ++i) {
@@ -177,12 +183,29 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
         nearest = i;
       }
     }
-    if (std::abs(poses[nearest].timestamp_s - time_s) <= max_difference_s) {
-      trajectory.pose_of_frame[frame] = nearest;
+    const double difference_s = std::abs(poses[nearest].timestamp_s - time_s);
+    if (difference_s > max_difference_s) continue;
+    const auto [entry, is_new] =
+        frame_of_pose.emplace(nearest, std::pair(difference_s, frame));
+    if (!is_new && difference_s < entry->second.first) {
+      entry->second = {difference_s, frame};
     }
   }
-  if (trajectory.pose_of_frame.empty()) {
+  if (frame_of_pose.empty()) {
     throw Error("no time in '" + path + "' is near that of any image name");
+  }
+  const bool is_ambiguous = are_counters && frames.size() == poses.size() &&
+                            frame_of_pose.size() < frames.size();
+  if (is_ambiguous) {
+    throw Error("the names of frames, such as '" + frames.back() +
+                "', may be times in s or count the " +
+                std::to_string(poses.size()) + " poses of '" + path +
+                "'; give the poses as --gt_format kitti, or name images by "
+                "time");
+  }
+  TrueTrajectory trajectory{std::move(ref_from_world), {}};
+  for (const auto& [pose, frame] : frame_of_pose) {
+    trajectory.pose_of_frame[frame.second] = pose;
   }
   return trajectory;
 }
