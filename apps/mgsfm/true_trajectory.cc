@@ -146,35 +146,23 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
   return trajectory;
 }
 
-TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
-                            const std::vector<TimedPose>& poses,
-                            const std::string& path) {
-  constexpr double kMinNanoseconds = 1e14;
-  // UNIX times in s have ten digits.
+namespace {
+
+// UNIX times in s have ten digits.
+bool MayBeCounter(const std::string& frame) {
   constexpr size_t kMaxCounterDigits = 9;
-  std::vector<Rigid3> ref_from_world;
-  ref_from_world.reserve(poses.size());
-  for (const TimedPose& pose : poses) {
-    ref_from_world.push_back(pose.cam_from_world);
-  }
-  const bool have_times =
-      poses.size() > 1 &&
-      std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
-        return ParseNumber(frame).has_value();
-      });
-  if (!have_times) {
-    return AssignByNumber(frames, std::move(ref_from_world), path);
-  }
-  const double max_difference_s =
-      0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
-      static_cast<double>(poses.size() - 1);
-  // The nearest frame of each pose, and its distance.
+  return frame.size() <= kMaxCounterDigits &&
+         frame.find('.') == std::string::npos;
+}
+
+// The nearest frame of each pose, and its distance in time.
+std::map<size_t, std::pair<double, std::string>> NearestFrames(
+    const std::vector<std::string>& frames, const std::vector<TimedPose>& poses,
+    double max_difference_s) {
+  constexpr double kMinNanoseconds = 1e14;
   std::map<size_t, std::pair<double, std::string>> frame_of_pose;
-  bool are_counters = true;
   for (const std::string& frame : frames) {
     double time_s = *ParseNumber(frame);
-    are_counters &= frame.size() <= kMaxCounterDigits &&
-                    frame.find('.') == std::string::npos;
     if (time_s > kMinNanoseconds) time_s *= 1e-9;
     size_t nearest = 0;
     for (size_t i = 1; i < poses.size(); ++i) {
@@ -191,17 +179,43 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
       entry->second = {difference_s, frame};
     }
   }
+  return frame_of_pose;
+}
+
+}  // namespace
+
+TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
+                            const std::vector<TimedPose>& poses,
+                            const std::string& path) {
+  std::vector<Rigid3> ref_from_world;
+  ref_from_world.reserve(poses.size());
+  for (const TimedPose& pose : poses) {
+    ref_from_world.push_back(pose.cam_from_world);
+  }
+  const bool have_times =
+      poses.size() > 1 &&
+      std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
+        return ParseNumber(frame).has_value();
+      });
+  if (!have_times) {
+    return AssignByNumber(frames, std::move(ref_from_world), path);
+  }
+  const double max_difference_s =
+      0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
+      static_cast<double>(poses.size() - 1);
+  const auto frame_of_pose = NearestFrames(frames, poses, max_difference_s);
   if (frame_of_pose.empty()) {
     throw Error("no time in '" + path + "' is near that of any image name");
   }
-  const bool is_ambiguous = are_counters && frames.size() == poses.size() &&
-                            frame_of_pose.size() < frames.size();
+  const bool is_ambiguous =
+      std::all_of(frames.begin(), frames.end(), MayBeCounter) &&
+      frames.size() == poses.size() && frame_of_pose.size() < frames.size();
   if (is_ambiguous) {
     throw Error("the names of frames, such as '" + frames.back() +
                 "', may be times in s or count the " +
                 std::to_string(poses.size()) + " poses of '" + path +
-                "'; give the poses as --gt_format kitti, or name images by "
-                "time");
+                "'; name images by times with decimals, or give the poses in "
+                "the format kitti");
   }
   TrueTrajectory trajectory{std::move(ref_from_world), {}};
   for (const auto& [pose, frame] : frame_of_pose) {
