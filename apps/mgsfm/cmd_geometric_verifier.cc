@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <string>
+
 #include "command.h"
 #include "commands.h"
 #include "matching_input.h"
@@ -7,10 +9,33 @@
 namespace mgsfm {
 namespace {
 
-int RunGeometricVerifier(const MatchingInputOptions& options,
+// Those of the matchers without the ones for descriptors, which are not read.
+struct GeometricVerifierOptions {
+  Option<std::string> database_path{
+      "database_path", "", Required(),
+      "COLMAP database with matches. Adds two-view geometries; pairs that have "
+      "them are skipped."};
+  SceneLoadingOptions loading;
+  TwoViewGeometryOptions two_view_geometry;
+  RigVerificationOptions rig_verification;
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(database_path, loading);
+    visit.Group("TwoViewGeometry", two_view_geometry);
+    visit.Group("FeatureMatching", rig_verification);
+  }
+};
+
+int RunGeometricVerifier(const GeometricVerifierOptions& options,
                          const Context& context) {
-  MatchingInput input = OpenMatchingInput(options, context);
-  VerifyMatches(&input.database, input.scene, options.matching, context);
+  MatchingInputOptions matching;
+  matching.database_path = options.database_path;
+  matching.loading = options.loading;
+  matching.matching.two_view_geometry = options.two_view_geometry;
+  matching.matching.rig_verification = options.rig_verification;
+  MatchingInput input = OpenMatchingInput(matching, context);
+  VerifyMatches(&input.database, input.scene, matching.matching, context);
   return kExitSuccess;
 }
 

@@ -31,6 +31,10 @@ struct MapperCommandOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  Option<std::string> figures{"figures", "",
+                              "Folder for the trajectory, the rig, the "
+                              "residual maps and the view graph "
+                              "of each model, as SVG and PNG files."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -40,7 +44,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, loading, priors, baseline, mapper);
+          output_format, write_report, figures, loading, priors, baseline,
+          mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -52,7 +57,8 @@ int RunMapperCommand(const MapperCommandOptions& options,
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.input_path, options.image_list_path,
-       options.baseline, options.rig_split, options.write_report},
+       options.baseline, options.rig_split, options.write_report,
+       options.figures},
       context);
 }
 

@@ -8,6 +8,7 @@
 #include "command.h"
 #include "commands.h"
 #include "extension/model_placement.h"
+#include "figure_files.h"
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
 #include "mapper_run.h"
@@ -48,12 +49,16 @@ struct ReportCommandOptions {
   Option<double> max_size_mb{
       "max_size", 10.0, AtLeast(1.0), "MB",
       "Maximum size of the file; limits points, tracks and thumbnails."};
+  Option<std::string> figures{
+      "figures", "",
+      "Folder for the trajectory, the rig, the residual maps, the view graph "
+      "and, with --gt_path, the errors as SVG and PNG files."};
   SceneLoadingOptions loading;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, output_path, database_path, image_path, compare_path,
-          gt_path, gt_format, calib_path, max_size_mb, loading);
+          gt_path, gt_format, calib_path, max_size_mb, figures, loading);
   }
 };
 
@@ -151,8 +156,10 @@ std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
 
 PoseComparison Compare(const std::string& label, const TruthSource& source) {
   TruthComparison compared = CompareWithTruth(source);
-  Evaluation evaluation =
-      Evaluate(compared.images, compared.has_true_poses, compared.sensors, {});
+  EvaluationOptions options;
+  options.is_metric = compared.is_metric;
+  Evaluation evaluation = Evaluate(compared.images, compared.has_true_poses,
+                                   compared.sensors, options);
   return {label, std::move(compared.images), std::move(evaluation)};
 }
 
@@ -193,6 +200,7 @@ int RunReportCommand(const ReportCommandOptions& options,
   const ReportPageOptions limits{
       static_cast<size_t>(options.max_size_mb * kBytesPerMb)};
   WriteFile(*options.output_path, MakeReportPage(page, limits, context));
+  if (!options.figures->empty()) WriteFigures(*options.figures, page, context);
   context.Info("open " + *options.output_path + " in a browser");
   return kExitSuccess;
 }

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "command.h"
+#include "figure_files.h"
 #include "io/database/image_list.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
@@ -244,6 +245,10 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   if (run.write_report) {
     WriteReportPages(run.output_path, run.image_path, input.mapper, result,
                      report_json, context);
+  }
+  if (!run.figures_path.empty()) {
+    WriteFiguresOfModels(run.figures_path, input.mapper, result, report_json,
+                         context);
   }
   if (result.models.empty()) {
     context.log(
