@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
+
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
@@ -47,6 +49,8 @@ struct PositionInput {
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
   LengthHints length_hints = {};
+  // Sees positions without points as they become better; may be null.
+  std::function<void(const PositionEstimate&)> observer = {};
 };
 
 struct PositionOptions {
