@@ -48,12 +48,16 @@ struct ReportCommandOptions {
   Option<double> max_size_mb{
       "max_size", 10.0, AtLeast(1.0), "MB",
       "Maximum size of the file; limits points, tracks and thumbnails."};
+  Option<bool> side_files{
+      "side_files", false,
+      "Write the points that do not fit into files beside the page, from which "
+      "it loads them on request."};
   SceneLoadingOptions loading;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, output_path, database_path, image_path, compare_path,
-          gt_path, gt_format, calib_path, max_size_mb, loading);
+          gt_path, gt_format, calib_path, max_size_mb, side_files, loading);
   }
 };
 
@@ -190,8 +194,16 @@ int RunReportCommand(const ReportCommandOptions& options,
     page.other = Compare(options.compare_path, source);
   }
   constexpr double kBytesPerMb = 1e6;
-  const ReportPageOptions limits{
-      static_cast<size_t>(options.max_size_mb * kBytesPerMb)};
+  ReportPageOptions limits;
+  limits.max_bytes = static_cast<size_t>(options.max_size_mb * kBytesPerMb);
+  const fs::path output = *options.output_path;
+  limits.side_file_stem = output.stem().string();
+  if (options.side_files) {
+    limits.write_side_file = [&output](const std::string& name,
+                                       const std::string& content) {
+      WriteFile(output.parent_path() / name, content);
+    };
+  }
   WriteFile(*options.output_path, MakeReportPage(page, limits, context));
   context.Info("open " + *options.output_path + " in a browser");
   return kExitSuccess;
