@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "live_view.h"
 #include "mapper_run.h"
 
 namespace mgsfm {
@@ -31,6 +32,7 @@ struct MapperCommandOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -40,7 +42,7 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, loading, priors, baseline, mapper);
+          output_format, write_report, live, loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -48,12 +50,13 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
+  const auto live = LiveView::Start(options.live, options.output_path, context);
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.input_path, options.image_list_path,
-       options.baseline, options.rig_split, options.write_report},
-      context);
+       options.baseline, options.rig_split, options.write_report, live.get()},
+      live ? live->Watch(context) : context);
 }
 
 }  // namespace

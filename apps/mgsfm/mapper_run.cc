@@ -10,6 +10,7 @@
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
+#include "live_view.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -225,6 +226,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   input.mapper.gravity_priors =
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
+  if (run.live) input.mapper.observer = run.live->Observe(scene, context);
 
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
@@ -241,9 +243,10 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
+  std::string first_page;
   if (run.write_report) {
-    WriteReportPages(run.output_path, run.image_path, input.mapper, result,
-                     report_json, context);
+    first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
+                                  result, report_json, context);
   }
   if (result.models.empty()) {
     context.log(
@@ -254,6 +257,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   }
   LogMissingColors(run.image_path, context);
   LogSummary(run, scene, result, context);
+  if (run.live) run.live->Finish(first_page);
   return kExitSuccess;
 }
 

@@ -15,6 +15,8 @@
 
 namespace mgsfm {
 
+class LiveView;
+
 // A mapper run from a database to models on disk, shared by commands.
 struct MapperRun {
   std::string database_path;
@@ -30,6 +32,7 @@ struct MapperRun {
   BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
   bool write_report = false;  // a page per model
+  LiveView* live = nullptr;   // shows the run; may be null
 };
 
 // The input of the mapper, and the facts about it that the report states.
