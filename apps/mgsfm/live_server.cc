@@ -33,7 +33,7 @@ constexpr double kMaxRequest_s = 5.0;
 constexpr double kMaxConnection_s = 60.0;
 // The time that an incomplete request may take if others wait.
 constexpr double kMinRequest_s = 1.0;
-constexpr int kPoll_ms = 50;
+constexpr int kPollMilliseconds = 50;
 // Between rounds of the loop, so that a flood of requests cannot occupy a core.
 constexpr std::chrono::milliseconds kPause(2);
 // The page asks every second.
@@ -220,7 +220,7 @@ class LiveServer::Impl {
 
   void Run() {
     while (!is_stopped_) {
-      MHD_run_wait(daemon_, kPoll_ms);
+      MHD_run_wait(daemon_, kPollMilliseconds);
       EndSlowConnections();
       std::this_thread::sleep_for(kPause);
     }
