@@ -14,6 +14,19 @@ mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
   opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
   mgsfm_yaml)
 mgsfm_find_optional_hdf5()
+# Only the program uses it, for --live_port.
+find_library(MGSFM_microhttpd_LIBRARY microhttpd)
+find_path(MGSFM_microhttpd_INCLUDE_DIR microhttpd.h)
+mark_as_advanced(MGSFM_microhttpd_LIBRARY MGSFM_microhttpd_INCLUDE_DIR)
+if(MGSFM_microhttpd_LIBRARY AND MGSFM_microhttpd_INCLUDE_DIR)
+  add_library(mgsfm_microhttpd INTERFACE IMPORTED)
+  target_include_directories(mgsfm_microhttpd SYSTEM INTERFACE
+    ${MGSFM_microhttpd_INCLUDE_DIR})
+  target_link_libraries(mgsfm_microhttpd INTERFACE
+    ${MGSFM_microhttpd_LIBRARY})
+else()
+  message(STATUS "no libmicrohttpd (libmicrohttpd-dev): --live_port is left out")
+endif()
 
 if(MGSFM_BUILD_TESTS)
   find_package(GTest 1.12 REQUIRED)

@@ -11,6 +11,7 @@
 #include "extraction_run.h"
 #include "geometry/so3.h"
 #include "image_run_summary.h"
+#include "live_view.h"
 #include "mapper_run.h"
 #include "matching_input.h"
 #include "mgsfm/base/error.h"
@@ -57,6 +58,7 @@ struct AutomaticReconstructorOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  LiveViewOptions live;
   SplittingOptions splitting;
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
@@ -70,7 +72,7 @@ struct AutomaticReconstructorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(workspace_path, image_path, data_type, output_format, write_report,
-          extraction, loading, priors, matching);
+          live, extraction, loading, priors, matching);
     visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
@@ -145,7 +147,9 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
 
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
-  const Context context = WithoutRepetitions(terminal);
+  const auto live = LiveView::Start(given.live, given.workspace_path, terminal);
+  const Context context =
+      WithoutRepetitions(live ? live->Watch(terminal) : terminal);
   AutomaticReconstructorOptions options = given;
   if (!fs::is_directory(*options.image_path)) {
     throw Error("--image_path '" + *options.image_path + "' is not a folder");
@@ -180,6 +184,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                 options.loading,    options.priors,
                 options.mapper,     OptionsToJsonOf(given)};
   run.write_report = options.write_report;
+  run.live = live.get();
   return MapDatabase(run, context);
 }
 

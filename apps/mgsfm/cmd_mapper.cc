@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "live_view.h"
 #include "mapper_run.h"
 
 namespace mgsfm {
@@ -35,6 +36,7 @@ struct MapperCommandOptions {
                               "Folder for the trajectory, the rig, the "
                               "residual maps and the view graph "
                               "of each model, as SVG and PNG files."};
+  LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -44,7 +46,7 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, figures, loading, priors, baseline,
+          output_format, write_report, figures, live, loading, priors, baseline,
           mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
@@ -53,13 +55,14 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
+  const auto live = LiveView::Start(options.live, options.output_path, context);
   return MapDatabase(
       {options.database_path, options.output_path, options.image_path,
        options.output_format, options.loading, options.priors, options.mapper,
        OptionsToJsonOf(options), options.input_path, options.image_list_path,
        options.baseline, options.rig_split, options.write_report,
-       options.figures},
-      context);
+       options.figures, live.get()},
+      live ? live->Watch(context) : context);
 }
 
 }  // namespace

@@ -53,12 +53,17 @@ struct ReportCommandOptions {
       "figures", "",
       "Folder for the trajectory, the rig, the residual maps, the view graph "
       "and, with --gt_path, the errors as SVG and PNG files."};
+  Option<bool> side_files{
+      "side_files", false,
+      "Write the points that do not fit into files beside the page, from which "
+      "it loads them on request."};
   SceneLoadingOptions loading;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, output_path, database_path, image_path, compare_path,
-          gt_path, gt_format, calib_path, max_size_mb, figures, loading);
+          gt_path, gt_format, calib_path, max_size_mb, side_files, figures,
+          loading);
   }
 };
 
@@ -197,8 +202,16 @@ int RunReportCommand(const ReportCommandOptions& options,
     page.other = Compare(options.compare_path, source);
   }
   constexpr double kBytesPerMb = 1e6;
-  const ReportPageOptions limits{
-      static_cast<size_t>(options.max_size_mb * kBytesPerMb)};
+  ReportPageOptions limits;
+  limits.max_bytes = static_cast<size_t>(options.max_size_mb * kBytesPerMb);
+  const fs::path output = *options.output_path;
+  limits.side_file_stem = output.stem().string();
+  if (options.side_files) {
+    limits.write_side_file = [&output](const std::string& name,
+                                       const std::string& content) {
+      WriteFile(output.parent_path() / name, content);
+    };
+  }
   WriteFile(*options.output_path, MakeReportPage(page, limits, context));
   if (!options.figures->empty()) WriteFigures(*options.figures, page, context);
   context.Info("open " + *options.output_path + " in a browser");

@@ -25,14 +25,15 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm automatic_reconstructor --image_path images --workspace_path work",
      "workspace_path image_path data_type rig_config_path calibration_path "
      "rig_name_rule frame_max_time_difference_s use_prior_position "
-     "write_report"},
+     "write_report live_port"},
     {"mapper",
      "mgsfm mapper --database_path database.db --image_path images "
      "--output_path sparse",
      "database_path output_path image_path input_path output_format "
      "rig_config_path calibration_path rig_name_rule "
      "frame_max_time_difference_s use_prior_position use_prior_gravity "
-     "image_timestamps_path compute_covariances SoftRig.method write_report"},
+     "image_timestamps_path compute_covariances SoftRig.method write_report "
+     "live_port"},
     {"bundle_adjuster",
      "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
      "input_path output_path output_format retriangulate compute_covariances "
@@ -49,7 +50,7 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm report --input_path sparse/0 --image_path images --output_path "
      "report.html",
      "input_path output_path database_path image_path compare_path gt_path "
-     "gt_format max_size figures"},
+     "gt_format max_size side_files figures"},
     {"image_undistorter",
      "mgsfm image_undistorter --image_path images --input_path sparse/0 "
      "--output_path undistorted",

@@ -11,6 +11,7 @@
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
+#include "live_view.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -226,6 +227,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   input.mapper.gravity_priors =
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
+  if (run.live) input.mapper.observer = run.live->Observe(scene, context);
 
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
@@ -242,9 +244,10 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
+  std::string first_page;
   if (run.write_report) {
-    WriteReportPages(run.output_path, run.image_path, input.mapper, result,
-                     report_json, context);
+    first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
+                                  result, report_json, context);
   }
   if (!run.figures_path.empty()) {
     WriteFiguresOfModels(run.figures_path, input.mapper, result, report_json,
@@ -259,6 +262,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   }
   LogMissingColors(run.image_path, context);
   LogSummary(run, scene, result, context);
+  if (run.live) run.live->Finish(first_page);
   return kExitSuccess;
 }
 

@@ -15,6 +15,8 @@
 
 namespace mgsfm {
 
+class LiveView;
+
 // A mapper run from a database to models on disk, shared by commands.
 struct MapperRun {
   std::string database_path;
@@ -31,6 +33,7 @@ struct MapperRun {
   RigSplitOptions rig_split = {};
   bool write_report = false;      // a page per model
   std::string figures_path = {};  // folder; may be empty
+  LiveView* live = nullptr;       // shows the run; may be null
 };
 
 // The input of the mapper, and the facts about it that the report states.

@@ -110,7 +110,25 @@ struct Measurements {
   const FramePairIndex& index;  // of the view graph
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
+  const ModelObserver& observer;
 };
+
+PositionInput PositionInputOf(const Measurements& measurements,
+                              const RotationEstimate& rotations,
+                              const ObservationGroups& tracks) {
+  PositionInput input{measurements.scene,
+                      measurements.bearings,
+                      measurements.view_graph,
+                      measurements.index,
+                      rotations,
+                      tracks};
+  if (!measurements.observer) return input;
+  input.observer = [&](const PositionEstimate& positions) {
+    measurements.observer(JoinEstimates(measurements.scene, rotations,
+                                        positions, ObservationGroups()));
+  };
+  return input;
+}
 
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
@@ -130,8 +148,7 @@ std::vector<MapperModel> ReconstructComponent(
   PositionResult translation =
       Timed("translation averaging", context, &model.times, [&] {
         return estimate_positions(
-            {scene, measurements.bearings, view_graph, index, rotations,
-             tracks.estimate},
+            PositionInputOf(measurements, rotations, tracks.estimate),
             {options.translation_averaging, options.pair_filtering}, context);
       });
   model.translation = std::move(translation.summary);
@@ -149,6 +166,8 @@ std::vector<MapperModel> ReconstructComponent(
                         measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
+  input.observer = measurements.observer;
+  if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
   model.confidence =
       EstimateConfidence({scene, index, view_graph, input.pair_is_used,
@@ -299,7 +318,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   if (input.existing_model) {
     ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
                 options, context, input.position_priors, input.gravity_priors,
-                &result);
+                input.observer, &result);
     check_input();
     return result;
   }
@@ -315,8 +334,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,  bearings, verified.estimate, index, input.position_priors,
-      gravity};
+      scene,   bearings, verified.estimate, index, input.position_priors,
+      gravity, input.observer};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

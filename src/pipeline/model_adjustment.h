@@ -26,6 +26,7 @@ struct AdjustmentInput {
   // of the result unless position priors do.
   const Reconstruction* start = nullptr;
   FixedPoses held = {};
+  ModelObserver observer = {};  // of the rounds of bundle adjustment
 };
 
 // Turns an initial model into the final one: registration and deformation to
