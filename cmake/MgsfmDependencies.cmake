@@ -14,6 +14,7 @@ mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
   opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
   mgsfm_yaml)
 mgsfm_find_optional_hdf5()
+mgsfm_find_optional_av()
 
 if(MGSFM_BUILD_TESTS)
   find_package(GTest 1.12 REQUIRED)
