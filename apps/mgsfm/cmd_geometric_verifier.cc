@@ -11,6 +11,7 @@ int RunGeometricVerifier(const MatchingInputOptions& options,
                          const Context& context) {
   MatchingInput input = OpenMatchingInput(options, context);
   VerifyMatches(&input.database, input.scene, options.matching, context);
+  WarnOfFisheyes(input, options.matching, context);
   return kExitSuccess;
 }
 
