@@ -14,6 +14,8 @@ extern "C" {
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <new>
 #include <string>
 #include <tuple>
 
