@@ -14,6 +14,7 @@ mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
   opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
   mgsfm_yaml)
 mgsfm_find_optional_hdf5()
+mgsfm_find_optional_av()
 # Only the program uses it, for --live_port.
 find_library(MGSFM_microhttpd_LIBRARY microhttpd)
 find_path(MGSFM_microhttpd_INCLUDE_DIR microhttpd.h)

@@ -14,7 +14,8 @@ packages=(
   libsqlite3-dev nlohmann-json3-dev
   libopencv-core-dev libopencv-imgcodecs-dev libopencv-imgproc-dev
   libexiv2-dev libflann-dev libre2-dev libyaml-cpp-dev
-  libhdf5-dev libmicrohttpd-dev
+  libhdf5-dev libavformat-dev libavcodec-dev libswscale-dev libavutil-dev
+  libmicrohttpd-dev
 )
 test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
 dev_packages=(

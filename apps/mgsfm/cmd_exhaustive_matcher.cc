@@ -23,6 +23,7 @@ int RunExhaustiveMatcher(const ExhaustiveMatcherOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   MatchExhaustively(&input.database, input.scene, options.exhaustive,
                     options.input.matching, context);
+  WarnOfFisheyes(input, options.input.matching, context);
   return kExitSuccess;
 }
 

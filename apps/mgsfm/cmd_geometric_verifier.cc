@@ -36,6 +36,7 @@ int RunGeometricVerifier(const GeometricVerifierOptions& options,
   matching.matching.rig_verification = options.rig_verification;
   MatchingInput input = OpenMatchingInput(matching, context);
   VerifyMatches(&input.database, input.scene, matching.matching, context);
+  WarnOfFisheyes(input, matching.matching, context);
   return kExitSuccess;
 }
 

@@ -28,6 +28,7 @@ int RunMatchesImporter(const MatchesImporterOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   ImportMatches(&input.database, input.scene, options.match_list_path,
                 options.match_type, options.input.matching, context);
+  WarnOfFisheyes(input, options.input.matching, context);
   return kExitSuccess;
 }
 

@@ -25,6 +25,7 @@ int RunSequentialMatcher(const SequentialMatcherOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   MatchSequentially(&input.database, input.scene, options.sequential,
                     options.vocabulary, options.input.matching, context);
+  WarnOfFisheyes(input, options.input.matching, context);
   return kExitSuccess;
 }
 

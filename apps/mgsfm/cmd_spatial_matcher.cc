@@ -23,6 +23,7 @@ int RunSpatialMatcher(const SpatialMatcherOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   MatchSpatially(&input.database, input.scene, options.spatial,
                  options.input.matching, context);
+  WarnOfFisheyes(input, options.input.matching, context);
   return kExitSuccess;
 }
 

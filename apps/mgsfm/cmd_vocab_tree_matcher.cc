@@ -25,6 +25,7 @@ int RunVocabTreeMatcher(const VocabTreeMatcherOptions& options,
   MatchingInput input = OpenMatchingInput(options.input, context);
   MatchByVocabulary(&input.database, input.scene, options.retrieval,
                     options.vocabulary, options.input.matching, context);
+  WarnOfFisheyes(input, options.input.matching, context);
   return kExitSuccess;
 }
 

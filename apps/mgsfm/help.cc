@@ -23,7 +23,8 @@ struct BasicHelp {
 constexpr BasicHelp kBasicHelps[] = {
     {"automatic_reconstructor",
      "mgsfm automatic_reconstructor --image_path images --workspace_path work",
-     "workspace_path image_path data_type rig_config_path calibration_path "
+     "workspace_path image_path video_path data_type rig_config_path "
+     "calibration_path "
      "rig_name_rule frame_max_time_difference_s use_prior_position "
      "write_report live_port"},
     {"mapper",
@@ -66,6 +67,9 @@ constexpr BasicHelp kBasicHelps[] = {
      "--image_type panorama",
      "image_path output_path image_type field_of_view max_image_size "
      "mask_path camera_params_path"},
+    {"video_sampler",
+     "mgsfm video_sampler --video_path front.mp4 left.mp4 --output_path videos",
+     "video_path output_path sampling rate min_motion alignment time_offsets"},
     {"model_converter",
      "mgsfm model_converter --input_path sparse/0 --output_path poses.txt "
      "--output_type tum",

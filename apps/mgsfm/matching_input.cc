@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "io/models/rows_to_scene.h"
+#include "matching/lens_check.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -23,6 +24,15 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
                std::to_string(rows.scene.frames.size()) +
                " frames; rigs: " + rows.rig_source);
   return {std::move(database), std::move(rows.scene)};
+}
+
+void WarnOfFisheyes(const MatchingInput& input,
+                    const PairMatchingOptions& options,
+                    const Context& context) {
+  for (const FisheyeFinding& finding : FindFisheyes(
+           input.database, input.scene, options.two_view_geometry, context)) {
+    context.Warning(Describe(finding));
+  }
 }
 
 }  // namespace mgsfm

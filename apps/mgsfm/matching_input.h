@@ -36,4 +36,8 @@ struct MatchingInput {
 MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
                                 const Context& context);
 
+// To be called after matching: warns of fisheyes whose model is perspective.
+void WarnOfFisheyes(const MatchingInput& input,
+                    const PairMatchingOptions& options, const Context& context);
+
 }  // namespace mgsfm

@@ -40,9 +40,15 @@ bool SplittingReplaces(const fs::path& target, const fs::path& file) {
          IsSameFile(target / "rig_config.json", file);
 }
 
+bool VideosReplace(const fs::path& target, const fs::path& file) {
+  return IsSameFile(target / "timestamps.txt", file) ||
+         IsSameFile(target / "video_sampling.json", file);
+}
+
 bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
   return IsSameFile(target / "database.db", file) ||
          SplittingReplaces(target / "views", file) ||
+         VideosReplace(target / "videos", file) ||
          RunReplaces(target / "sparse", file);
 }
 
@@ -97,6 +103,7 @@ constexpr Output kOutputs[] = {
     {"image_deleter", "output_path", ModelReplaces},
     {"image_undistorter", "output_path", UndistortionReplaces},
     {"image_splitter", "output_path", SplittingReplaces},
+    {"video_sampler", "output_path", VideosReplace},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},

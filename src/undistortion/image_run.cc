@@ -13,6 +13,7 @@
 #include "base/parallel.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_reading.h"
+#include "io/files/place_and_time_tags.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "undistortion/view_renderer.h"
@@ -121,7 +122,7 @@ class ImageRun {
     const std::string file = ReadFile(original_path);
     FastFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
-    const cv::Mat image = Decode(file, cv::IMREAD_ANYCOLOR, camera);
+    const cv::Mat image = Decode(file, Colours(), camera);
     std::shared_ptr<const ViewRenderer> renderer;
     if (!is_unchanged || options_.writes_masks) {
       renderer = renderers_[task.camera_idx].Get(camera, views);
@@ -131,9 +132,11 @@ class ImageRun {
       ReplaceFile(ImagePath(task.view_names.front()), file, &operations);
       return;
     }
+    const PlaceAndTimeTags tags(file);
     const std::vector<cv::Mat> rendered = renderer->Render(image);
     for (size_t i = 0; i < rendered.size(); ++i) {
-      WriteImage(ImagePath(task.view_names[i]), rendered[i], &operations);
+      const fs::path path = ImagePath(task.view_names[i]);
+      ReplaceFile(path, tags.AddTo(Encode(path, rendered[i])), &operations);
     }
   }
 
@@ -151,8 +154,14 @@ class ImageRun {
     }
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
-      WriteImage(MaskPath(task.view_names[i]), rendered[i], operations);
+      const fs::path path = MaskPath(task.view_names[i]);
+      ReplaceFile(path, Encode(path, rendered[i]), operations);
     }
+  }
+
+  int Colours() const {
+    return options_.keeps_depth ? cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH
+                                : cv::IMREAD_ANYCOLOR;
   }
 
   static cv::Mat Decode(const std::string& file, int color,
@@ -172,8 +181,7 @@ class ImageRun {
                 "; images of one camera must have one size, that of the model");
   }
 
-  void WriteImage(const fs::path& path, const cv::Mat& image,
-                  FileOperations* operations) const {
+  std::string Encode(const fs::path& path, const cv::Mat& image) const {
     std::vector<uint8_t> file;
     try {
       cv::imencode(path.extension().string(), image, file,
@@ -182,7 +190,7 @@ class ImageRun {
       throw Error("cannot be written as '" + path.extension().string() +
                   "'; convert it to JPEG or PNG");
     }
-    ReplaceFile(path, std::string(file.begin(), file.end()), operations);
+    return {file.begin(), file.end()};
   }
 
   const std::vector<Camera>& cameras_;
