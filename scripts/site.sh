@@ -32,3 +32,6 @@ cp -rL /usr/share/javascript/katex/{katex.min.js,katex.min.css,fonts} \
   "$docs/assets/katex"
 mkdocs build --quiet --strict --config-file site/mkdocs.yml
 /usr/bin/python3 scripts/check_site.py build/site/html
+if command -v chromium >/dev/null; then
+  /usr/bin/python3 tests/docs/site_in_browser.py build/site/html
+fi
