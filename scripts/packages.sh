@@ -40,6 +40,8 @@ make_chroot() {
   cp "$build"/packages/*.deb packaging/demo.py "$root/packages"
   cp examples/* "$root/examples"
   [ ! -f /etc/resolv.conf ] || cp -L /etc/resolv.conf "$root/etc"
+  # A chroot has no terminals.
+  echo 'Dpkg::Use-Pty "0";' >"$root/etc/apt/apt.conf.d/90packages"
   in_chroot 'apt-get update -qq'
 }
 
@@ -81,10 +83,14 @@ fail_if_not_empty() {
 test_packages() {
   make_chroot
   echo "== install and run"
-  local start=$SECONDS
-  in_chroot 'cd /packages && apt-get install -qq --no-install-recommends \
+  local start=$SECONDS downloaded
+  local install='cd /packages && apt-get install -qq --no-install-recommends \
     ./mgsfm_*.deb ./python3-mgsfm_*.deb >/var/log/install.log'
-  echo "installed with all dependencies in $((SECONDS - start)) s"
+  in_chroot "${install/install -qq/install -qq --download-only}"
+  downloaded=$SECONDS
+  in_chroot "$install"
+  echo "installed with all dependencies in $((SECONDS - start)) s," \
+    "$((downloaded - start)) s of them to download"
   run_demo
   in_chroot 'man=$(dpkg -L mgsfm | grep man1/mgsfm-mapper.1.gz); gzip -t "$man"
     test -f /usr/share/bash-completion/completions/mgsfm'
@@ -115,5 +121,5 @@ case "${1:-}" in
     mirror=${3:-http://deb.debian.org/debian}
     mkdir -p "$folder"
     test_packages ;;
-  *) sed -n 's/^# \?//p' "$0" | sed 1d >&2; exit 1 ;;
+  *) sed -n '3,/^set/s/^# \?//p' "$0" >&2; exit 1 ;;
 esac

@@ -35,7 +35,7 @@ dev_packages=(
 all_packages=(clang-14 libclang-rt-14-dev)
 
 usage() {
-  sed -n 's/^# \?//p' "$0" | sed 1d >&2
+  sed -n '3,/^set/s/^# \?//p' "$0" >&2
   exit 1
 }
 
