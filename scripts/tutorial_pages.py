@@ -182,13 +182,12 @@ def run_page(arguments):
     return 0
 
 
-def markdown_cell(text, page):
-    """A cell of text; links to pages become those of the site's layout."""
-    text = MARK.sub("", text).strip()
+def markdown_cell(text):
+    """A cell of text; links lead nowhere from a notebook and become text."""
+    text = re.sub(r"!?\[([^\]]+)\]\((?!\w+://|#)[^)]*\)", r"\1",
+                  MARK.sub("", text)).strip()
     if not text:
         return []
-    # Notebooks are one folder deeper than their pages.
-    text = re.sub(r"\]\((?!\w+://|#)", "](../", text)
     return [{"cell_type": "markdown", "metadata": {},
              "source": text.splitlines(keepends=True)}]
 
@@ -200,14 +199,14 @@ def notebook_of(page):
     for block in blocks_of(text):
         if block.reason or block.kind not in ("python", "bash"):
             continue
-        cells += markdown_cell(text[position:block.start], page)
+        cells += markdown_cell(text[position:block.start])
         position = block.end
         magic = "%%bash\n" if block.kind == "bash" else ""
         cells.append({"cell_type": "code", "execution_count": None,
                       "metadata": {}, "outputs": [],
                       "source": (magic + block.code.rstrip()).splitlines(
                           keepends=True)})
-    cells += markdown_cell(text[position:], page)
+    cells += markdown_cell(text[position:])
     for number, cell in enumerate(cells):
         cell["id"] = f"cell-{number}"
     kernel = {"display_name": "Python 3", "language": "python",

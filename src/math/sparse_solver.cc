@@ -11,8 +11,8 @@
 #include "math/supernodal_factor.h"
 #include "mgsfm/base/error.h"
 
-// CHOLMOD uses GCC's OpenMP on Linux. The functions are declared here because not
-// every compiler provides the header of OpenMP.
+// CHOLMOD uses GCC's OpenMP on Linux. The functions are declared here because
+// not every compiler provides the header of OpenMP.
 #ifdef __linux__
 // NOLINTBEGIN(readability-identifier-naming)
 extern "C" {
