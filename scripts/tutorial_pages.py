@@ -38,9 +38,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 
-COMMANDS = {"mgsfm", "bash", "cd", "cmake", "colmap", "cp", "docker", "export",
-            "ffmpeg", "git", "mkdir", "ns-train", "pip", "python3", "ros2",
-            "sudo", "apt-get"}
+COMMANDS = {"apt-get", "bash", "cat", "cd", "cmake", "colmap", "cp", "docker",
+            "echo", "export", "ffmpeg", "for", "git", "mgsfm", "mkdir",
+            "ns-train", "pip", "python3", "ros2", "sbatch", "snakemake",
+            "sudo"}
+
+# Folders of the repository that commands of a page name.
+FOLDERS = ("examples", "experiments", "scripts", "workflow")
 
 # The frames of data/rendered_rig that tests use, to save time.
 NUM_FRAMES = 8
@@ -79,7 +83,10 @@ def blocks_of(text):
 
 
 def make_data(folder):
-    """data/ as in the repository, with fewer frames of the images."""
+    """The repository as commands see it, with fewer frames of the images."""
+    for name in FOLDERS:
+        if (ROOT / name).exists():
+            (folder / name).symlink_to(ROOT / name)
     source = ROOT / "data"
     (folder / "data" / "rendered_rig").mkdir(parents=True)
     for path in source.iterdir():
