@@ -1,4 +1,4 @@
-# All packages are Debian 12's; nothing is downloaded. mgsfmConfig.cmake.in must
+# All packages are those of Debian 12 or Ubuntu 22.04; nothing is downloaded. mgsfmConfig.cmake.in must
 # find what the modules link, too.
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
@@ -6,9 +6,9 @@ find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 if(NOT DEFINED BLA_VENDOR)
   set(BLA_VENDOR Generic)
 endif()
-find_package(Ceres 2.1 REQUIRED)
+find_package(Ceres 2.0 REQUIRED)
 find_package(SQLite3 REQUIRED)
-find_package(nlohmann_json 3.11 REQUIRED)
+find_package(nlohmann_json 3.10 REQUIRED)
 include(MgsfmSystemLibraries)
 mgsfm_find_system_libraries(mgsfm_cholmod Ceres::ceres opencv_core
   opencv_imgcodecs opencv_imgproc mgsfm_exiv2 mgsfm_flann mgsfm_re2
@@ -30,9 +30,9 @@ else()
 endif()
 
 if(MGSFM_BUILD_TESTS)
-  find_package(GTest 1.12 REQUIRED)
+  find_package(GTest 1.11 REQUIRED)
   enable_testing()
 endif()
 if(MGSFM_BUILD_BENCHMARKS)
-  find_package(benchmark 1.7 REQUIRED)
+  find_package(benchmark 1.6 REQUIRED)
 endif()

@@ -64,7 +64,9 @@ function(mgsfm_find_system_libraries)
     mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
     # CHOLMOD is parallelised with OpenMP; src/math/sparse_solver.cc limits it
     # to one thread.
-    target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+    if(CMAKE_SYSTEM_NAME STREQUAL "Linux")
+      target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+    endif()
   endif()
   if("Ceres::ceres" IN_LIST ARGN)
     # Debian's Ceres names the libraries of ATLAS next to the system's BLAS;
