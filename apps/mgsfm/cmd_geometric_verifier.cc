@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 
@@ -9,9 +10,15 @@ namespace {
 
 int RunGeometricVerifier(const MatchingInputOptions& options,
                          const Context& context) {
-  MatchingInput input = OpenMatchingInput(options, context);
-  VerifyMatches(&input.database, input.scene, options.matching, context);
-  return kExitSuccess;
+  return RunMatcher(
+      options, context,
+      [&](MatchingInput* input) {
+        VerifyMatches(&input->database, input->scene, options.matching,
+                      context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectMatched(input.database, input.scene);
+      });
 }
 
 }  // namespace

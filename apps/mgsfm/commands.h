@@ -36,6 +36,7 @@ Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();
 Command SimulateCommand();
 Command SpatialMatcherCommand();
+Command VocabTreeBuilderCommand();
 Command VocabTreeMatcherCommand();
 
 }  // namespace mgsfm

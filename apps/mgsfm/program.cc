@@ -46,6 +46,7 @@ std::vector<CommandGroup> CommandGroups() {
             ImageSplitterCommand(), RigConfiguratorCommand(),
             SequentialMatcherCommand(), ExhaustiveMatcherCommand(),
             VocabTreeMatcherCommand(), SpatialMatcherCommand(),
+            VocabTreeBuilderCommand(),
             MatchesImporterCommand(), GeometricVerifierCommand()}},
           {"Models",
            {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
