@@ -5,7 +5,7 @@
 #   scripts/setup.sh         to build and run the program
 #   scripts/setup.sh --test  also to build and run the tests and benchmarks
 #   scripts/setup.sh --dev   also for all checks of .ci/run and for experiments/
-#   scripts/setup.sh --all   also for fuzzing
+#   scripts/setup.sh --all   also for fuzzing and the workflow on Slurm
 set -euo pipefail
 
 packages=(
@@ -22,7 +22,10 @@ dev_packages=(
   pybind11-dev python3-dev python3-numpy
   python3-pytest python3-matplotlib python3-mypy
 )
-all_packages=(clang-14 libclang-rt-14-dev)
+all_packages=(
+  clang-14 libclang-rt-14-dev
+  snakemake slurmctld slurmd slurm-client munge
+)
 case "${1:-}" in
   "") ;;
   --test) packages+=("${test_packages[@]}") ;;

@@ -25,7 +25,8 @@ struct DatabaseMergerOptions {
   Option<std::string> database_list_path{
       "database_list_path", "",
       "File with one database per line: its path and, separated by tabs, "
-      "optionally its image prefix and its vehicle. Set it for many databases."};
+      "optionally its image prefix and its vehicle. Set it for many "
+      "databases."};
   Option<std::string> image_prefix{
       "image_prefix", "",
       "A prefix per database for the names of its images, separated by commas, "
@@ -107,8 +108,9 @@ std::vector<MergeInput> ReadInputs(const DatabaseMergerOptions& options) {
     }
   }
   if (inputs.empty()) {
-    throw Error("there is nothing to merge; set --database_path a.db,b.db or "
-                "--database_list_path");
+    throw Error(
+        "there is nothing to merge; set --database_path a.db,b.db or "
+        "--database_list_path");
   }
   return inputs;
 }

@@ -30,8 +30,9 @@ int RunMatchesImporter(const MatchesImporterOptions& options,
   const bool has_part = !options.input.shard->empty() ||
                         !options.input.output_pairs_path->empty();
   if (has_part && options.match_type != MatchListType::kPairs) {
-    throw Error("--shard matches pairs; set --match_type pairs, or import the "
-                "matches without --shard");
+    throw Error(
+        "--shard matches pairs; set --match_type pairs, or import the "
+        "matches without --shard");
   }
   return RunMatcher(
       options.input, context,

@@ -37,10 +37,10 @@ void ExtractInto(const std::string& database_path,
   std::optional<FeatureDatabase> database(std::in_place, database_path,
                                           FeatureDatabase::OpenMode::kOrCreate);
   try {
-    LogSummary(share ? ExtractFeatureShard(image_path, options, *share,
-                                           &*database, context)
-                     : ExtractFeatures(image_path, options, &*database,
-                                       context),
+    LogSummary(share
+                   ? ExtractFeatureShard(image_path, options, *share,
+                                         &*database, context)
+                   : ExtractFeatures(image_path, options, &*database, context),
                context);
   } catch (const Error&) {
     // A failed run leaves no empty database.

@@ -66,12 +66,14 @@ int RunMatcher(
     const std::function<void(MatchingInput*)>& match,
     const std::function<ImagePairList(const MatchingInput&)>& select) {
   if (options.shard->empty() != options.shard_path->empty()) {
-    throw Error("--shard and --shard_path belong together: the share of the "
-                "pairs, and the database for their matches");
+    throw Error(
+        "--shard and --shard_path belong together: the share of the "
+        "pairs, and the database for their matches");
   }
   if (!options.shard->empty() && !options.output_pairs_path->empty()) {
-    throw Error("--output_pairs_path only selects pairs, and --shard matches "
-                "them; set one of them");
+    throw Error(
+        "--output_pairs_path only selects pairs, and --shard matches "
+        "them; set one of them");
   }
   if (options.shard->empty() && options.output_pairs_path->empty()) {
     MatchingInput input = OpenMatchingInput(options, context);
@@ -81,8 +83,8 @@ int RunMatcher(
   const std::optional<Share> share =
       options.shard->empty() ? std::nullopt
                              : std::optional(ParseShare(options.shard));
-  const MatchingInput input = OpenMatchingInput(
-      options, context, FeatureDatabase::OpenMode::kReadOnly);
+  const MatchingInput input =
+      OpenMatchingInput(options, context, FeatureDatabase::OpenMode::kReadOnly);
   const ImagePairList pairs = select(input);
   if (share) {
     MatchShareInto(options, input, pairs, *share, context);

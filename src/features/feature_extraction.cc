@@ -117,12 +117,13 @@ class ImageExtractor {
   }
 
   ExtractedImage Extract(const std::string& name) const {
-    return Read(name, [&](const GrayImage& gray,
-                          const std::vector<GrayImage>& masks,
-                          ExtractedImage* image) {
-      image->features = ExtractSift(gray, options_.sift);
-      for (const GrayImage& mask : masks) ApplyMask(mask, &image->features);
-    });
+    return Read(name,
+                [&](const GrayImage& gray, const std::vector<GrayImage>& masks,
+                    ExtractedImage* image) {
+                  image->features = ExtractSift(gray, options_.sift);
+                  for (const GrayImage& mask : masks)
+                    ApplyMask(mask, &image->features);
+                });
   }
 
   // Likewise, without features.

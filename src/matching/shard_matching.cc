@@ -46,8 +46,8 @@ std::string FingerprintOf(const Scene& scene, const ImagePairList& pairs,
 ImagePairList PairsOfShare(const ImagePairList& pairs, const Scene& scene,
                            const Share& share) {
   const size_t num_images = std::max<size_t>(1, scene.images.size());
-  const int frames_per_block = static_cast<int>(std::max<size_t>(
-      1, kImagesPerBlock * scene.frames.size() / num_images));
+  const int frames_per_block = static_cast<int>(
+      std::max<size_t>(1, kImagesPerBlock * scene.frames.size() / num_images));
   using FramePair = std::array<int, 4>;  // blocks and frames
   const auto frames_of = [&](const ImageIdxPair& pair) {
     const auto [first, second] =

@@ -303,7 +303,8 @@ Vocabulary Vocabulary::Read(const std::string& path) {
   int32_t num_nodes = 0;
   std::memcpy(&num_nodes, bytes.data() + sizeof(kMagic) - 1, sizeof(int32_t));
   check(num_nodes > 0 &&
-        bytes.size() == kHeaderSize + kNodeSize * static_cast<size_t>(num_nodes));
+        bytes.size() ==
+            kHeaderSize + kNodeSize * static_cast<size_t>(num_nodes));
   Vocabulary tree;
   tree.nodes_.resize(static_cast<size_t>(num_nodes));
   tree.centers_.resize(tree.nodes_.size() * kDim);

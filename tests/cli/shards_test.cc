@@ -8,6 +8,7 @@
 #include "cli/running_program.h"
 #include "features/blob_images.h"
 #include "matching/feature_world.h"
+#include "mgsfm/io/models/model_io.h"
 #include "support/database_rows.h"
 
 namespace mgsfm {
@@ -153,22 +154,18 @@ TEST_F(Shards, OfMatchesMergeToTheDatabaseOfOneProcess) {
     fs::copy_file(Path("world.db"), Path(single));
     ASSERT_EQ(RunMgsfm(command + " --database_path " + Path(single)).exit_code,
               0);
-    RunShares(command + " --database_path " + Path("world.db") +
-                  " --shard_path @",
-              count, merged, Path("world.db"));
+    RunShares(
+        command + " --database_path " + Path("world.db") + " --shard_path @",
+        count, merged, Path("world.db"));
     ExpectEqualRows(Path(single), Path(merged));
     // What is merged may be merged again.
-    Merge(Path(merged) + "," + Path(merged + ".1.db") +
-              (count == 1 ? "" : [&] {
-                std::string others;
-                for (int i = 2; i <= count; ++i) {
-                  others +=
-                      "," + Path(merged + "." + std::to_string(i) + ".db");
-                }
-                return others;
-              }()),
-          "again" + std::to_string(k) + ".db");
-    ExpectEqualRows(Path(single), Path("again" + std::to_string(k) + ".db"));
+    std::string all = Path(merged);
+    for (int i = 1; i <= count; ++i) {
+      all += "," + Path(merged + "." + std::to_string(i) + ".db");
+    }
+    Merge(all, "again.db");
+    ExpectEqualRows(Path(single), Path("again.db"));
+    fs::remove(Path("again.db"));
   }
 }
 
@@ -242,6 +239,67 @@ TEST_F(Shards, UnfinishedOnesAreRefused) {
   matcher.End();
   EXPECT_THAT(MergeError(Path("world.db") + "," + shard),
               HasSubstr("is unfinished"));
+}
+
+// Two vehicles pass the same wall, 0.3 m farther from it the second time. Their
+// images have the same names.
+TEST_F(Shards, SessionsOfTwoVehiclesMakeOneMap) {
+  MakeWorld();
+  constexpr int kLap = 4 * FeatureWorld::kFramesPerSide, kNumFrames = 3;
+  {
+    const FeatureDatabase world(Path("world.db"),
+                                FeatureDatabase::OpenMode::kReadOnly);
+    const DatabaseContents contents = world.ReadStructure({});
+    for (const auto& [name, first] : {std::pair("a.db", 0), {"b.db", kLap}}) {
+      FeatureDatabase session(Path(name), FeatureDatabase::OpenMode::kOrCreate);
+      const CameraId camera = session.AddCamera(contents.cameras[0]);
+      for (const ImageRow& image : contents.images) {
+        const int frame = std::atoi(image.name.c_str() + 5) - first;
+        if (frame < 0 || frame >= kNumFrames) continue;
+        const ImageId id = session.AddImage(
+            FeatureWorld::ImageName(image.name[3] - '0', frame), camera);
+        session.WriteKeypoints(id, world.ReadKeypoints(image.id));
+        session.WriteDescriptors(id, world.ReadDescriptors(image.id));
+      }
+    }
+  }
+  for (const char* name : {"a.db", "b.db"}) {
+    ASSERT_EQ(RunMgsfm("rig_configurator --database_path " + Path(name) +
+                       " --rig_config_path " + Path("rig.json"))
+                  .exit_code,
+              0);
+  }
+  Merge(Path("a.db") + "," + Path("b.db") +
+            " --image_prefix van/,bus/ --vehicle van,bus",
+        "sessions.db");
+  for (const std::string& command :
+       {"vocab_tree_matcher --database_path " + Path("sessions.db"),
+        "mapper --output_path " + Path("map") + " --database_path " +
+            Path("sessions.db")}) {
+    const CommandOutput output = RunMgsfm(command);
+    ASSERT_EQ(output.exit_code, 0) << output.err;
+  }
+  const PoseModel map = ReadModelPoses(Path("map/0"));
+  EXPECT_EQ(map.rigs.size(), 2u);
+  ASSERT_EQ(map.images.size(), 4u * kNumFrames);
+  const auto center = [&](const std::string& name) {
+    const auto image = std::find_if(
+        map.images.begin(), map.images.end(),
+        [&](const ModelImage& other) { return other.name == name; });
+    return image->cam_from_world.Inverse().translation;
+  };
+  // The known rig gives the unit; the world is that of the map.
+  for (int sensor = 0; sensor < 2; ++sensor) {
+    for (int frame = 0; frame < kNumFrames; ++frame) {
+      const std::string name = FeatureWorld::ImageName(sensor, frame);
+      EXPECT_NEAR((center("van/" + name) - center("bus/" + name)).norm(),
+                  (FeatureWorld::Center(sensor, frame) -
+                   FeatureWorld::Center(sensor, frame + kLap))
+                      .norm(),
+                  0.1)
+          << name;
+    }
+  }
 }
 
 }  // namespace

@@ -136,13 +136,12 @@ void PairCopier::CopyMatches(const SqliteDatabase& database,
 }
 
 void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
-                                       const FindImage& find,
-                                       bool must_agree) {
+                                       const FindImage& find, bool must_agree) {
   const std::string table = database.HasTable("two_view_geometries")
                                 ? "two_view_geometries"
                                 : "inlier_matches";
-  SqliteStatement row = database.Prepare(
-      TwoViewGeometryQuery(database, table) + " ORDER BY pair_id");
+  SqliteStatement row = database.Prepare(TwoViewGeometryQuery(database, table) +
+                                         " ORDER BY pair_id");
   while (row.Step()) {
     context_.CheckInterrupted();
     const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
@@ -395,7 +394,8 @@ DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
   }
   const MergedStructure structure = MergeStructures(structures);
   if (structure.images.empty()) {
-    throw Error("there are no images to merge; the extractor gives the reasons");
+    throw Error(
+        "there are no images to merge; the extractor gives the reasons");
   }
   FeatureDatabase output(output_path, FeatureDatabase::OpenMode::kOrCreate);
   DatabaseTransaction transaction(&output);
@@ -413,8 +413,9 @@ const Input& FindMatched(const std::vector<Input>& inputs) {
   const Input* matched = nullptr;
   for (const Input& input : inputs) {
     if (!input.given.prefix.empty() || !input.given.vehicle.empty()) {
-      throw Error("shards with matches take neither prefixes nor vehicles; "
-                  "set them when the features are merged");
+      throw Error(
+          "shards with matches take neither prefixes nor vehicles; "
+          "set them when the features are merged");
     }
     if (input.HasMatchesOnly()) continue;
     if (matched != nullptr || input.manifest) {
@@ -426,8 +427,9 @@ const Input& FindMatched(const std::vector<Input>& inputs) {
     matched = &input;
   }
   if (matched == nullptr) {
-    throw Error("there are only shards with matches; add the database from "
-                "which they were matched");
+    throw Error(
+        "there are only shards with matches; add the database from "
+        "which they were matched");
   }
   return *matched;
 }

@@ -14,8 +14,7 @@ constexpr const char* kKindNames[] = {"features", "matches"};
 int ParseNumber(const std::string& text, size_t begin, size_t end) {
   int number = 0;
   const char* last = text.data() + end;
-  const auto [stop, error] =
-      std::from_chars(text.data() + begin, last, number);
+  const auto [stop, error] = std::from_chars(text.data() + begin, last, number);
   return error == std::errc() && stop == last ? number : 0;
 }
 
@@ -86,10 +85,9 @@ std::optional<ShardManifest> ReadShardManifest(const SqliteDatabase& database) {
   manifest.share = {static_cast<int>(row.Int(1)), static_cast<int>(row.Int(2))};
   manifest.fingerprint = row.Text(3);
   manifest.is_complete = row.Int(4) != 0;
-  const bool is_sound =
-      (kind == kKindNames[0] || kind == kKindNames[1]) &&
-      manifest.share.number >= 1 &&
-      manifest.share.number <= manifest.share.count;
+  const bool is_sound = (kind == kKindNames[0] || kind == kKindNames[1]) &&
+                        manifest.share.number >= 1 &&
+                        manifest.share.number <= manifest.share.count;
   if (!is_sound) {
     ThrowDatabaseError(database.path(),
                        "the table mgsfm_shard is damaged; delete the file and "

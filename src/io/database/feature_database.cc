@@ -202,8 +202,7 @@ void FeatureDatabase::Impl::AddTables() {
           "ALTER TABLE inlier_matches RENAME TO two_view_geometries");
     }
     CreateTables(TableLayout::k38And312, &file());
-    const std::set<std::string> columns =
-        file().Columns("two_view_geometries");
+    const std::set<std::string> columns = file().Columns("two_view_geometries");
     for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
       if (columns.count(column) > 0) continue;
       file().Execute(
@@ -217,8 +216,8 @@ std::vector<ImageId> FeatureDatabase::Impl::ListImages(
     const std::string& table) const {
   std::vector<ImageId> ids;
   if (!database().HasTable(table)) return ids;
-  SqliteStatement row =
-      database().Prepare("SELECT image_id FROM " + table + " ORDER BY image_id");
+  SqliteStatement row = database().Prepare("SELECT image_id FROM " + table +
+                                           " ORDER BY image_id");
   while (row.Step()) ids.emplace_back(static_cast<uint32_t>(row.Int(0)));
   return ids;
 }
@@ -227,8 +226,8 @@ std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
     const std::string& table) const {
   std::vector<PairCount> pairs;
   if (!database().HasTable(table)) return pairs;
-  SqliteStatement row = database().Prepare("SELECT pair_id, rows FROM " + table +
-                                          " ORDER BY pair_id");
+  SqliteStatement row = database().Prepare("SELECT pair_id, rows FROM " +
+                                           table + " ORDER BY pair_id");
   while (row.Step()) {
     const int64_t pair_id = row.Int(0);
     pairs.push_back({ImageId(static_cast<uint32_t>(pair_id / kMaxNumIds)),

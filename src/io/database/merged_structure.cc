@@ -75,9 +75,10 @@ class StructureMerger {
   struct CameraNode {
     size_t input = 0;
     const Camera* camera = nullptr;
-    std::string image_name;        // one of its images, for messages
-    size_t first_image = kNone;    // positions in the result
-    size_t first_in_frame = kNone;  // of images that it took according to frames
+    std::string image_name;      // one of its images, for messages
+    size_t first_image = kNone;  // positions in the result
+    size_t first_in_frame =
+        kNone;  // of images that it took according to frames
   };
   struct MergedRig {
     RigRow rig;
@@ -138,8 +139,8 @@ void StructureMerger::MergeImages() {
   for (size_t i = 0; i < inputs_.size(); ++i) {
     auto& positions = merged_.image_positions.emplace_back();
     for (const ImageRow& image : inputs_[i].contents.images) {
-      const auto found = std::lower_bound(names.begin(), names.end(),
-                                          NameIn(i, image.name));
+      const auto found =
+          std::lower_bound(names.begin(), names.end(), NameIn(i, image.name));
       positions.emplace(image.id.value(), found - names.begin());
     }
   }
@@ -230,8 +231,9 @@ void StructureMerger::JoinNodes(size_t input,
 void StructureMerger::CheckEqual(const CameraNode& a,
                                  const CameraNode& b) const {
   if (Intrinsics(*a.camera) == Intrinsics(*b.camera)) return;
-  const bool is_one_vehicle = !inputs_[a.input].vehicle.empty() &&
-                              inputs_[a.input].prefix != inputs_[b.input].prefix;
+  const bool is_one_vehicle =
+      !inputs_[a.input].vehicle.empty() &&
+      inputs_[a.input].prefix != inputs_[b.input].prefix;
   ThrowDatabaseError(
       inputs_[b.input].path,
       "the camera of image '" + b.image_name + "' has " + Describe(*b.camera) +
@@ -255,15 +257,15 @@ void StructureMerger::NumberCameras() {
   }
   std::vector<std::pair<CameraNode, size_t>> order;
   for (const auto& [set, node] : merged) order.emplace_back(node, set);
-  std::stable_sort(
-      order.begin(), order.end(), [](const auto& a, const auto& b) {
-        const CameraNode &x = a.first, &y = b.first;
-        return std::tie(x.first_image, x.first_in_frame) !=
-                       std::tie(y.first_image, y.first_in_frame)
-                   ? std::tie(x.first_image, x.first_in_frame) <
-                         std::tie(y.first_image, y.first_in_frame)
-                   : Intrinsics(*x.camera) < Intrinsics(*y.camera);
-      });
+  std::stable_sort(order.begin(), order.end(),
+                   [](const auto& a, const auto& b) {
+                     const CameraNode &x = a.first, &y = b.first;
+                     return std::tie(x.first_image, x.first_in_frame) !=
+                                    std::tie(y.first_image, y.first_in_frame)
+                                ? std::tie(x.first_image, x.first_in_frame) <
+                                      std::tie(y.first_image, y.first_in_frame)
+                                : Intrinsics(*x.camera) < Intrinsics(*y.camera);
+                   });
   std::map<size_t, CameraId> id_of_set;
   for (const auto& [node, set] : order) {
     Camera camera = *node.camera;
@@ -301,8 +303,9 @@ size_t StructureMerger::MergeRig(size_t input, const RigRow& row) {
   const std::string what = "rig " + std::to_string(row.id.value());
   if (!row.ref_camera_id) {
     ThrowDatabaseError(inputs_[input].path,
-                       what + " has a reference sensor that is no camera; "
-                              "configure the rigs again");
+                       what +
+                           " has a reference sensor that is no camera; "
+                           "configure the rigs again");
   }
   RigRow rig{RigId(0), NewId(input, *row.ref_camera_id), {}};
   for (const RigSensorRow& sensor : row.sensors) {
