@@ -153,9 +153,8 @@ void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
     // As it is stored: swapping twice would change the last bits.
     if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
     const auto present =
-        must_agree
-            ? output_.ReadTwoViewGeometry(pair.image_id1, pair.image_id2)
-            : std::nullopt;
+        must_agree ? output_.ReadTwoViewGeometry(pair.image_id1, pair.image_id2)
+                   : std::nullopt;
     if (!present) {
       output_.WriteTwoViewGeometry(pair);
       ++num_pairs_;
