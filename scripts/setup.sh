@@ -7,7 +7,7 @@
 #   scripts/setup.sh --test     also to build and run the tests and benchmarks
 #   scripts/setup.sh --package  also to build Debian packages and the wheel
 #   scripts/setup.sh --dev      also for all checks of .ci/run and for experiments/
-#   scripts/setup.sh --all      also for fuzzing
+#   scripts/setup.sh --all      also for fuzzing and the workflow on Slurm
 # With --prefix FOLDER, it then builds the program, with --python also the Python
 # package, and installs them in FOLDER, for example ~/.local.
 set -euo pipefail
@@ -33,7 +33,10 @@ dev_packages=(
   doxygen libjs-katex mkdocs-material
   python3-ipykernel python3-nbclient python3-nbformat
 )
-all_packages=(clang-14 libclang-rt-14-dev)
+all_packages=(
+  clang-14 libclang-rt-14-dev
+  snakemake slurmctld slurmd slurm-client munge
+)
 
 usage() {
   sed -n '3,/^set/s/^# \?//p' "$0" >&2

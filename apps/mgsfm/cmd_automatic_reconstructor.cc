@@ -207,7 +207,8 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   const std::string database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
                &options.loading);
-  ExtractInto(database_path, options.image_path, options.extraction, context);
+  ExtractInto(database_path, options.image_path, options.extraction,
+              std::nullopt, context);
   Match(database_path, options, context);
   MapperRun run{database_path,      (workspace / "sparse").string(),
                 options.image_path, options.output_format,

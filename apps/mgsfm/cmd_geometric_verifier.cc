@@ -3,6 +3,7 @@
 
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 
@@ -15,13 +16,17 @@ struct GeometricVerifierOptions {
       "database_path", "", Required(),
       "COLMAP database with matches. Adds two-view geometries; pairs that have "
       "them are skipped."};
+  Option<std::string> shard = MatchingInputOptions().shard;
+  Option<std::string> shard_path = MatchingInputOptions().shard_path;
+  Option<std::string> output_pairs_path =
+      MatchingInputOptions().output_pairs_path;
   SceneLoadingOptions loading;
   TwoViewGeometryOptions two_view_geometry;
   RigVerificationOptions rig_verification;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(database_path, loading);
+    visit(database_path, shard, shard_path, output_pairs_path, loading);
     visit.Group("TwoViewGeometry", two_view_geometry);
     visit.Group("FeatureMatching", rig_verification);
   }
@@ -31,13 +36,21 @@ int RunGeometricVerifier(const GeometricVerifierOptions& options,
                          const Context& context) {
   MatchingInputOptions matching;
   matching.database_path = options.database_path;
+  matching.shard = options.shard;
+  matching.shard_path = options.shard_path;
+  matching.output_pairs_path = options.output_pairs_path;
   matching.loading = options.loading;
   matching.matching.two_view_geometry = options.two_view_geometry;
   matching.matching.rig_verification = options.rig_verification;
-  MatchingInput input = OpenMatchingInput(matching, context);
-  VerifyMatches(&input.database, input.scene, matching.matching, context);
-  WarnOfFisheyes(input, matching.matching, context);
-  return kExitSuccess;
+  return RunMatcher(
+      matching, context,
+      [&](MatchingInput* input) {
+        VerifyMatches(&input->database, input->scene, matching.matching,
+                      context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectMatched(input.database, input.scene);
+      });
 }
 
 }  // namespace

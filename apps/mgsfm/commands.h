@@ -37,6 +37,7 @@ Command SequentialMatcherCommand();
 Command SimulateCommand();
 Command SpatialMatcherCommand();
 Command VideoSamplerCommand();
+Command VocabTreeBuilderCommand();
 Command VocabTreeMatcherCommand();
 
 }  // namespace mgsfm

@@ -115,6 +115,19 @@ constexpr Output kOutputs[] = {
     {"vocab_tree_matcher", "database_path", IsSameFile},
     {"spatial_matcher", "database_path", IsSameFile},
     {"matches_importer", "database_path", IsSameFile},
+    {"exhaustive_matcher", "shard_path", IsSameFile},
+    {"exhaustive_matcher", "output_pairs_path", IsSameFile},
+    {"sequential_matcher", "shard_path", IsSameFile},
+    {"sequential_matcher", "output_pairs_path", IsSameFile},
+    {"vocab_tree_matcher", "shard_path", IsSameFile},
+    {"vocab_tree_matcher", "output_pairs_path", IsSameFile},
+    {"spatial_matcher", "shard_path", IsSameFile},
+    {"spatial_matcher", "output_pairs_path", IsSameFile},
+    {"matches_importer", "shard_path", IsSameFile},
+    {"matches_importer", "output_pairs_path", IsSameFile},
+    {"geometric_verifier", "shard_path", IsSameFile},
+    {"geometric_verifier", "output_pairs_path", IsSameFile},
+    {"vocab_tree_builder", "vocab_tree_path", IsSameFile},
 };
 
 // Files of their own, unlike databases, which are extended.

@@ -29,11 +29,51 @@ std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
   return MakePair(*image1, *image2);
 }
 
-std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
+namespace {
+
+using PairCounts = std::vector<std::pair<ImageIdxPair, size_t>>;
+
+void AddPairs(const std::vector<PairCount>& rows, const ImageIdxs& image_idxs,
+              PairCounts* pairs) {
+  for (const PairCount& row : rows) {
+    if (const auto pair = image_idxs.Find(row)) {
+      pairs->emplace_back(*pair, row.num_matches);
+    }
+  }
+}
+
+}  // namespace
+
+PairCounts CountMatches(const MatchDatabases& databases, const Scene& scene) {
+  const ImageIdxs image_idxs(scene);
+  PairCounts pairs;
+  AddPairs(databases.output.CountMatches(), image_idxs, &pairs);
+  if (!databases.AreOne()) {
+    AddPairs(databases.features.CountMatches(), image_idxs, &pairs);
+  }
+  return pairs;
+}
+
+PairCounts CountInlierMatches(const MatchDatabases& databases,
+                              const Scene& scene) {
+  const ImageIdxs image_idxs(scene);
+  PairCounts pairs;
+  AddPairs(databases.output.CountInlierMatches(), image_idxs, &pairs);
+  if (!databases.AreOne()) {
+    AddPairs(databases.features.CountInlierMatches(), image_idxs, &pairs);
+  }
+  return pairs;
+}
+
+std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
-  std::vector<Match> matches = database.ReadMatches(
-      scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
+  const ImageId id1 = scene.images[pair.image_idx1].id;
+  const ImageId id2 = scene.images[pair.image_idx2].id;
+  const bool is_output =
+      databases.AreOne() || databases.output.HasMatches(id1, id2);
+  std::vector<Match> matches =
+      (is_output ? databases.output : databases.features).ReadMatches(id1, id2);
   std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
     return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
            std::tie(b.keypoint_idx1, b.keypoint_idx2);

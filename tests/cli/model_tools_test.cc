@@ -541,9 +541,9 @@ TEST_F(ModelTools, DatabasesAreMergedAndCleaned) {
   fs::copy_file(DemoDatabase(), Path("in.db"));
   const std::string call = "database_merger --database_path1 " + Path("in.db") +
                            " --database_path2 ";
-  ExpectRefused(
-      call + DemoDatabase() + " --merged_database_path " + Path("out.db"),
-      HasSubstr("cam0/000000.png"));
+  ExpectRefused(call + DemoDatabase() + " --image_prefix a/ " +
+                    "--merged_database_path " + Path("out.db"),
+                HasSubstr("1 values for 2 databases"));
   ExpectRefused(
       call + DemoDatabase() + " --merged_database_path " + Path("in.db"),
       HasSubstr("choose another"));
