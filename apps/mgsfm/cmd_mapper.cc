@@ -2,6 +2,7 @@
 #include "command.h"
 #include "commands.h"
 #include "mapper_run.h"
+#include "partition_run.h"
 
 namespace mgsfm {
 namespace {
@@ -35,12 +36,14 @@ struct MapperCommandOptions {
   PosePriorOptions priors;
   BaselineOptions baseline;
   RigSplitOptions rig_split;
+  PartitionOptions partition;
   MapperOptions mapper;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, loading, priors, baseline, mapper);
+          output_format, write_report, partition, loading, priors, baseline,
+          mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -48,12 +51,16 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
-  return MapDatabase(
-      {options.database_path, options.output_path, options.image_path,
-       options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options), options.input_path, options.image_list_path,
-       options.baseline, options.rig_split, options.write_report},
-      context);
+  const MapperRun run{
+      options.database_path,   options.output_path,      options.image_path,
+      options.output_format,   options.loading,          options.priors,
+      options.mapper,          OptionsToJsonOf(options), options.input_path,
+      options.image_list_path, options.baseline,         options.rig_split,
+      options.write_report};
+  if (options.partition.num_clusters > 0) {
+    return PartitionDatabase(run, options.partition, context);
+  }
+  return MapDatabase(run, context);
 }
 
 }  // namespace
