@@ -3,6 +3,7 @@
 #include "commands.h"
 #include "live_view.h"
 #include "mapper_run.h"
+#include "partition_run.h"
 
 namespace mgsfm {
 namespace {
@@ -41,12 +42,14 @@ struct MapperCommandOptions {
   PosePriorOptions priors;
   BaselineOptions baseline;
   RigSplitOptions rig_split;
+  PartitionOptions partition;
   MapperOptions mapper;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, figures, live, loading, priors, baseline,
+          output_format, write_report, figures, live, partition, loading, priors,
+          baseline,
           mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
@@ -56,13 +59,16 @@ struct MapperCommandOptions {
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
   const auto live = LiveView::Start(options.live, options.output_path, context);
-  return MapDatabase(
-      {options.database_path, options.output_path, options.image_path,
-       options.output_format, options.loading, options.priors, options.mapper,
-       OptionsToJsonOf(options), options.input_path, options.image_list_path,
-       options.baseline, options.rig_split, options.write_report,
-       options.figures, live.get()},
-      live ? live->Watch(context) : context);
+  const MapperRun run{
+      options.database_path,   options.output_path,      options.image_path,
+      options.output_format,   options.loading,          options.priors,
+      options.mapper,          OptionsToJsonOf(options), options.input_path,
+      options.image_list_path, options.baseline,         options.rig_split,
+      options.write_report,    options.figures,          live.get()};
+  if (options.partition.num_clusters > 0) {
+    return PartitionDatabase(run, options.partition, context);
+  }
+  return MapDatabase(run, live ? live->Watch(context) : context);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include "commands.h"
 #include "io/files/staged_output.h"
 #include "mgsfm/base/error.h"
+#include "sub_map_run.h"
 #include "tool_model.h"
 
 namespace mgsfm {
@@ -13,13 +14,31 @@ namespace {
 
 struct ModelMergerOptions {
   Option<std::string> input_path1{
-      "input_path1", "", Required(),
+      "input_path1", "",
       "Folder of the first model. The result keeps its world and poses."};
   Option<std::string> input_path2{
-      "input_path2", "", Required(),
+      "input_path2", "",
       "Folder of the second model, reconstructed from the same database."};
   Option<std::string> output_path{"output_path", "", Required(),
-                                  "Folder for the merged model."};
+                                  "Folder for the merged model, or for the "
+                                  "models 0, 1, ... of sub-maps."};
+  Option<bool> graph{"graph", false,
+                     "Join any number of sub-maps, such as the clusters of "
+                     "mapper --partition, "
+                     "and adjust the result."};
+  Option<std::string> input_path{"input_path", "",
+                                 "With graph: folder with an output folder of "
+                                 "the mapper for each cluster, "
+                                 "named 0, 1, ..."};
+  Option<std::string> cluster_path{
+      "cluster_path", "",
+      "With graph: folder of mapper --partition, to report clusters without a "
+      "model."};
+  Option<std::string> database_path{
+      "database_path", "",
+      "With graph: database with the matches, for loop closures between "
+      "clusters. It is only read."};
+  Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of common images, or of cameras in common frames."};
@@ -29,11 +48,16 @@ struct ModelMergerOptions {
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the model: binary or text."};
   ToolRigOptions rigs;
+  JoinOptions join;
+  BundleAdjustmentOptions bundle_adjustment;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path1, input_path2, output_path, min_common_images,
-          max_reproj_error, output_format, rigs);
+          max_reproj_error, output_format, rigs, graph, input_path,
+          cluster_path, database_path, refine);
+    visit.Group("Join", join);
+    visit.Group("BundleAdjustment", bundle_adjustment);
   }
 };
 
@@ -53,7 +77,24 @@ void LogSummary(const MergeSummary& summary, const Context& context) {
   context.Info(line);
 }
 
+int JoinGraph(const ModelMergerOptions& options, const Context& context) {
+  if (options.input_path->empty()) {
+    throw Error("--graph needs the folder of the sub-maps; set --input_path");
+  }
+  return JoinClusters(
+      {options.input_path, options.cluster_path, options.database_path,
+       options.output_path, options.refine, options.output_format, options.rigs,
+       options.join, options.bundle_adjustment},
+      context);
+}
+
 int RunModelMerger(const ModelMergerOptions& options, const Context& context) {
+  if (options.graph) return JoinGraph(options, context);
+  if (options.input_path1->empty() || options.input_path2->empty()) {
+    throw Error(
+        "give two models with --input_path1 and --input_path2, or "
+        "sub-maps with --graph and --input_path");
+  }
   StagedOutput output(*options.output_path, OutputKind::kModel);
   ToolModel first = ReadToolModel(options.input_path1, options.rigs, context);
   ToolModel second = ReadToolModel(options.input_path2, options.rigs, context);

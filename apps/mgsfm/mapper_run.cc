@@ -167,8 +167,8 @@ LoadedInput LoadMapperInput(const MapperRun& run, StartUse use,
                             const Context& context) {
   std::optional<Model> model;
   if (!run.input_path.empty()) model = ReadModel(run.input_path);
-  DatabaseContents contents = ReadDatabase(run.database_path, context);
   const auto names = ListImages(run.image_list_path, model);
+  DatabaseContents contents = ReadDatabase(run.database_path, context, {names});
   if (!names.empty()) {
     KeepListedImages(names, run.image_list_path, &contents);
   }

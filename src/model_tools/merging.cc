@@ -46,7 +46,12 @@ class ModelMerger {
         first_(first) {}
 
   MergeSummary Run(const MergeOptions& options) {
-    Align(options.min_common_images);
+    if (options.first_from_second) {
+      summary_.first_from_second = *options.first_from_second;
+      TransformWorld(summary_.first_from_second, &in_b_);
+    } else {
+      Align(options.min_common_images);
+    }
     AddRigs();
     AddFrames();
     AddImages();

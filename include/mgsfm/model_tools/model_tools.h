@@ -65,6 +65,8 @@ struct MergeOptions {
   int min_common_images = 3;
   // Observations with larger errors are removed from the result.
   double max_reproj_error_px = 64.0;
+  // The alignment, if it is known. Common images then may be few.
+  std::optional<Sim3> first_from_second = {};
 };
 
 struct MergeSummary {

@@ -20,8 +20,9 @@ namespace {
 
 class DatabaseReader {
  public:
-  DatabaseReader(const SqliteDatabase& database, const Context& context)
-      : database_(database), context_(context) {
+  DatabaseReader(const SqliteDatabase& database,
+                 const DatabaseSelection& selection, const Context& context)
+      : database_(database), selection_(selection), context_(context) {
     contents_.path = database.path();
   }
 
@@ -29,13 +30,16 @@ class DatabaseReader {
     CheckTables();
     ReadCameras();
     ReadImages();
-    if (contents_.images.empty()) {
+    contents_.is_selection = !left_out_ids_.empty();
+    if (contents_.images.empty() && left_out_ids_.empty()) {
       Throw("has no images; run the feature extractor first");
     }
-    ReadKeypoints();
-    CheckKeypoints();
+    if (selection_.has_keypoints) {
+      ReadKeypoints();
+      CheckKeypoints();
+    }
     ReadPairs();
-    CheckMatches();
+    if (selection_.has_keypoints) CheckMatches();
     ReadRigsAndFrames();
     return std::move(contents_);
   }
@@ -81,6 +85,14 @@ class DatabaseReader {
     }
     return IdType(static_cast<uint32_t>(value));
   }
+  bool IsSelected(const std::string& image_name) const {
+    return selection_.image_names.empty() ||
+           selection_.image_names.count(image_name) > 0;
+  }
+  bool IsLeftOut(int64_t image_id) const {
+    return std::binary_search(left_out_ids_.begin(), left_out_ids_.end(),
+                              image_id);
+  }
   // Position of an image in contents_.images, nullptr if there is none.
   const size_t* FindImage(int64_t image_id) const {
     const auto it = image_positions_.find(image_id);
@@ -90,9 +102,11 @@ class DatabaseReader {
   std::string PairName(int64_t image_id1, int64_t image_id2) const;
 
   const SqliteDatabase& database_;
+  const DatabaseSelection& selection_;
   const Context& context_;
   DatabaseContents contents_;
   std::unordered_map<int64_t, size_t> image_positions_;
+  std::vector<int64_t> left_out_ids_;  // of images not selected, ascending
   std::string pair_table_;
 };
 
@@ -189,6 +203,10 @@ void DatabaseReader::ReadImages() {
       Throw(what + " has the camera " + std::to_string(row.Int(2)) +
             ", which does not exist" + kExtractAgain);
     }
+    if (!IsSelected(name)) {
+      left_out_ids_.push_back(row.Int(0));
+      continue;
+    }
     image_positions_[row.Int(0)] = contents_.images.size();
     contents_.images.push_back({CheckedId<ImageId>(row.Int(0), what),
                                 name,
@@ -255,6 +273,7 @@ void DatabaseReader::DecodePair(const SqliteStatement& row) {
   const int64_t pair_id = row.Int(0);
   const int64_t id1 = pair_id / kMaxNumIds;
   const int64_t id2 = pair_id % kMaxNumIds;
+  if (IsLeftOut(id1) || IsLeftOut(id2)) return;
   const std::string name = PairName(id1, id2);
   if (pair_id < 0 || FindImage(id1) == nullptr || FindImage(id2) == nullptr) {
     Throw(name + " in " + pair_table_ + " names an image that does not exist" +
@@ -263,6 +282,11 @@ void DatabaseReader::DecodePair(const SqliteStatement& row) {
   if (id1 >= id2) {
     Throw(name + " in " + pair_table_ + " has the invalid pair id " +
           std::to_string(pair_id) + kMatchAgain);
+  }
+  if (selection_.has_pair &&
+      !selection_.has_pair(contents_.images[*FindImage(id1)].name,
+                           contents_.images[*FindImage(id2)].name)) {
+    return;
   }
   TwoViewGeometryRow pair{ImageId(static_cast<uint32_t>(id1)),
                           ImageId(static_cast<uint32_t>(id2)),
@@ -376,6 +400,7 @@ void DatabaseReader::ReadFrames() {
     if (position == positions.end()) {
       Throw(what + " in frame_data does not exist" + kConfigureAgain);
     }
+    if (IsLeftOut(data.Int(2))) continue;
     if (FindImage(data.Int(2)) == nullptr) {
       Throw(what + " has the image " + std::to_string(data.Int(2)) +
             ", which does not exist" + kConfigureAgain);
@@ -384,6 +409,12 @@ void DatabaseReader::ReadFrames() {
         {CheckedId<CameraId>(data.Int(1), what),
          CheckedId<ImageId>(data.Int(2), what)});
   }
+  if (left_out_ids_.empty()) return;
+  auto& frames = contents_.frames;
+  frames.erase(
+      std::remove_if(frames.begin(), frames.end(),
+                     [](const FrameRow& frame) { return frame.data.empty(); }),
+      frames.end());
 }
 
 }  // namespace
@@ -403,7 +434,7 @@ void SwapImages(TwoViewGeometryRow* pair) {
 
 DatabaseContents ReadStructure(const SqliteDatabase& database,
                                const Context& context) {
-  return DatabaseReader(database, context).ReadStructure();
+  return DatabaseReader(database, {}, context).ReadStructure();
 }
 
 std::vector<std::string> ReadImageNames(const std::string& path) {
@@ -419,10 +450,11 @@ std::vector<std::string> ReadImageNames(const std::string& path) {
   return names;
 }
 
-DatabaseContents ReadDatabase(const std::string& path, const Context& context) {
+DatabaseContents ReadDatabase(const std::string& path, const Context& context,
+                              const DatabaseSelection& selection) {
   const SqliteSnapshot snapshot(path);
   DatabaseContents contents =
-      DatabaseReader(snapshot.database(), context).Read();
+      DatabaseReader(snapshot.database(), selection, context).Read();
   snapshot.CheckUnchanged();
   contents.path = path;
   return contents;

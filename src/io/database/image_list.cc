@@ -61,6 +61,7 @@ void KeepListedImages(const std::set<std::string>& names,
   }
   EraseUnless([](const FrameRow& frame) { return !frame.data.empty(); },
               &contents->frames);
+  contents->is_selection = true;
 }
 
 }  // namespace mgsfm

@@ -121,7 +121,7 @@ RigAssignment AssignByConfig(const RigInput& input,
     }
   }
   for (size_t i = 0; i < prefixes.size(); ++i) {
-    if (has_images[i] == 0) {
+    if (has_images[i] == 0 && !input.contents.is_selection) {
       throw Error("rig configuration '" + path + "': no image of " +
                   input.Name() + " starts with the prefix '" + prefixes[i] +
                   "'");

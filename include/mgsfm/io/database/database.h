@@ -2,7 +2,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -74,6 +76,17 @@ struct DatabaseContents {
   std::vector<TwoViewGeometryRow> pairs;
   std::vector<RigRow> rigs;      // empty before COLMAP 3.12
   std::vector<FrameRow> frames;  // empty before COLMAP 3.12
+  // Some images are left out, so cameras of a rig may have none.
+  bool is_selection = false;
+};
+
+// The part of a database that is read. Memory grows with this part only.
+struct DatabaseSelection {
+  // Names that the database does not have are ignored. Empty: all images.
+  std::set<std::string> image_names;
+  bool has_keypoints = true;
+  // Whether the pair of two image names is read. Empty: all pairs.
+  std::function<bool(const std::string&, const std::string&)> has_pair = {};
 };
 
 // Reads a database of any schema from COLMAP 3.8 to 4.2, recognised by its
@@ -83,8 +96,9 @@ struct DatabaseContents {
 // temporary files ($TMPDIR). Throws Error for a file that is not a database,
 // lacks a table, has no image or a damaged row, which is named, and if another
 // program changes the database during reading.
-[[nodiscard]] DatabaseContents ReadDatabase(const std::string& path,
-                                            const Context& context);
+[[nodiscard]] DatabaseContents ReadDatabase(
+    const std::string& path, const Context& context,
+    const DatabaseSelection& selection = {});
 
 // The names of all images, in the order of their ids, read in the same way.
 [[nodiscard]] std::vector<std::string> ReadImageNames(const std::string& path);

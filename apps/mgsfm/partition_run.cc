@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "partition_run.h"
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "base/file_reading.h"
+#include "command.h"
+#include "io/database/image_list.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "mgsfm/base/error.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr int kVersion = 1;
+
+LoadedScene LoadMatches(const MapperRun& run, const Context& context) {
+  DatabaseSelection selection;
+  selection.has_keypoints = false;
+  if (!run.image_list_path.empty()) {
+    const auto listed = ReadImageList(run.image_list_path);
+    selection.image_names.insert(listed.begin(), listed.end());
+  }
+  DatabaseContents contents =
+      ReadDatabase(run.database_path, context, selection);
+  if (!selection.image_names.empty()) {
+    KeepListedImages(selection.image_names, run.image_list_path, &contents);
+  }
+  return LoadScene(std::move(contents), run.loading, context);
+}
+
+std::string FileName(size_t cluster) {
+  return std::to_string(cluster) + ".txt";
+}
+
+size_t CountImages(const Scene& scene, const FrameCluster& cluster) {
+  size_t num_images = 0;
+  for (const int frame_idx : cluster.frame_idxs) {
+    num_images += scene.frames[frame_idx].image_idxs.size();
+  }
+  return num_images;
+}
+
+std::string ToJson(const Scene& scene, const ViewGraphPartition& partition) {
+  Json json{{"version", kVersion}, {"clusters", Json::array()}};
+  for (size_t i = 0; i < partition.clusters.size(); ++i) {
+    const FrameCluster& cluster = partition.clusters[i];
+    json["clusters"].push_back({{"image_list", FileName(i)},
+                                {"num_frames", cluster.frame_idxs.size()},
+                                {"num_core_frames", cluster.num_core_frames},
+                                {"num_images", CountImages(scene, cluster)}});
+  }
+  json["edges"] = Json::array();
+  for (const ClusterOverlap& overlap : partition.overlaps) {
+    json["edges"].push_back({{"clusters", {overlap.cluster1, overlap.cluster2}},
+                             {"num_common_frames", overlap.num_frames}});
+  }
+  json["calibration_clusters"] = partition.calibration_clusters;
+  json["frames_without_cluster"] = Json::array();
+  for (const int frame_idx : partition.frame_idxs_without_cluster) {
+    json["frames_without_cluster"].push_back(scene.frames[frame_idx].name);
+  }
+  return json.dump(2) + "\n";
+}
+
+void WriteClusters(const Scene& scene, const ViewGraphPartition& partition,
+                   const fs::path& folder) {
+  for (size_t i = 0; i < partition.clusters.size(); ++i) {
+    std::string names;
+    for (const int frame_idx : partition.clusters[i].frame_idxs) {
+      for (const int image_idx : scene.frames[frame_idx].image_idxs) {
+        names += scene.images[image_idx].name + "\n";
+      }
+    }
+    WriteFile(folder / FileName(i), names);
+  }
+  WriteFile(folder / "clusters.json", ToJson(scene, partition));
+}
+
+void LogClusters(const ViewGraphPartition& partition, int num_wanted,
+                 const Context& context) {
+  for (size_t i = 0; i < partition.clusters.size(); ++i) {
+    const FrameCluster& cluster = partition.clusters[i];
+    context.Info("cluster " + std::to_string(i) + ": " +
+                 std::to_string(cluster.frame_idxs.size()) + " frames, " +
+                 std::to_string(cluster.num_core_frames) +
+                 " without the overlap");
+  }
+  if (static_cast<int>(partition.clusters.size()) < num_wanted) {
+    context.Info(std::to_string(partition.clusters.size()) + " of " +
+                 std::to_string(num_wanted) +
+                 " clusters: more cuts would cross weak seams");
+  }
+  if (!partition.frame_idxs_without_cluster.empty()) {
+    context.Warning(
+        std::to_string(partition.frame_idxs_without_cluster.size()) +
+        " frames are in no cluster: no matches connect them to three others");
+  }
+}
+
+}  // namespace
+
+int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
+                      const Context& context) {
+  StagedOutput output(run.output_path);
+  const LoadedScene loaded = LoadMatches(run, context);
+  const ViewGraphPartition partition =
+      PartitionViewGraph(loaded.scene, loaded.view_graph,
+                         run.mapper.pair_filtering, options, context);
+  if (partition.clusters.empty()) {
+    context.log(LogLevel::kError,
+                "the database has no cluster of three connected frames; match "
+                "its images first");
+    return kExitNotSolvable;
+  }
+  WriteClusters(loaded.scene, partition, output.StagingDir());
+  context.CheckInterrupted();
+  output.Commit();
+  LogClusters(partition, options.num_clusters, context);
+  context.Info(
+      "next: map each cluster with --image_list_path, then join the "
+      "models with model_merger --graph");
+  return kExitSuccess;
+}
+
+std::vector<ClusterFile> ReadClusters(const std::string& folder) {
+  const std::string path = (fs::path(folder) / "clusters.json").string();
+  const Json json =
+      Json::parse(ReadFile(path, "'" + path + "'"), nullptr, false);
+  const std::string problem =
+      "'" + path +
+      "' is not a list of clusters; write it with mapper "
+      "--partition";
+  std::vector<ClusterFile> clusters;
+  try {
+    if (json.at("version").get<int>() != kVersion) throw Error(problem);
+    for (const Json& cluster : json.at("clusters")) {
+      clusters.push_back({cluster.at("image_list").get<std::string>(),
+                          cluster.at("num_frames").get<int>()});
+    }
+  } catch (const Json::exception&) {
+    throw Error(problem);
+  }
+  if (clusters.empty()) throw Error(problem);
+  return clusters;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "sub_map_run.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "command.h"
+#include "io/files/model_files.h"
+#include "io/files/output_file.h"
+#include "io/files/staged_output.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+#include "mgsfm/base/version.h"
+#include "mgsfm/io/rigs/rig_config.h"
+#include "partition_run.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct SubMapFiles {
+  std::vector<std::string> folders;        // of the models that exist
+  std::vector<int> clusters;               // per folder
+  std::vector<std::string> missing;        // folders of clusters without models
+  std::vector<int> num_frames_of_missing;  // if known
+};
+
+// Folders named by numbers, ascending.
+std::vector<int> NumberedFolders(const fs::path& folder) {
+  std::vector<int> numbers;
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    const fs::path name = entry.path().filename();
+    if (IsModelFolderName(name) && entry.is_directory()) {
+      numbers.push_back(std::stoi(name.string()));
+    }
+  }
+  std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+SubMapFiles FindSubMaps(const SubMapRun& run) {
+  SubMapFiles files;
+  std::vector<int> clusters = NumberedFolders(run.input_path);
+  std::vector<ClusterFile> listed;
+  if (!run.cluster_path.empty()) {
+    listed = ReadClusters(run.cluster_path);
+    clusters.clear();
+    for (size_t i = 0; i < listed.size(); ++i) {
+      clusters.push_back(static_cast<int>(i));
+    }
+  }
+  for (const int cluster : clusters) {
+    const fs::path folder = fs::path(run.input_path) / std::to_string(cluster);
+    bool has_model = false;
+    for (const int model : NumberedFolders(folder)) {
+      const fs::path path = folder / std::to_string(model);
+      if (!ListFolder(path).HoldsModel()) continue;
+      files.folders.push_back(path.string());
+      files.clusters.push_back(cluster);
+      has_model = true;
+    }
+    if (has_model) continue;
+    files.missing.push_back(folder.string());
+    files.num_frames_of_missing.push_back(
+        listed.empty() ? 0 : listed[cluster].num_frames);
+  }
+  return files;
+}
+
+// The sub-maps of each image.
+using SubMapsOfName = std::map<std::string, std::set<size_t>>;
+
+// Pairs of images that are both in models, but not both in one.
+std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
+                                      const std::vector<SceneModel>& sub_maps,
+                                      const Context& context) {
+  if (database_path.empty()) return {};
+  SubMapsOfName sub_maps_of;
+  DatabaseSelection selection;
+  for (size_t m = 0; m < sub_maps.size(); ++m) {
+    for (const Image& image : sub_maps[m].scene.images) {
+      sub_maps_of[image.name].insert(m);
+      selection.image_names.insert(image.name);
+    }
+  }
+  selection.has_keypoints = false;
+  selection.has_pair = [&](const std::string& name1, const std::string& name2) {
+    const std::set<size_t>& of2 = sub_maps_of.at(name2);
+    return std::none_of(sub_maps_of.at(name1).begin(),
+                        sub_maps_of.at(name1).end(),
+                        [&](size_t m) { return of2.count(m) > 0; });
+  };
+  DatabaseContents contents = ReadDatabase(database_path, context, selection);
+  std::map<ImageId, std::string> name_of_id;
+  for (const ImageRow& image : contents.images) {
+    name_of_id.emplace(image.id, image.name);
+  }
+  std::vector<CrossPair> pairs;
+  for (TwoViewGeometryRow& row : contents.pairs) {
+    pairs.push_back({name_of_id.at(row.image_id1), name_of_id.at(row.image_id2),
+                     std::move(row.matches)});
+  }
+  std::sort(pairs.begin(), pairs.end(),
+            [](const CrossPair& a, const CrossPair& b) {
+              return std::tie(a.name1, a.name2) < std::tie(b.name1, b.name2);
+            });
+  return pairs;
+}
+
+ObservationGroups GroupTracks(const Reconstruction& model) {
+  ObservationGroups groups;
+  for (const Point3D& point : model.points) {
+    groups.observations.insert(groups.observations.end(), point.track.begin(),
+                               point.track.end());
+    groups.FinishGroup();
+  }
+  return groups;
+}
+
+BundleSummary Adjust(const SubMapRun& run, const Context& context,
+                     SceneModel* model) {
+  BundleResult result = RefineReconstruction(
+      model->scene, FixedCandidates(GroupTracks(model->reconstruction)),
+      model->reconstruction, run.bundle_adjustment, context);
+  model->reconstruction = std::move(result.estimate);
+  return std::move(result.summary);
+}
+
+Json DescribeEdge(const SubMapEdge& edge) {
+  Json json{{"sub_maps", {edge.sub_map1, edge.sub_map2}},
+            {"num_common_images", edge.num_common_images},
+            {"num_points", edge.num_points},
+            {"scale", edge.first_from_second.scale},
+            {"is_used", edge.is_used}};
+  if (edge.drift) json["drift"] = *edge.drift;
+  if (edge.rotation_error_deg) {
+    json["rotation_error_deg"] = *edge.rotation_error_deg;
+  }
+  return json;
+}
+
+Json DescribeModel(const SceneModel& model, const std::vector<int>& sub_maps,
+                   const std::optional<BundleSummary>& bundle) {
+  const ModelStatistics statistics = AnalyzeModel(model);
+  Json json{{"sub_maps", sub_maps},
+            {"num_frames", statistics.num_frames},
+            {"num_images", statistics.num_images},
+            {"num_points", statistics.num_points},
+            {"num_observations", statistics.num_observations}};
+  if (!bundle) return json;
+  json["adjustment"] = Json::array();
+  for (const SolveSummary& solve : bundle->solves) {
+    json["adjustment"].push_back(
+        {{"iterations", solve.num_iterations},
+         {"initial_cost", solve.initial_cost},
+         {"final_cost", solve.final_cost},
+         {"termination", std::string(TerminationName(solve.termination))}});
+  }
+  return json;
+}
+
+Json DescribeSubMaps(const SubMapFiles& files, const JoinedMaps& joined) {
+  Json json{{"version", Version()}, {"sub_maps", Json::array()}};
+  for (size_t i = 0; i < files.folders.size(); ++i) {
+    Json sub_map{{"path", files.folders[i]}, {"cluster", files.clusters[i]}};
+    if (!joined.conflicts[i].empty()) sub_map["conflict"] = joined.conflicts[i];
+    json["sub_maps"].push_back(std::move(sub_map));
+  }
+  json["missing_clusters"] = files.missing;
+  json["edges"] = Json::array();
+  for (const SubMapEdge& edge : joined.edges) {
+    json["edges"].push_back(DescribeEdge(edge));
+  }
+  json["num_loop_points"] = joined.num_loop_points;
+  return json;
+}
+
+void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
+              const Context& context) {
+  for (const SubMapEdge& edge : joined.edges) {
+    const std::string maps = "'" + files.folders[edge.sub_map1] + "' and '" +
+                             files.folders[edge.sub_map2] + "'";
+    if (edge.is_used) {
+      context.Debug(maps + ": " + std::to_string(edge.num_common_images) +
+                    " common images, " + std::to_string(edge.num_points) +
+                    " points of matches");
+      continue;
+    }
+    char numbers[96];
+    std::snprintf(numbers, sizeof(numbers), "%.1f %% of the path and %.1f deg",
+                  100.0 * *edge.drift, *edge.rotation_error_deg);
+    context.Warning("the loop between " + maps +
+                    " is rejected: it contradicts "
+                    "the chain of sub-maps by " +
+                    numbers);
+  }
+  for (size_t i = 0; i < joined.conflicts.size(); ++i) {
+    if (joined.conflicts[i].empty()) continue;
+    context.Warning("'" + files.folders[i] +
+                    "' stays separate: " + joined.conflicts[i]);
+  }
+}
+
+void LogMissing(const SubMapFiles& files, const Context& context) {
+  for (size_t i = 0; i < files.missing.size(); ++i) {
+    context.Warning("there is no model in '" + files.missing[i] +
+                    "'; frames of this cluster that no other has are missing");
+  }
+}
+
+void WriteModelFolder(const SceneModel& model, ModelFormat format,
+                      const fs::path& folder, const Context& context) {
+  CheckFormat(model.scene, format);
+  fs::create_directory(folder);
+  WriteModel(folder, model.scene, model.reconstruction, format, context);
+  WriteRigConfig((folder / "rig_config.json").string(), model.scene,
+                 model.reconstruction);
+}
+
+}  // namespace
+
+int JoinClusters(const SubMapRun& run, const Context& context) {
+  StagedOutput output(run.output_path);
+  const SubMapFiles files = FindSubMaps(run);
+  LogMissing(files, context);
+  if (files.folders.empty()) {
+    context.log(LogLevel::kError, "'" + run.input_path +
+                                      "' has no model of any cluster; map the "
+                                      "clusters first");
+    return kExitNotSolvable;
+  }
+  std::vector<SceneModel> sub_maps;
+  for (const std::string& folder : files.folders) {
+    sub_maps.push_back(ReadToolModel(folder, run.rigs, context).model);
+  }
+  const std::vector<CrossPair> pairs =
+      ReadCrossPairs(run.database_path, sub_maps, context);
+  JoinedMaps joined =
+      JoinSubMaps(std::move(sub_maps), pairs, run.join, context);
+  LogEdges(files, joined, context);
+  Json report = DescribeSubMaps(files, joined);
+  report["models"] = Json::array();
+  for (size_t i = 0; i < joined.models.size(); ++i) {
+    SceneModel& model = joined.models[i];
+    std::optional<BundleSummary> bundle;
+    if (run.adjusts) bundle = Adjust(run, context, &model);
+    WriteModelFolder(model, run.output_format,
+                     output.StagingDir() / std::to_string(i), context);
+    report["models"].push_back(
+        DescribeModel(model, joined.sub_maps[i], bundle));
+    context.Info("model " + std::to_string(i) + ": " + DescribeSize(model) +
+                 " of " + std::to_string(joined.sub_maps[i].size()) +
+                 " sub-maps");
+  }
+  report["peak_memory_mib"] = PeakMemoryMib();
+  WriteFile(output.StagingDir() / "report.json", report.dump(2) + "\n");
+  context.CheckInterrupted();
+  output.Commit();
+  return kExitSuccess;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/options.h"
+#include "mgsfm/model_tools/model_tools.h"
+#include "mgsfm/scene/view_graph.h"
+
+namespace mgsfm {
+
+// Joins models of overlapping parts of one database.
+
+struct JoinOptions {
+  Option<int> min_num_loop_points{
+      "min_num_loop_points", 30, AtLeast(3), "points",
+      "Minimum number of points that matches between two sub-maps without "
+      "common images must agree on."};
+  Option<double> max_loop_rotation_deg{
+      "max_loop_rotation_deg", 10.0, Between(0.0, 180.0), "deg",
+      "Loop closures whose rotation contradicts the chain of sub-maps by more "
+      "are rejected."};
+  Option<double> max_loop_drift{
+      "max_loop_drift", 0.05, GreaterThan(0.0),
+      "Loop closures whose position contradicts the chain of sub-maps by more "
+      "than this share of its length are rejected. Increase it if a single "
+      "camera drifts in scale."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(min_num_loop_points, max_loop_rotation_deg, max_loop_drift);
+  }
+};
+
+// Matches between images that no sub-map has both of, by name.
+struct CrossPair {
+  std::string name1;
+  std::string name2;
+  std::vector<Match> matches;
+};
+
+// A relative similarity of two sub-maps.
+struct SubMapEdge {
+  int sub_map1 = 0;  // < sub_map2
+  int sub_map2 = 0;
+  Sim3 first_from_second;
+  int num_common_images = 0;
+  int num_points = 0;  // that matches across agree on
+  // The same places in the worlds of both.
+  std::array<Eigen::Vector3d, 4> anchors1, anchors2;
+  bool is_used = true;
+  // Of loop closures: the contradiction with the chain of sub-maps.
+  std::optional<double> rotation_error_deg;
+  std::optional<double> drift;  // share of the path length
+};
+
+struct JoinedMaps {
+  std::vector<SceneModel> models;          // by descending number of frames
+  std::vector<std::vector<int>> sub_maps;  // per model, ascending
+  std::vector<SubMapEdge> edges;
+  int num_loop_points = 0;  // points that matches across sub-maps merged
+  // Why a sub-map is in a model of its own although edges connect it; by
+  // sub-map.
+  std::vector<std::string> conflicts;
+};
+
+// Places the sub-maps by sub_map_graph.h and merges them, largest first. Points
+// are merged if they share an observation, or if a match across sub-maps
+// connects them and they are within 5 % of their distance from the cameras.
+JoinedMaps JoinSubMaps(std::vector<SceneModel> sub_maps,
+                       const std::vector<CrossPair>& pairs,
+                       const JoinOptions& options, const Context& context);
+
+}  // namespace mgsfm
