@@ -11,6 +11,7 @@
 #include "io/database/database_rows.h"
 #include "io/database/feature_keypoints.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database/feature_database.h"
 
@@ -57,6 +58,7 @@ class DatabaseCopier {
     const auto found = image_ids_.find(id);
     return found == image_ids_.end() ? nullptr : &found->second;
   }
+  CameraId NewCamera(CameraId id, const std::string& of) const;
   std::string NameOf(int64_t id) const { return "image " + std::to_string(id); }
 
   FeatureDatabase& output_;
@@ -91,25 +93,47 @@ void DatabaseCopier::CopyStructure(const DatabaseContents& contents) {
   CopyRigs(contents);
 }
 
+CameraId DatabaseCopier::NewCamera(CameraId id, const std::string& of) const {
+  const auto found = camera_ids_.find(id);
+  if (found != camera_ids_.end()) return found->second;
+  ThrowDatabaseError(database_->path(), of + " has the camera " +
+                                            std::to_string(id.value()) +
+                                            ", which does not exist" +
+                                            kConfigureAgain);
+}
+
 void DatabaseCopier::CopyRigs(const DatabaseContents& contents) {
   const auto num_rigs = static_cast<uint32_t>(rigs_.size());
   std::map<RigId, RigId> rig_ids;
   for (RigRow rig : contents.rigs) {
+    const std::string name = "rig " + std::to_string(rig.id.value());
     const RigId new_id(num_rigs + static_cast<uint32_t>(rig_ids.size()) + 1);
     rig_ids.emplace(rig.id, new_id);
     rig.id = new_id;
-    if (rig.ref_camera_id)
-      rig.ref_camera_id = camera_ids_.at(*rig.ref_camera_id);
+    if (!rig.ref_camera_id) {
+      ThrowDatabaseError(database_->path(),
+                         name + " has a reference that is no camera" +
+                             kConfigureAgain);
+    }
+    rig.ref_camera_id = NewCamera(*rig.ref_camera_id, name);
     for (RigSensorRow& sensor : rig.sensors) {
-      sensor.camera_id = camera_ids_.at(sensor.camera_id);
+      sensor.camera_id = NewCamera(sensor.camera_id, name);
     }
     rigs_.push_back(std::move(rig));
   }
   for (FrameRow frame : contents.frames) {
+    const std::string name = "frame " + std::to_string(frame.id.value());
+    const auto rig_id = rig_ids.find(frame.rig_id);
+    if (rig_id == rig_ids.end()) {
+      ThrowDatabaseError(database_->path(),
+                         name + " has the rig " +
+                             std::to_string(frame.rig_id.value()) +
+                             ", which does not exist" + kConfigureAgain);
+    }
     frame.id = FrameId(static_cast<uint32_t>(frames_.size()) + 1);
-    frame.rig_id = rig_ids.at(frame.rig_id);
+    frame.rig_id = rig_id->second;
     for (FrameDataRow& data : frame.data) {
-      data.camera_id = camera_ids_.at(data.camera_id);
+      data.camera_id = NewCamera(data.camera_id, name);
       data.image_id = image_ids_.at(data.image_id.value());
     }
     frames_.push_back(std::move(frame));
@@ -244,7 +268,10 @@ DatabaseMergeSummary MergeDatabases(const std::string& path1,
     summary = copier.Finish();
     transaction.Commit();
   }
-  fs::rename(partial.path(), merged_path);
+  // SQLite has synced the file; its name must last, too.
+  FileOperations operations;
+  operations.Rename(partial.path(), merged_path);
+  operations.Sync(fs::absolute(merged_path).parent_path());
   return summary;
 }
 
