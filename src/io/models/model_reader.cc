@@ -206,13 +206,26 @@ void CheckCameras(const fs::path& folder, const Model& model) {
   }
 }
 
-// Each observation is of a keypoint that refers to its point, and there are no
-// other references.
+[[noreturn]] void ThrowBadTrack(const fs::path& folder,
+                                const std::string& problem) {
+  throw Error("the model in '" + folder.string() + "' is inconsistent: " +
+              problem);
+}
+
+std::string Name(const ModelObservation& o) {
+  return "keypoint " + std::to_string(o.keypoint_idx) + " of image " +
+         std::to_string(o.image_id.value());
+}
+
+// Each observation is of a keypoint that refers to its point, each keypoint is
+// observed once, and there are no other references.
 void CheckTracks(const fs::path& folder, const Model& model) {
   std::map<ImageId, size_t> position_of_image;
+  std::vector<std::vector<bool>> is_observed;
   size_t num_references = 0;
   for (size_t i = 0; i < model.poses.images.size(); ++i) {
     position_of_image[model.poses.images[i].id] = i;
+    is_observed.emplace_back(model.keypoints[i].size(), false);
     for (const ModelKeypoint& keypoint : model.keypoints[i]) {
       num_references += keypoint.point_id.has_value() ? 1 : 0;
     }
@@ -224,19 +237,22 @@ void CheckTracks(const fs::path& folder, const Model& model) {
       if (it == position_of_image.end() ||
           o.keypoint_idx >= model.keypoints[it->second].size() ||
           model.keypoints[it->second][o.keypoint_idx].point_id != point.id) {
-        throw Error("the model in '" + folder.string() +
-                    "' is inconsistent: no keypoint " +
-                    std::to_string(o.keypoint_idx) + " of image " +
-                    std::to_string(o.image_id.value()) + " refers to point " +
-                    std::to_string(point.id) + ", which it observes");
+        ThrowBadTrack(folder, "no " + Name(o) + " refers to point " +
+                                  std::to_string(point.id) +
+                                  ", which it observes");
       }
+      if (is_observed[it->second][o.keypoint_idx]) {
+        ThrowBadTrack(folder, "the track of point " + std::to_string(point.id) +
+                                  " has " + Name(o) + " twice");
+      }
+      is_observed[it->second][o.keypoint_idx] = true;
       ++num_observations;
     }
   }
   if (num_observations != num_references) {
-    throw Error("the model in '" + folder.string() +
-                "' is inconsistent: keypoints refer to points that do not "
-                "have them in their tracks");
+    ThrowBadTrack(folder,
+                  "keypoints refer to points that do not have them in their "
+                  "tracks");
   }
 }
 
