@@ -96,10 +96,9 @@ void DatabaseCopier::CopyStructure(const DatabaseContents& contents) {
 CameraId DatabaseCopier::NewCamera(CameraId id, const std::string& of) const {
   const auto found = camera_ids_.find(id);
   if (found != camera_ids_.end()) return found->second;
-  ThrowDatabaseError(database_->path(), of + " has the camera " +
-                                            std::to_string(id.value()) +
-                                            ", which does not exist" +
-                                            kConfigureAgain);
+  ThrowDatabaseError(database_->path(),
+                     of + " has the camera " + std::to_string(id.value()) +
+                         ", which does not exist" + kConfigureAgain);
 }
 
 void DatabaseCopier::CopyRigs(const DatabaseContents& contents) {
@@ -111,9 +110,9 @@ void DatabaseCopier::CopyRigs(const DatabaseContents& contents) {
     rig_ids.emplace(rig.id, new_id);
     rig.id = new_id;
     if (!rig.ref_camera_id) {
-      ThrowDatabaseError(database_->path(),
-                         name + " has a reference that is no camera" +
-                             kConfigureAgain);
+      ThrowDatabaseError(
+          database_->path(),
+          name + " has a reference that is no camera" + kConfigureAgain);
     }
     rig.ref_camera_id = NewCamera(*rig.ref_camera_id, name);
     for (RigSensorRow& sensor : rig.sensors) {

@@ -213,10 +213,9 @@ std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
     const int64_t pair_id = row.Int(0);
     const int64_t id1 = pair_id / kMaxNumIds, id2 = pair_id % kMaxNumIds;
     if (pair_id < 0 || id1 >= id2) {
-      ThrowDatabaseError(database_.path(), "has the invalid pair id " +
-                                               std::to_string(pair_id) +
-                                               " in the table " + table +
-                                               kMatchAgain);
+      ThrowDatabaseError(database_.path(),
+                         "has the invalid pair id " + std::to_string(pair_id) +
+                             " in the table " + table + kMatchAgain);
     }
     pairs.push_back({ImageId(static_cast<uint32_t>(id1)),
                      ImageId(static_cast<uint32_t>(id2)),

@@ -208,8 +208,8 @@ void CheckCameras(const fs::path& folder, const Model& model) {
 
 [[noreturn]] void ThrowBadTrack(const fs::path& folder,
                                 const std::string& problem) {
-  throw Error("the model in '" + folder.string() + "' is inconsistent: " +
-              problem);
+  throw Error("the model in '" + folder.string() +
+              "' is inconsistent: " + problem);
 }
 
 std::string Name(const ModelObservation& o) {
