@@ -221,9 +221,7 @@ void ReadAndWriteAgain(const std::string& path) {
   const std::string copy = (FuzzFolder() / "copy.db").string();
   std::filesystem::remove(copy);
   // A rig whose reference is no camera cannot be written.
-  if (!Accepts([&] {
-        WriteDatabase(copy, contents, DatabaseSchema::k312);
-      })) {
+  if (!Accepts([&] { WriteDatabase(copy, contents, DatabaseSchema::k312); })) {
     return;
   }
   FUZZ_CHECK(Describer().Describe(ReadDatabase(copy, {})) ==

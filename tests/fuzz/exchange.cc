@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "io/exchange/exchange_formats.h"
-
 #include <cmath>
 #include <cstdlib>
 
 #include "fuzz/fuzz_model.h"
+#include "io/exchange/exchange_formats.h"
 
 namespace mgsfm {
 namespace {

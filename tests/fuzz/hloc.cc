@@ -34,8 +34,7 @@ void ReadMatches(const std::string& path) {
   for (const HlocMatchFile::Pair& pair : file.pairs()) {
     FUZZ_CHECK(pair.image1 != pair.image2);
     Accepts([&] {
-      for (const Match& match :
-           file.Read(pair, kNumKeypoints, kNumKeypoints)) {
+      for (const Match& match : file.Read(pair, kNumKeypoints, kNumKeypoints)) {
         FUZZ_CHECK(match.keypoint_idx1 < kNumKeypoints &&
                    match.keypoint_idx2 < kNumKeypoints);
       }

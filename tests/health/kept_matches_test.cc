@@ -95,8 +95,8 @@ TEST(WithoutRefutedTest, TheMatchesOfAllModelsCount) {
   const std::vector<Finding> doubts = {DoubtAbout({"left"})};
   EXPECT_THAT(WithoutRefuted(scene, {Keeps({1000}), Keeps({901})}, doubts),
               IsEmpty());
-  EXPECT_EQ(
-      WithoutRefuted(scene, {Keeps({1000}), Keeps({899})}, doubts).size(), 1u);
+  EXPECT_EQ(WithoutRefuted(scene, {Keeps({1000}), Keeps({899})}, doubts).size(),
+            1u);
 }
 
 TEST(WithoutRefutedTest, NothingIsRefutedWithoutMatchesOrCameras) {
