@@ -157,6 +157,26 @@ std::vector<ModelFrame> ReadFrames(File file) {
   return frames;
 }
 
+uint64_t NumberOf(uint64_t id) { return id; }
+template <class Id>
+uint64_t NumberOf(Id id) {
+  return id.value();
+}
+
+template <class Item>
+void CheckIdsDiffer(const fs::path& folder, const std::string& kind,
+                    const std::vector<Item>& items) {
+  std::vector<uint64_t> ids;
+  ids.reserve(items.size());
+  for (const Item& item : items) ids.push_back(NumberOf(item.id));
+  std::sort(ids.begin(), ids.end());
+  const auto twice = std::adjacent_find(ids.begin(), ids.end());
+  if (twice == ids.end()) return;
+  throw Error("the model in '" + folder.string() + "' has " + kind + " " +
+              std::to_string(*twice) +
+              " twice; write the model again with the program that made it");
+}
+
 template <class File>
 Model ReadFiles(const fs::path& folder, bool poses_only) {
   const auto exists = [&](const std::string& stem) {
@@ -173,6 +193,11 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
     model.cameras = ReadCameras(File(folder, "cameras"));
     model.points = ReadPoints(File(folder, "points3D"));
   }
+  CheckIdsDiffer(folder, "image", model.poses.images);
+  CheckIdsDiffer(folder, "rig", model.poses.rigs);
+  CheckIdsDiffer(folder, "frame", model.poses.frames);
+  CheckIdsDiffer(folder, "camera", model.cameras);
+  CheckIdsDiffer(folder, "point", model.points);
   return model;
 }
 
