@@ -18,20 +18,8 @@ using testing::Eq;
 using testing::HasSubstr;
 using testing::Not;
 
-const std::vector<Command>& Commands() {
-  static const std::vector<Command> commands = {
-      AutomaticReconstructorCommand(), MapperCommand(),
-      BundleAdjusterCommand(),         PointTriangulatorCommand(),
-      ModelEvaluatorCommand(),         SimulateCommand(),
-      FeatureExtractorCommand(),       RigConfiguratorCommand(),
-      ExhaustiveMatcherCommand(),      SequentialMatcherCommand(),
-      VocabTreeMatcherCommand(),       SpatialMatcherCommand(),
-      MatchesImporterCommand()};
-  return commands;
-}
-
 TEST(OptionRanges, AreFiniteAndContainTheDefaults) {
-  for (const Command& command : Commands()) {
+  for (const Command& command : AllCommands()) {
     command.list([&](const OptionList& options) {
       for (const OptionEntry& entry : options) {
         const bool is_real = std::holds_alternative<double>(entry.get());
@@ -178,6 +166,20 @@ TEST_F(OptionExtremes, ExtractionAndMatching) {
         VocabTreeMatcherCommand()}) {
     Sweep(command, "--database_path " + Path("work.db"), "", Path("base.db"));
   }
+}
+
+TEST_F(OptionExtremes, ToolsOnModels) {
+  MakeDrive();
+  const std::string model = Path("drive/truth");
+  const std::string output = " --output_path " + Path("out");
+  Sweep(ModelAlignerCommand(),
+        "--input_path " + model + " --ref_model_path " + model + output,
+        Path("out"));
+  Sweep(ModelMergerCommand(),
+        "--input_path1 " + model + " --input_path2 " + model + output,
+        Path("out"));
+  Sweep(ModelConverterCommand(),
+        "--input_path " + model + output + " --output_type txt", "");
 }
 
 // Larger counts are larger drives, up to the memory of the machine.
