@@ -310,7 +310,9 @@ void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
         << "the next run: " << next.err;
   }
   // A command that makes something new may find it complete.
-  const bool is_there = next.err.find("exists; choose") != std::string::npos;
+  const bool is_there =
+      next.err.find("exists; choose") != std::string::npos ||
+      next.err.find("exists already; choose") != std::string::npos;
   EXPECT_EQ(next.exit_code, is_there ? 1 : 0) << next.err;
   EXPECT_TRUE(is_there || !HasHiddenFiles(Sandbox()));
 }
