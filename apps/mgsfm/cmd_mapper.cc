@@ -48,9 +48,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, figures, live, partition, loading, priors,
-          baseline,
-          mapper);
+          output_format, write_report, figures, live, partition, loading,
+          priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }

@@ -38,24 +38,23 @@ struct CommandGroup {
 
 // The groups come in the order in which a first session needs them.
 std::vector<CommandGroup> CommandGroups() {
-  return {
-      {"Reconstruction",
-       {AutomaticReconstructorCommand(), MapperCommand(),
-        BundleAdjusterCommand(), PointTriangulatorCommand()}},
-      {"Images, features and matches",
-       {FeatureExtractorCommand(), FeatureImporterCommand(),
-        ImageSplitterCommand(), VideoSamplerCommand(), RigConfiguratorCommand(),
-        SequentialMatcherCommand(), ExhaustiveMatcherCommand(),
-        VocabTreeMatcherCommand(), SpatialMatcherCommand(),
-        VocabTreeBuilderCommand(), MatchesImporterCommand(),
-        GeometricVerifierCommand()}},
-      {"Models",
-       {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
-        ModelConverterCommand(), ImageUndistorterCommand(),
-        ModelAlignerCommand(), ModelMergerCommand(), ModelCropperCommand(),
-        ImageDeleterCommand()}},
-      {"Databases", {DatabaseMergerCommand(), DatabaseCleanerCommand()}},
-      {"Simulation", {SimulateCommand()}}};
+  return {{"Reconstruction",
+           {AutomaticReconstructorCommand(), MapperCommand(),
+            BundleAdjusterCommand(), PointTriangulatorCommand()}},
+          {"Images, features and matches",
+           {FeatureExtractorCommand(), FeatureImporterCommand(),
+            ImageSplitterCommand(), VideoSamplerCommand(),
+            RigConfiguratorCommand(), SequentialMatcherCommand(),
+            ExhaustiveMatcherCommand(), VocabTreeMatcherCommand(),
+            SpatialMatcherCommand(), VocabTreeBuilderCommand(),
+            MatchesImporterCommand(), GeometricVerifierCommand()}},
+          {"Models",
+           {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
+            ModelConverterCommand(), ImageUndistorterCommand(),
+            ModelAlignerCommand(), ModelMergerCommand(), ModelCropperCommand(),
+            ImageDeleterCommand()}},
+          {"Databases", {DatabaseMergerCommand(), DatabaseCleanerCommand()}},
+          {"Simulation", {SimulateCommand()}}};
 }
 
 }  // namespace

@@ -125,6 +125,7 @@ class MotionSearch {
       for (size_t h = 0; h < steps_[k].size(); ++h) {
         nodes_.back().push_back(BestNode(k, h));
       }
+      best_until_.push_back(BestUntil(k));
     }
     return TraceBack();
   }
@@ -156,9 +157,16 @@ class MotionSearch {
     return kLossScale * std::log1p(cost / kLossScale);
   }
 
+  // After more than kMaxNumSkipped steps without a hypothesis, the velocities
+  // before and after are not compared.
   Node BestNode(size_t k, size_t h) const {
     Node best{SkipCost(0, k), std::nullopt};
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
+    if (first > 0 && best_until_[first - 1].previous) {
+      const Node& far = best_until_[first - 1];
+      const double cost = far.cost + SkipCost(far.previous->step + 1, k);
+      if (cost < best.cost) best = {cost, far.previous};
+    }
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_[previous].size(); ++g) {
         const double cost =
@@ -169,6 +177,21 @@ class MotionSearch {
       }
     }
     best.cost -= std::log(steps_[k][h].share);
+    return best;
+  }
+
+  // The node up to step k after which all later steps cost least: `previous` is
+  // the node itself.
+  Node BestUntil(size_t k) const {
+    Node best;
+    if (k > 0) best = best_until_[k - 1];
+    for (size_t h = 0; h < nodes_[k].size(); ++h) {
+      const double cost = nodes_[k][h].cost;
+      if (!best.previous ||
+          cost < best.cost + SkipCost(best.previous->step + 1, k + 1)) {
+        best = {cost, Position{k, h}};
+      }
+    }
     return best;
   }
 
@@ -198,6 +221,7 @@ class MotionSearch {
   std::vector<std::vector<Velocity>> velocities_;
   std::vector<double> skip_cost_before_;  // sums over the steps before each
   std::vector<std::vector<Node>> nodes_;
+  std::vector<Node> best_until_;  // per step
 };
 
 Velocity Mean(const Velocity& a, const Velocity& b) {

@@ -74,8 +74,8 @@ struct RigMotion {
     const FrameMatches& matches, double max_error_px,
     const Rigid3& later_from_earlier);
 
-// Whether a match agrees with the relative pose of its images, in the unit of
-// the depths: by the epipolar constraint and by those depths that are known. A
+// Compares a match with the relative pose of its images, in the unit of the
+// depths: by the epipolar constraint and by those depths that are known. A
 // depth also agrees if the intersection of both rays has the same one up to a
 // factor of 1.5, since depths from a rig have errors of some tens of percent.
 enum class MatchVerdict {

@@ -334,7 +334,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,   bearings, verified.estimate, index, input.position_priors,
+      scene,   bearings,      verified.estimate, index, input.position_priors,
       gravity, input.observer};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =

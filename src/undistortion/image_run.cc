@@ -23,10 +23,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Does not wait for the disk, as a lost file is only written again.
-class FastFileOperations : public FileOperations {
+// Files are on the disk before they get their names, as a later run takes those
+// with content for complete. Names wait for the end of the run: a lost file is
+// only written again.
+class ImageFileOperations : public FileOperations {
  public:
-  void Sync(const fs::path& /*path*/) override {}
+  void Sync(const fs::path& path) override {
+    if (!fs::is_directory(path)) FileOperations::Sync(path);
+  }
 };
 
 bool IsComplete(const fs::path& path) {
@@ -81,17 +85,30 @@ class ImageRun {
     return true;
   }
 
-  void MakeFolders(const std::vector<ImageTask>& tasks) const {
-    std::set<fs::path> folders;
+  void MakeFolders(const std::vector<ImageTask>& tasks) {
     for (const ImageTask& task : tasks) {
       for (const std::string& name : task.view_names) {
-        folders.insert(ImagePath(name).parent_path());
+        folders_.insert(ImagePath(name).parent_path());
         if (options_.writes_masks) {
-          folders.insert(MaskPath(name).parent_path());
+          folders_.insert(MaskPath(name).parent_path());
         }
       }
     }
-    for (const fs::path& folder : folders) fs::create_directories(folder);
+    for (const fs::path& folder : folders_) fs::create_directories(folder);
+  }
+
+  // The names of all files, and of the folders that hold them.
+  void SyncFolders() const {
+    std::set<fs::path> folders;
+    const size_t size = options_.output_path.native().size();
+    for (fs::path folder : folders_) {
+      for (; folder.native().size() > size; folder = folder.parent_path()) {
+        folders.insert(folder);
+      }
+    }
+    folders.insert(options_.output_path);
+    FileOperations operations;
+    for (const fs::path& folder : folders) operations.Sync(folder);
   }
 
   void AddTask(const ImageTask& task) {
@@ -120,7 +137,7 @@ class ImageRun {
     const std::vector<View>& views = views_of_camera_[task.camera_idx];
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
-    FastFileOperations operations;
+    ImageFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
     const cv::Mat image = Decode(file, Colours(), camera);
     std::shared_ptr<const ViewRenderer> renderer;
@@ -197,6 +214,7 @@ class ImageRun {
   const std::vector<std::vector<View>>& views_of_camera_;
   const ImageRunOptions& options_;
   std::vector<SharedRenderer> renderers_;
+  std::set<fs::path> folders_;  // of the files to write
 };
 
 }  // namespace
@@ -271,6 +289,7 @@ ImageRunSummary WriteViews(
       [&](size_t num_done) {
         context.ReportProgress("undistortion: images", num_done, left.size());
       });
+  if (!left.empty()) run.SyncFolders();
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "io/database/database_cleaning.h"
+#include "io/database/sqlite_database.h"
 #include "io/test_database.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "support/database_rows.h"
@@ -271,6 +272,29 @@ TEST_F(DatabaseMerging, VehiclesShareTheirRigAndSessionsTheirNames) {
                Error);
   MergeDatabases({{Path("a.db"), "mon/", "van"}, {Path("b.db"), "tue/", "bus"}},
                  Path("other.db"), Context());
+}
+
+// Rigs that a database holds, but that no rows define.
+TEST_F(DatabaseMerging, DamagedRigsAreNamed) {
+  const std::pair<const char*, const char*> damages[] = {
+      {"UPDATE rigs SET ref_sensor_type = 1", "rig 3"},
+      {"UPDATE rigs SET ref_sensor_id = 77", "rig 3"},
+      {"UPDATE rig_sensors SET sensor_id = 77", "rig 3"},
+      {"UPDATE frames SET rig_id = 5 WHERE frame_id = 9", "frame 9"},
+      {"UPDATE frame_data SET sensor_id = 77 WHERE frame_id = 9", "frame 9"}};
+  MakeDatabase("a.db", "seq1");
+  for (const auto& [sql, name] : damages) {
+    fs::remove(Path("b.db"));
+    MakeDatabase("b.db", "seq2");
+    SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db")).Execute(sql);
+    try {
+      Merge("merged.db");
+      ADD_FAILURE() << sql;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), AllOf(HasSubstr("b.db"), HasSubstr(name)));
+    }
+    EXPECT_FALSE(fs::exists(Path("merged.db")));
+  }
 }
 
 TEST_F(DatabaseMerging, ColmapOpensTheResult) {

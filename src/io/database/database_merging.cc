@@ -19,6 +19,7 @@
 #include "io/database/feature_keypoints.h"
 #include "io/database/merged_structure.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database/feature_database.h"
 
@@ -503,7 +504,10 @@ DatabaseMergeSummary MergeDatabases(const std::vector<MergeInput>& given,
   const DatabaseMergeSummary summary =
       has_match_shards ? MergeMatches(inputs, partial.path(), context)
                        : MergeFeatures(inputs, partial.path(), context);
-  fs::rename(partial.path(), merged_path);
+  // SQLite has synced the file; its name must last, too.
+  FileOperations operations;
+  operations.Rename(partial.path(), merged_path);
+  operations.Sync(fs::absolute(merged_path).parent_path());
   return summary;
 }
 

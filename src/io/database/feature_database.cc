@@ -230,8 +230,14 @@ std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
                                            table + " ORDER BY pair_id");
   while (row.Step()) {
     const int64_t pair_id = row.Int(0);
-    pairs.push_back({ImageId(static_cast<uint32_t>(pair_id / kMaxNumIds)),
-                     ImageId(static_cast<uint32_t>(pair_id % kMaxNumIds)),
+    const int64_t id1 = pair_id / kMaxNumIds, id2 = pair_id % kMaxNumIds;
+    if (pair_id < 0 || id1 >= id2) {
+      ThrowDatabaseError(database_.path(),
+                         "has the invalid pair id " + std::to_string(pair_id) +
+                             " in the table " + table + kMatchAgain);
+    }
+    pairs.push_back({ImageId(static_cast<uint32_t>(id1)),
+                     ImageId(static_cast<uint32_t>(id2)),
                      static_cast<size_t>(std::max<int64_t>(0, row.Int(1)))});
   }
   return pairs;

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "io/database/database_rows.h"
 #include "io/database/sqlite_database.h"
 #include "math/union_find.h"
 
@@ -57,12 +58,60 @@ bool AreEqual(const std::vector<FrameDataRow>& a,
                     });
 }
 
+// Rows that refer to cameras or rigs that do not exist.
+class ReferenceCheck {
+ public:
+  explicit ReferenceCheck(const StructureInput& input) : input_(input) {
+    for (const Camera& camera : input.contents.cameras) {
+      cameras_.insert(camera.id);
+    }
+    for (const RigRow& rig : input.contents.rigs) rigs_.insert(rig.id);
+  }
+
+  void Check() const {
+    for (const RigRow& rig : input_.contents.rigs) {
+      const std::string name = "rig " + std::to_string(rig.id.value());
+      if (!rig.ref_camera_id)
+        Throw(name + " has a reference that is no camera");
+      CheckCamera(name, *rig.ref_camera_id);
+      for (const RigSensorRow& sensor : rig.sensors) {
+        CheckCamera(name, sensor.camera_id);
+      }
+    }
+    for (const FrameRow& frame : input_.contents.frames) {
+      const std::string name = "frame " + std::to_string(frame.id.value());
+      if (rigs_.count(frame.rig_id) == 0) {
+        Throw(name + " has the rig " + std::to_string(frame.rig_id.value()) +
+              ", which does not exist");
+      }
+      for (const FrameDataRow& data : frame.data) {
+        CheckCamera(name, data.camera_id);
+      }
+    }
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    ThrowDatabaseError(input_.path, problem + kConfigureAgain);
+  }
+  void CheckCamera(const std::string& name, CameraId id) const {
+    if (cameras_.count(id) > 0) return;
+    Throw(name + " has the camera " + std::to_string(id.value()) +
+          ", which does not exist");
+  }
+
+  const StructureInput& input_;
+  std::set<CameraId> cameras_;
+  std::set<RigId> rigs_;
+};
+
 class StructureMerger {
  public:
   explicit StructureMerger(const std::vector<StructureInput>& inputs)
       : inputs_(inputs), camera_ids_(inputs.size()) {}
 
   MergedStructure Merge() {
+    for (const StructureInput& input : inputs_) ReferenceCheck(input).Check();
     MergeImages();
     MergeCameras();
     for (size_t i = 0; i < inputs_.size(); ++i) MergeRigsAndFrames(i);
