@@ -65,20 +65,27 @@ PairCounts CountInlierMatches(const MatchDatabases& databases,
   return pairs;
 }
 
-std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
+std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
-  const ImageId id1 = scene.images[pair.image_idx1].id;
-  const ImageId id2 = scene.images[pair.image_idx2].id;
-  const bool is_output =
-      databases.AreOne() || databases.output.HasMatches(id1, id2);
-  std::vector<Match> matches =
-      (is_output ? databases.output : databases.features).ReadMatches(id1, id2);
+  std::vector<Match> matches = database.ReadMatches(
+      scene.images[pair.image_idx1].id, scene.images[pair.image_idx2].id);
   std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
     return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
            std::tie(b.keypoint_idx1, b.keypoint_idx2);
   });
   return matches;
+}
+
+std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
+                                     const Scene& scene,
+                                     const ImageIdxPair& pair) {
+  const bool is_output =
+      databases.AreOne() ||
+      databases.output.HasMatches(scene.images[pair.image_idx1].id,
+                                  scene.images[pair.image_idx2].id);
+  return ReadMatchesOfPair(is_output ? databases.output : databases.features,
+                           scene, pair);
 }
 
 void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,

@@ -46,6 +46,9 @@ std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
 
 // In the order of the scene, sorted by keypoint indices. Those of the output,
 // if it has any.
+std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
+                                     const Scene& scene,
+                                     const ImageIdxPair& pair);
 std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const Scene& scene,
                                      const ImageIdxPair& pair);

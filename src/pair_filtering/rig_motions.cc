@@ -134,6 +134,18 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
   }
 }
 
+// Without a baseline, the rays must coincide.
+bool IsOnEpipolarLine(const Rigid3& cam2_from_cam1, const Vector3d& ray1,
+                      const Vector3d& ray2, double tolerance_rad) {
+  const double length = cam2_from_cam1.translation.norm();
+  if (length == 0.0) {
+    return IsRotationInlier(cam2_from_cam1.rotation, ray1, ray2, tolerance_rad);
+  }
+  return IsInlier(
+      {cam2_from_cam1.rotation, cam2_from_cam1.translation / length}, ray1,
+      ray2, tolerance_rad);
+}
+
 bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
                      const Vector3d& ray_b, double distance_a,
                      double tolerance_rad) {
@@ -208,9 +220,7 @@ MatchVerdict CompareWithMotion(const Bearings& bearings,
   }
   const Vector3d& ray1 = bearings.Ray(pair.image_idx1, k1);
   const Vector3d& ray2 = bearings.Ray(pair.image_idx2, k2);
-  const Rigid3 with_unit_baseline{cam2_from_cam1.rotation,
-                                  cam2_from_cam1.translation.normalized()};
-  if (!IsInlier(with_unit_baseline, ray1, ray2, tolerance_rad)) {
+  if (!IsOnEpipolarLine(cam2_from_cam1, ray1, ray2, tolerance_rad)) {
     return MatchVerdict::kContradicts;
   }
   const bool is_known1 = depths.IsKnown(pair.image_idx1, k1);

@@ -392,8 +392,12 @@ ImagePair SelectMatches(const MotionProblem& problem,
   selected.image_idx1 = pair.image_idx1;
   selected.image_idx2 = pair.image_idx2;
   selected.config = TwoViewConfig::kCalibrated;
-  selected.relative_pose = {expected.cam2_from_cam1.rotation,
-                            expected.cam2_from_cam1.translation.normalized()};
+  selected.relative_pose = {expected.cam2_from_cam1.rotation, std::nullopt};
+  const double length = expected.cam2_from_cam1.translation.norm();
+  if (length > 0.0) {
+    selected.relative_pose->translation_direction =
+        expected.cam2_from_cam1.translation / length;
+  }
   for (const Match& match : SourceOf(problem, pair).matches) {
     if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
         !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&

@@ -232,7 +232,7 @@ std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
     const int64_t pair_id = row.Int(0);
     const int64_t id1 = pair_id / kMaxNumIds, id2 = pair_id % kMaxNumIds;
     if (pair_id < 0 || id1 >= id2) {
-      ThrowDatabaseError(database_.path(),
+      ThrowDatabaseError(database().path(),
                          "has the invalid pair id " + std::to_string(pair_id) +
                              " in the table " + table + kMatchAgain);
     }
