@@ -125,7 +125,6 @@ class MotionSearch {
       for (size_t h = 0; h < steps_[k].size(); ++h) {
         nodes_.back().push_back(BestNode(k, h));
       }
-      best_until_.push_back(BestUntil(k));
     }
     return TraceBack();
   }
@@ -157,16 +156,9 @@ class MotionSearch {
     return kLossScale * std::log1p(cost / kLossScale);
   }
 
-  // After more than kMaxNumSkipped steps without a hypothesis, the velocities
-  // before and after are not compared.
   Node BestNode(size_t k, size_t h) const {
-    Node best{SkipCost(0, k), std::nullopt};
+    Node best = AfterGap(k);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
-    if (first > 0 && best_until_[first - 1].previous) {
-      const Node& far = best_until_[first - 1];
-      const double cost = far.cost + SkipCost(far.previous->step + 1, k);
-      if (cost < best.cost) best = {cost, far.previous};
-    }
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_[previous].size(); ++g) {
         const double cost =
@@ -180,17 +172,17 @@ class MotionSearch {
     return best;
   }
 
-  // The node up to step k after which all later steps cost least: `previous` is
-  // the node itself.
-  Node BestUntil(size_t k) const {
-    Node best;
-    if (k > 0) best = best_until_[k - 1];
-    for (size_t h = 0; h < nodes_[k].size(); ++h) {
-      const double cost = nodes_[k][h].cost;
-      if (!best.previous ||
-          cost < best.cost + SkipCost(best.previous->step + 1, k + 1)) {
-        best = {cost, Position{k, h}};
-      }
+  // The start of the sequence. After more than kMaxNumSkipped steps without any
+  // hypothesis, the best node before them: velocities across such a gap are not
+  // compared.
+  Node AfterGap(size_t k) const {
+    Node best{SkipCost(0, k), std::nullopt};
+    size_t before = k;
+    while (before > 0 && steps_[before - 1].empty()) --before;
+    if (before == 0 || k - before <= kMaxNumSkipped) return best;
+    for (size_t g = 0; g < steps_[before - 1].size(); ++g) {
+      const double cost = nodes_[before - 1][g].cost + SkipCost(before, k);
+      if (cost < best.cost) best = {cost, Position{before - 1, g}};
     }
     return best;
   }
@@ -221,7 +213,6 @@ class MotionSearch {
   std::vector<std::vector<Velocity>> velocities_;
   std::vector<double> skip_cost_before_;  // sums over the steps before each
   std::vector<std::vector<Node>> nodes_;
-  std::vector<Node> best_until_;  // per step
 };
 
 Velocity Mean(const Velocity& a, const Velocity& b) {
@@ -282,6 +273,7 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
       FollowMotion(chosen, durations, is_doubtful, first_stretch);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
+    path->is_interpolated[sequence[k]] = k > 0 && !chosen[k - 1];
   }
   return places.back().stretch + 1;
 }
@@ -299,6 +291,7 @@ RigPath FindRigPath(
   RigPath path;
   path.of_frame.resize(num_frames);
   path.is_contested = Mask(num_frames, false);
+  path.is_interpolated = Mask(num_frames, false);
   int num_stretches = 0;
   for (size_t s = 0; s < hypotheses.size(); ++s) {
     num_stretches = FollowSequence(order, order.sequences()[s], hypotheses[s],

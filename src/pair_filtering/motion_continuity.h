@@ -56,6 +56,8 @@ struct RigPath {
   std::vector<std::optional<Place>> of_frame;
   // Per frame: hypotheses disagree about a step from or to it.
   Mask is_contested;
+  // Per frame: the step to it has no hypothesis that was chosen.
+  Mask is_interpolated;
   double median_step = 0.0;  // the longest of all sequences
 
   bool IsComparable(int frame_idx1, int frame_idx2) const {

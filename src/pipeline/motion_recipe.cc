@@ -41,6 +41,8 @@ constexpr double kMaxRotationError_rad = DegToRad(1.0);
 constexpr double kMinDisplacement = 0.2;
 // One match more that contradicts than agrees may be a mismatch.
 constexpr int kMinBalance = 2;
+// Fewer contradicting matches do not bias the relative pose of a pair.
+constexpr double kMaxContradicting = 0.1;
 
 // The measurements, and the settings that all steps share.
 struct MotionProblem {
@@ -188,14 +190,18 @@ std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
   return refined;
 }
 
-// Refines all steps, among them those without a hypothesis.
+// Refines the steps that are contested or interpolated.
 RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
   RigPath refined = path;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
     for (size_t k = 0; k + 1 < sequence.size(); ++k) {
       const int a = sequence[k], b = sequence[k + 1];
       if (!path.IsComparable(a, b)) continue;
-      const auto step = RefineMotion(problem, path, a, b);
+      std::optional<Rigid3> step;
+      if (path.is_interpolated[b] || path.is_contested[a] ||
+          path.is_contested[b]) {
+        step = RefineMotion(problem, path, a, b);
+      }
       refined.of_frame[b]->rig_from_start =
           (step ? *step : path.Between(a, b)) *
           refined.of_frame[a]->rig_from_start;
@@ -382,12 +388,30 @@ class MovingKeypoints {
   std::vector<std::vector<int>> balance_;
 };
 
-// The matches of a pair that agree with the path, before verification.
+// The matches of a pair, verified or not, that agree with the path.
+std::vector<Match> AgreeingMatches(const MotionProblem& problem,
+                                   const MovingKeypoints& moving,
+                                   const ExpectedPair& expected,
+                                   const ImagePair& pair) {
+  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  std::vector<Match> agreeing;
+  for (const Match& match : pair.matches) {
+    if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
+        !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
+        CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                          expected.cam2_from_cam1,
+                          tolerance_rad) != MatchVerdict::kContradicts) {
+      agreeing.push_back(match);
+    }
+  }
+  return agreeing;
+}
+
+// The pair to verify: its matches before verification that agree with the path.
 ImagePair SelectMatches(const MotionProblem& problem,
                         const MovingKeypoints& moving,
                         const ExpectedPair& expected) {
   const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
-  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
   ImagePair selected;
   selected.image_idx1 = pair.image_idx1;
   selected.image_idx2 = pair.image_idx2;
@@ -398,15 +422,8 @@ ImagePair SelectMatches(const MotionProblem& problem,
     selected.relative_pose->translation_direction =
         expected.cam2_from_cam1.translation / length;
   }
-  for (const Match& match : SourceOf(problem, pair).matches) {
-    if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
-        !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
-        CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                          expected.cam2_from_cam1,
-                          tolerance_rad) != MatchVerdict::kContradicts) {
-      selected.matches.push_back(match);
-    }
-  }
+  selected.matches =
+      AgreeingMatches(problem, moving, expected, SourceOf(problem, pair));
   return selected;
 }
 
@@ -448,6 +465,35 @@ std::vector<ExpectedPair> VerifyPairs(
   return found;
 }
 
+// The pairs next to objects that contradict the path, by their poses or by more
+// than a few of their matches.
+std::vector<ExpectedPair> SelectDoubtful(
+    const MotionProblem& problem, const RigPath& path,
+    const Mask& is_near_object, const std::vector<ExpectedPair>& expected) {
+  std::vector<ExpectedPair> near;
+  for (const ExpectedPair& e : expected) {
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    if (is_near_object[frames.frame_idx1] ||
+        is_near_object[frames.frame_idx2]) {
+      near.push_back(e);
+    }
+  }
+  const MovingKeypoints moving(problem, near);
+  std::vector<ExpectedPair> doubtful;
+  for (const ExpectedPair& e : near) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    const auto num_contradicting =
+        static_cast<double>(pair.matches.size()) -
+        static_cast<double>(AgreeingMatches(problem, moving, e, pair).size());
+    if (!AgreesWithPath(problem, path, *pair.relative_pose, e) ||
+        num_contradicting >
+            kMaxContradicting * static_cast<double>(pair.matches.size())) {
+      doubtful.push_back(e);
+    }
+  }
+  return doubtful;
+}
+
 // Estimates the pairs next to objects again, from matches that agree.
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
@@ -460,15 +506,10 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion{Mask(num_pairs, false), {}};
   motion.pair_of_scene.resize(num_pairs);
-  std::vector<ExpectedPair> judged;
-  for (const ExpectedPair& e : expected) {
-    const FramePair& frames = problem.index.Of(e.pair_idx);
-    if (!is_near_object[frames.frame_idx1] &&
-        !is_near_object[frames.frame_idx2]) {
-      continue;
-    }
+  std::vector<ExpectedPair> judged =
+      SelectDoubtful(problem, path, is_near_object, expected);
+  for (const ExpectedPair& e : judged) {
     motion.pair_is_discontinuous[e.pair_idx] = true;
-    judged.push_back(e);
   }
   // Once from the path, and once from the poses found.
   for (int round = 0; round < 2; ++round) {

@@ -37,9 +37,10 @@ namespace mgsfm {
 // 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
 //    two components is rejected if it has no triplet support and other pairs
 //    contradict it. The components then stay apart.
-// 5. Motion continuity (motion_continuity.h). In a sequence, pairs of
-//    neighbours that match an object moving along with the rig state that it
-//    stands still. The smoothest motion that the pairs offer exposes them.
+// 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
+// object
+//    that moves along with the rig imply that it stands still. Of the motions
+//    that matches support, the smoothest choice exposes them.
 // 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate.
