@@ -228,6 +228,11 @@ void WriteModelFolder(const SceneModel& model, ModelFormat format,
 }  // namespace
 
 int JoinClusters(const SubMapRun& run, const Context& context) {
+  std::error_code ignored;
+  if (fs::equivalent(run.input_path, run.output_path, ignored)) {
+    throw Error("'" + run.output_path +
+                "' holds the sub-maps; choose another --output_path");
+  }
   StagedOutput output(run.output_path);
   const SubMapFiles files = FindSubMaps(run);
   LogMissing(files, context);
