@@ -32,6 +32,11 @@ struct MapperCommandOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  Option<std::string> checkpoint_path{
+      "checkpoint_path", "",
+      "Folder in which stages save their results. A run that was stopped "
+      "continues from there and ends with the same models; then the files are "
+      "removed."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -42,8 +47,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, partition, loading, priors, baseline,
-          mapper);
+          output_format, write_report, checkpoint_path, partition, loading,
+          priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -56,7 +61,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
       options.output_format,   options.loading,          options.priors,
       options.mapper,          OptionsToJsonOf(options), options.input_path,
       options.image_list_path, options.baseline,         options.rig_split,
-      options.write_report};
+      options.write_report,    options.checkpoint_path};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }

@@ -2,9 +2,11 @@
 #include "mapper_run.h"
 
 #include <filesystem>
+#include <memory>
 #include <set>
 #include <utility>
 
+#include "checkpoint.h"
 #include "command.h"
 #include "io/database/image_list.h"
 #include "io/files/output_file.h"
@@ -119,6 +121,25 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
   }
 }
 
+void LogNoModel(const MapperRun& run, const Context& context) {
+  const std::filesystem::path output(run.output_path);
+  context.log(LogLevel::kError, "no model could be reconstructed; see " +
+                                    (output / "report.json").string());
+}
+
+// nullptr if none is wanted. What does not change the models is no part of the
+// hash, such as output paths and the number of threads.
+std::unique_ptr<Checkpoint> OpenCheckpoint(const MapperRun& run,
+                                           const MapperInput& input,
+                                           const Context& context) {
+  if (run.checkpoint_path.empty()) return nullptr;
+  const std::string options = Version() + std::to_string(context.random_seed) +
+                              OptionsToJsonOf(run.mapper) +
+                              OptionsToJsonOf(run.baseline);
+  return std::make_unique<Checkpoint>(
+      run.checkpoint_path, HashInput(input) ^ HashText(options), context);
+}
+
 // A model that was extended without registration keeps its origin.
 void KeepGeoOrigin(const std::filesystem::path& input_path,
                    const MapperResult& result,
@@ -226,6 +247,9 @@ int MapDatabase(const MapperRun& run, const Context& context) {
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
 
+  const std::unique_ptr<Checkpoint> checkpoint =
+      OpenCheckpoint(run, input.mapper, context);
+  input.mapper.stage_store = checkpoint.get();
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
   context.Debug("writing started");
@@ -241,15 +265,13 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
+  if (checkpoint) checkpoint->Remove();
   if (run.write_report) {
     WriteReportPages(run.output_path, run.image_path, input.mapper, result,
                      report_json, context);
   }
   if (result.models.empty()) {
-    context.log(
-        LogLevel::kError,
-        "no model could be reconstructed; see " +
-            (std::filesystem::path(run.output_path) / "report.json").string());
+    LogNoModel(run, context);
     return kExitNotSolvable;
   }
   LogMissingColors(run.image_path, context);

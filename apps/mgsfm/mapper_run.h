@@ -29,7 +29,8 @@ struct MapperRun {
   std::string image_list_path = {};  // images to use; empty: all
   BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
-  bool write_report = false;  // a page per model
+  bool write_report = false;         // a page per model
+  std::string checkpoint_path = {};  // empty: none
 };
 
 // The input of the mapper, and the facts about it that the report states.

@@ -19,6 +19,7 @@
 #include "pipeline/motion_recipe.h"
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
+#include "pipeline/saved_stages.h"
 #include "pipeline/timed.h"
 #include "pipeline/weak_seams.h"
 
@@ -111,25 +112,28 @@ struct Measurements {
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
   const LengthHints& length_hints;
+  StageStore* stage_store;  // may be null
 };
 
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
     const PositionStep& estimate_positions, const Measurements& measurements,
-    const RotationEstimate& rotations, const MapperOptions& options,
-    const Context& context, PairVerdicts* verdicts) {
+    const RotationEstimate& rotations, const StageFolder& stages,
+    const MapperOptions& options, const Context& context,
+    PairVerdicts* verdicts) {
   const Scene& scene = measurements.scene;
   const ViewGraph& view_graph = measurements.view_graph;
   const FramePairIndex& index = measurements.index;
   MapperModel model;
-  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
-    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
-                           options.tracks, context);
-  });
+  const TrackResult tracks =
+      Saved(stages, "tracks", context, &model.times, [&] {
+        return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
+                               options.tracks, context);
+      });
   model.tracks = tracks.summary;
 
   PositionResult translation =
-      Timed("translation averaging", context, &model.times, [&] {
+      Saved(stages, "translation averaging", context, &model.times, [&] {
         return estimate_positions(
             {scene, measurements.bearings, view_graph, index, rotations,
              tracks.estimate, measurements.length_hints},
@@ -150,6 +154,7 @@ std::vector<MapperModel> ReconstructComponent(
                         measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
+  input.stages = stages;
   AdjustModel(input, options, context, std::move(initial), &model);
   model.confidence =
       EstimateConfidence({scene, index, view_graph, input.pair_is_used,
@@ -219,6 +224,8 @@ std::vector<MapperModel> ReconstructComponents(
         estimate_positions, measurements,
         SelectComponent(measurements.scene, measurements.view_graph,
                         rotation->estimate, static_cast<int>(component)),
+        {measurements.stage_store,
+         "component " + std::to_string(component) + ", "},
         options, context, &rotation->verdicts);
     for (MapperModel& model : models) {
       if (!IsLargeEnough(model, options)) continue;
@@ -237,19 +244,22 @@ EstimatedRotations EstimateRotationsOfWorld(
     const MapperInput& input, const MapperOptions& options,
     const Context& context, ViewGraph* view_graph, LengthHints* length_hints,
     std::vector<StageTime>* times) {
-  const auto average = [&](const Mask& pair_is_on_object) {
-    return Timed("rotation averaging", context, times, [&] {
+  const auto average = [&](const std::string& prefix,
+                           const Mask& pair_is_on_object) {
+    const StageFolder stages{input.stage_store, prefix};
+    return Saved(stages, "rotation averaging", context, times, [&] {
       return EstimateRotations(scene, index, *view_graph, input.gravity_priors,
                                options.rotation_averaging,
                                options.pair_filtering, context,
                                pair_is_on_object);
     });
   };
-  EstimatedRotations rotation = average({});
+  EstimatedRotations rotation = average("first ", {});
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return rotation;
   }
-  MovingObjects objects = Timed("moving objects", context, times, [&] {
+  const StageFolder stages{input.stage_store};
+  MovingObjects objects = Saved(stages, "moving objects", context, times, [&] {
     return FindMovingObjects(scene, bearings, index, *view_graph,
                              rotation.estimate,
                              options.translation_averaging.min_parallax_deg,
@@ -263,7 +273,7 @@ EstimatedRotations EstimateRotationsOfWorld(
                std::to_string(view_graph->pairs.size()) +
                " image pairs contradict the motion of the rig, as those on "
                "vehicles that move along do; they are not used");
-  return average(objects.pair_is_on_object);
+  return average("second ", objects.pair_is_on_object);
 }
 
 // The stages after the calibration of focal lengths, which replaces the cameras
@@ -277,10 +287,12 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
   });
-  ViewGraphResult verified = Timed("view graph", context, &result.times, [&] {
-    return EstimateViewGraph(scene, bearings, view_graph, options.view_graph,
-                             context);
-  });
+  const StageFolder stages{input.stage_store};
+  ViewGraphResult verified =
+      Saved(stages, "view graph", context, &result.times, [&] {
+        return EstimateViewGraph(scene, bearings, view_graph,
+                                 options.view_graph, context);
+      });
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
   const auto check_input = [&] {
@@ -310,8 +322,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,   bearings,    verified.estimate, index, input.position_priors,
-      gravity, length_hints};
+      scene,   bearings,     verified.estimate, index, input.position_priors,
+      gravity, length_hints, input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,
@@ -379,8 +391,9 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
                              const Context& context) {
   const Scene& scene = input.scene;
   std::vector<StageTime> times;
+  const StageFolder stages{input.stage_store};
   FocalLengthResult focal_lengths =
-      Timed("focal lengths", context, &times, [&] {
+      Saved(stages, "focal lengths", context, &times, [&] {
         return CalibrateFocalLengths(scene, input.view_graph,
                                      options.focal_lengths, context);
       });

@@ -167,7 +167,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
         scene,
         MakeCandidateSource(scene, input.view_graph, input.pair_is_used,
                             options, context),
-        initial, options.bundle_adjustment, context, used_priors, input.held);
+        initial, options.bundle_adjustment, context, used_priors, input.held,
+        MakeRefinementStore(input.stages));
   });
   model->bundle = std::move(bundle.summary);
   model->reconstruction = std::move(bundle.estimate);
