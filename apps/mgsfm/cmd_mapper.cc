@@ -37,6 +37,10 @@ struct MapperCommandOptions {
       "Folder in which stages save their results. A run that was stopped "
       "continues from there and ends with the same models; then the files are "
       "removed."};
+  Option<int> max_memory_mib{
+      "max_memory", 0, AtLeast(0), "MiB",
+      "End with a message before the reconstruction if it would need more "
+      "memory. 0: no limit."};
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -47,8 +51,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, checkpoint_path, partition, loading,
-          priors, baseline, mapper);
+          output_format, write_report, checkpoint_path, max_memory_mib,
+          partition, loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -56,12 +60,14 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
-  const MapperRun run{
-      options.database_path,   options.output_path,      options.image_path,
-      options.output_format,   options.loading,          options.priors,
-      options.mapper,          OptionsToJsonOf(options), options.input_path,
-      options.image_list_path, options.baseline,         options.rig_split,
-      options.write_report,    options.checkpoint_path};
+  const MapperRun run{options.database_path, options.output_path,
+                      options.image_path,    options.output_format,
+                      options.loading,       options.priors,
+                      options.mapper,        OptionsToJsonOf(options),
+                      options.input_path,    options.image_list_path,
+                      options.baseline,      options.rig_split,
+                      options.write_report,  options.checkpoint_path,
+                      options.max_memory_mib};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }

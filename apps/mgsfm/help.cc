@@ -33,7 +33,7 @@ constexpr BasicHelp kBasicHelps[] = {
      "rig_config_path calibration_path rig_name_rule "
      "frame_max_time_difference_s use_prior_position use_prior_gravity "
      "image_timestamps_path compute_covariances SoftRig.method write_report "
-     "checkpoint_path partition"},
+     "checkpoint_path max_memory partition"},
     {"bundle_adjuster",
      "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
      "input_path output_path output_format retriangulate compute_covariances "

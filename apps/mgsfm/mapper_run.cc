@@ -12,6 +12,7 @@
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
+#include "memory_limit.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -246,6 +247,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   input.mapper.gravity_priors =
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
+  CheckMemory(input.mapper, run.max_memory_mib);
 
   const std::unique_ptr<Checkpoint> checkpoint =
       OpenCheckpoint(run, input.mapper, context);

@@ -31,6 +31,7 @@ struct MapperRun {
   RigSplitOptions rig_split = {};
   bool write_report = false;         // a page per model
   std::string checkpoint_path = {};  // empty: none
+  int max_memory_mib = 0;            // 0: not limited
 };
 
 // The input of the mapper, and the facts about it that the report states.

@@ -122,5 +122,18 @@ TEST_F(SubMapCommands, ModelsAndSubMapsAreNotOverwritten) {
   EXPECT_TRUE(fs::exists(Path("maps/0/0")));
 }
 
+TEST_F(SubMapCommands, TooLargeInputIsRefusedBeforeTheReconstruction) {
+  const std::string mapper = "mapper --write_report 0 --database_path " +
+                             Database() + " --output_path " + Path("out") +
+                             " --max_memory ";
+  const CommandOutput refused = RunMgsfm(mapper + "71");
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 71; cut the "
+                                           "view graph with --partition"));
+  EXPECT_THAT(refused.err, Not(HasSubstr("rotation averaging")));
+  EXPECT_FALSE(fs::exists(Path("out")));
+  Run(mapper + "1000");
+}
+
 }  // namespace
 }  // namespace mgsfm
