@@ -32,8 +32,7 @@ constexpr BasicHelp kBasicHelps[] = {
      "database_path output_path image_path input_path output_format "
      "rig_config_path calibration_path rig_name_rule "
      "frame_max_time_difference_s use_prior_position use_prior_gravity "
-     "image_timestamps_path compute_covariances SoftRig.method write_report "
-     "checkpoint_path max_memory partition"},
+     "image_timestamps_path compute_covariances SoftRig.method write_report"},
     {"bundle_adjuster",
      "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
      "input_path output_path output_format retriangulate compute_covariances "

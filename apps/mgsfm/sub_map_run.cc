@@ -59,7 +59,13 @@ SubMapFiles FindSubMaps(const SubMapRun& run) {
   }
   for (const int cluster : clusters) {
     const fs::path folder = fs::path(run.input_path) / std::to_string(cluster);
-    bool has_model = false;
+    // Those of model_splitter are models themselves.
+    bool has_model =
+        fs::is_directory(folder) && ListFolder(folder).HoldsModel();
+    if (has_model) {
+      files.folders.push_back(folder.string());
+      files.clusters.push_back(cluster);
+    }
     for (const int model : NumberedFolders(folder)) {
       const fs::path path = folder / std::to_string(model);
       if (!ListFolder(path).HoldsModel()) continue;

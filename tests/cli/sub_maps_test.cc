@@ -135,5 +135,21 @@ TEST_F(SubMapCommands, TooLargeInputIsRefusedBeforeTheReconstruction) {
   Run(mapper + "1000");
 }
 
+TEST_F(SubMapCommands, SplitModelsJoinToTheWhole) {
+  Run("model_splitter --input_path " + In() + "/truth --output_path " +
+      Path("maps") + " --num_clusters 3 --num_overlap_frames 4");
+  EXPECT_TRUE(fs::exists(Path("maps/2/images.bin")));
+  Run("model_merger --graph 1 --refine 0 --input_path " + Path("maps") +
+      " --output_path " + Path("joined"));
+  const Json errors = Evaluate(Path("joined/0"));
+  EXPECT_EQ(errors["num_registered"], 120);
+  EXPECT_LT(errors["position_m"]["max"].get<double>(), 1e-6);
+  const CommandOutput refused =
+      RunMgsfm("model_splitter --input_path " + Path("maps/0") +
+               " --output_path " + Path("maps"));
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_TRUE(fs::exists(Path("maps/2/images.bin")));
+}
+
 }  // namespace
 }  // namespace mgsfm
