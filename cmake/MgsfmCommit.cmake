@@ -11,7 +11,7 @@ if(NOT CMAKE_SCRIPT_MODE_FILE)
   return()
 endif()
 
-cmake_minimum_required(VERSION 3.25)
+cmake_minimum_required(VERSION 3.22)
 set(commit unknown)
 if(EXISTS ${SOURCE}/.git)
   execute_process(

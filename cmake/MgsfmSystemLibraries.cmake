@@ -34,6 +34,29 @@ function(mgsfm_find_optional_hdf5)
   endif()
 endfunction()
 
+# Defines mgsfm_av, the libraries of FFmpeg that decode videos, if they are
+# installed.
+function(mgsfm_find_optional_av)
+  if(TARGET mgsfm_av)
+    return()
+  endif()
+  set(libraries)
+  foreach(part avformat avcodec swscale avutil)
+    find_library(MGSFM_${part}_LIBRARY ${part})
+    find_path(MGSFM_${part}_INCLUDE_DIR lib${part}/version.h)
+    mark_as_advanced(MGSFM_${part}_LIBRARY MGSFM_${part}_INCLUDE_DIR)
+    if(NOT MGSFM_${part}_LIBRARY OR NOT MGSFM_${part}_INCLUDE_DIR)
+      message(STATUS "no FFmpeg (lib${part}-dev): videos cannot be read")
+      return()
+    endif()
+    list(APPEND libraries ${MGSFM_${part}_LIBRARY})
+  endforeach()
+  add_library(mgsfm_av INTERFACE IMPORTED)
+  target_include_directories(mgsfm_av SYSTEM INTERFACE
+    ${MGSFM_avformat_INCLUDE_DIR})
+  target_link_libraries(mgsfm_av INTERFACE ${libraries})
+endfunction()
+
 # mgsfm_find_system_libraries(TARGETS...)
 # Defines those of TARGETS that are named below.
 function(mgsfm_find_system_libraries)
@@ -41,7 +64,9 @@ function(mgsfm_find_system_libraries)
     mgsfm_find_library(mgsfm_cholmod cholmod cholmod.h suitesparse)
     # CHOLMOD is parallelised with OpenMP; src/math/sparse_solver.cc limits it
     # to one thread.
-    target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+    if(CMAKE_SYSTEM_NAME STREQUAL "Linux")
+      target_link_libraries(mgsfm_cholmod INTERFACE gomp)
+    endif()
   endif()
   if("Ceres::ceres" IN_LIST ARGN)
     # Debian's Ceres names the libraries of ATLAS next to the system's BLAS;
@@ -70,6 +95,9 @@ function(mgsfm_find_system_libraries)
   endif()
   if("mgsfm_hdf5" IN_LIST ARGN)
     mgsfm_find_optional_hdf5()
+  endif()
+  if("mgsfm_av" IN_LIST ARGN)
+    mgsfm_find_optional_av()
   endif()
   if("mgsfm_flann" IN_LIST ARGN)
     # FLANN consists of templates, whose serialisation refers to LZ4.

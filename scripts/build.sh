@@ -8,4 +8,4 @@ cd "$(dirname "$0")/.."
 preset=${1:-release}
 [ $# -eq 0 ] || shift
 cmake --preset "$preset" >/dev/null
-cmake --build --preset "$preset" -j "$(nproc)" "$@"
+cmake --build --preset "$preset" -j "$(getconf _NPROCESSORS_ONLN)" "$@"

@@ -26,6 +26,7 @@ features: base math geometry scene io
 matching: base math geometry scene io
 synthetic: base math geometry scene
 undistortion: base math geometry scene io
+video: base io
 eval: base math geometry scene
 priors: base math geometry scene
 model_tools: base math geometry scene eval

@@ -6,18 +6,38 @@
 """
 
 import inspect
+import re
 
 import pymgsfm
 
 SECTIONS = [
-    ("Commands", "commands"), ("Averaging", "averaging"),
+    ("Commands", "commands"), ("Tools", "tools"), ("Averaging", "averaging"),
     ("Models", "reconstruction"), ("Transforms", "geometry"),
     ("Options", "options"), ("Errors", "errors"),
 ]
 
 
-def indent(text):
-    return "\n".join("    " + line if line else "" for line in text.split("\n"))
+def code(text):
+    return f"```python\n{text}\n```"
+
+
+def to_markdown(doc):
+    """A docstring with lists of its arguments or attributes."""
+    lines, is_list = [], False
+    for line in doc.split("\n"):
+        if re.fullmatch("(Args|Attributes):", line):
+            lines += [f"*{line[:-1]}*", ""]
+            is_list = True
+        elif is_list and re.match(r"  \S", line):
+            names, colon, text = line.strip().partition(":")
+            names = ", ".join(f"`{name}`" for name in names.split(", "))
+            lines.append(f"- {names}{colon}{text}")
+        elif is_list and not line.startswith(" ") and line:
+            is_list = False
+            lines.append(line)
+        else:
+            lines.append(line[2:] if is_list else line)
+    return "\n".join(lines)
 
 
 def signature(item, name):
@@ -57,14 +77,13 @@ def own_methods(cls):
 def describe(name):
     item = getattr(pymgsfm, name)
     if not callable(item):
-        return f"### `{name}`\n\n    {item!r}\n"
-    text = f"### `{name}`\n\n{indent(signature(item, name))}\n"
-    text += f"\n{indent(inspect.getdoc(item) or '')}\n"
+        return f"### `{name}`\n\n{code(repr(item))}\n"
+    text = f"### `{name}`\n\n{code(signature(item, name))}\n"
+    text += f"\n{to_markdown(inspect.getdoc(item) or '')}\n"
     if inspect.isclass(item) and not issubclass(item, Exception):
-        lines = [f"{title}" + (f"\n{indent(doc)}" if doc else "")
-                 for title, doc in own_methods(item)]
-        if lines:
-            text += "\n" + indent("\n".join(lines)) + "\n"
+        for title, doc in own_methods(item):
+            text += f"\n{code(title)}\n"
+            text += f"\n{to_markdown(doc)}\n" if doc else ""
     return text
 
 
@@ -77,7 +96,7 @@ def main():
         module = inspect.importlib.import_module("pymgsfm." + module_name)
         print(f"## {title}\n")
         if module.__doc__:
-            print(f"{indent(module.__doc__.strip())}\n")
+            print(f"{to_markdown(module.__doc__.strip())}\n")
         own = [name for name in vars(module) if name in names
                and getattr(getattr(pymgsfm, name), "__module__",
                            module.__name__) in (module.__name__,

@@ -21,4 +21,4 @@ fi
 cmake --preset tidy >/dev/null
 cmake --build build/tidy --target mgsfm_commit >/dev/null
 printf '%s\0' "${files[@]}" |
-  xargs -0 -n 1 -P "$(nproc)" clang-tidy -p build/tidy --quiet
+  xargs -0 -n 1 -P "$(getconf _NPROCESSORS_ONLN)" clang-tidy -p build/tidy --quiet

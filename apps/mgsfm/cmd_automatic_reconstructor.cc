@@ -11,11 +11,14 @@
 #include "extraction_run.h"
 #include "geometry/so3.h"
 #include "image_run_summary.h"
+#include "live_view.h"
 #include "mapper_run.h"
 #include "matching_input.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
 #include "undistortion/image_splitting.h"
+#include "video/video_sampling.h"
+#include "video_run.h"
 
 namespace mgsfm {
 namespace {
@@ -44,8 +47,13 @@ struct AutomaticReconstructorOptions {
       "Folder for database.db and the models in `sparse`; created if missing. "
       "Features and matches in its database are reused."};
   Option<std::string> image_path{
-      "image_path", "", Required(),
+      "image_path", "",
       "Folder of images, with one subfolder per camera of the rig."};
+  Option<std::string> video_path{
+      "video_path", "",
+      "Videos instead of images, one per camera of the rig, separated by "
+      "blanks or commas. Images are extracted, as by video_sampler, into the "
+      "folder `videos` of the workspace."};
   Option<DataType> data_type{
       "data_type", DataType::kVideo,
       "video: images in temporal order by name; matches neighbours and closes "
@@ -57,6 +65,8 @@ struct AutomaticReconstructorOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  LiveViewOptions live;
+  VideoSamplingOptions video;
   SplittingOptions splitting;
   FeatureExtractionOptions extraction;
   SceneLoadingOptions loading;
@@ -69,8 +79,9 @@ struct AutomaticReconstructorOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(workspace_path, image_path, data_type, output_format, write_report,
-          extraction, loading, priors, matching);
+    visit(workspace_path, image_path, video_path, data_type, output_format,
+          write_report, live, extraction, loading, priors, matching);
+    visit.Group("Video", video);
     visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
     visit.Group("ExhaustiveMatching", exhaustive);
@@ -94,6 +105,7 @@ void Match(const std::string& database_path,
     MatchSequentially(&input.database, input.scene, options.sequential,
                       options.vocabulary, options.matching, context);
   }
+  WarnOfFisheyes(input, options.matching, context);
 }
 
 // Matching and mapping both read the rigs; what they say about them is logged
@@ -143,19 +155,41 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
   }
 }
 
+void CheckSource(const AutomaticReconstructorOptions& options) {
+  const bool has_images = !options.image_path->empty();
+  if (has_images == !options.video_path->empty()) {
+    throw Error(has_images ? "set only one of --image_path and --video_path"
+                           : "option image_path is required: a folder of "
+                             "images; or set video_path");
+  }
+  if (has_images && !fs::is_directory(*options.image_path)) {
+    throw Error("--image_path '" + *options.image_path + "' is not a folder");
+  }
+}
+
+// The options of all that follows refer to the extracted images.
+void UseVideos(const fs::path& output_path, const Context& context,
+               AutomaticReconstructorOptions* options) {
+  SampleVideosInto(output_path, options->video_path, options->video, context);
+  options->image_path = (output_path / "images").string();
+}
+
 int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                               const Context& terminal) {
-  const Context context = WithoutRepetitions(terminal);
+  const auto live = LiveView::Start(given.live, given.workspace_path, terminal);
+  const Context context =
+      WithoutRepetitions(live ? live->Watch(terminal) : terminal);
   AutomaticReconstructorOptions options = given;
-  if (!fs::is_directory(*options.image_path)) {
-    throw Error("--image_path '" + *options.image_path + "' is not a folder");
+  CheckSource(options);
+  const fs::path workspace = *options.workspace_path;
+  if (!options.video_path->empty()) {
+    UseVideos(workspace / "videos", context, &options);
   }
   const std::vector<std::string> names =
       ListImages(options.image_path, options.extraction.image_list_path);
   for (const std::string& name : names) {
     CheckFormat(name, options.output_format);
   }
-  const fs::path workspace = *options.workspace_path;
   if (options.data_type == DataType::kPanorama ||
       options.data_type == DataType::kDualFisheye) {
     UseViews(workspace / "views",
@@ -173,13 +207,15 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   const std::string database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
                &options.loading);
-  ExtractInto(database_path, options.image_path, options.extraction, context);
+  ExtractInto(database_path, options.image_path, options.extraction,
+              std::nullopt, context);
   Match(database_path, options, context);
   MapperRun run{database_path,      (workspace / "sparse").string(),
                 options.image_path, options.output_format,
                 options.loading,    options.priors,
                 options.mapper,     OptionsToJsonOf(given)};
   run.write_report = options.write_report;
+  run.live = live.get();
   return MapDatabase(run, context);
 }
 

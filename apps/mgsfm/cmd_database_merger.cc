@@ -1,34 +1,124 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <sstream>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "base/file_reading.h"
 #include "command.h"
 #include "commands.h"
 #include "io/database/database_merging.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
 struct DatabaseMergerOptions {
-  Option<std::string> database_path1{"database_path1", "", Required(),
-                                     "First database. It is only read."};
-  Option<std::string> database_path2{
-      "database_path2", "", Required(),
-      "Second database, without images of the same name. It is only read."};
+  Option<std::string> database_path1{"database_path1", "",
+                                     "First of two databases, as in COLMAP."};
+  Option<std::string> database_path2{"database_path2", "",
+                                     "Second of two databases."};
+  Option<std::string> database_path{
+      "database_path", "",
+      "Databases to merge, in any order, separated by commas: shards, or "
+      "databases of different images. They are only read."};
+  Option<std::string> database_list_path{
+      "database_list_path", "",
+      "File with one database per line: its path and, separated by tabs, "
+      "optionally its image prefix and its vehicle. Set it for many "
+      "databases."};
+  Option<std::string> image_prefix{
+      "image_prefix", "",
+      "A prefix per database for the names of its images, separated by commas, "
+      "as in monday/,tuesday/. Set it if sessions have the same image names."};
+  Option<std::string> vehicle{
+      "vehicle", "",
+      "A name per database, separated by commas: databases of one vehicle "
+      "share the cameras of equal folders, and the rig. By default each "
+      "database has cameras of its own."};
   Option<std::string> merged_database_path{
       "merged_database_path", "", Required(),
       "Database to write; it must not exist."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(database_path1, database_path2, merged_database_path);
+    visit(database_path1, database_path2, database_path, database_list_path,
+          image_prefix, vehicle, merged_database_path);
   }
 };
 
+std::vector<std::string> Split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  std::istringstream stream(text);
+  for (std::string part; std::getline(stream, part, separator);) {
+    parts.push_back(part);
+  }
+  return parts;
+}
+
+std::vector<MergeInput> ReadList(const std::string& path) {
+  std::vector<MergeInput> inputs;
+  std::istringstream file(ReadFile(path));
+  int number = 0;
+  for (std::string line; std::getline(file, line);) {
+    ++number;
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty() || line.front() == '#') continue;
+    std::vector<std::string> words = Split(line, '\t');
+    if (words.size() > 3) {
+      throw Error("'" + path + "', line " + std::to_string(number) + ": has " +
+                  std::to_string(words.size()) +
+                  " columns; expected a path and optionally a prefix and a "
+                  "vehicle, separated by tabs");
+    }
+    words.resize(3);
+    inputs.push_back({words[0], words[1], words[2]});
+  }
+  return inputs;
+}
+
+// Sets a value of each input from a list of as many.
+void SetEach(const std::string& text, const std::string& option,
+             std::string MergeInput::*member, std::vector<MergeInput>* inputs) {
+  if (text.empty()) return;
+  std::vector<std::string> values = Split(text, ',');
+  if (text.back() == ',') values.emplace_back();
+  if (values.size() != inputs->size()) {
+    throw Error("--" + option + " has " + std::to_string(values.size()) +
+                " values for " + std::to_string(inputs->size()) +
+                " databases; give one for each");
+  }
+  for (size_t i = 0; i < values.size(); ++i) (*inputs)[i].*member = values[i];
+}
+
+std::vector<MergeInput> ReadInputs(const DatabaseMergerOptions& options) {
+  std::vector<MergeInput> inputs;
+  for (const std::string& path :
+       {*options.database_path1, *options.database_path2}) {
+    if (!path.empty()) inputs.push_back({path, "", ""});
+  }
+  for (const std::string& path : Split(options.database_path, ',')) {
+    inputs.push_back({path, "", ""});
+  }
+  SetEach(options.image_prefix, "image_prefix", &MergeInput::prefix, &inputs);
+  SetEach(options.vehicle, "vehicle", &MergeInput::vehicle, &inputs);
+  if (!options.database_list_path->empty()) {
+    for (MergeInput& input : ReadList(options.database_list_path)) {
+      inputs.push_back(std::move(input));
+    }
+  }
+  if (inputs.empty()) {
+    throw Error(
+        "there is nothing to merge; set --database_path a.db,b.db or "
+        "--database_list_path");
+  }
+  return inputs;
+}
+
 int RunDatabaseMerger(const DatabaseMergerOptions& options,
                       const Context& context) {
-  const DatabaseMergeSummary summary =
-      MergeDatabases(options.database_path1, options.database_path2,
-                     options.merged_database_path, context);
+  const DatabaseMergeSummary summary = MergeDatabases(
+      ReadInputs(options), options.merged_database_path, context);
   context.Info("merged: " + std::to_string(summary.num_images) + " images, " +
                std::to_string(summary.num_pairs) + " pairs, " +
                std::to_string(summary.num_rigs) + " rigs");
@@ -39,7 +129,7 @@ int RunDatabaseMerger(const DatabaseMergerOptions& options,
 
 Command DatabaseMergerCommand() {
   return MakeCommand("database_merger",
-                     "Merges two databases with different images.",
+                     "Merges shards, or databases of different images.",
                      RunDatabaseMerger);
 }
 

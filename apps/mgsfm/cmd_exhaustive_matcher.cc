@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 
@@ -20,10 +21,15 @@ struct ExhaustiveMatcherOptions {
 
 int RunExhaustiveMatcher(const ExhaustiveMatcherOptions& options,
                          const Context& context) {
-  MatchingInput input = OpenMatchingInput(options.input, context);
-  MatchExhaustively(&input.database, input.scene, options.exhaustive,
-                    options.input.matching, context);
-  return kExitSuccess;
+  return RunMatcher(
+      options.input, context,
+      [&](MatchingInput* input) {
+        MatchExhaustively(&input->database, input->scene, options.exhaustive,
+                          options.input.matching, context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectExhaustively(input.scene);
+      });
 }
 
 }  // namespace

@@ -3,19 +3,20 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "base/parallel.h"
 #include "command.h"
 #include "commands.h"
 #include "image_run_summary.h"
+#include "io/exchange/ply.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/models/model_scene.h"
-#include "mgsfm/io/rigs/rig_config.h"
 #include "mgsfm/undistortion/undistorted_model.h"
 #include "mgsfm/undistortion/views.h"
+#include "tool_model.h"
 #include "undistortion/image_run.h"
 #include "undistortion/layouts.h"
 
@@ -66,12 +67,12 @@ struct ImageUndistorterOptions {
   Option<int> jpeg_quality{"jpeg_quality", 95, Between(1, 100),
                            "Quality of JPEG images; 100 is best."};
   ViewOptions views;
-  SceneLoadingOptions loading;
+  ToolRigOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_path, input_path, output_path, output_type, mask_path,
-          jpeg_quality, views, loading);
+          jpeg_quality, views, rigs);
   }
 };
 
@@ -195,16 +196,6 @@ std::vector<ImageTask> MakeTasks(const Scene& original,
   return list;
 }
 
-void WriteModelFiles(const UndistortedModel& model, StagedOutput* output,
-                     const Context& context) {
-  WriteModel(output->StagingDir(), model.scene, model.reconstruction,
-             ModelFormat::kBinary, context);
-  WriteRigConfig((output->StagingDir() / "rig_config.json").string(),
-                 model.scene, model.reconstruction);
-  context.CheckInterrupted();
-  output->Commit();
-}
-
 void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
                       const UndistortedModel& model) {
   const fs::path output_path = *options.output_path;
@@ -226,11 +217,12 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   CheckImagePath(options.image_path);
   CheckIsApart(*options.output_path, *options.image_path);
   CheckIsApart(*options.output_path, *options.mask_path);
-  const ModelScene input =
-      LoadModelScene(*options.input_path, options.loading, context);
+  const ToolModel tool_model =
+      ReadToolModel(options.input_path, options.rigs, context);
+  const SceneModel& input = tool_model.model;
   const std::vector<std::vector<View>> views_of_camera = PlanAllViews(
       input.reconstruction, options.views, options.output_type, context);
-  const UndistortedModel model = UndistortModel(
+  UndistortedModel model = UndistortModel(
       input.scene, input.reconstruction, views_of_camera,
       options.output_type == UndistortionLayout::kGaussianSplatting
           ? ViewNaming::kFlat
@@ -253,10 +245,12 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
                   has_masks, options.jpeg_quality},
                  context);
   WriteLayoutFiles(options, has_masks, model);
-  WriteModelFiles(model, &output, context);
+  const size_t num_images = model.scene.images.size();
+  WriteToolModel({{std::move(model.scene), std::move(model.reconstruction)},
+                  tool_model.origin_wgs84},
+                 ModelFormat::kBinary, context, &output);
   context.Info("undistorted " + Describe(summary) + "; " +
-               std::to_string(model.scene.images.size()) +
-               " images in the result");
+               std::to_string(num_images) + " images in the result");
   return kExitSuccess;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "live_view.h"
 #include "mapper_run.h"
 #include "partition_run.h"
 
@@ -41,6 +42,11 @@ struct MapperCommandOptions {
       "max_memory", 0, AtLeast(0), "MiB",
       "End with a message before the reconstruction if it would need more "
       "memory. 0: no limit."};
+  Option<std::string> figures{"figures", "",
+                              "Folder for the trajectory, the rig, the "
+                              "residual maps and the view graph "
+                              "of each model, as SVG and PNG files."};
+  LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
   BaselineOptions baseline;
@@ -51,8 +57,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, checkpoint_path, max_memory_mib,
-          partition, loading, priors, baseline, mapper);
+          output_format, write_report, figures, live, checkpoint_path,
+          max_memory_mib, partition, loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -60,18 +66,18 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
-  const MapperRun run{options.database_path, options.output_path,
-                      options.image_path,    options.output_format,
-                      options.loading,       options.priors,
-                      options.mapper,        OptionsToJsonOf(options),
-                      options.input_path,    options.image_list_path,
-                      options.baseline,      options.rig_split,
-                      options.write_report,  options.checkpoint_path,
-                      options.max_memory_mib};
+  const auto live = LiveView::Start(options.live, options.output_path, context);
+  const MapperRun run{
+      options.database_path,   options.output_path,      options.image_path,
+      options.output_format,   options.loading,          options.priors,
+      options.mapper,          OptionsToJsonOf(options), options.input_path,
+      options.image_list_path, options.baseline,         options.rig_split,
+      options.write_report,    options.figures,          live.get(),
+      options.checkpoint_path, options.max_memory_mib};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }
-  return MapDatabase(run, context);
+  return MapDatabase(run, live ? live->Watch(context) : context);
 }
 
 }  // namespace

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
 
 namespace mgsfm {
@@ -25,10 +27,22 @@ struct MatchesImporterOptions {
 
 int RunMatchesImporter(const MatchesImporterOptions& options,
                        const Context& context) {
-  MatchingInput input = OpenMatchingInput(options.input, context);
-  ImportMatches(&input.database, input.scene, options.match_list_path,
-                options.match_type, options.input.matching, context);
-  return kExitSuccess;
+  const bool has_part = !options.input.shard->empty() ||
+                        !options.input.output_pairs_path->empty();
+  if (has_part && options.match_type != MatchListType::kPairs) {
+    throw Error(
+        "--shard matches pairs; set --match_type pairs, or import the "
+        "matches without --shard");
+  }
+  return RunMatcher(
+      options.input, context,
+      [&](MatchingInput* input) {
+        ImportMatches(&input->database, input->scene, options.match_list_path,
+                      options.match_type, options.input.matching, context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectListed(input.scene, options.match_list_path);
+      });
 }
 
 }  // namespace

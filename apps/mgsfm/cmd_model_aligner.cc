@@ -1,33 +1,42 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
-#include <map>
 #include <utility>
 #include <vector>
 
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
-#include "io/database/database_reader.h"
-#include "io/database/sqlite_snapshot.h"
+#include "geometry/geodetic.h"
 #include "io/files/file_operations.h"
 #include "io/files/staged_output.h"
-#include "io/priors/named_vectors.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/io/priors/pose_priors.h"
+#include "priors/gravity_levelling.h"
 #include "priors/position_registration.h"
+#include "reference_positions.h"
 #include "tool_model.h"
 
 namespace mgsfm {
 
-enum class AlignmentType { kCustom, kEnu, kPlane };
+enum class AlignmentType {
+  kCustom,
+  kEcef,
+  kEnu,
+  kEnuPlane,
+  kEnuPlaneUnscaled,
+  kPlane
+};
 
 template <>
 struct EnumTable<AlignmentType> {
   static constexpr std::pair<std::string_view, AlignmentType> kNames[] = {
       {"custom", AlignmentType::kCustom},
+      {"ecef", AlignmentType::kEcef},
       {"enu", AlignmentType::kEnu},
+      {"enu-plane", AlignmentType::kEnuPlane},
+      {"enu-plane-unscaled", AlignmentType::kEnuPlaneUnscaled},
       {"plane", AlignmentType::kPlane}};
 };
 
@@ -49,10 +58,12 @@ struct ModelAlignerOptions {
       "ref_model_path", "", "Align to this model, by images of the same name."};
   Option<AlignmentType> alignment_type{
       "alignment_type", AlignmentType::kCustom,
-      "custom: align to the positions or the model above. enu: the same, but "
-      "positions must be GPS; they become metres east, north and up of the "
-      "first one. plane: needs no reference; z is up and the trajectory lies "
-      "in the plane z = 0."};
+      "custom: align to the positions or the model above; GPS becomes metres "
+      "east, north and up of the first position. For GPS positions only: enu, "
+      "the same; ecef, earth-centred; enu-plane, east, north and up of the "
+      "centre of the points; enu-plane-unscaled, the same in the unit of the "
+      "model. plane: needs no reference; z is up and the trajectory lies in "
+      "the plane z = 0."};
   Option<bool> ref_is_gps{
       "ref_is_gps", true,
       "Whether positions in the file, or in a database without coordinate "
@@ -63,10 +74,21 @@ struct ModelAlignerOptions {
   Option<bool> estimate_scale{
       "estimate_scale", true,
       "Whether to estimate the scale. 0 keeps the unit of the model."};
+  Option<bool> robust_alignment{
+      "robust_alignment", true,
+      "Whether to find the positions that fit the model (RANSAC). 0 aligns to "
+      "all positions by least squares."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
-      "Positions farther than this from the aligned model are outliers, unless "
-      "most are."};
+      "Positions farther than this from the aligned model are outliers."};
+  Option<bool> merge_image_and_ref_origins{
+      "merge_image_and_ref_origins", false,
+      "Whether to shift the aligned model such that its first image is exactly "
+      "at its position."};
+  Option<bool> use_prior_gravity{
+      "use_prior_gravity", false,
+      "Use the gravity directions in the table pose_priors of --database_path: "
+      "as upward direction of plane, and of GPS positions on a line."};
   Option<std::string> transform_path{
       "transform_path", "",
       "Write the transform to this file: scale qw qx qy qz tx ty tz."};
@@ -78,17 +100,25 @@ struct ModelAlignerOptions {
   void Describe(Visitor& visit) {
     visit(input_path, output_path, ref_images_path, database_path,
           ref_model_path, alignment_type, ref_is_gps, min_common_images,
-          estimate_scale, alignment_max_error, transform_path, output_format,
-          rigs);
+          estimate_scale, robust_alignment, alignment_max_error,
+          merge_image_and_ref_origins, use_prior_gravity, transform_path,
+          output_format, rigs);
   }
 };
+
+bool NeedsGps(AlignmentType type) {
+  return type != AlignmentType::kCustom && type != AlignmentType::kPlane;
+}
 
 void CheckUsage(const ModelAlignerOptions& options) {
   const int num_references = (options.ref_images_path->empty() ? 0 : 1) +
                              (options.database_path->empty() ? 0 : 1) +
                              (options.ref_model_path->empty() ? 0 : 1);
+  if (options.use_prior_gravity && options.database_path->empty()) {
+    throw Error("--use_prior_gravity needs the --database_path that has it");
+  }
   const bool is_plane = options.alignment_type == AlignmentType::kPlane;
-  if (is_plane && num_references > 0) {
+  if (is_plane && num_references > (options.use_prior_gravity ? 1 : 0)) {
     throw Error(
         "--alignment_type plane needs no reference; drop --ref_images_path, "
         "--database_path and --ref_model_path, or the type");
@@ -98,11 +128,17 @@ void CheckUsage(const ModelAlignerOptions& options) {
         "give one of --ref_images_path, --database_path and --ref_model_path, "
         "or --alignment_type plane");
   }
-  if (options.alignment_type == AlignmentType::kEnu &&
-      !options.ref_model_path->empty()) {
+  if (NeedsGps(options.alignment_type) && !options.ref_model_path->empty()) {
+    throw Error("--alignment_type " +
+                std::string(EnumName(*options.alignment_type)) +
+                " needs GPS positions; give --ref_images_path or "
+                "--database_path");
+  }
+  if (options.merge_image_and_ref_origins &&
+      (is_plane || !options.ref_model_path->empty())) {
     throw Error(
-        "--alignment_type enu needs GPS positions; give --ref_images_path or "
-        "--database_path");
+        "--merge_image_and_ref_origins needs positions; give --ref_images_path "
+        "or --database_path");
   }
 }
 
@@ -141,104 +177,164 @@ Sim3 FindTransform(const Reconstruction& before, const Reconstruction& after) {
   return transform;
 }
 
-// Positions of images of the model; those of other images are left out.
-std::vector<PosePriorRow> ReadPositions(const std::string& path,
-                                        const Scene& scene) {
-  std::vector<PosePriorRow> rows;
-  for (const NamedVector& line : ReadNamedVectors(
-           scene, path, "X Y Z", "ref_images_path", OtherImages::kIgnore)) {
-    rows.push_back({scene.images[line.image_idx].id,
-                    PosePriorRow::CoordinateSystem::kUndefined, line.value,
-                    std::nullopt});
-  }
-  return rows;
-}
-
-PositionPriors ReadReference(const ModelAlignerOptions& options,
-                             const Scene& scene) {
+ReferenceSource SourceOf(const ModelAlignerOptions& options) {
   constexpr double kOutlierDistance = 4.0;  // standard deviations
-  const double std = options.alignment_max_error / kOutlierDistance;
-  PosePriorOptions priors;
-  priors.use_prior_position = true;
-  priors.ref_is_gps = options.ref_is_gps;
-  priors.overwrite_priors_covariance = true;
-  priors.prior_position_std_x_m = std;
-  priors.prior_position_std_y_m = std;
-  priors.prior_position_std_z_m = std;
-  if (options.ref_images_path->empty()) {
-    return ReadPositionPriors(scene, options.database_path, priors);
-  }
-  return MakePositionPriors(scene,
-                            ReadPositions(options.ref_images_path, scene),
-                            options.ref_images_path, priors);
+  ReferenceSource source;
+  source.ref_images_path = options.ref_images_path;
+  source.database_path = options.database_path;
+  source.ref_is_gps = options.ref_is_gps;
+  source.position_std_m = options.alignment_max_error / kOutlierDistance;
+  source.uses_positions = options.alignment_type != AlignmentType::kPlane;
+  source.uses_gravity = options.use_prior_gravity;
+  return source;
 }
 
-// Images of a model and of a database have different ids.
-Scene WithDatabaseIds(Scene scene, const std::string& database_path,
-                      const Context& context) {
-  const SqliteSnapshot snapshot(database_path);
-  std::map<std::string, ImageId> id_of_name;
-  for (const ImageRow& image :
-       ReadStructure(snapshot.database(), context).images) {
-    id_of_name.emplace(image.name, image.id);
-  }
-  for (Image& image : scene.images) {
-    const auto found = id_of_name.find(image.name);
-    if (found == id_of_name.end()) {
-      throw Error("the database '" + database_path + "' has no image '" +
-                  image.name +
-                  "' of the model; give the database of its images");
-    }
-    image.id = found->second;
-  }
-  return scene;
+std::optional<Eigen::Vector3d> MeasuredUp(const ReferencePositions& reference,
+                                          const SceneModel& model) {
+  const std::optional<Eigen::Vector3d> down =
+      GravityInWorld(model.scene, reference.gravity, model.reconstruction);
+  if (!down) return std::nullopt;
+  return -*down;
 }
 
-Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
-                      const Context& context) {
-  Scene scene = input->model.scene;
-  std::string reference = options.ref_images_path;
-  if (!options.database_path->empty()) {
-    reference = options.database_path;
-    scene = WithDatabaseIds(std::move(scene), reference, context);
+// Distances of the images with a position, in the order of their names.
+std::vector<double> DistancesFrom(const PositionPriors& positions,
+                                  const SceneModel& model) {
+  std::vector<double> distances;
+  for (size_t i = 0; i < positions.images.size(); ++i) {
+    const auto pose =
+        model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
+    if (!positions.images[i] || !pose) continue;
+    distances.push_back(
+        (pose->Center() - positions.images[i]->position).norm());
   }
-  const PositionPriors priors = ReadReference(options, scene);
-  if (options.alignment_type == AlignmentType::kEnu && !priors.origin_wgs84) {
-    throw Error("the positions in '" + reference +
-                "' are Cartesian; --alignment_type enu needs GPS");
+  return distances;
+}
+
+void LogDistances(const ModelAlignerOptions& options,
+                  const std::string& reference,
+                  const std::vector<double>& distances,
+                  const Context& context) {
+  int num_used = 0;
+  double squared_sum = 0.0;
+  for (const double distance : distances) {
+    const bool is_used =
+        !options.robust_alignment || distance <= options.alignment_max_error;
+    if (!is_used) continue;
+    ++num_used;
+    squared_sum += distance * distance;
   }
-  CheckCount(static_cast<size_t>(
-                 std::count_if(priors.images.begin(), priors.images.end(),
-                               [](const auto& p) { return p.has_value(); })),
-             reference, options);
-  const Reconstruction before = input->model.reconstruction;
-  PositionRegistration registration =
-      RegisterToPriors(scene, priors, std::nullopt, !options.estimate_scale,
-                       context.random_seed, &input->model.reconstruction);
-  const PositionPriorSummary& summary = registration.summary;
-  if (!summary.is_registered) {
-    throw Error("'" + *options.input_path + "' cannot be aligned to '" +
-                reference + "': " + summary.message);
-  }
-  EvaluatePositions(scene, priors, registration.used,
-                    input->model.reconstruction, &registration.summary);
-  if (summary.num_used < options.min_common_images) {
+  if (num_used < options.min_common_images) {
     throw Error("'" + *options.input_path + "' has another shape than the " +
-                std::to_string(summary.num_priors) + " positions in '" +
+                std::to_string(distances.size()) + " positions in '" +
                 reference +
                 "', of which no similarity brings --min_common_images within "
                 "--alignment_max_error; check --ref_is_gps and the positions");
   }
-  input->origin_wgs84 = priors.origin_wgs84;
   char numbers[120];
-  std::snprintf(numbers, sizeof(numbers),
-                "aligned to %d of %d positions, RMS distance %.4g",
-                registration.summary.num_used, registration.summary.num_priors,
-                registration.summary.rms.value_or(0.0));
+  std::snprintf(
+      numbers, sizeof(numbers),
+      "aligned to %d of %zu positions, RMS distance %.4g, median %.4g",
+      num_used, distances.size(), std::sqrt(squared_sum / num_used),
+      Median(distances));
   context.Info(numbers);
+}
+
+// The shift that brings the first image with a position to it.
+Sim3 ShiftToFirstPosition(const PositionPriors& positions,
+                          const SceneModel& model) {
+  Sim3 shift;
+  for (size_t i = 0; i < positions.images.size(); ++i) {
+    const auto pose =
+        model.reconstruction.CamFromWorld(model.scene, static_cast<int>(i));
+    if (!positions.images[i] || !pose) continue;
+    shift.translation = positions.images[i]->position - pose->Center();
+    break;
+  }
+  return shift;
+}
+
+Eigen::Vector3d MeanPoint(const SceneModel& model) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const Point3D& point : model.reconstruction.points) {
+    sum += point.point_in_world;
+  }
+  if (model.reconstruction.points.empty()) {
+    throw Error(
+        "the model has no points, whose centre --alignment_type enu-plane "
+        "needs; choose enu");
+  }
+  return sum / static_cast<double>(model.reconstruction.points.size());
+}
+
+// From the world east, north and up of the first position to that of the type.
+// `scale` is that of the alignment.
+Sim3 FromEastNorthUp(AlignmentType type, double scale, ToolModel* input) {
+  Sim3 transform;
+  const bool keeps_world =
+      type == AlignmentType::kCustom || type == AlignmentType::kEnu;
+  if (keeps_world) return transform;
+  const Eigen::Vector3d origin = *input->origin_wgs84;
+  Rigid3 to_from_enu = EarthFromEastNorthUp(origin);
+  if (type == AlignmentType::kEcef) {
+    input->origin_wgs84.reset();
+  } else {
+    input->origin_wgs84 =
+        LatitudeLongitudeAltitude(MeanPoint(input->model), origin);
+    to_from_enu =
+        EarthFromEastNorthUp(*input->origin_wgs84).Inverse() * to_from_enu;
+  }
+  transform.rotation = to_from_enu.rotation;
+  transform.translation = to_from_enu.translation;
+  if (type == AlignmentType::kEnuPlaneUnscaled) {
+    transform.scale = 1.0 / scale;
+    transform.translation /= scale;
+    input->origin_wgs84.reset();
+  }
+  return transform;
+}
+
+Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
+                      const Context& context) {
+  const Scene& scene = input->model.scene;
+  const std::string reference_path = options.database_path->empty()
+                                         ? options.ref_images_path
+                                         : options.database_path;
+  const ReferencePositions reference =
+      ReadReference(SourceOf(options), scene, context);
+  const PositionPriors& positions = reference.positions;
+  if (NeedsGps(options.alignment_type) && !positions.origin_wgs84) {
+    throw Error("the positions in '" + reference_path +
+                "' are Cartesian; --alignment_type " +
+                std::string(EnumName(*options.alignment_type)) + " needs GPS");
+  }
+  CheckCount(static_cast<size_t>(
+                 std::count_if(positions.images.begin(), positions.images.end(),
+                               [](const auto& p) { return p.has_value(); })),
+             reference_path, options);
+  const Reconstruction before = input->model.reconstruction;
+  const PositionRegistration registration = RegisterToPriors(
+      scene, positions, MeasuredUp(reference, input->model),
+      !options.estimate_scale, context.random_seed,
+      &input->model.reconstruction,
+      options.robust_alignment ? OutlierRule::kFixedBound : OutlierRule::kNone);
+  if (!registration.summary.is_registered) {
+    throw Error("'" + *options.input_path + "' cannot be aligned to '" +
+                reference_path + "': " + registration.summary.message);
+  }
+  LogDistances(options, reference_path, DistancesFrom(positions, input->model),
+               context);
   if (!registration.summary.message.empty()) {
     context.Warning(registration.summary.message);
   }
+  if (options.merge_image_and_ref_origins) {
+    TransformWorld(ShiftToFirstPosition(positions, input->model),
+                   &input->model.reconstruction);
+  }
+  input->origin_wgs84 = positions.origin_wgs84;
+  const double scale = FindTransform(before, input->model.reconstruction).scale;
+  TransformWorld(FromEastNorthUp(options.alignment_type, scale, input),
+                 &input->model.reconstruction);
   return FindTransform(before, input->model.reconstruction);
 }
 
@@ -271,7 +367,18 @@ Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
 Sim3 Align(const ModelAlignerOptions& options, ToolModel* input,
            const Context& context) {
   if (options.alignment_type == AlignmentType::kPlane) {
-    Sim3 transform = *AlignToGroundPlane(input->model);
+    std::optional<Eigen::Vector3d> up;
+    if (options.use_prior_gravity) {
+      up = MeasuredUp(
+          ReadReference(SourceOf(options), input->model.scene, context),
+          input->model);
+      if (!up) {
+        throw Error("'" + *options.database_path +
+                    "' has no gravity of an image of the model; drop "
+                    "--use_prior_gravity");
+      }
+    }
+    Sim3 transform = *AlignToGroundPlane(input->model, up);
     TransformWorld(transform, &input->model.reconstruction);
     input->origin_wgs84.reset();
     return transform;

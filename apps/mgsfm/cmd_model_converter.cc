@@ -9,11 +9,14 @@
 #include "command.h"
 #include "commands.h"
 #include "io/exchange/exchange_formats.h"
+#include "io/exchange/import_formats.h"
 #include "io/files/file_operations.h"
 #include "io/files/model_files.h"
 #include "io/files/staged_output.h"
+#include "io/priors/trajectory_positions.h"
 #include "io/rigs/image_timestamps.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "tool_model.h"
 #include "truth_comparison.h"
@@ -24,8 +27,14 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ModelConverterOptions {
-  Option<std::string> input_path{"input_path", "", Required(),
-                                 "Folder of the model to convert."};
+  Option<std::string> input_path{
+      "input_path", "", Required(),
+      "Folder of the model to convert, or a file of another program."};
+  Option<std::string> input_type{
+      "input_type", "auto",
+      "auto (a model in a folder; a file by its extension), nvm, bundler, "
+      "nerfstudio (transforms.json), or a trajectory of the reference camera: "
+      "tum, kitti, euroc."};
   Option<std::string> output_path{
       "output_path", "", Required(),
       "File to write, or folder for bin, txt and one file per camera. bundler "
@@ -43,6 +52,18 @@ struct ModelConverterOptions {
       "image_timestamps_path", "",
       "Times for tum and euroc, a line `image_name SECONDS` per image. Without "
       "it, image names must be times in s or ns."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "For nvm and bundler as input: folder of the images, whose sizes these "
+      "formats lack."};
+  Option<std::string> list_path{
+      "list_path", "",
+      "For bundler as input: the list of images. By default the one beside the "
+      "file: a.list.txt for a.bundle.out, list.txt for bundle.out."};
+  Option<std::string> database_path{
+      "database_path", "",
+      "For tum, kitti and euroc as input: database with the cameras and images "
+      "that get the poses. point_triangulator adds the points."};
   Option<std::string> origin{
       "origin", "",
       "For geojson and kml: latitude,longitude,altitude (degrees, metres) of "
@@ -52,8 +73,9 @@ struct ModelConverterOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(input_path, output_path, output_type, poses, image_timestamps_path,
-          origin, rigs);
+    visit(input_path, input_type, output_path, output_type, poses,
+          image_timestamps_path, image_path, list_path, database_path, origin,
+          rigs);
   }
 };
 
@@ -126,6 +148,86 @@ void WriteFiles(const std::vector<ExportedFile>& files,
   }
 }
 
+[[noreturn]] void ThrowUnknownInput(const ModelConverterOptions& options) {
+  std::vector<std::string> names = ImportFormatNames();
+  names.insert(names.end(), {"tum", "kitti", "euroc"});
+  std::string list;
+  for (const std::string& name : names) list += ", " + name;
+  if (*options.input_type == "auto") {
+    throw Error("'" + *options.input_path +
+                "' is no folder, and its extension does not tell its format; "
+                "give --input_type, one of" +
+                list.substr(1));
+  }
+  throw Error("unknown --input_type '" + *options.input_type + "'" +
+              SuggestName(options.input_type, names) + "; the types are auto" +
+              list);
+}
+
+std::optional<PositionFileFormat> FindTrajectoryFormat(
+    const std::string& name) {
+  if (name == "tum") return PositionFileFormat::kTum;
+  if (name == "kitti") return PositionFileFormat::kKitti;
+  if (name == "euroc") return PositionFileFormat::kEuroc;
+  return std::nullopt;
+}
+
+// The images of a database with the poses of a trajectory, without points.
+ToolModel PlaceOnTrajectory(const ModelConverterOptions& options,
+                            PositionFileFormat format, const Context& context) {
+  if (options.database_path->empty()) {
+    throw Error("--input_type " + *options.input_type +
+                " needs --database_path, as a trajectory has neither cameras "
+                "nor images");
+  }
+  SceneLoadingOptions loading;
+  loading.rig_config_path = options.rigs.rig_config_path;
+  loading.rig_name_rule = options.rigs.rig_name_rule;
+  loading.image_timestamps_path = options.image_timestamps_path;
+  Scene scene = LoadScene(options.database_path, loading, context).scene;
+  Reconstruction model;
+  model.cameras = scene.cameras;
+  model.rig_from_world.resize(scene.frames.size());
+  for (const Sensor& sensor : scene.sensors) {
+    model.sensor_from_rig.push_back(sensor.sensor_from_rig);
+    if (sensor.sensor_from_rig) continue;
+    throw Error("the pose of the camera '" + sensor.name +
+                "' in its rig is unknown; give it with --rig_config_path");
+  }
+  const auto poses = ReadTrajectoryPoses(scene, options.input_path, format);
+  for (const auto& [frame_idx, rig_from_world] : poses) {
+    model.rig_from_world[frame_idx] = rig_from_world;
+  }
+  context.Info(std::to_string(poses.size()) + " of " +
+               std::to_string(scene.frames.size()) + " frames have a pose");
+  return {{std::move(scene), std::move(model)}, {}};
+}
+
+ToolModel ReadInput(const ModelConverterOptions& options,
+                    const Context& context) {
+  if (const auto format = FindTrajectoryFormat(options.input_type)) {
+    return PlaceOnTrajectory(options, *format, context);
+  }
+  const bool is_auto = *options.input_type == "auto";
+  if (is_auto && fs::is_directory(*options.input_path)) {
+    return ReadToolModel(options.input_path, options.rigs, context);
+  }
+  const ImportFormat* format = is_auto ? GuessImportFormat(*options.input_path)
+                                       : FindImportFormat(*options.input_type);
+  if (is_auto && !fs::exists(*options.input_path)) {
+    throw Error("'" + *options.input_path +
+                "' (--input_path) does not exist; give the folder of a model "
+                "or a file");
+  }
+  if (format == nullptr) ThrowUnknownInput(options);
+  const Model model = format->read(
+      {*options.input_path, *options.image_path, *options.list_path}, context);
+  ToolModel result =
+      MakeToolModel(model, options.input_path, options.rigs, context);
+  context.Info("read: " + DescribeSize(result.model));
+  return result;
+}
+
 int RunModelConverter(const ModelConverterOptions& options,
                       const Context& context) {
   const std::optional<ModelFormat> model_format =
@@ -134,7 +236,7 @@ int RunModelConverter(const ModelConverterOptions& options,
       model_format ? nullptr : &FindFormat(options.output_type);
   std::optional<StagedOutput> output;
   if (model_format) output.emplace(*options.output_path, OutputKind::kModel);
-  ToolModel input = ReadToolModel(options.input_path, options.rigs, context);
+  ToolModel input = ReadInput(options, context);
   if (!options.origin->empty()) {
     input.origin_wgs84 = ParseOrigin(options.origin);
   }
@@ -158,7 +260,7 @@ int RunModelConverter(const ModelConverterOptions& options,
 Command ModelConverterCommand() {
   return MakeCommand(
       "model_converter",
-      "Converts a model to other formats: point clouds, trajectories, "
+      "Converts models from and to other formats: point clouds, trajectories, "
       "calibrations, maps.",
       RunModelConverter);
 }

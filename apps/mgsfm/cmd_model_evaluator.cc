@@ -4,6 +4,7 @@
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
+#include "eval/error_statistics.h"
 #include "eval/evaluation_plot.h"
 #include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
@@ -11,6 +12,17 @@
 #include "truth_comparison.h"
 
 namespace mgsfm {
+
+enum class LengthUnit { kAuto, kMetre, kArbitrary };
+
+template <>
+struct EnumTable<LengthUnit> {
+  static constexpr std::pair<std::string_view, LengthUnit> kNames[] = {
+      {"auto", LengthUnit::kAuto},
+      {"m", LengthUnit::kMetre},
+      {"units", LengthUnit::kArbitrary}};
+};
+
 namespace {
 
 struct EvaluatorOptions {
@@ -49,11 +61,16 @@ struct EvaluatorOptions {
       "alignment", Alignment::kSimilarity,
       "Alignment of the model before it is compared: similarity; rigid for "
       "metric models; none for models in the world of the ground truth."};
+  Option<LengthUnit> gt_unit{
+      "gt_unit", LengthUnit::kAuto,
+      "Unit of length of the ground truth, for the output. auto: m for kitti, "
+      "tum and georeferenced models; otherwise units, as models do not state "
+      "theirs."};
   Option<std::string> json{"json", "", "Write the errors to a JSON file."};
   Option<std::string> svg_path{
       "svg_path", "", "Write an SVG plot of the trajectory and its errors."};
   Option<std::string> position_thresholds{
-      "position_thresholds", "0.05,0.1,0.5,1", AnyValue(), "m",
+      "position_thresholds", "0.05,0.1,0.5,1", AnyValue(), "of gt_unit",
       "Position thresholds of the areas under the curve, separated by commas."};
   Option<std::string> rotation_thresholds{
       "rotation_thresholds", "0.5,1,5", AnyValue(), "deg",
@@ -62,8 +79,8 @@ struct EvaluatorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, gt_path, gt_format, calib_path, database_path,
-          image_prefix, reference, rig_name_rule, alignment, json, svg_path,
-          position_thresholds, rotation_thresholds);
+          image_prefix, reference, rig_name_rule, alignment, gt_unit, json,
+          svg_path, position_thresholds, rotation_thresholds);
   }
 };
 
@@ -99,10 +116,20 @@ void CheckUsage(const EvaluatorOptions& options) {
   }
 }
 
+void WarnOfUnpairedImages(const TruthComparison& comparison,
+                          const Context& context) {
+  const std::vector<std::string>& names = comparison.unpaired_images;
+  if (names.empty()) return;
+  context.Warning(std::to_string(names.size()) +
+                  " images of the model have no true pose and are not "
+                  "compared, such as '" +
+                  names.front() + "'");
+}
+
 CommandResult RunModelEvaluator(const EvaluatorOptions& options,
-                                const Context&) {
+                                const Context& context) {
   CheckUsage(options);
-  const EvaluationOptions thresholds{
+  EvaluationOptions thresholds{
       ParseThresholds("position_thresholds", options.position_thresholds),
       ParseThresholds("rotation_thresholds", options.rotation_thresholds),
       options.alignment};
@@ -110,6 +137,10 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
       {options.input_path, options.gt_path, options.gt_format,
        options.calib_path, options.database_path, options.image_prefix,
        options.reference, options.rig_name_rule});
+  WarnOfUnpairedImages(comparison, context);
+  thresholds.is_metric =
+      options.gt_unit == LengthUnit::kMetre ||
+      (options.gt_unit == LengthUnit::kAuto && comparison.is_metric);
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
                thresholds);
@@ -118,8 +149,10 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
     ReplaceFile(*options.json, EvaluationToJson(evaluation), &files);
   }
   if (!options.svg_path->empty()) {
+    EvaluationLabels labels;
+    labels.length_unit = LengthUnitName(evaluation);
     ReplaceFile(*options.svg_path,
-                EvaluationToSvg(comparison.images, evaluation), &files);
+                EvaluationToSvg(comparison.images, evaluation, labels), &files);
   }
   CommandResult result(kExitSuccess);
   result.text = EvaluationToText(evaluation);

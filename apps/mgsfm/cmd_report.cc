@@ -8,6 +8,7 @@
 #include "command.h"
 #include "commands.h"
 #include "extension/model_placement.h"
+#include "figure_files.h"
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
 #include "mapper_run.h"
@@ -48,12 +49,21 @@ struct ReportCommandOptions {
   Option<double> max_size_mb{
       "max_size", 10.0, AtLeast(1.0), "MB",
       "Maximum size of the file; limits points, tracks and thumbnails."};
+  Option<std::string> figures{
+      "figures", "",
+      "Folder for the trajectory, the rig, the residual maps, the view graph "
+      "and, with --gt_path, the errors as SVG and PNG files."};
+  Option<bool> side_files{
+      "side_files", false,
+      "Write the points that do not fit into files beside the page, from which "
+      "it loads them on request."};
   SceneLoadingOptions loading;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(input_path, output_path, database_path, image_path, compare_path,
-          gt_path, gt_format, calib_path, max_size_mb, loading);
+          gt_path, gt_format, calib_path, max_size_mb, side_files, figures,
+          loading);
   }
 };
 
@@ -151,8 +161,10 @@ std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
 
 PoseComparison Compare(const std::string& label, const TruthSource& source) {
   TruthComparison compared = CompareWithTruth(source);
-  Evaluation evaluation =
-      Evaluate(compared.images, compared.has_true_poses, compared.sensors, {});
+  EvaluationOptions options;
+  options.is_metric = compared.is_metric;
+  Evaluation evaluation = Evaluate(compared.images, compared.has_true_poses,
+                                   compared.sensors, options);
   return {label, std::move(compared.images), std::move(evaluation)};
 }
 
@@ -190,9 +202,18 @@ int RunReportCommand(const ReportCommandOptions& options,
     page.other = Compare(options.compare_path, source);
   }
   constexpr double kBytesPerMb = 1e6;
-  const ReportPageOptions limits{
-      static_cast<size_t>(options.max_size_mb * kBytesPerMb)};
+  ReportPageOptions limits;
+  limits.max_bytes = static_cast<size_t>(options.max_size_mb * kBytesPerMb);
+  const fs::path output = *options.output_path;
+  limits.side_file_stem = output.stem().string();
+  if (options.side_files) {
+    limits.write_side_file = [&output](const std::string& name,
+                                       const std::string& content) {
+      WriteFile(output.parent_path() / name, content);
+    };
+  }
   WriteFile(*options.output_path, MakeReportPage(page, limits, context));
+  if (!options.figures->empty()) WriteFigures(*options.figures, page, context);
   context.Info("open " + *options.output_path + " in a browser");
   return kExitSuccess;
 }

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <filesystem>
 #include <string>
+#include <vector>
 
 #include "command.h"
 #include "commands.h"
+#include "exif_times.h"
 #include "io/models/rig_configuration.h"
+#include "mapper_run.h"
 #include "mgsfm/io/database/feature_database.h"
 
 namespace mgsfm {
@@ -14,20 +18,42 @@ struct RigConfiguratorOptions {
       "database_path", "", Required(),
       "COLMAP database. Replaces its rigs and frames; keeps features and "
       "matches."};
+  Option<std::string> image_path{
+      "image_path", "",
+      "Folder of the images. frame_max_time_difference_s takes times from "
+      "their EXIF tags if a name has none, and writes them to timestamps.txt "
+      "beside the database."};
   SceneLoadingOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(database_path, rigs);
+    visit(database_path, image_path, rigs);
   }
 };
+
+// The rigs with times from the EXIF tags of images, if they are needed.
+SceneLoadingOptions WithExifTimes(const RigConfiguratorOptions& options,
+                                  const FeatureDatabase& database,
+                                  const Context& context) {
+  SceneLoadingOptions rigs = options.rigs;
+  if (options.image_path->empty()) return rigs;
+  CheckImagePath(options.image_path);
+  std::vector<std::string> names;
+  for (const ImageRow& image : database.ReadStructure(context).images) {
+    names.push_back(image.name);
+  }
+  const std::filesystem::path path = *options.database_path;
+  UseExifTimes(options.image_path, names, path.parent_path() / "timestamps.txt",
+               context, &rigs);
+  return rigs;
+}
 
 int RunRigConfigurator(const RigConfiguratorOptions& options,
                        const Context& context) {
   FeatureDatabase database(options.database_path,
                            FeatureDatabase::OpenMode::kExisting);
-  const RigConfigurationSummary summary =
-      ConfigureRigs(options.rigs, &database, context);
+  const RigConfigurationSummary summary = ConfigureRigs(
+      WithExifTimes(options, database, context), &database, context);
   context.Info("rigs from " + summary.rig_source + ": " +
                std::to_string(summary.num_rigs) + " rigs of " +
                std::to_string(summary.num_sensors) + " cameras, " +

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 
@@ -20,10 +21,16 @@ struct SpatialMatcherOptions {
 
 int RunSpatialMatcher(const SpatialMatcherOptions& options,
                       const Context& context) {
-  MatchingInput input = OpenMatchingInput(options.input, context);
-  MatchSpatially(&input.database, input.scene, options.spatial,
-                 options.input.matching, context);
-  return kExitSuccess;
+  return RunMatcher(
+      options.input, context,
+      [&](MatchingInput* input) {
+        MatchSpatially(&input->database, input->scene, options.spatial,
+                       options.input.matching, context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectSpatially(input.database, input.scene, options.spatial,
+                               context);
+      });
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "command.h"
 #include "commands.h"
+#include "matching/selected_pairs.h"
 #include "matching_input.h"
 #include "mgsfm/matching/matching.h"
 
@@ -22,10 +23,17 @@ struct VocabTreeMatcherOptions {
 
 int RunVocabTreeMatcher(const VocabTreeMatcherOptions& options,
                         const Context& context) {
-  MatchingInput input = OpenMatchingInput(options.input, context);
-  MatchByVocabulary(&input.database, input.scene, options.retrieval,
-                    options.vocabulary, options.input.matching, context);
-  return kExitSuccess;
+  return RunMatcher(
+      options.input, context,
+      [&](MatchingInput* input) {
+        MatchByVocabulary(&input->database, input->scene, options.retrieval,
+                          options.vocabulary, options.input.matching, context);
+      },
+      [&](const MatchingInput& input) {
+        return SelectByVocabulary(input.database, input.scene,
+                                  options.retrieval, options.vocabulary,
+                                  context);
+      });
 }
 
 }  // namespace

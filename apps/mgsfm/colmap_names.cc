@@ -42,6 +42,7 @@ const Table& ReplacedOptions() {
       {"jobs", "num_threads"},
       {"num_threads", "num_threads"},
       {"output_type", "output_format"},
+      {"robust_alignment_max_error", "alignment_max_error"},
       {"seed", "random_seed"},
       {"threads", "num_threads"}};
   return kTable;

@@ -26,15 +26,26 @@ bool IsFlag(const std::string& argument) {
   return argument.size() > 2 && argument.compare(0, 2, "--") == 0;
 }
 
+// Options with a list of paths, which commas separate. On the command line,
+// each path may be an argument, as shells expand them.
+bool TakesList(const std::string& name) {
+  return name == "calibration_path" || name == "video_path";
+}
+
 std::vector<Flag> SplitFlags(const std::vector<std::string>& arguments) {
   std::vector<Flag> flags;
   for (const std::string& argument : arguments) {
     const bool is_first_value =
         !flags.empty() && !flags.back().value && !IsFlag(argument);
+    const bool is_next_value = !flags.empty() && flags.back().value &&
+                               !IsFlag(argument) &&
+                               TakesList(flags.back().name);
     if (argument == "-h") {
       flags.push_back({"help", {}});
     } else if (is_first_value) {
       flags.back().value = argument;
+    } else if (is_next_value) {
+      *flags.back().value += "," + argument;
     } else if (IsFlag(argument)) {
       const size_t equals = argument.find('=');
       flags.push_back({argument.substr(2, equals - 2), {}});

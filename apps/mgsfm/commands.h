@@ -37,6 +37,8 @@ Command RigConfiguratorCommand();
 Command SequentialMatcherCommand();
 Command SimulateCommand();
 Command SpatialMatcherCommand();
+Command VideoSamplerCommand();
+Command VocabTreeBuilderCommand();
 Command VocabTreeMatcherCommand();
 
 }  // namespace mgsfm

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 
+#include "base/file_reading.h"
 #include "base/text.h"
 #include "features/image_file.h"
 #include "io/files/output_file.h"
@@ -36,6 +37,13 @@ void UseExifTimes(const std::string& image_path,
     }
     lines +=
         name + ' ' + FormatDouble(*time_s, std::chars_format::fixed, 6) + '\n';
+  }
+  std::error_code ignored;
+  if (std::filesystem::exists(output_path, ignored) &&
+      ReadFile(output_path) != lines) {
+    throw Error("'" + output_path.string() +
+                "' exists, but does not hold the times of the EXIF tags; set "
+                "image_timestamps_path to use it, or remove it");
   }
   WriteFile(output_path, lines);
   context.Info("the times of EXIF tags are in " + output_path.string());

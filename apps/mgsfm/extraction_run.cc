@@ -32,12 +32,15 @@ void LogSummary(const FeatureExtractionSummary& summary,
 void ExtractInto(const std::string& database_path,
                  const std::string& image_path,
                  const FeatureExtractionOptions& options,
-                 const Context& context) {
+                 const std::optional<Share>& share, const Context& context) {
   const bool is_new = !std::filesystem::exists(database_path);
   std::optional<FeatureDatabase> database(std::in_place, database_path,
                                           FeatureDatabase::OpenMode::kOrCreate);
   try {
-    LogSummary(ExtractFeatures(image_path, options, &*database, context),
+    LogSummary(share
+                   ? ExtractFeatureShard(image_path, options, *share,
+                                         &*database, context)
+                   : ExtractFeatures(image_path, options, &*database, context),
                context);
   } catch (const Error&) {
     // A failed run leaves no empty database.

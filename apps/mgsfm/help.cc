@@ -17,22 +17,24 @@ namespace {
 struct BasicHelp {
   std::string_view command;
   const char* example;
-  const char* options;  // separated by blanks
+  const char* options;  // separated by blanks; empty: all are basic
 };
 
 constexpr BasicHelp kBasicHelps[] = {
     {"automatic_reconstructor",
      "mgsfm automatic_reconstructor --image_path images --workspace_path work",
-     "workspace_path image_path data_type rig_config_path calibration_path "
+     "workspace_path image_path video_path data_type rig_config_path "
+     "calibration_path "
      "rig_name_rule frame_max_time_difference_s use_prior_position "
-     "write_report"},
+     "write_report live_port"},
     {"mapper",
      "mgsfm mapper --database_path database.db --image_path images "
      "--output_path sparse",
      "database_path output_path image_path input_path output_format "
      "rig_config_path calibration_path rig_name_rule "
      "frame_max_time_difference_s use_prior_position use_prior_gravity "
-     "image_timestamps_path compute_covariances SoftRig.method write_report"},
+     "image_timestamps_path compute_covariances SoftRig.method write_report "
+     "live_port"},
     {"bundle_adjuster",
      "mgsfm bundle_adjuster --input_path sparse/0 --output_path adjusted",
      "input_path output_path output_format retriangulate compute_covariances "
@@ -49,7 +51,7 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm report --input_path sparse/0 --image_path images --output_path "
      "report.html",
      "input_path output_path database_path image_path compare_path gt_path "
-     "gt_format max_size"},
+     "gt_format max_size side_files figures"},
     {"image_undistorter",
      "mgsfm image_undistorter --image_path images --input_path sparse/0 "
      "--output_path undistorted",
@@ -65,20 +67,79 @@ constexpr BasicHelp kBasicHelps[] = {
      "--image_type panorama",
      "image_path output_path image_type field_of_view max_image_size "
      "mask_path camera_params_path"},
+    {"video_sampler",
+     "mgsfm video_sampler --video_path front.mp4 left.mp4 --output_path videos",
+     "video_path output_path sampling rate min_motion alignment time_offsets"},
     {"model_converter",
      "mgsfm model_converter --input_path sparse/0 --output_path poses.txt "
      "--output_type tum",
-     "input_path output_path output_type poses image_timestamps_path origin"},
+     "input_path input_type output_path output_type poses "
+     "image_timestamps_path image_path database_path origin"},
     {"model_aligner",
      "mgsfm model_aligner --input_path sparse/0 --output_path aligned "
      "--alignment_type plane",
      "input_path output_path alignment_type ref_images_path ref_is_gps "
-     "database_path ref_model_path alignment_max_error"},
+     "database_path ref_model_path use_prior_gravity alignment_max_error "
+     "transform_path"},
     {"model_evaluator",
      "mgsfm model_evaluator --input_path sparse/0 --gt_path poses.txt "
      "--gt_format kitti",
-     "input_path gt_path gt_format calib_path reference alignment json "
-     "svg_path"},
+     "input_path gt_path gt_format calib_path reference alignment gt_unit "
+     "json svg_path"},
+    {"feature_importer",
+     "mgsfm feature_importer --database_path database.db --image_path images "
+     "--import_path features.h5",
+     ""},
+    {"rig_configurator",
+     "mgsfm rig_configurator --database_path database.db --rig_config_path "
+     "rig_config.json",
+     ""},
+    {"sequential_matcher",
+     "mgsfm sequential_matcher --database_path database.db",
+     "database_path rig_config_path calibration_path rig_name_rule "
+     "SequentialMatching.overlap SequentialMatching.quadratic_overlap "
+     "SequentialMatching.loop_detection"},
+    {"exhaustive_matcher",
+     "mgsfm exhaustive_matcher --database_path database.db",
+     "database_path rig_config_path calibration_path rig_name_rule "
+     "ExhaustiveMatching.block_size"},
+    {"vocab_tree_matcher",
+     "mgsfm vocab_tree_matcher --database_path database.db",
+     "database_path rig_config_path calibration_path rig_name_rule "
+     "VocabTreeMatching.num_images"},
+    {"spatial_matcher", "mgsfm spatial_matcher --database_path database.db",
+     "database_path rig_config_path calibration_path rig_name_rule "
+     "SpatialMatching.is_gps SpatialMatching.max_num_neighbors "
+     "SpatialMatching.max_distance"},
+    {"matches_importer",
+     "mgsfm matches_importer --database_path database.db --match_list_path "
+     "pairs.txt",
+     "database_path match_list_path match_type rig_config_path "
+     "calibration_path rig_name_rule"},
+    {"geometric_verifier",
+     "mgsfm geometric_verifier --database_path database.db",
+     "database_path rig_config_path calibration_path rig_name_rule "
+     "TwoViewGeometry.min_num_inliers TwoViewGeometry.max_error "
+     "FeatureMatching.rig_verification"},
+    {"model_analyzer", "mgsfm model_analyzer --path sparse/0", ""},
+    {"model_merger",
+     "mgsfm model_merger --input_path1 sparse/0 --input_path2 sparse/1 "
+     "--output_path merged",
+     ""},
+    {"model_cropper",
+     "mgsfm model_cropper --input_path sparse/0 --output_path cropped "
+     "--boundary 0.05,0.95",
+     ""},
+    {"image_deleter",
+     "mgsfm image_deleter --input_path sparse/0 --output_path smaller "
+     "--image_names_path names.txt",
+     ""},
+    {"database_merger",
+     "mgsfm database_merger --database_path1 a.db --database_path2 b.db "
+     "--merged_database_path merged.db",
+     ""},
+    {"database_cleaner",
+     "mgsfm database_cleaner --database_path database.db --type matches", ""},
     {"simulate", "mgsfm simulate --preset standard --output_path drive",
      "output_path preset rig path num_frames pixel_noise rig_config_path "
      "trajectory_path render"},
@@ -125,7 +186,7 @@ std::string MakeHelp(const std::string& command, const std::string& summary,
   if (help == std::end(kBasicHelps))
     return text + OptionsToHelp(options) + kSwitches;
   text += std::string("Example\n  ") + help->example + "\n\n";
-  if (level == HelpLevel::kAll) {
+  if (level == HelpLevel::kAll || *help->options == '\0') {
     return text + OptionsToHelp(options) + kSwitches;
   }
   const OptionList basic = SelectBasic(*help, options);

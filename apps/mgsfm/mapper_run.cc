@@ -8,10 +8,12 @@
 
 #include "checkpoint.h"
 #include "command.h"
+#include "figure_files.h"
 #include "io/database/image_list.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
+#include "live_view.h"
 #include "memory_limit.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
@@ -248,6 +250,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
   CheckMemory(input.mapper, run.max_memory_mib);
+  if (run.live) input.mapper.observer = run.live->Observe(scene, context);
 
   const std::unique_ptr<Checkpoint> checkpoint =
       OpenCheckpoint(run, input.mapper, context);
@@ -268,9 +271,14 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   context.CheckInterrupted();
   output.Commit();
   if (checkpoint) checkpoint->Remove();
+  std::string first_page;
   if (run.write_report) {
-    WriteReportPages(run.output_path, run.image_path, input.mapper, result,
-                     report_json, context);
+    first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
+                                  result, report_json, context);
+  }
+  if (!run.figures_path.empty()) {
+    WriteFiguresOfModels(run.figures_path, input.mapper, result, report_json,
+                         context);
   }
   if (result.models.empty()) {
     LogNoModel(run, context);
@@ -278,6 +286,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   }
   LogMissingColors(run.image_path, context);
   LogSummary(run, scene, result, context);
+  if (run.live) run.live->Finish(first_page);
   return kExitSuccess;
 }
 

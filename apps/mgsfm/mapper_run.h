@@ -15,6 +15,8 @@
 
 namespace mgsfm {
 
+class LiveView;
+
 // A mapper run from a database to models on disk, shared by commands.
 struct MapperRun {
   std::string database_path;
@@ -30,6 +32,8 @@ struct MapperRun {
   BaselineOptions baseline = {};     // by default the mapper itself
   RigSplitOptions rig_split = {};
   bool write_report = false;         // a page per model
+  std::string figures_path = {};     // folder; may be empty
+  LiveView* live = nullptr;          // shows the run; may be null
   std::string checkpoint_path = {};  // empty: none
   int max_memory_mib = 0;            // 0: not limited
 };

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <string>
 
+#include "matching/pair_selection.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/feature_database.h"
@@ -18,12 +20,26 @@ struct MatchingInputOptions {
       "database_path", "", Required(),
       "COLMAP database with features. Adds matches and two-view geometries; "
       "pairs that have them are skipped."};
+  Option<std::string> shard{
+      "shard", "",
+      "Match share i of n of the pairs, as in 3/8, into the database "
+      "shard_path. database_path is only read, by any number of processes. "
+      "database_merger joins the shards."};
+  Option<std::string> shard_path{
+      "shard_path", "",
+      "Database of the matches of one share; created if missing. A run that "
+      "was interrupted continues."};
+  Option<std::string> output_pairs_path{
+      "output_pairs_path", "",
+      "Write the selected pairs to this file and match nothing. Set it to "
+      "select once, and to match the pairs by matches_importer --shard."};
   SceneLoadingOptions loading;
   PairMatchingOptions matching;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(database_path, loading, matching);
+    visit(database_path, shard, shard_path, output_pairs_path, loading,
+          matching);
   }
 };
 
@@ -33,7 +49,20 @@ struct MatchingInput {
 };
 
 // Throws Error if the database has no images.
-MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
-                                const Context& context);
+MatchingInput OpenMatchingInput(
+    const MatchingInputOptions& options, const Context& context,
+    FeatureDatabase::OpenMode mode = FeatureDatabase::OpenMode::kExisting);
+
+// The two ways to run a matching command: all pairs into the database, by
+// `match`, or a share of those that `select` returns into a shard. Returns an
+// ExitCode.
+int RunMatcher(
+    const MatchingInputOptions& options, const Context& context,
+    const std::function<void(MatchingInput*)>& match,
+    const std::function<ImagePairList(const MatchingInput&)>& select);
+
+// To be called after matching: warns of fisheyes whose model is perspective.
+void WarnOfFisheyes(const MatchingInput& input,
+                    const PairMatchingOptions& options, const Context& context);
 
 }  // namespace mgsfm

@@ -40,9 +40,15 @@ bool SplittingReplaces(const fs::path& target, const fs::path& file) {
          IsSameFile(target / "rig_config.json", file);
 }
 
+bool VideosReplace(const fs::path& target, const fs::path& file) {
+  return IsSameFile(target / "timestamps.txt", file) ||
+         IsSameFile(target / "video_sampling.json", file);
+}
+
 bool WorkspaceReplaces(const fs::path& target, const fs::path& file) {
   return IsSameFile(target / "database.db", file) ||
          SplittingReplaces(target / "views", file) ||
+         VideosReplace(target / "videos", file) ||
          RunReplaces(target / "sparse", file);
 }
 
@@ -98,6 +104,7 @@ constexpr Output kOutputs[] = {
     {"image_deleter", "output_path", ModelReplaces},
     {"image_undistorter", "output_path", UndistortionReplaces},
     {"image_splitter", "output_path", SplittingReplaces},
+    {"video_sampler", "output_path", VideosReplace},
     {"simulate", "output_path", SimulationReplaces},
     {"model_evaluator", "json", IsSameFile},
     {"model_evaluator", "svg_path", IsSameFile},
@@ -109,6 +116,19 @@ constexpr Output kOutputs[] = {
     {"vocab_tree_matcher", "database_path", IsSameFile},
     {"spatial_matcher", "database_path", IsSameFile},
     {"matches_importer", "database_path", IsSameFile},
+    {"exhaustive_matcher", "shard_path", IsSameFile},
+    {"exhaustive_matcher", "output_pairs_path", IsSameFile},
+    {"sequential_matcher", "shard_path", IsSameFile},
+    {"sequential_matcher", "output_pairs_path", IsSameFile},
+    {"vocab_tree_matcher", "shard_path", IsSameFile},
+    {"vocab_tree_matcher", "output_pairs_path", IsSameFile},
+    {"spatial_matcher", "shard_path", IsSameFile},
+    {"spatial_matcher", "output_pairs_path", IsSameFile},
+    {"matches_importer", "shard_path", IsSameFile},
+    {"matches_importer", "output_pairs_path", IsSameFile},
+    {"geometric_verifier", "shard_path", IsSameFile},
+    {"geometric_verifier", "output_pairs_path", IsSameFile},
+    {"vocab_tree_builder", "vocab_tree_path", IsSameFile},
 };
 
 // Files of their own, unlike databases, which are extended.

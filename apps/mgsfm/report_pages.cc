@@ -3,6 +3,7 @@
 
 #include <exception>
 #include <system_error>
+#include <utility>
 
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
@@ -37,24 +38,30 @@ std::string MakePage(const std::string& title, const std::string& image_path,
 
 }  // namespace
 
-void WriteReportPages(const fs::path& output_path,
-                      const std::string& image_path, const MapperInput& input,
-                      const MapperResult& result,
-                      const std::string& report_json, const Context& context) {
+std::string WriteReportPages(const fs::path& output_path,
+                             const std::string& image_path,
+                             const MapperInput& input,
+                             const MapperResult& result,
+                             const std::string& report_json,
+                             const Context& context) {
+  std::string first_page;
   for (size_t i = 0; i < result.models.size(); ++i) {
     const fs::path folder = output_path / std::to_string(i);
     const fs::path path = folder / kReportPageFileName;
     try {
-      WriteFile(path, MakePage(folder.string(), image_path, input, result, i,
-                               report_json, context));
+      std::string page = MakePage(folder.string(), image_path, input, result, i,
+                                  report_json, context);
+      WriteFile(path, page);
+      if (i == 0) first_page = std::move(page);
     } catch (const std::exception& error) {
       std::error_code ignored;
       fs::remove(path, ignored);
       context.Warning("the model is complete, but its page '" + path.string() +
                       "' was not written: " + error.what());
-      return;
+      break;
     }
   }
+  return first_page;
 }
 
 }  // namespace mgsfm

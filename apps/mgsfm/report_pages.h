@@ -10,10 +10,13 @@
 namespace mgsfm {
 
 // Writes a page report.html into the folder of each model of a run, which must
-// be complete. Logs a warning instead of failing, also if it is interrupted.
-void WriteReportPages(const std::filesystem::path& output_path,
-                      const std::string& image_path, const MapperInput& input,
-                      const MapperResult& result,
-                      const std::string& report_json, const Context& context);
+// be complete. Returns the page of the first model, or "". Logs a warning
+// instead of failing, also if it is interrupted.
+std::string WriteReportPages(const std::filesystem::path& output_path,
+                             const std::string& image_path,
+                             const MapperInput& input,
+                             const MapperResult& result,
+                             const std::string& report_json,
+                             const Context& context);
 
 }  // namespace mgsfm

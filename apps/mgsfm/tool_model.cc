@@ -27,9 +27,8 @@ bool HasRigs(const PoseModel& poses) {
 
 }  // namespace
 
-ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
-                        const Context& context) {
-  const Model model = ReadModel(path);
+ToolModel MakeToolModel(const Model& model, const std::string& path,
+                        const ToolRigOptions& rigs, const Context& context) {
   SceneLoadingOptions loading;
   loading.rig_config_path = rigs.rig_config_path;
   loading.rig_name_rule = rigs.rig_name_rule;
@@ -37,8 +36,14 @@ ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
     loading.rig_name_rule = "none";
   }
   ModelScene loaded = MakeModelScene(model, path, loading, context);
-  return {{std::move(loaded.scene), std::move(loaded.reconstruction)},
-          ReadGeoOrigin(path)};
+  return {{std::move(loaded.scene), std::move(loaded.reconstruction)}, {}};
+}
+
+ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
+                        const Context& context) {
+  ToolModel model = MakeToolModel(ReadModel(path), path, rigs, context);
+  model.origin_wgs84 = ReadGeoOrigin(path);
+  return model;
 }
 
 void WriteToolModel(const ToolModel& model, ModelFormat format,

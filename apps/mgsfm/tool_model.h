@@ -41,6 +41,10 @@ struct ToolModel {
 ToolModel ReadToolModel(const std::string& path, const ToolRigOptions& rigs,
                         const Context& context);
 
+// The same for a model in memory; `path` names it in messages.
+ToolModel MakeToolModel(const Model& model, const std::string& path,
+                        const ToolRigOptions& rigs, const Context& context);
+
 // Writes the model, rig_config.json and geo_origin.json, and commits them.
 void WriteToolModel(const ToolModel& model, ModelFormat format,
                     const Context& context, StagedOutput* output);

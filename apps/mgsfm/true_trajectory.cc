@@ -146,10 +146,47 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
   return trajectory;
 }
 
+namespace {
+
+// UNIX times in s have ten digits.
+bool MayBeCounter(const std::string& frame) {
+  constexpr size_t kMaxCounterDigits = 9;
+  return frame.size() <= kMaxCounterDigits &&
+         frame.find('.') == std::string::npos;
+}
+
+// The nearest frame of each pose, and its distance in time.
+std::map<size_t, std::pair<double, std::string>> NearestFrames(
+    const std::vector<std::string>& frames, const std::vector<TimedPose>& poses,
+    double max_difference_s) {
+  constexpr double kMinNanoseconds = 1e14;
+  std::map<size_t, std::pair<double, std::string>> frame_of_pose;
+  for (const std::string& frame : frames) {
+    double time_s = *ParseNumber(frame);
+    if (time_s > kMinNanoseconds) time_s *= 1e-9;
+    size_t nearest = 0;
+    for (size_t i = 1; i < poses.size(); ++i) {
+      if (std::abs(poses[i].timestamp_s - time_s) <
+          std::abs(poses[nearest].timestamp_s - time_s)) {
+        nearest = i;
+      }
+    }
+    const double difference_s = std::abs(poses[nearest].timestamp_s - time_s);
+    if (difference_s > max_difference_s) continue;
+    const auto [entry, is_new] =
+        frame_of_pose.emplace(nearest, std::pair(difference_s, frame));
+    if (!is_new && difference_s < entry->second.first) {
+      entry->second = {difference_s, frame};
+    }
+  }
+  return frame_of_pose;
+}
+
+}  // namespace
+
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path) {
-  constexpr double kMinNanoseconds = 1e14;
   std::vector<Rigid3> ref_from_world;
   ref_from_world.reserve(poses.size());
   for (const TimedPose& pose : poses) {
@@ -166,23 +203,23 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   const double max_difference_s =
       0.5 * (poses.back().timestamp_s - poses.front().timestamp_s) /
       static_cast<double>(poses.size() - 1);
-  TrueTrajectory trajectory{std::move(ref_from_world), {}};
-  for (const std::string& frame : frames) {
-    double time_s = *ParseNumber(frame);
-    if (time_s > kMinNanoseconds) time_s *= 1e-9;
-    size_t nearest = 0;
-    for (size_t i = 1; i < poses.size(); ++i) {
-      if (std::abs(poses[i].timestamp_s - time_s) <
-          std::abs(poses[nearest].timestamp_s - time_s)) {
-        nearest = i;
-      }
-    }
-    if (std::abs(poses[nearest].timestamp_s - time_s) <= max_difference_s) {
-      trajectory.pose_of_frame[frame] = nearest;
-    }
-  }
-  if (trajectory.pose_of_frame.empty()) {
+  const auto frame_of_pose = NearestFrames(frames, poses, max_difference_s);
+  if (frame_of_pose.empty()) {
     throw Error("no time in '" + path + "' is near that of any image name");
+  }
+  const bool is_ambiguous =
+      std::all_of(frames.begin(), frames.end(), MayBeCounter) &&
+      frames.size() == poses.size() && frame_of_pose.size() < frames.size();
+  if (is_ambiguous) {
+    throw Error("the names of frames, such as '" + frames.back() +
+                "', may be times in s or count the " +
+                std::to_string(poses.size()) + " poses of '" + path +
+                "'; name images by times with decimals, or give the poses in "
+                "the format kitti");
+  }
+  TrueTrajectory trajectory{std::move(ref_from_world), {}};
+  for (const auto& [pose, frame] : frame_of_pose) {
+    trajectory.pose_of_frame[frame.second] = pose;
   }
   return trajectory;
 }

@@ -25,7 +25,9 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                               std::vector<Rigid3> ref_from_world,
                               const std::string& path);
 // Assigns poses to frames by the time (s or ns) in their names, within half the
-// median step between poses; else in order.
+// median step between poses, the nearest frame to each pose; else in order.
+// Throws Error if no frame is near a pose, or if names may be both counters and
+// times.
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
                             const std::vector<TimedPose>& poses,
                             const std::string& path);

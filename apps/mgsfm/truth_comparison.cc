@@ -11,6 +11,7 @@
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/models/trajectory_io.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "named_model.h"
 #include "true_trajectory.h"
@@ -302,8 +303,45 @@ TruthComparison CompareWithTrajectory(const TruthSource& source,
           ? AssignByNumber(frames, ReadKittiPoses(source.gt_path),
                            source.gt_path)
           : AssignByTime(frames, ReadTumPoses(source.gt_path), source.gt_path);
-  return {PairWithTrajectory(model, trajectory, true_sensors, others),
-          PairSensors(model, true_sensors), true};
+  TruthComparison comparison;
+  comparison.images =
+      PairWithTrajectory(model, trajectory, true_sensors, others);
+  comparison.sensors = PairSensors(model, true_sensors);
+  return comparison;
+}
+
+bool IsMetric(const TruthSource& source) {
+  switch (source.gt_format) {
+    case TruthFormat::kColmap:
+      return ReadGeoOrigin(source.gt_path).has_value();
+    case TruthFormat::kKitti:
+    case TruthFormat::kTum:
+      return true;
+    case TruthFormat::kRig:
+      return std::filesystem::path(source.calib_path).extension() != ".json";
+  }
+  return false;
+}
+
+std::vector<std::string> UnpairedImages(const NamedModel& model,
+                                        const TruthComparison& comparison) {
+  std::set<std::string> paired;
+  for (const ImagePoses& image : comparison.images) paired.insert(image.name);
+  std::vector<std::string> names;
+  for (const Image& image : model.scene.images) {
+    if (paired.count(image.name) == 0) names.push_back(image.name);
+  }
+  return names;
+}
+
+TruthComparison Compare(const TruthSource& source, const NamedModel& model) {
+  if (source.gt_format == TruthFormat::kColmap) {
+    return CompareWithModel(source, model);
+  }
+  const TrueSensors true_sensors = ReadTrueSensors(source.calib_path, model);
+  return source.gt_format == TruthFormat::kRig
+             ? CompareWithRig(model, true_sensors)
+             : CompareWithTrajectory(source, model, true_sensors);
 }
 
 }  // namespace
@@ -322,13 +360,10 @@ TruthComparison CompareWithTruth(const TruthSource& source) {
   naming.rig_name_rule = source.rig_name_rule;
   const NamedModel model = ReadNamedModel(
       source.model_path, source.image_prefix, source.reference, naming);
-  if (source.gt_format == TruthFormat::kColmap) {
-    return CompareWithModel(source, model);
-  }
-  const TrueSensors true_sensors = ReadTrueSensors(source.calib_path, model);
-  return source.gt_format == TruthFormat::kRig
-             ? CompareWithRig(model, true_sensors)
-             : CompareWithTrajectory(source, model, true_sensors);
+  TruthComparison comparison = Compare(source, model);
+  comparison.is_metric = IsMetric(source);
+  comparison.unpaired_images = UnpairedImages(model, comparison);
+  return comparison;
 }
 
 }  // namespace mgsfm

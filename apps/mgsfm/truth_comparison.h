@@ -35,6 +35,12 @@ struct TruthSource {
 
 // The input of Evaluate.
 struct TruthComparison {
+  // Whether the truth is in metres: trajectories of KITTI and TUM, calibrations
+  // of KITTI and EuRoC, and georeferenced models. Other models and rigs do not
+  // state their unit.
+  bool is_metric = false;
+  // Registered images without a true pose; they are not compared.
+  std::vector<std::string> unpaired_images;
   std::vector<ImagePoses> images;
   std::vector<SensorPoses> sensors;
   bool has_true_poses = true;

@@ -17,15 +17,19 @@ from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
                         ViewGraph, average_rotations, average_translations)
 from .commands import (automatic_reconstruction, bundle_adjustment,
                        configure_rigs, evaluate, extend, extract_features,
-                       global_mapping, import_matches, match_exhaustive,
-                       match_sequential, match_spatial, match_vocab_tree,
-                       report, run, simulate, triangulate_points)
+                       global_mapping, import_features, import_matches,
+                       match_exhaustive, match_sequential, match_spatial,
+                       match_vocab_tree, report, run, simulate, split_images,
+                       triangulate_points, verify_matches)
 from .errors import InputError, InternalError, NotSolvableError
 from .geometry import Rigid3d, Rotation3d
 from .options import OptionGroup, OptionInfo, Options
 from .reconstruction import (INVALID_POINT3D_ID, Camera, Frame, Image, Point2D,
                              Point3D, Points2D, Points3D, Reconstruction, Rig,
                              Track, TrackElement)
+from .tools import (align_model, analyze_model, clean_database, convert_model,
+                    crop_model, delete_images, merge_databases, merge_models,
+                    undistort)
 
 __all__ = [
     "__commit__", "__version__",
@@ -34,9 +38,13 @@ __all__ = [
     "OptionInfo", "Options", "Point2D", "Point3D", "Points2D", "Points3D",
     "Reconstruction", "Rig", "Rigid3d", "Rotation3d", "Rotations",
     "SensorState", "Track", "TrackElement", "Translations", "ViewGraph",
-    "automatic_reconstruction", "average_rotations", "average_translations",
-    "bundle_adjustment", "configure_rigs", "evaluate", "extend",
-    "extract_features", "global_mapping", "import_matches",
+    "align_model", "analyze_model", "automatic_reconstruction",
+    "average_rotations", "average_translations", "bundle_adjustment",
+    "clean_database", "configure_rigs", "convert_model", "crop_model",
+    "delete_images", "evaluate", "extend", "extract_features",
+    "global_mapping", "import_features", "import_matches",
     "match_exhaustive", "match_sequential", "match_spatial",
-    "match_vocab_tree", "report", "run", "simulate", "triangulate_points",
+    "match_vocab_tree", "merge_databases", "merge_models", "report", "run",
+    "simulate", "split_images", "triangulate_points", "undistort",
+    "verify_matches",
 ]

@@ -3,17 +3,18 @@
 
 Each runs the code of the command of the same purpose and writes the same
 files, byte for byte. `options` are those of the command: an object
-Options("mapper"), or a dict, nested ({"Tracks": {"min_track_length": 2}}) or
-flat ({"Tracks.min_track_length": 2}), also with num_threads, random_seed and
-log_level.
+`Options("mapper")`, or a dict, nested (`{"Tracks": {"min_track_length": 2}}`)
+or flat (`{"Tracks.min_track_length": 2}`), also with `num_threads`,
+`random_seed` and `log_level`.
 
 All functions release the GIL. They raise
-  InputError for bad input; nothing was written,
-  NotSolvableError if nothing can be estimated,
-  KeyboardInterrupt after Ctrl-C, in the main thread only.
+
+- `InputError` for bad input; nothing was written,
+- `NotSolvableError` if nothing can be estimated,
+- `KeyboardInterrupt` after Ctrl-C, in the main thread only.
 
 `log(level, message)` gets the messages of a run, by default the logger
-"pymgsfm" of Python's logging. `progress(stage, done, total)` is called several
+`pymgsfm` of Python's `logging`. `progress(stage, done, total)` is called several
 times per second. Both are called in the thread of the caller; an exception of
 theirs ends the run and is passed on.
 """
@@ -48,16 +49,17 @@ def log_to_logging(level: str, message: str) -> None:
 
 def run(command: str, options: OptionsLike = None, *,
         log: Optional[Log] = None, progress: Optional[Progress] = None,
-        **paths: Optional[PathLike]) -> Any:
+        **values: Any) -> Any:
     """Runs any command by its name, as `mgsfm COMMAND` does.
 
-    Keywords are options, too. Returns the printed result, if any, as a dict.
+    Keywords are options, too. Returns the printed result, as a dict if the
+    command has one for programs, else as a str; None if it prints nothing.
     """
-    exit_code, text, message = _core.run_command(
-        command, to_texts(options, paths), log or log_to_logging, progress)
+    exit_code, json_text, text, message = _core.run_command(
+        command, to_texts(options, values), log or log_to_logging, progress)
     if exit_code != 0:
         raise NotSolvableError(message or f"{command} estimated nothing")
-    return json.loads(text) if text else None
+    return json.loads(json_text) if json_text else text or None
 
 
 def extract_features(database_path: PathLike, image_path: PathLike,
@@ -70,6 +72,26 @@ def extract_features(database_path: PathLike, image_path: PathLike,
     """
     run("feature_extractor", options, log=log, progress=progress,
         database_path=database_path, image_path=image_path)
+
+
+def import_features(database_path: PathLike, import_path: PathLike,
+                    options: OptionsLike = None, *,
+                    log: Optional[Log] = None,
+                    progress: Optional[Progress] = None) -> None:
+    """Imports features and matches of other programs, in hloc's format.
+
+    Matches of the option matches_path are raw: call verify_matches next.
+    """
+    run("feature_importer", options, log=log, progress=progress,
+        database_path=database_path, import_path=import_path)
+
+
+def split_images(image_path: PathLike, output_path: PathLike,
+                 options: OptionsLike = None, *, log: Optional[Log] = None,
+                 progress: Optional[Progress] = None) -> None:
+    """Splits panoramas or dual fisheyes into the images of a rig."""
+    run("image_splitter", options, log=log, progress=progress,
+        image_path=image_path, output_path=output_path)
 
 
 def configure_rigs(database_path: PathLike, options: OptionsLike = None, *,
@@ -116,6 +138,14 @@ def import_matches(database_path: PathLike, match_list_path: PathLike,
     """Imports pairs or matches from a text file."""
     run("matches_importer", options, log=log, progress=progress,
         database_path=database_path, match_list_path=match_list_path)
+
+
+def verify_matches(database_path: PathLike, options: OptionsLike = None, *,
+                   log: Optional[Log] = None,
+                   progress: Optional[Progress] = None) -> None:
+    """Verifies raw matches that a database has already."""
+    run("geometric_verifier", options, log=log, progress=progress,
+        database_path=database_path)
 
 
 def global_mapping(database_path: PathLike, image_path: Optional[PathLike],

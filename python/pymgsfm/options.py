@@ -150,6 +150,8 @@ def to_text(name: str, value: Any) -> str:
         return repr(float(value))
     if isinstance(value, (str, os.PathLike)):
         return str(os.fspath(value))
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ",".join(to_text(name, item) for item in value)
     raise InputError(f"option {name} cannot be a {type(value).__name__}")
 
 

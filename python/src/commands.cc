@@ -20,17 +20,19 @@ namespace py = pybind11;
 using NamedText = std::pair<std::string, std::string>;
 
 Command FindCommand(const std::string& name) {
+  std::vector<std::string> names;
   for (Command& command : AllCommands()) {
     if (command.name == name) return std::move(command);
+    names.push_back(command.name);
   }
-  throw ContractError("no command is named " + name);
+  throw Error("unknown command '" + name + "'" + SuggestName(name, names));
 }
 
 void SetAll(const OptionList& options, const std::vector<NamedText>& values) {
   for (const auto& [name, text] : values) SetOption(options, name, text);
 }
 
-// Returns (exit code, JSON or "", last error message or "").
+// Returns (exit code, JSON or "", text or "", last error message or "").
 py::tuple RunCommand(const std::string& name,
                      const std::vector<NamedText>& values,
                      const py::object& log, const py::object& progress) {
@@ -40,7 +42,8 @@ py::tuple RunCommand(const std::string& name,
     return command.call(
         [&](const OptionList& options) { SetAll(options, values); }, context);
   });
-  return py::make_tuple(result.exit_code, result.json, caller.last_error());
+  return py::make_tuple(result.exit_code, result.json, result.text,
+                        caller.last_error());
 }
 
 py::object ToPython(const OptionValue& value) {

@@ -17,6 +17,8 @@ import pymgsfm
 import pytest
 from conftest import run_program
 
+DATA = Path(__file__).resolve().parents[2] / "data"
+
 
 def read_files(folder):
     """The bytes of all files of models; the report states times and paths."""
@@ -45,6 +47,14 @@ class TestSameBytesAsTheProgram:
         assert read_files(tmp_path) == read_files(sparse)
         assert (options_in(tmp_path / "report.json")
                 == options_in(sparse / "report.json"))
+
+    def test_demo(self, tmp_path):
+        database = DATA / "demo" / "database.db"
+        models = pymgsfm.global_mapping(database, None, tmp_path / "python")
+        run_program("mapper", "--database_path", database, "--output_path",
+                    tmp_path / "program")
+        assert models[0].num_reg_images() == 96
+        assert read_files(tmp_path / "program") == read_files(tmp_path / "python")
 
     def test_bundle_adjustment(self, sparse, tmp_path):
         options = {"BundleAdjustment": {"max_num_iterations": 3}}

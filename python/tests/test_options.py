@@ -38,7 +38,7 @@ def test_all_ways_to_give_options():
     ("compute_covariances", 2, "true or false"),
     ("min_num_frame", 3, "min_num_frames"),
     ("Mapper.weak_seams", "drop", "keep, split"),
-    ("min_num_frames", [3], "list"),
+    ("min_num_frames", {3}, "set"),
 ])
 def test_the_checks_of_the_program(name, value, message, tmp_path):
     with pytest.raises(pymgsfm.InputError, match=message):
@@ -75,3 +75,9 @@ def test_pickle():
     assert again == options and isinstance(again, pymgsfm.Options)
     group = pickle.loads(pickle.dumps(options.Tracks))
     assert group.changed() == {"min_track_length": 2}
+
+
+def test_sequences_are_values_separated_by_commas():
+    options = pymgsfm.Options("feature_extractor")
+    options.ImageReader.camera_params = [370, 370.5, 320]
+    assert options.ImageReader.camera_params == "370,370.5,320"

@@ -24,7 +24,12 @@ double ProcessorSeconds() {
 double PeakMemoryMib() {
   rusage usage{};
   if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
-  return static_cast<double>(usage.ru_maxrss) / 1024.0;  // from KiB
+#ifdef __APPLE__
+  constexpr double kUnitsPerMib = 1024.0 * 1024.0;  // bytes
+#else
+  constexpr double kUnitsPerMib = 1024.0;  // KiB
+#endif
+  return static_cast<double>(usage.ru_maxrss) / kUnitsPerMib;
 }
 
 StageTime StageTimer::Stop(std::string stage) const {

@@ -135,6 +135,7 @@ Evaluation Evaluate(const std::vector<ImagePoses>& images, bool has_true_poses,
                     const std::vector<SensorPoses>& sensors,
                     const EvaluationOptions& options) {
   Evaluation evaluation;
+  evaluation.is_metric = options.is_metric;
   evaluation.num_images = static_cast<int>(images.size());
   evaluation.num_registered = static_cast<int>(
       std::count_if(images.begin(), images.end(), [](const ImagePoses& image) {

@@ -216,16 +216,16 @@ Panel MakeMapPanel(const std::vector<PathPoint>& path, const View& view) {
   return {{kLeft, kHeader}, {kPlotWidth, height}, center - half, center + half};
 }
 
-void DrawLegend(double y, SvgDrawing* drawing) {
+void DrawLegend(const EvaluationLabels& labels, double y, SvgDrawing* drawing) {
   double x = kLeft;
-  const auto text = [&](const char* label, double width) {
+  const auto text = [&](const std::string& label, double width) {
     drawing->Text({x + 34.0, y + 4.5}, label);
     x += width;
   };
   drawing->Line({x, y}, {x + 26.0, y}, kTrueStyle);
-  text("ground truth", 150.0);
+  text(labels.reference, 150.0);
   drawing->Line({x, y}, {x + 26.0, y}, kModelStyle);
-  text("model", 110.0);
+  text(labels.compared, 110.0);
   drawing->Cross({x + 13.0, y}, 4.0, kMissingStyle);
   text("not registered", 165.0);
   drawing->Dot({x + 20.0, y}, 5.0, "fill='#2e8b57'");
@@ -233,8 +233,10 @@ void DrawLegend(double y, SvgDrawing* drawing) {
 }
 
 void DrawMap(const std::vector<PathPoint>& path, const View& view,
-             const Panel& panel, SvgDrawing* drawing) {
-  DrawAxes(panel, "m", "path from above [m]", drawing);
+             const EvaluationLabels& labels, const Panel& panel,
+             SvgDrawing* drawing) {
+  DrawAxes(panel, labels.length_unit,
+           "path from above [" + labels.length_unit + "]", drawing);
   const auto true_place = [&](const PathPoint& p) {
     return view.Project(p.true_center);
   };
@@ -254,7 +256,8 @@ void DrawMap(const std::vector<PathPoint>& path, const View& view,
 // Errors of registered frames over distance. The axis excludes a few very large
 // errors that would flatten all others.
 template <class Error>
-void DrawErrors(const std::vector<PathPoint>& path, double top,
+void DrawErrors(const std::vector<PathPoint>& path,
+                const EvaluationLabels& labels, double top,
                 const std::string& what, const std::string& unit,
                 const Error& error, SvgDrawing* drawing) {
   std::vector<double> errors;
@@ -263,7 +266,7 @@ void DrawErrors(const std::vector<PathPoint>& path, double top,
   }
   std::sort(errors.begin(), errors.end());
   double limit = 1.0;
-  std::string label = what + " [" + unit + "]";
+  std::string label = what + " " + labels.difference + " [" + unit + "]";
   if (!errors.empty() && errors.back() > 0.0) {
     const double usual = errors[(errors.size() - 1) * 95 / 100];
     limit = 1.05 * errors.back();
@@ -276,7 +279,8 @@ void DrawErrors(const std::vector<PathPoint>& path, double top,
   const double length = std::max(path.back().distance_m, 1e-3);
   const Panel panel{
       {kLeft, top}, {kPlotWidth, kErrorPanel}, {0.0, 0.0}, {length, limit}};
-  DrawAxes(panel, "distance driven [m]", label, drawing);
+  DrawAxes(panel, "distance driven [" + labels.length_unit + "]", label,
+           drawing);
   drawing->BeginClip(panel.corner, panel.size);
   DrawSegments(CollectSegments(path, true,
                                [&](const PathPoint& p) {
@@ -291,17 +295,19 @@ void DrawErrors(const std::vector<PathPoint>& path, double top,
   drawing->EndClip();
 }
 
-std::string Title(const Evaluation& evaluation) {
+std::string Title(const Evaluation& evaluation,
+                  const EvaluationLabels& labels) {
   std::string title = std::to_string(evaluation.num_registered) + " of " +
                       std::to_string(evaluation.num_images) +
                       " images registered";
   if (evaluation.position_m) {
     const ErrorStatistics& position = *evaluation.position_m;
     const ErrorStatistics& rotation = *evaluation.rotation_deg;
-    title += "; position error: mean " + FormatNumber(position.mean, 4) +
-             ", median " + FormatNumber(position.median, 4) + ", max " +
-             FormatNumber(position.max, 4) + " m; rotation: mean " +
-             FormatNumber(rotation.mean, 3) + ", max " +
+    title += "; position " + labels.difference + ": mean " +
+             FormatNumber(position.mean, 4) + ", median " +
+             FormatNumber(position.median, 4) + ", max " +
+             FormatNumber(position.max, 4) + " " + labels.length_unit +
+             "; rotation: mean " + FormatNumber(rotation.mean, 3) + ", max " +
              FormatNumber(rotation.max, 3) + " deg";
   }
   return title;
@@ -310,7 +316,8 @@ std::string Title(const Evaluation& evaluation) {
 }  // namespace
 
 std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
-                            const Evaluation& evaluation) {
+                            const Evaluation& evaluation,
+                            const EvaluationLabels& labels) {
   const std::vector<PathPoint> path = CollectPath(images, evaluation);
   if (path.empty()) {
     SvgDrawing drawing(kWidth, kHeader);
@@ -322,14 +329,14 @@ std::string EvaluationToSvg(const std::vector<ImagePoses>& images,
   const double first_top = kHeader + map.size.y() + kGap;
   const double second_top = first_top + kErrorPanel + kGap;
   SvgDrawing drawing(kWidth, second_top + kErrorPanel + kGap - 12.0);
-  drawing.Text({kLeft, 24.0}, Title(evaluation));
-  DrawLegend(46.0, &drawing);
-  DrawMap(path, view, map, &drawing);
+  drawing.Text({kLeft, 24.0}, Title(evaluation, labels));
+  DrawLegend(labels, 46.0, &drawing);
+  DrawMap(path, view, labels, map, &drawing);
   DrawErrors(
-      path, first_top, "position error", "m",
+      path, labels, first_top, "position", labels.length_unit,
       [](const PathPoint& p) { return p.position_m; }, &drawing);
   DrawErrors(
-      path, second_top, "rotation error", "deg",
+      path, labels, second_top, "rotation", "deg",
       [](const PathPoint& p) { return p.rotation_deg; }, &drawing);
   return drawing.ToString();
 }

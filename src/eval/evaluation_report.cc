@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "eval/error_statistics.h"
 #include "mgsfm/eval/evaluation.h"
 
 namespace mgsfm {
@@ -24,7 +25,8 @@ double LengthErrorPercent(const SensorErrors& errors) {
   return 100.0 * (errors.length_m / errors.true_length_m - 1.0);
 }
 
-std::string SensorsToText(const std::vector<SensorErrors>& sensors) {
+std::string SensorsToText(const std::vector<SensorErrors>& sensors,
+                          const char* unit) {
   std::string text = Format("%-16s %12s %13s %10s %10s %9s\n", "sensor in rig",
                             "rotation", "direction", "length", "true", "error");
   for (const SensorErrors& errors : sensors) {
@@ -33,9 +35,10 @@ std::string SensorsToText(const std::vector<SensorErrors>& sensors) {
     const std::string percent =
         errors.direction_deg ? Format("%+.2f %%", LengthErrorPercent(errors))
                              : "-";
-    text += Format("%-16s %8.4f deg %13s %8.4f m %8.4f m %9s\n",
+    text += Format("%-16s %8.4f deg %13s %8.4f %s %8.4f %s %9s\n",
                    errors.name.c_str(), errors.rotation_deg, direction.c_str(),
-                   errors.length_m, errors.true_length_m, percent.c_str());
+                   errors.length_m, unit, errors.true_length_m, unit,
+                   percent.c_str());
   }
   return text;
 }
@@ -104,6 +107,7 @@ Json ToJson(const Sim3& world_from_model) {
 }  // namespace
 
 std::string EvaluationToText(const Evaluation& evaluation) {
+  const char* const unit = LengthUnitName(evaluation);
   std::string text = Format("%-16s %d of %d\n", "registered",
                             evaluation.num_registered, evaluation.num_images);
   if (!evaluation.world_from_model) {
@@ -115,35 +119,39 @@ std::string EvaluationToText(const Evaluation& evaluation) {
     text += Format("%-16s %12s %12s %12s %12s\n", "error of images", "median",
                    "mean", "max", "RMSE");
     text += StatisticsToText("rotation", "deg", rotation);
-    text += StatisticsToText("position", "m", position);
+    text += StatisticsToText("position", unit, position);
     if (evaluation.steps) {
       const StepErrors& steps = *evaluation.steps;
       text += StatisticsToText("step rotation", "deg", steps.rotation_deg);
-      text += StatisticsToText("step translation", "m", steps.translation_m);
+      text += StatisticsToText("step translation", unit, steps.translation_m);
     }
     if (evaluation.segments) {
-      text += Format("%-16s t_rel %.4f %%, r_rel %.4f deg/100 m, %d segments\n",
-                     "KITTI", evaluation.segments->translation_percent,
-                     evaluation.segments->rotation_deg_per_100m,
-                     evaluation.segments->num_segments);
+      text +=
+          Format("%-16s t_rel %.4f %%, r_rel %.4f deg/100 %s, %d segments\n",
+                 "KITTI", evaluation.segments->translation_percent,
+                 evaluation.segments->rotation_deg_per_100m, unit,
+                 evaluation.segments->num_segments);
     }
     text += AucToText("rotation AUC", "deg", evaluation.rotation_auc);
-    text += AucToText("position AUC", "m", evaluation.position_auc);
+    text += AucToText("position AUC", unit, evaluation.position_auc);
   }
-  if (!evaluation.sensors.empty()) text += SensorsToText(evaluation.sensors);
-  text += Format("%-16s %.4f m between the farthest frames\n", "extent",
-                 *evaluation.extent_m);
+  if (!evaluation.sensors.empty()) {
+    text += SensorsToText(evaluation.sensors, unit);
+  }
+  text += Format("%-16s %.4f %s between the farthest frames\n", "extent",
+                 *evaluation.extent_m, unit);
   if (evaluation.path_m) {
-    text += Format("%-16s %.4f m\n", "true path", *evaluation.path_m);
+    text += Format("%-16s %.4f %s\n", "true path", *evaluation.path_m, unit);
   }
-  text += Format("%-16s %.9g m per unit of the model\n", "scale",
-                 evaluation.world_from_model->scale);
+  text += Format("%-16s %.9g %s per unit of the model\n", "scale",
+                 evaluation.world_from_model->scale, unit);
   return text;
 }
 
 std::string EvaluationToJson(const Evaluation& evaluation) {
   Json json = {{"num_images", evaluation.num_images},
                {"num_registered", evaluation.num_registered},
+               {"length_unit", LengthUnitName(evaluation)},
                {"rotation_deg", ToJson(evaluation.rotation_deg)},
                {"position_m", ToJson(evaluation.position_m)},
                {"rotation_auc", ToJson(evaluation.rotation_auc)},

@@ -33,10 +33,11 @@ class CameraAssignment {
               std::optional<double> focal_length_px) const;
   void Add(const std::string& image_name, const Camera& camera);
 
+  // Images with equal keys share a camera, which the first of them defines.
+  std::string KeyOf(const std::string& image_name) const;
+
  private:
   enum class Mode { kSingle, kPerFolder, kPerImage };
-  // Images with equal keys share a camera.
-  std::string KeyOf(const std::string& image_name) const;
   Camera MakeCamera(const std::string& image_name, int width, int height,
                     std::optional<double> focal_length_px) const;
   void CheckFolders(const std::vector<std::string>& image_names,

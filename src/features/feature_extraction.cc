@@ -10,14 +10,17 @@
 #include <set>
 #include <system_error>
 
+#include "base/fingerprint.h"
 #include "base/text.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
 #include "features/memory_budget.h"
 #include "features/ordered_pipeline.h"
+#include "io/database/database_shard.h"
 #include "io/database/image_list.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/options_io.h"
 #include "mgsfm/base/timer.h"
 
 namespace mgsfm {
@@ -114,33 +117,23 @@ class ImageExtractor {
   }
 
   ExtractedImage Extract(const std::string& name) const {
-    ExtractedImage image;
-    image.name = name;
-    if (const auto problem = WhyUnusable(name)) {
-      image.problem = "has a name that " + *problem + "; rename the file";
-      return image;
-    }
-    try {
-      const std::string bytes = ReadImageFile(fs::path(image_path_) / name);
-      const MemoryBudget::Share share(
-          &memory_budget_, MemoryOf(ReadImageSize(bytes).value_or(ImageSize()),
-                                    options_.sift.max_image_size));
-      ImageFile file = DecodeImageFile(bytes, options_.reader.max_num_pixels);
-      image.warning = file.warning;
-      image.width = static_cast<int>(file.gray.cols());
-      image.height = static_cast<int>(file.gray.rows());
-      image.tags = file.tags;
-      const std::vector<GrayImage> masks =
-          MasksOf(file.gray, name, &image.has_mask);
-      image.features = ExtractSift(file.gray, options_.sift);
-      for (const GrayImage& mask : masks) ApplyMask(mask, &image.features);
-    } catch (const Error& error) {
-      image.problem = error.what();
-    }
-    return image;
+    return Read(name,
+                [&](const GrayImage& gray, const std::vector<GrayImage>& masks,
+                    ExtractedImage* image) {
+                  image->features = ExtractSift(gray, options_.sift);
+                  for (const GrayImage& mask : masks)
+                    ApplyMask(mask, &image->features);
+                });
+  }
+
+  // Likewise, without features.
+  ExtractedImage ReadTags(const std::string& name) const {
+    return Read(name, [](const auto&...) {});
   }
 
  private:
+  template <class Function>
+  ExtractedImage Read(const std::string& name, const Function& use) const;
   // Sets `has_mask` if mask_path has a mask of the image, valid or not.
   std::vector<GrayImage> MasksOf(const GrayImage& image,
                                  const std::string& name, bool* has_mask) const;
@@ -153,6 +146,35 @@ class ImageExtractor {
   std::optional<GrayImage> camera_mask_;
   mutable MemoryBudget memory_budget_;
 };
+
+// Calls `use` with the pixels and masks of an image that can be used.
+template <class Function>
+ExtractedImage ImageExtractor::Read(const std::string& name,
+                                    const Function& use) const {
+  ExtractedImage image;
+  image.name = name;
+  if (const auto problem = WhyUnusable(name)) {
+    image.problem = "has a name that " + *problem + "; rename the file";
+    return image;
+  }
+  try {
+    const std::string bytes = ReadImageFile(fs::path(image_path_) / name);
+    const MemoryBudget::Share share(
+        &memory_budget_, MemoryOf(ReadImageSize(bytes).value_or(ImageSize()),
+                                  options_.sift.max_image_size));
+    ImageFile file = DecodeImageFile(bytes, options_.reader.max_num_pixels);
+    image.warning = file.warning;
+    image.width = static_cast<int>(file.gray.cols());
+    image.height = static_cast<int>(file.gray.rows());
+    image.tags = file.tags;
+    const std::vector<GrayImage> masks =
+        MasksOf(file.gray, name, &image.has_mask);
+    use(file.gray, masks, &image);
+  } catch (const Error& error) {
+    image.problem = error.what();
+  }
+  return image;
+}
 
 void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
                                const std::string& path) {
@@ -224,6 +246,9 @@ class FeatureWriter {
     }
   }
 
+  // Adds the cameras of `names[begin..]` that images before `begin` define.
+  void AddCamerasOfOthers(const std::vector<std::string>& names, size_t begin,
+                          size_t end, const ImageExtractor& extractor);
   // The names without keypoints or descriptors in the database.
   std::vector<std::string> NamesToExtract(
       const std::vector<std::string>& names) const;
@@ -245,6 +270,38 @@ class FeatureWriter {
   const Context& context_;
   std::map<std::string, ImageId> id_of_name_;
 };
+
+void FeatureWriter::AddCamerasOfOthers(const std::vector<std::string>& names,
+                                       size_t begin, size_t end,
+                                       const ImageExtractor& extractor) {
+  std::set<std::string> keys;  // of cameras to find
+  for (size_t i = begin; i < end; ++i) keys.insert(cameras_.KeyOf(names[i]));
+  std::map<CameraId, Camera> cameras;
+  for (const Camera& camera : structure_.cameras) {
+    cameras.emplace(camera.id, camera);
+  }
+  for (const auto& [id, name] : database_->ReadShardCameras()) {
+    cameras_.Add(name, cameras.at(id));
+    keys.erase(cameras_.KeyOf(name));
+  }
+  DatabaseTransaction transaction(database_);
+  for (size_t i = 0; i < begin && !keys.empty(); ++i) {
+    context_.CheckInterrupted();
+    const std::string key = cameras_.KeyOf(names[i]);
+    if (keys.count(key) == 0) continue;
+    const ExtractedImage image = extractor.ReadTags(names[i]);
+    if (image.problem) continue;
+    Camera camera = cameras_
+                        .Find(image.name, image.width, image.height,
+                              image.tags.focal_length_px)
+                        .camera;
+    camera.id = database_->AddCamera(camera);
+    database_->WriteShardCamera(camera.id, image.name);
+    cameras_.Add(image.name, camera);
+    keys.erase(key);
+  }
+  transaction.Commit();
+}
 
 std::vector<std::string> FeatureWriter::NamesToExtract(
     const std::vector<std::string>& names) const {
@@ -339,47 +396,105 @@ std::vector<std::string> ListImages(const std::string& image_path,
   return names;
 }
 
-FeatureExtractionSummary ExtractFeatures(
-    const std::string& image_path, const FeatureExtractionOptions& options,
-    FeatureDatabase* database, const Context& context) {
-  const Timer timer;
-  const std::vector<std::string> names =
-      ListImages(image_path, options.image_list_path);
-  FeatureWriter writer(options.reader, names, database, context);
-  const std::vector<std::string> missing = writer.NamesToExtract(names);
-  FeatureExtractionSummary summary;
-  summary.num_images = names.size();
-  summary.num_present = names.size() - missing.size();
+namespace {
 
+// Extracts the images that the database lacks; returns whether one has a mask
+// in mask_path.
+bool ExtractMissing(const std::vector<std::string>& missing,
+                    const ImageExtractor& extractor, const Context& context,
+                    FeatureWriter* writer, FeatureExtractionSummary* summary) {
+  bool has_mask = false;
+  const auto num_threads = static_cast<size_t>(context.num_threads);
+  OrderedPipeline<ExtractedImage> pipeline(
+      missing.size(), context.num_threads,
+      kImagesInFlightPerThread * num_threads,
+      [&](size_t i) { return extractor.Extract(missing[i]); });
+  size_t num_done = 0;
+  while (num_done < missing.size()) {
+    context.ReportProgress("extracting features", num_done, missing.size());
+    const std::vector<ExtractedImage> images = pipeline.Take();
+    if (!images.empty()) writer->Write(images, summary);
+    for (const ExtractedImage& image : images) has_mask |= image.has_mask;
+    num_done += images.size();
+  }
+  return has_mask;
+}
+
+FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
+                                      size_t begin, size_t end,
+                                      const std::string& image_path,
+                                      const FeatureExtractionOptions& options,
+                                      FeatureDatabase* database,
+                                      const Context& context) {
+  const Timer timer;
   const QuietImageLibraries quiet;
   const ImageExtractor extractor(image_path, options);
-  bool has_mask = false;
-  {
-    const auto num_threads = static_cast<size_t>(context.num_threads);
-    OrderedPipeline<ExtractedImage> pipeline(
-        missing.size(), context.num_threads,
-        kImagesInFlightPerThread * num_threads,
-        [&](size_t i) { return extractor.Extract(missing[i]); });
-    size_t num_done = 0;
-    while (num_done < missing.size()) {
-      context.ReportProgress("extracting features", num_done, missing.size());
-      const std::vector<ExtractedImage> images = pipeline.Take();
-      if (!images.empty()) writer.Write(images, &summary);
-      for (const ExtractedImage& image : images) has_mask |= image.has_mask;
-      num_done += images.size();
-    }
-  }
+  FeatureWriter writer(options.reader, names, database, context);
+  if (begin > 0) writer.AddCamerasOfOthers(names, begin, end, extractor);
+  const std::vector<std::string> missing =
+      writer.NamesToExtract({names.begin() + static_cast<std::ptrdiff_t>(begin),
+                             names.begin() + static_cast<std::ptrdiff_t>(end)});
+  FeatureExtractionSummary summary;
+  summary.num_images = end - begin;
+  summary.num_present = summary.num_images - missing.size();
+  const bool has_mask =
+      ExtractMissing(missing, extractor, context, &writer, &summary);
   if (!options.reader.mask_path->empty() && !missing.empty() && !has_mask) {
     context.Warning(
         "no image has a mask in '" + *options.reader.mask_path +
         "' (ImageReader.mask_path); the mask of a/b.jpg must be named "
         "a/b.jpg.png");
   }
+  summary.seconds = timer.Seconds();
+  return summary;
+}
+
+// Paths are left out: they may differ from machine to machine.
+std::string FingerprintOf(const std::vector<std::string>& names,
+                          FeatureExtractionOptions options) {
+  Fingerprint fingerprint;
+  for (const std::string& name : names) fingerprint.Add(name);
+  options.image_list_path = "";
+  options.reader.mask_path = "";
+  options.reader.camera_mask_path = "";
+  options.reader.camera_params_path = "";
+  return fingerprint.Add(OptionsToJsonOf(options)).ToString();
+}
+
+}  // namespace
+
+FeatureExtractionSummary ExtractFeatures(
+    const std::string& image_path, const FeatureExtractionOptions& options,
+    FeatureDatabase* database, const Context& context) {
+  if (const auto shard = database->ReadShard()) {
+    throw Error("database '" + database->path() + "' is shard " +
+                shard->share.ToString() + "; set --shard " +
+                shard->share.ToString() + " or choose another database");
+  }
+  const std::vector<std::string> names =
+      ListImages(image_path, options.image_list_path);
+  const FeatureExtractionSummary summary = ExtractRange(
+      names, 0, names.size(), image_path, options, database, context);
   if (summary.num_present + summary.num_extracted == 0) {
     throw Error("none of the " + std::to_string(names.size()) + " files in '" +
                 image_path + "' can be used; the warnings give the reasons");
   }
-  summary.seconds = timer.Seconds();
+  return summary;
+}
+
+FeatureExtractionSummary ExtractFeatureShard(
+    const std::string& image_path, const FeatureExtractionOptions& options,
+    const Share& share, FeatureDatabase* database, const Context& context) {
+  const std::vector<std::string> names =
+      ListImages(image_path, options.image_list_path);
+  ShardManifest manifest{ShardKind::kFeatures, share,
+                         FingerprintOf(names, options), false};
+  BeginShard(manifest, database);
+  const FeatureExtractionSummary summary =
+      ExtractRange(names, share.Begin(names.size()), share.End(names.size()),
+                   image_path, options, database, context);
+  manifest.is_complete = true;
+  database->WriteShard(manifest);
   return summary;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "features/image_file.h"
+#include "io/files/place_and_time_tags.h"
 #include "io/rigs/image_name_times.h"
 
 namespace mgsfm {
@@ -114,9 +115,7 @@ std::optional<double> TimeOf(const Exiv2::ExifData& tags) {
 }  // namespace
 
 ImageTags ReadTags(const std::string& file, int width, int height) {
-  // Exiv2 is not thread-safe; parsing tags takes little time.
-  static std::mutex mutex;
-  const std::lock_guard<std::mutex> lock(mutex);
+  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
   Exiv2::LogMsg::setLevel(Exiv2::LogMsg::mute);
   try {
     const auto image = Exiv2::ImageFactory::open(

@@ -69,4 +69,8 @@ Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
   return {RadToDeg(latitude), RadToDeg(std::atan2(p.y(), p.x())), altitude};
 }
 
+Rigid3 EarthFromEastNorthUp(const Eigen::Vector3d& origin) {
+  return {Eigen::Quaterniond(LocalAxes(origin)), EarthCentered(origin)};
+}
+
 }  // namespace mgsfm

@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 
+#include "mgsfm/geometry/rigid3.h"
+
 namespace mgsfm {
 
 // Converts latitude and longitude (degrees) and height above the WGS84
@@ -14,5 +16,9 @@ Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
 // The inverse, to 1e-9 m within 10,000 km of the ellipsoid.
 Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
                                           const Eigen::Vector3d& origin);
+
+// From the east-north-up frame of an origin to the earth-centred frame of
+// WGS84: x towards the meridian of Greenwich, z towards the north pole (m).
+Rigid3 EarthFromEastNorthUp(const Eigen::Vector3d& origin);
 
 }  // namespace mgsfm

@@ -12,6 +12,7 @@
 
 #include "least_squares/ceres_cancellation.h"
 #include "least_squares/ceres_costs.h"
+#include "least_squares/ceres_manifolds.h"
 
 namespace mgsfm {
 namespace {
@@ -171,7 +172,7 @@ class CeresRigProblem {
       if (masks[i].isZero(0.0)) {
         problem_.SetParameterBlockConstant(block);
       } else {
-        problem_.SetManifold(block, new PoseManifold(masks[i]));
+        SetManifold(block, new PoseManifold(masks[i]), &problem_);
       }
     }
   }
@@ -188,8 +189,8 @@ class CeresRigProblem {
       if (free.empty()) {
         problem_.SetParameterBlockConstant(block);
       } else if (!held.empty()) {
-        problem_.SetManifold(
-            block, new ceres::SubsetManifold(kMaxNumCameraParams, held));
+        SetManifold(block, new CeresSubsetManifold(kMaxNumCameraParams, held),
+                    &problem_);
       }
     }
   }

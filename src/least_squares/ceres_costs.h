@@ -3,7 +3,6 @@
 
 #include <ceres/cost_function.h>
 #include <ceres/loss_function.h>
-#include <ceres/manifold.h>
 #include <ceres/sized_cost_function.h>
 
 #include <algorithm>
@@ -13,6 +12,7 @@
 
 #include "geometry/so3.h"
 #include "least_squares/baseline_terms.h"
+#include "least_squares/ceres_manifolds.h"
 #include "least_squares/chunk_kernels.h"
 #include "least_squares/image_poses.h"
 #include "least_squares/pose_priors.h"
@@ -38,7 +38,7 @@ inline Eigen::Quaterniond RotationOf(const double* block) {
 // The changes of rig_problem.h that a mask leaves. Cost functions write their
 // derivatives by all six as the first six columns, so that the derivative of
 // Plus selects columns.
-class PoseManifold : public ceres::Manifold {
+class PoseManifold : public CeresManifold {
  public:
   explicit PoseManifold(const PoseMask& mask) {
     for (int i = 0; i < 6; ++i) {

@@ -54,7 +54,7 @@ LargestFeatures ReadLargest(const FeatureDatabase& database, const Image& image,
 // fewer.
 std::vector<uint8_t> SampleDescriptors(const FeatureDatabase& database,
                                        const Scene& scene,
-                                       const VocabularyOptions& options,
+                                       const VocabularyTrainingOptions& options,
                                        int max_num_features,
                                        const Context& context) {
   const size_t num_images = scene.images.size();
@@ -103,18 +103,29 @@ WordImage MakeWordImage(const Vocabulary& vocabulary,
 
 }  // namespace
 
+std::optional<Vocabulary> TrainVocabulary(
+    const FeatureDatabase& database, const Scene& scene,
+    const VocabularyTrainingOptions& options, int max_num_features,
+    const Context& context) {
+  const std::vector<uint8_t> samples =
+      SampleDescriptors(database, scene, options, max_num_features, context);
+  if (samples.empty()) return std::nullopt;
+  return Vocabulary::Train(
+      {samples.data(), samples.size() / DescriptorView::kDim}, options,
+      context);
+}
+
 ImageWords FindImageWords(const FeatureDatabase& database, const Scene& scene,
                           const VocabularyOptions& options,
                           int max_num_features, const Context& context) {
   ImageWords words;
   words.images.resize(scene.images.size());
-  const std::vector<uint8_t> samples =
-      SampleDescriptors(database, scene, options, max_num_features, context);
-  if (samples.empty()) return words;
-  const Vocabulary vocabulary =
-      Vocabulary::Train({samples.data(), samples.size() / DescriptorView::kDim},
-                        options, context);
-  words.num_words = vocabulary.num_words();
+  const std::optional<Vocabulary> vocabulary =
+      options.vocab_tree_path->empty()
+          ? TrainVocabulary(database, scene, options, max_num_features, context)
+          : Vocabulary::Read(options.vocab_tree_path);
+  if (!vocabulary) return words;
+  words.num_words = vocabulary->num_words();
   for (size_t begin = 0; begin < words.images.size(); begin += kChunkSize) {
     const size_t end = std::min(begin + kChunkSize, words.images.size());
     std::vector<LargestFeatures> chunk;
@@ -126,7 +137,7 @@ ImageWords FindImageWords(const FeatureDatabase& database, const Scene& scene,
         [&](size_t k) {
           const Image& image = scene.images[begin + k];
           words.images[begin + k] = MakeWordImage(
-              vocabulary, chunk[k], scene.cameras[image.camera_idx]);
+              *vocabulary, chunk[k], scene.cameras[image.camera_idx]);
         },
         1);
     context.ReportProgress("assigning visual words", end, words.images.size());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "matching/vocabulary.h"
@@ -16,8 +17,15 @@ struct ImageWords {
   std::vector<WordImage> images;  // per image of the scene
 };
 
-// Trains a vocabulary on a sample of the descriptors and assigns words to the
-// max_num_features largest features of each image (-1: to all features).
+// Trains a vocabulary on a sample of the max_num_features largest features (-1:
+// all) of the images. nullopt if they have none.
+std::optional<Vocabulary> TrainVocabulary(
+    const FeatureDatabase& database, const Scene& scene,
+    const VocabularyTrainingOptions& options, int max_num_features,
+    const Context& context);
+
+// Reads or trains the vocabulary and assigns words to the max_num_features
+// largest features of each image (-1: to all features).
 ImageWords FindImageWords(const FeatureDatabase& database, const Scene& scene,
                           const VocabularyOptions& options,
                           int max_num_features, const Context& context);

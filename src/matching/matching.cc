@@ -7,15 +7,12 @@
 #include <utility>
 
 #include "base/file_reading.h"
-#include "geometry/geodetic.h"
-#include "matching/database_words.h"
 #include "matching/match_list.h"
-#include "matching/pair_lists.h"
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
 #include "matching/scene_pairs.h"
+#include "matching/selected_pairs.h"
 #include "matching/unit_verification.h"
-#include "matching/vocabulary.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 
@@ -33,7 +30,7 @@ class Run {
  public:
   Run(FeatureDatabase* database, const Scene& scene,
       const PairMatchingOptions& options, const Context& context)
-      : matcher_(database, scene, options, context),
+      : matcher_({*database, *database}, scene, options, context),
         database_(database),
         scene_(scene),
         options_(options),
@@ -48,8 +45,8 @@ class Run {
   void VerifyUnits(const ImagePairList& pairs) {
     if (!options_.rig_verification.rig_verification) return;
     const internal::UnitVerificationSummary units =
-        internal::VerifyUnitsOfPairs(pairs, scene_, options_, database_,
-                                     context_);
+        internal::VerifyUnitsOfPairs(pairs, scene_, options_,
+                                     {*database_, *database_}, context_);
     if (units.num_frame_pairs == 0) return;
     context_.Info(
         "rig verification of " + std::to_string(units.num_frame_pairs) +
@@ -105,39 +102,6 @@ ImagePairList BlockPairs(int begin1, int end1, int begin2, int end2) {
       pairs.push_back({i, j});
   }
   return pairs;
-}
-
-ImagePairList RetrievedPairs(const FeatureDatabase& database,
-                             const Scene& scene,
-                             const std::vector<FrameSequence>& sequences,
-                             const VocabularyOptions& vocabulary,
-                             int max_num_features,
-                             const FrameRetrievalOptions& options,
-                             const Context& context) {
-  const internal::ImageWords words = internal::FindImageWords(
-      database, scene, vocabulary, max_num_features, context);
-  const WordIndex index(words.num_words, words.images);
-  return RetrievePairs(sequences, words.images, index, options, context);
-}
-
-// In metres for WGS84 positions, otherwise in the unit of the database.
-std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
-    const FeatureDatabase& database, const Scene& scene, bool is_gps) {
-  using CoordinateSystem = PosePriorRow::CoordinateSystem;
-  const internal::ImageIdxs image_idxs(scene);
-  std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
-  std::optional<Eigen::Vector3d> origin;
-  for (const PosePriorRow& prior : database.ReadPosePriors()) {
-    const auto image_idx = image_idxs.Find(prior.image_id);
-    if (!image_idx) continue;
-    const bool is_wgs84 =
-        prior.coordinate_system == CoordinateSystem::kWgs84 ||
-        (prior.coordinate_system == CoordinateSystem::kUndefined && is_gps);
-    if (is_wgs84 && !origin) origin = prior.position;
-    positions[*image_idx] =
-        is_wgs84 ? EastNorthUp(prior.position, *origin) : prior.position;
-  }
-  return positions;
 }
 
 // Throws Error if a match refers to a missing keypoint.
@@ -200,7 +164,7 @@ PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
       span.num_before += pairs.size();
     }
   }
-  run.VerifyUnits(BlockPairs(0, num_images, 0, num_images));
+  run.VerifyUnits(SelectExhaustively(scene));
   return run.Finish("exhaustive matching");
 }
 
@@ -227,16 +191,8 @@ PairMatchingSummary MatchSequentially(FeatureDatabase* database,
     run.VerifyUnits(done);
     return summary;
   }
-  // Nearer frames are matched already, up to the overlap.
-  const FrameRetrievalOptions retrieval{
-      options.loop_detection_period, options.loop_detection_num_images,
-      options.loop_detection_num_images_after_verification,
-      2 * options.pairs.overlap + 1};
-  const ImagePairList loops =
-      Without(RetrievedPairs(*database, scene, sequences, vocabulary,
-                             options.loop_detection_max_num_features, retrieval,
-                             context),
-              done);
+  const ImagePairList loops = Without(
+      SelectLoops(*database, scene, options, vocabulary, context), done);
   Run loop_run(database, scene, matching, context);
   loop_run.Match(loops, "loop detection");
   loop_run.VerifyUnits(Join(done, loops));
@@ -249,13 +205,8 @@ PairMatchingSummary MatchByVocabulary(FeatureDatabase* database,
                                       const VocabularyOptions& vocabulary,
                                       const PairMatchingOptions& matching,
                                       const Context& context) {
-  FrameRetrievalOptions retrieval;
-  retrieval.num_images = options.num_images;
-  retrieval.num_images_after_verification =
-      options.num_images_after_verification;
   const ImagePairList pairs =
-      RetrievedPairs(*database, scene, MakeFrameSequences(scene), vocabulary,
-                     options.max_num_features, retrieval, context);
+      SelectByVocabulary(*database, scene, options, vocabulary, context);
   Run run(database, scene, matching, context);
   run.Match(pairs, "vocabulary tree matching");
   run.VerifyUnits(pairs);
@@ -267,15 +218,9 @@ PairMatchingSummary MatchSpatially(FeatureDatabase* database,
                                    const SpatialMatchingOptions& options,
                                    const PairMatchingOptions& matching,
                                    const Context& context) {
-  const auto positions = ReadPositions(*database, scene, options.is_gps);
-  if (std::none_of(positions.begin(), positions.end(),
-                   [](const auto& position) { return position.has_value(); })) {
-    throw Error("database '" + database->path() +
-                "' has no position priors (table pose_priors), which come from "
-                "the GPS tags of the images; use another matcher");
-  }
+  const ImagePairList pairs =
+      SelectSpatially(*database, scene, options, context);
   Run run(database, scene, matching, context);
-  const ImagePairList pairs = SpatialPairs(scene, positions, options, context);
   run.Match(pairs, "spatial matching");
   run.VerifyUnits(pairs);
   return run.Finish("spatial matching");
@@ -286,13 +231,13 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
                                   MatchListType type,
                                   const PairMatchingOptions& matching,
                                   const Context& context) {
-  std::istringstream file(ReadFile(match_list_path));
-  std::vector<std::string> names;
-  for (const Image& image : scene.images) names.push_back(image.name);
   ImagePairList pairs;
   if (type == MatchListType::kPairs) {
-    pairs = ReadPairList(file, match_list_path, names);
+    pairs = SelectListed(scene, match_list_path);
   } else {
+    std::istringstream file(ReadFile(match_list_path));
+    std::vector<std::string> names;
+    for (const Image& image : scene.images) names.push_back(image.name);
     const auto lists = ReadMatchList(file, match_list_path, names);
     CheckListedMatches(*database, scene, lists);
     WriteListedMatches(scene, lists, type, database);
@@ -307,12 +252,7 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
 PairMatchingSummary VerifyMatches(FeatureDatabase* database, const Scene& scene,
                                   const PairMatchingOptions& matching,
                                   const Context& context) {
-  const internal::ImageIdxs image_idxs(scene);
-  ImagePairList pairs;
-  for (const PairCount& row : database->CountMatches()) {
-    if (const auto pair = image_idxs.Find(row)) pairs.push_back(*pair);
-  }
-  internal::SortUnique(&pairs);
+  const ImagePairList pairs = SelectMatched(*database, scene);
   Run run(database, scene, matching, context);
   run.Match(pairs, "verification");
   run.VerifyUnits(pairs);

@@ -26,24 +26,22 @@ struct PairMatcher::Result {
   ImagePair verified;
 };
 
-PairMatcher::PairMatcher(FeatureDatabase* database, const Scene& scene,
-                         const PairMatchingOptions& options,
+PairMatcher::PairMatcher(const internal::MatchDatabases& databases,
+                         const Scene& scene, const PairMatchingOptions& options,
                          const Context& context)
-    : database_(database),
+    : databases_(databases),
       scene_(scene),
       options_(options),
       context_(context),
       cache_(std::make_unique<internal::FeatureCache>(
-          *database, scene,
+          databases.features, scene,
           static_cast<size_t>(options.cache_size_mib) << 20)) {
-  const internal::ImageIdxs image_idxs(scene);
-  for (const PairCount& row : database->CountMatches()) {
-    if (const auto pair = image_idxs.Find(row)) matched_.insert(*pair);
+  for (const auto& [pair, number] : internal::CountMatches(databases, scene)) {
+    matched_.insert(pair);
   }
-  for (const PairCount& row : database->CountInlierMatches()) {
-    if (const auto pair = image_idxs.Find(row)) {
-      num_inliers_[*pair] = row.num_matches;
-    }
+  for (const auto& [pair, number] :
+       internal::CountInlierMatches(databases, scene)) {
+    num_inliers_.emplace(pair, number);
   }
 }
 
@@ -79,7 +77,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
       results[i].has_new_matches = matched_.count(batch[i]) == 0;
       if (results[i].has_new_matches) continue;
       results[i].matches =
-          internal::ReadMatchesOfPair(*database_, scene_, batch[i]);
+          internal::ReadMatchesOfPair(databases_, scene_, batch[i]);
     }
     ParallelFor(
         batch.size(), context_.num_threads,
@@ -147,15 +145,15 @@ PairMatcher::Result PairMatcher::MatchPair(const ImageIdxPair& pair,
 
 void PairMatcher::Write(const std::vector<ImageIdxPair>& batch,
                         const std::vector<Result>& results) {
-  DatabaseTransaction transaction(database_);
+  DatabaseTransaction transaction(&databases_.output);
   for (size_t i = 0; i < batch.size(); ++i) {
     const Result& result = results[i];
     if (result.has_new_matches) {
-      database_->WriteMatches(scene_.images[batch[i].image_idx1].id,
-                              scene_.images[batch[i].image_idx2].id,
-                              result.matches);
+      databases_.output.WriteMatches(scene_.images[batch[i].image_idx1].id,
+                                     scene_.images[batch[i].image_idx2].id,
+                                     result.matches);
     }
-    database_->WriteTwoViewGeometry(
+    databases_.output.WriteTwoViewGeometry(
         internal::MakeTwoViewRow(scene_, batch[i], result.verified));
   }
   transaction.Commit();

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "matching/pair_selection.h"
+#include "matching/scene_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/matching.h"
@@ -29,11 +30,12 @@ struct ProgressSpan {
 };
 
 // Matches and verifies image pairs of a database and writes the results, one
-// transaction per batch; see matching.h. `scene` is the scene of the database.
+// transaction per batch; see matching.h. `scene` is the scene of the database
+// with the features.
 class PairMatcher {
  public:
-  // Finds out which pairs the database contains.
-  PairMatcher(FeatureDatabase* database, const Scene& scene,
+  // Finds out which pairs the databases contain.
+  PairMatcher(const internal::MatchDatabases& databases, const Scene& scene,
               const PairMatchingOptions& options, const Context& context);
   ~PairMatcher();
 
@@ -54,7 +56,7 @@ class PairMatcher {
   void Write(const std::vector<ImageIdxPair>& batch,
              const std::vector<Result>& results);
 
-  FeatureDatabase* database_;
+  const internal::MatchDatabases databases_;
   const Scene& scene_;
   const PairMatchingOptions& options_;
   const Context& context_;

@@ -29,6 +29,42 @@ std::optional<ImageIdxPair> ImageIdxs::Find(const PairCount& row) const {
   return MakePair(*image1, *image2);
 }
 
+namespace {
+
+using PairCounts = std::vector<std::pair<ImageIdxPair, size_t>>;
+
+void AddPairs(const std::vector<PairCount>& rows, const ImageIdxs& image_idxs,
+              PairCounts* pairs) {
+  for (const PairCount& row : rows) {
+    if (const auto pair = image_idxs.Find(row)) {
+      pairs->emplace_back(*pair, row.num_matches);
+    }
+  }
+}
+
+}  // namespace
+
+PairCounts CountMatches(const MatchDatabases& databases, const Scene& scene) {
+  const ImageIdxs image_idxs(scene);
+  PairCounts pairs;
+  AddPairs(databases.output.CountMatches(), image_idxs, &pairs);
+  if (!databases.AreOne()) {
+    AddPairs(databases.features.CountMatches(), image_idxs, &pairs);
+  }
+  return pairs;
+}
+
+PairCounts CountInlierMatches(const MatchDatabases& databases,
+                              const Scene& scene) {
+  const ImageIdxs image_idxs(scene);
+  PairCounts pairs;
+  AddPairs(databases.output.CountInlierMatches(), image_idxs, &pairs);
+  if (!databases.AreOne()) {
+    AddPairs(databases.features.CountInlierMatches(), image_idxs, &pairs);
+  }
+  return pairs;
+}
+
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair) {
@@ -39,6 +75,17 @@ std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
            std::tie(b.keypoint_idx1, b.keypoint_idx2);
   });
   return matches;
+}
+
+std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
+                                     const Scene& scene,
+                                     const ImageIdxPair& pair) {
+  const bool is_output =
+      databases.AreOne() ||
+      databases.output.HasMatches(scene.images[pair.image_idx1].id,
+                                  scene.images[pair.image_idx2].id);
+  return ReadMatchesOfPair(is_output ? databases.output : databases.features,
+                           scene, pair);
 }
 
 void CheckMatches(const std::vector<Match>& matches, size_t num_keypoints1,

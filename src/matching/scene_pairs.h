@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "matching/pair_selection.h"
@@ -28,8 +29,27 @@ class ImageIdxs {
   std::map<ImageId, int> idxs_;
 };
 
-// In the order of the scene, sorted by keypoint indices.
+// The database with the features, which may be only read, and the one that
+// matches are written to. They are the same, or the second is a shard.
+struct MatchDatabases {
+  const FeatureDatabase& features;
+  FeatureDatabase& output;
+
+  bool AreOne() const { return &features == &output; }
+};
+
+// Pairs with a row in either database, by index.
+std::vector<std::pair<ImageIdxPair, size_t>> CountMatches(
+    const MatchDatabases& databases, const Scene& scene);
+std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
+    const MatchDatabases& databases, const Scene& scene);
+
+// In the order of the scene, sorted by keypoint indices. Those of the output,
+// if it has any.
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
+                                     const Scene& scene,
+                                     const ImageIdxPair& pair);
+std::vector<Match> ReadMatchesOfPair(const MatchDatabases& databases,
                                      const Scene& scene,
                                      const ImageIdxPair& pair);
 

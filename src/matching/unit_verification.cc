@@ -77,12 +77,12 @@ ImagePair Swapped(ImagePair pair) {
 class UnitPass {
  public:
   UnitPass(const Scene& scene, const PairMatchingOptions& options,
-           FeatureDatabase* database, const Context& context)
+           const MatchDatabases& databases, const Context& context)
       : scene_(scene),
         options_(options),
-        database_(database),
+        databases_(databases),
         context_(context),
-        cache_(*database, scene,
+        cache_(databases.features, scene,
                static_cast<size_t>(options.cache_size_mib) << 20) {}
 
   UnitVerificationSummary Run(const std::vector<FramePair>& groups) {
@@ -126,7 +126,7 @@ class UnitPass {
       for (const ImageIdxPair& pair : pairs) {
         cache_.AddToBatch(pair.image_idx1, false);
         cache_.AddToBatch(pair.image_idx2, false);
-        lists.push_back(ReadMatchesOfPair(*database_, scene_, pair));
+        lists.push_back(ReadMatchesOfPair(databases_, scene_, pair));
         CheckMatches(lists.back(),
                      cache_.Get(pair.image_idx1).keypoints_px.size(),
                      cache_.Get(pair.image_idx2).keypoints_px.size(),
@@ -212,9 +212,9 @@ class UnitPass {
   // One transaction: sequential matching learns from the pairs verified so far,
   // which must not depend on where an earlier run was interrupted.
   void Write() {
-    DatabaseTransaction transaction(database_);
+    DatabaseTransaction transaction(&databases_.output);
     for (const Result& result : results_) {
-      database_->WriteTwoViewGeometry(
+      databases_.output.WriteTwoViewGeometry(
           MakeTwoViewRow(scene_, result.pair, *result.changed));
     }
     transaction.Commit();
@@ -222,7 +222,7 @@ class UnitPass {
 
   const Scene& scene_;
   const PairMatchingOptions& options_;
-  FeatureDatabase* database_;
+  const MatchDatabases databases_;
   const Context& context_;
   FeatureCache cache_;
   std::vector<MatchLists> inputs_;  // of the batch
@@ -249,11 +249,11 @@ ImagePair VerifyImages(const Scene& scene, const ImageIdxPair& pair,
 UnitVerificationSummary VerifyUnitsOfPairs(const ImagePairList& pairs,
                                            const Scene& scene,
                                            const PairMatchingOptions& options,
-                                           FeatureDatabase* database,
+                                           const MatchDatabases& databases,
                                            const Context& context) {
   const std::vector<FramePair> groups = GroupByFrames(pairs, scene);
   if (groups.empty()) return {};
-  return UnitPass(scene, options, database, context).Run(groups);
+  return UnitPass(scene, options, databases, context).Run(groups);
 }
 
 }  // namespace mgsfm::internal

@@ -6,6 +6,7 @@
 
 #include "matching/feature_cache.h"
 #include "matching/pair_selection.h"
+#include "matching/scene_pairs.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/matching/matching_options.h"
@@ -35,7 +36,7 @@ struct UnitVerificationSummary {
 UnitVerificationSummary VerifyUnitsOfPairs(const ImagePairList& pairs,
                                            const Scene& scene,
                                            const PairMatchingOptions& options,
-                                           FeatureDatabase* database,
+                                           const MatchDatabases& databases,
                                            const Context& context);
 
 }  // namespace mgsfm::internal

@@ -3,11 +3,15 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <limits>
 #include <numeric>
+#include <string>
 
+#include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/random.h"
+#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -69,7 +73,8 @@ int Vocabulary::FindWord(const uint8_t* descriptor) const {
 // in parallel over their samples.
 class VocabularyTrainer {
  public:
-  VocabularyTrainer(DescriptorView samples, const VocabularyOptions& options,
+  VocabularyTrainer(DescriptorView samples,
+                    const VocabularyTrainingOptions& options,
                     const Context& context)
       : samples_(samples),
         options_(options),
@@ -237,7 +242,7 @@ class VocabularyTrainer {
   }
 
   const DescriptorView samples_;
-  const VocabularyOptions& options_;
+  const VocabularyTrainingOptions& options_;
   const Context& context_;
   const size_t samples_per_word_;
   std::vector<size_t> order_;
@@ -247,10 +252,81 @@ class VocabularyTrainer {
 };
 
 Vocabulary Vocabulary::Train(DescriptorView samples,
-                             const VocabularyOptions& options,
+                             const VocabularyTrainingOptions& options,
                              const Context& context) {
   MGSFM_CHECK_GT(samples.size, size_t{0});
   return VocabularyTrainer(samples, options, context).Train();
+}
+
+// ------------------------------------------------------------------- files
+//
+// The line kMagic, the number of nodes (int32), and per node, in the order of
+// `nodes_`: first child, number of children, word (int32 each) and centre (128
+// times int16). Little-endian.
+
+namespace {
+
+constexpr char kMagic[] = "mgsfm vocabulary tree 1\n";
+
+template <class T>
+void AppendBytes(const T* values, size_t size, std::string* bytes) {
+  bytes->append(reinterpret_cast<const char*>(values), size * sizeof(T));
+}
+
+}  // namespace
+
+void Vocabulary::Write(const std::string& path) const {
+  std::string bytes = kMagic;
+  const auto num_nodes = static_cast<int32_t>(nodes_.size());
+  AppendBytes(&num_nodes, 1, &bytes);
+  for (size_t i = 0; i < nodes_.size(); ++i) {
+    const int32_t node[] = {nodes_[i].first_child, nodes_[i].num_children,
+                            nodes_[i].word};
+    AppendBytes(node, 3, &bytes);
+    AppendBytes(centers_.data() + i * kDim, kDim, &bytes);
+  }
+  WriteFile(path, bytes);
+}
+
+Vocabulary Vocabulary::Read(const std::string& path) {
+  const std::string bytes = ReadFile(path, "vocabulary tree '" + path + "'");
+  const auto check = [&](bool is_sound) {
+    if (is_sound) return;
+    throw Error("'" + path +
+                "' is no vocabulary tree of this program, or is damaged; make "
+                "it with vocab_tree_builder");
+  };
+  constexpr size_t kHeaderSize = sizeof(kMagic) - 1 + sizeof(int32_t);
+  constexpr size_t kNodeSize = 3 * sizeof(int32_t) + kDim * sizeof(int16_t);
+  check(bytes.size() >= kHeaderSize + kNodeSize &&
+        bytes.compare(0, sizeof(kMagic) - 1, kMagic) == 0);
+  int32_t num_nodes = 0;
+  std::memcpy(&num_nodes, bytes.data() + sizeof(kMagic) - 1, sizeof(int32_t));
+  check(num_nodes > 0 &&
+        bytes.size() ==
+            kHeaderSize + kNodeSize * static_cast<size_t>(num_nodes));
+  Vocabulary tree;
+  tree.nodes_.resize(static_cast<size_t>(num_nodes));
+  tree.centers_.resize(tree.nodes_.size() * kDim);
+  for (int32_t i = 0; i < num_nodes; ++i) {
+    const char* at = bytes.data() + kHeaderSize + kNodeSize * i;
+    int32_t node[3];
+    std::memcpy(node, at, sizeof(node));
+    int16_t* center = tree.centers_.data() + static_cast<size_t>(i) * kDim;
+    std::memcpy(center, at + sizeof(node), kDim * sizeof(int16_t));
+    // Children follow their parent, so that every path ends.
+    const bool is_leaf = node[1] == 0;
+    check(is_leaf ? node[2] >= 0 && node[2] < num_nodes
+                  : node[1] > 0 && node[0] > i && node[0] < num_nodes &&
+                        node[1] <= num_nodes - node[0]);
+    // Descriptors are bytes; larger values would overflow sums.
+    check(std::all_of(center, center + kDim,
+                      [](int16_t v) { return v >= 0 && v <= 255; }));
+    tree.nodes_[i] = {node[0], node[1], node[2]};
+    tree.squared_norms_.push_back(Dot(center, center));
+    if (is_leaf) tree.num_words_ = std::max(tree.num_words_, node[2] + 1);
+  }
+  return tree;
 }
 
 }  // namespace mgsfm

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "matching/descriptor_matching.h"
@@ -24,8 +25,13 @@ class Vocabulary {
  public:
   // Needs at least one descriptor.
   static Vocabulary Train(DescriptorView samples,
-                          const VocabularyOptions& options,
+                          const VocabularyTrainingOptions& options,
                           const Context& context);
+
+  // A file of this program; not COLMAP's format. Read throws Error, naming the
+  // file, if it is none.
+  static Vocabulary Read(const std::string& path);
+  void Write(const std::string& path) const;
 
   int num_words() const { return num_words_; }
 

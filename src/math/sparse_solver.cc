@@ -11,13 +11,16 @@
 #include "math/supernodal_factor.h"
 #include "mgsfm/base/error.h"
 
-// Declared here because not every compiler provides the header of OpenMP.
+// CHOLMOD uses GCC's OpenMP on Linux. The functions are declared here because
+// not every compiler provides the header of OpenMP.
+#ifdef __linux__
 // NOLINTBEGIN(readability-identifier-naming)
 extern "C" {
 int omp_get_max_active_levels();
 void omp_set_max_active_levels(int levels);
 }
 // NOLINTEND(readability-identifier-naming)
+#endif
 
 namespace mgsfm {
 namespace {
@@ -25,6 +28,7 @@ namespace {
 // CHOLMOD starts four OpenMP threads for loops of microseconds, regardless of
 // Context::num_threads, and their busy waiting competes with our own threads.
 // This guard disables OpenMP threads of the calling thread.
+#ifdef __linux__
 class WithoutOpenMpThreads {
  public:
   WithoutOpenMpThreads() : levels_(omp_get_max_active_levels()) {
@@ -37,6 +41,12 @@ class WithoutOpenMpThreads {
  private:
   const int levels_;
 };
+#else
+class WithoutOpenMpThreads {
+ public:
+  WithoutOpenMpThreads() {}
+};
+#endif
 
 // A CHOLMOD view of the lower triangle of a matrix, without copying.
 cholmod_sparse ViewLower(const Eigen::SparseMatrix<double>& H) {

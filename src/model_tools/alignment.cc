@@ -45,7 +45,9 @@ std::vector<ImagePoses> PairImages(const SceneModel& model,
   return pairs;
 }
 
-std::optional<Sim3> AlignToGroundPlane(const SceneModel& model) {
+std::optional<Sim3> AlignToGroundPlane(
+    const SceneModel& model,
+    const std::optional<Eigen::Vector3d>& measured_up) {
   std::vector<Eigen::Vector3d> centers;
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Vector3d upward = Eigen::Vector3d::Zero();
@@ -71,6 +73,7 @@ std::optional<Sim3> AlignToGroundPlane(const SceneModel& model) {
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(cost).eigenvectors();
   Eigen::Vector3d normal = axes.col(0);
   if (normal.dot(upward) - normal.dot(forward) < 0.0) normal = -normal;
+  if (measured_up) normal = measured_up->normalized();
   // The principal axis within the plane.
   const Eigen::Matrix3d projection =
       Eigen::Matrix3d::Identity() - normal * normal.transpose();

@@ -1,71 +1,83 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <Eigen/Core>
-#include <cstddef>
 #include <optional>
 #include <vector>
 
 #include "mgsfm/base/mask.h"
-#include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/scene/estimates.h"
-#include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
-#include "pair_filtering/frame_pair_index.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "pair_filtering/temporal_order.h"
 
 namespace mgsfm {
 
-// Pairs that match an object that moves along with the rig.
+// The motion of a rig along a sequence, among hypotheses.
 //
-// A vehicle that keeps its distance fills some images for tens of frames. It
-// passes verification, its pairs agree with each other, and they reach further
-// than those of the world, which leaves the view. They state that the rig
-// stands still. Counting pairs or matches cannot expose them; physics can: a
-// rig does not stop from one frame to the next.
+// A vehicle that keeps its distance fills some images for tens of frames. Its
+// pairs pass verification, agree with each other, and reach further than those
+// of the static scene, which leaves the view. They state that the rig stands
+// still. Counting pairs or matches cannot expose them; physics can: a rig does
+// not stop or turn from one frame to the next.
 //
 // Problem. Step k leads from frame k of a sequence to the next one. Its
-// hypotheses are the baselines m_kh of the pairs of one sensor, more than one
-// if the matches of a pair support different lengths. Over a choice of one
-// hypothesis for each step, or none,
+// hypotheses are rigid motions with the share of the matches that agree. Over a
+// choice of one hypothesis h for each step, or none,
 //
-//   min sum_k -log(share_kh) + sum_k |v_k - v_k'|^2 / s_kk'^2
+//   min sum_k -log(share_kh) + sum_k C(k', k)
 //       + kSkipCost * number of steps without a hypothesis,
+//   C = a log(1 + (|v_k - v_k'|^2 / s_v^2 + |w_k - w_k'|^2 / s_w^2) / a),
 //
-// where share_kh is the share of the matches of the step that agree with m_kh,
-// v = m / duration, k' is the previous step with a hypothesis, and s is
-// kRelativeChange of the larger speed plus kMinChange of the median speed. The
-// second term is at most kJumpCost: a sequence may have a real gap. A step far
-// from any whose hypotheses disagree must have one: nothing questions them, and
-// a camera in the hand is not smooth.
+// with the velocity v and the angular velocity w in the frame of the rig, the
+// previous step k' with a hypothesis, and scales s of kRelativeChange of the
+// larger speed plus a minimum. A sequence may have a real jump, hence the
+// Cauchy loss, a = kLossScale. A step far from any whose hypotheses disagree
+// must have one: nothing questions it, and a camera in the hand is not smooth.
 //
 // Solver: dynamic programming, exact. Cost: linear in the steps.
 //
-// A pair contradicts the motion if none of its baselines agrees with the sum of
-// the chosen steps up to max_relative_baseline_error of the longer one.
-// Baselines between two sensors are corrected by their median offset.
-//
-// Limits. If the world is never seen next to an object, or not before and after
-// it, the object is the world. Loop pairs are not judged.
+// Limits. If the static scene is never seen next to an object, or not before
+// and after it, the object is the scene.
 
-// Per pair, the baselines between its cameras that its matches support, each
-// with the number of matches; zero without parallax. Empty: unknown.
-struct SupportedBaseline {
-  Eigen::Vector3d baseline_in_world = Eigen::Vector3d::Zero();
-  double num_matches = 0.0;
+struct MotionHypothesis {
+  Rigid3 later_from_earlier;  // rig frames
+  // Of the matches of the step: those that agree, and those that agree with no
+  // earlier hypothesis.
+  double share = 1.0;
+  double own_share = 1.0;
 };
-using SupportedBaselines = std::vector<std::vector<SupportedBaseline>>;
+using StepHypotheses = std::vector<MotionHypothesis>;
 
-struct MotionConsistency {
-  // Per pair: none of its baselines agrees with the motion.
-  Mask pair_is_discontinuous;
-  // Per pair: its baseline that agrees best, if one does.
-  std::vector<std::optional<size_t>> agreeing;
+// Where a rig is along its motion. Frames of different stretches, or of none,
+// are not comparable.
+struct RigPath {
+  struct Place {
+    int stretch = 0;
+    Rigid3 rig_from_start;
+  };
+  std::vector<std::optional<Place>> of_frame;
+  // Per frame: hypotheses disagree about a step from or to it.
+  Mask is_contested;
+  double median_step = 0.0;  // the longest of all sequences
+
+  bool IsComparable(int frame_idx1, int frame_idx2) const {
+    const auto& place1 = of_frame[frame_idx1];
+    const auto& place2 = of_frame[frame_idx2];
+    return place1 && place2 && place1->stretch == place2->stretch;
+  }
+  // Two motions of comparable size and direction.
+  bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
+  // later_from_earlier of comparable frames.
+  Rigid3 Between(int earlier, int later) const {
+    return of_frame[later]->rig_from_start *
+           of_frame[earlier]->rig_from_start.Inverse();
+  }
 };
 
-MotionConsistency CheckMotion(const Scene& scene, const FramePairIndex& index,
-                              const ViewGraph& view_graph,
-                              const RotationEstimate& rotations,
-                              const SupportedBaselines& baselines,
-                              const PairFilteringOptions& options);
+// `hypotheses` has one item per step of each sequence of the order. Steps
+// without a choice have the mean velocity of their neighbours. More than seven
+// of them begin another stretch, and so does one far from any whose hypotheses
+// disagree: nothing suggests that its true motion was outvoted.
+[[nodiscard]] RigPath FindRigPath(
+    const TemporalOrder& order, int num_frames,
+    const std::vector<std::vector<StepHypotheses>>& hypotheses);
 
 }  // namespace mgsfm

@@ -28,9 +28,6 @@ constexpr int kMinNumImagesOfCamera = 3;
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
 constexpr size_t kMaxNumLines = 5;
-// Chosen between the 98 % of matches that healthy simulated drives keep and the
-// 56 % that remain if a focal length is 30 % wrong.
-constexpr double kMinHealthyShare = 0.95;
 // An estimated focal length this close to the given one confirms it.
 constexpr double kMaxConfirmedChange = 0.02;
 // The focal length that COLMAP assumes without knowledge, in larger sides.
@@ -218,34 +215,6 @@ std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   return causes;
 }
 
-// Without findings about cameras whose matches the models explain as well as
-// those of healthy cameras: few pairs and little motion can mislead the check
-// of a focal length, but a wrong one costs many matches.
-std::vector<Finding> WithoutRefuted(const Scene& scene,
-                                    const std::vector<MapperModel>& models,
-                                    std::vector<Finding> findings) {
-  const auto keeps_matches = [&](const std::string& camera) {
-    KeptCount kept;
-    for (const MapperModel& model : models) {
-      for (size_t s = 0; s < scene.sensors.size(); ++s) {
-        if (scene.sensors[s].name != camera) continue;
-        kept.num_matches += model.kept_matches.sensors[s].num_matches;
-        kept.num_kept += model.kept_matches.sensors[s].num_kept;
-      }
-    }
-    return kept.num_matches > 0 && kept.Share() >= kMinHealthyShare;
-  };
-  findings.erase(std::remove_if(findings.begin(), findings.end(),
-                                [&](const Finding& finding) {
-                                  return !finding.cameras.empty() &&
-                                         std::all_of(finding.cameras.begin(),
-                                                     finding.cameras.end(),
-                                                     keeps_matches);
-                                }),
-                 findings.end());
-  return findings;
-}
-
 bool IsAssumed(const Camera& camera, double focal_length_px) {
   const double side = std::max(camera.width_px, camera.height_px);
   return std::abs(focal_length_px / side - kAssumedRatio) < 1e-3;
@@ -257,10 +226,12 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                 const ViewGraph& verified, const MapperInput& input,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result) {
+  std::vector<KeptMatches> kept;
   for (MapperModel& model : result->models) {
     model.kept_matches =
         CountKeptMatches(scene, verified, model.reconstruction,
                          options.view_graph.max_error_px, context);
+    kept.push_back(model.kept_matches);
   }
   std::vector<Finding> findings;
   if (input.expects_rigs) findings = CheckSharedFrames(scene);
@@ -270,7 +241,7 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   Append(CheckMotions(scene, verified, samples), &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
-    causes = WithoutRefuted(scene, result->models,
+    causes = WithoutRefuted(scene, kept,
                             CheckTrustedFocalLengths(scene, matches, context));
   }
   Append(FindRigMoves(scene, samples), &causes);

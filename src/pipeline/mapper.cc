@@ -111,9 +111,26 @@ struct Measurements {
   const FramePairIndex& index;  // of the view graph
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
-  const LengthHints& length_hints;
+  const ModelObserver& observer;
   StageStore* stage_store;  // may be null
 };
+
+PositionInput PositionInputOf(const Measurements& measurements,
+                              const RotationEstimate& rotations,
+                              const ObservationGroups& tracks) {
+  PositionInput input{measurements.scene,
+                      measurements.bearings,
+                      measurements.view_graph,
+                      measurements.index,
+                      rotations,
+                      tracks};
+  if (!measurements.observer) return input;
+  input.observer = [&](const PositionEstimate& positions) {
+    measurements.observer(JoinEstimates(measurements.scene, rotations,
+                                        positions, ObservationGroups()));
+  };
+  return input;
+}
 
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
@@ -135,8 +152,7 @@ std::vector<MapperModel> ReconstructComponent(
   PositionResult translation =
       Saved(stages, "translation averaging", context, &model.times, [&] {
         return estimate_positions(
-            {scene, measurements.bearings, view_graph, index, rotations,
-             tracks.estimate, measurements.length_hints},
+            PositionInputOf(measurements, rotations, tracks.estimate),
             {options.translation_averaging, options.pair_filtering}, context);
       });
   model.translation = std::move(translation.summary);
@@ -155,6 +171,8 @@ std::vector<MapperModel> ReconstructComponent(
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
   input.stages = stages;
+  input.observer = measurements.observer;
+  if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
   model.confidence =
       EstimateConfidence({scene, index, view_graph, input.pair_is_used,
@@ -237,43 +255,51 @@ std::vector<MapperModel> ReconstructComponents(
   return all;
 }
 
-// Rotations. In a sequence they are averaged again without objects that move
-// along with the rig, whose matches are removed from the view graph.
-EstimatedRotations EstimateRotationsOfWorld(
+// Replaces the pairs of a view graph of which the static scene is known.
+void ReplacePairs(std::vector<std::optional<ImagePair>> pair_of_scene,
+                  ViewGraph* view_graph) {
+  for (size_t i = 0; i < pair_of_scene.size(); ++i) {
+    if (pair_of_scene[i]) view_graph->pairs[i] = std::move(*pair_of_scene[i]);
+  }
+}
+
+// Rotations. In a sequence where objects move along with the rig, the matches
+// of the static scene replace those of the view graph, and rotations are
+// averaged again.
+EstimatedRotations EstimateRotationsOfScene(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
-    const MapperInput& input, const MapperOptions& options,
-    const Context& context, ViewGraph* view_graph, LengthHints* length_hints,
+    const ViewGraph& matches, const GravityPriors& gravity_priors,
+    const MapperOptions& options, const Context& context,
+    StageStore* stage_store, ViewGraph* view_graph,
     std::vector<StageTime>* times) {
   const auto average = [&](const std::string& prefix,
-                           const Mask& pair_is_on_object) {
-    const StageFolder stages{input.stage_store, prefix};
+                           const Mask& pair_is_discontinuous) {
+    const StageFolder stages{stage_store, prefix};
     return Saved(stages, "rotation averaging", context, times, [&] {
-      return EstimateRotations(scene, index, *view_graph, input.gravity_priors,
-                               options.rotation_averaging,
-                               options.pair_filtering, context,
-                               pair_is_on_object);
+      return EstimateRotations(
+          scene, index, *view_graph, gravity_priors, options.rotation_averaging,
+          options.pair_filtering, context, pair_is_discontinuous);
     });
   };
   EstimatedRotations rotation = average("first ", {});
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return rotation;
   }
-  const StageFolder stages{input.stage_store};
-  MovingObjects objects = Saved(stages, "moving objects", context, times, [&] {
-    return FindMovingObjects(scene, bearings, index, *view_graph,
-                             rotation.estimate,
-                             options.translation_averaging.min_parallax_deg,
-                             options.pair_filtering, context);
+  const StageFolder stages{stage_store};
+  MotionOfScene motion = Saved(stages, "moving objects", context, times, [&] {
+    return FindMotionOfScene(
+        scene, bearings, index, *view_graph, matches, rotation.estimate,
+        options.translation_averaging.min_parallax_deg, options.view_graph,
+        options.pair_filtering, context);
   });
-  const size_t num_pairs = objects.pair_is_on_object.Count();
-  if (num_pairs == 0) return rotation;
-  RemoveMovingKeypoints(objects, view_graph);
-  length_hints->known = std::move(objects.length_of_pair);
+  if (motion.pair_is_discontinuous.empty()) return rotation;
+  ReplacePairs(std::move(motion.pair_of_scene), view_graph);
+  const size_t num_pairs = motion.pair_is_discontinuous.Count();
   context.Info(std::to_string(num_pairs) + " of " +
                std::to_string(view_graph->pairs.size()) +
                " image pairs contradict the motion of the rig, as those on "
                "vehicles that move along do; they are not used");
-  return average("second ", objects.pair_is_on_object);
+  return average("second ", motion.pair_is_discontinuous);
 }
 
 // The stages after the calibration of focal lengths, which replaces the cameras
@@ -305,25 +331,24 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   if (input.existing_model) {
     ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
                 options, context, input.position_priors, input.gravity_priors,
-                &result);
+                input.observer, &result);
     check_input();
     return result;
   }
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  LengthHints length_hints;
-  EstimatedRotations rotation = EstimateRotationsOfWorld(
-      scene, bearings, index, input, options, context, &verified.estimate,
-      &length_hints, &result.times);
+  EstimatedRotations rotation = EstimateRotationsOfScene(
+      scene, bearings, index, view_graph, input.gravity_priors, options,
+      context, input.stage_store, &verified.estimate, &result.times);
   result.rotation = std::move(rotation.summary);
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,   bearings,     verified.estimate, index, input.position_priors,
-      gravity, length_hints, input.stage_store};
+      scene,   bearings,       verified.estimate, index, input.position_priors,
+      gravity, input.observer, input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

@@ -133,6 +133,20 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
   }
 }
 
+// The candidates for bundle adjustment. It asks for them once per round.
+CandidateSource MakeObservedSource(const AdjustmentInput& input,
+                                   const MapperOptions& options,
+                                   const Context& context) {
+  CandidateSource source = MakeCandidateSource(
+      input.scene, input.view_graph, input.pair_is_used, options, context);
+  if (!input.observer) return source;
+  return [source = std::move(source), observer = input.observer](
+             const Reconstruction& model, double max_error_px) {
+    observer(model);
+    return source(model, max_error_px);
+  };
+}
+
 // Estimates individual poses of images.
 bool EstimateSoftRigOfImages(const AdjustmentInput& input,
                              const BundlePriors& used_priors,
@@ -164,10 +178,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   }
   BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
     return RefineReconstruction(
-        scene,
-        MakeCandidateSource(scene, input.view_graph, input.pair_is_used,
-                            options, context),
-        initial, options.bundle_adjustment, context, used_priors, input.held,
+        scene, MakeObservedSource(input, options, context), initial,
+        options.bundle_adjustment, context, used_priors, input.held,
         MakeRefinementStore(input.stages));
   });
   model->bundle = std::move(bundle.summary);
@@ -179,6 +191,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   }
   JudgeFocalLengths(input, used_priors, options, context, model);
   PlaceInWorld(input, options, context, model);
+  if (input.observer) input.observer(model->reconstruction);
   if (options.compute_covariances) {
     model->covariances = Timed("covariances", context, &model->times, [&] {
       return ComputeCovariances(scene, model->reconstruction,

@@ -27,7 +27,8 @@ struct AdjustmentInput {
   // of the result unless position priors do.
   const Reconstruction* start = nullptr;
   FixedPoses held = {};
-  StageFolder stages = {};  // for the states of bundle adjustment
+  StageFolder stages = {};      // for the states of bundle adjustment
+  ModelObserver observer = {};  // of the rounds of bundle adjustment
 };
 
 // Turns an initial model into the final one: registration and deformation to

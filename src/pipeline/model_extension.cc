@@ -25,6 +25,7 @@ struct PassInput {
   const CandidateSource& candidates;
   const MapperOptions& options;
   const Context& context;
+  const ModelObserver& observer;
 };
 
 struct ExtendedModel {
@@ -113,6 +114,7 @@ ExtendedModel AddFrames(const PassInput& input) {
   ExtendedModel extended{input.start, {}, {}};
   while (const std::optional<Mask> frame_is_new = AddPass(input, &extended)) {
     RefineNewFrames(input, *frame_is_new, &extended.model);
+    if (input.observer) input.observer(extended.model);
   }
   return extended;
 }
@@ -300,7 +302,7 @@ void ExtendModel(const Scene& input_scene, const Bearings& bearings,
                  const ViewGraph& view_graph, const Reconstruction& start,
                  const MapperOptions& options, const Context& context,
                  const PositionPriors& priors, const GravityPriors& gravity,
-                 MapperResult* result) {
+                 const ModelObserver& observer, MapperResult* result) {
   CheckExtensionOptions(options, priors);
   std::optional<Scene> adapted;
   if (HasNewKnownRig(input_scene, start)) {
@@ -314,11 +316,12 @@ void ExtendModel(const Scene& input_scene, const Bearings& bearings,
   input.pair_is_used.assign(view_graph.pairs.size(), true);
   input.is_metric = IsMetric(scene, start);
   input.start = &start;
+  input.observer = observer;
   if (are_fixed) input.held = FixAllOf(start);
   const CandidateSource candidates = MakeCandidateSource(
       scene, view_graph, input.pair_is_used, options, context);
   const PassInput passes{scene,      bearings, view_graph, start,
-                         candidates, options,  context};
+                         candidates, options,  context,    observer};
   ExtendedModel extended = Timed("resection", context, &model.times,
                                  [&] { return AddFrames(passes); });
   model.extension = std::move(extended.summary);

@@ -21,7 +21,7 @@ void ExtendModel(const Scene& scene, const Bearings& bearings,
                  const ViewGraph& view_graph, const Reconstruction& start,
                  const MapperOptions& options, const Context& context,
                  const PositionPriors& priors, const GravityPriors& gravity,
-                 MapperResult* result);
+                 const ModelObserver& observer, MapperResult* result);
 
 // States for each sensor where its pose comes from, in the summaries that enter
 // the report.

@@ -4,13 +4,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <map>
+#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
 
-#include "math/statistics.h"
+#include "base/parallel.h"
+#include "base/random.h"
+#include "geometry/so3.h"
+#include "mgsfm/geometry/camera_models.h"
 #include "pair_filtering/motion_continuity.h"
+#include "pair_filtering/rig_motions.h"
+#include "pipeline/frame_depths.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
 #include "translation/scale_averaging.h"
@@ -18,305 +23,530 @@
 namespace mgsfm {
 namespace {
 
-// Lengths within this factor of each other are one length: depths from a rig
-// have errors of some tens of percent.
-const double kLogWindow = std::log(1.5);
-// A length needs as many votes as a link of scale averaging, and this share.
-constexpr size_t kMinNumVotes = 5;
-constexpr double kMinShareOfVotes = 0.15;
-// A keypoint whose length differs by this factor is on an object.
-const double kLogMoving = std::log(2.0);
+using Eigen::Vector3d;
+using FramePair = FramePairIndex::FramePair;
+using Hypotheses = std::vector<std::vector<StepHypotheses>>;
 
-// Pairs of neighbours in a sequence, and those within a frame.
-Mask NeighbouringPairs(const FramePairIndex& index, const ViewGraph& view_graph,
-                       int max_gap) {
-  Mask is_near(view_graph.pairs.size(), false);
-  for (size_t i = 0; i < is_near.size(); ++i) {
-    const auto& gap = index.Of(i).time_gap;
-    is_near[i] =
-        gap && *gap <= max_gap && view_graph.pairs[i].relative_pose.has_value();
+// Errors of depths add to those of keypoints.
+constexpr double kDepthErrorFactor = 2.0;
+// The path drifts by a random walk with this error per step, the median error
+// of interpolated steps on simulated drives.
+constexpr double kDriftPerStep_rad = 4e-3;
+// Errors of motions refined with depths.
+constexpr double kRefinedError_rad = 2e-3;
+// A pair contradicts the path beyond this angle, plus the drift: the error of
+// pairs with the minimum number of matches.
+constexpr double kMaxRotationError_rad = DegToRad(1.0);
+// Displacements shorter than this share of the median step are noise.
+constexpr double kMinDisplacement = 0.2;
+// One match more that contradicts than agrees may be a mismatch.
+constexpr int kMinBalance = 2;
+
+// The measurements, and the settings that all steps share.
+struct MotionProblem {
+  const Scene& scene;
+  const Bearings& bearings;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const FramePairIndex& matches_index;
+  const ViewGraph& matches;
+  const FrameDepths& depths;
+  double max_error_px;
+  double max_relative_baseline_error;
+
+  FrameMatches MatchesOf(int earlier, const FramePair& frames) const {
+    return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
   }
-  return is_near;
+};
+
+// The motions of all steps that correspondences with depth support.
+Hypotheses FindHypothesesByDepth(const MotionProblem& problem,
+                                 const Context& context) {
+  Hypotheses hypotheses;
+  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
+    std::vector<StepHypotheses> steps(std::max<size_t>(sequence.size(), 1) - 1);
+    ParallelFor(steps.size(), context.num_threads, [&](size_t k) {
+      const FramePair* frames =
+          problem.matches_index.Find(sequence[k], sequence[k + 1]);
+      if (frames == nullptr) return;
+      for (const RigMotion& motion :
+           FindRigMotions(problem.MatchesOf(sequence[k], *frames),
+                          kDepthErrorFactor * problem.max_error_px,
+                          Random(context.random_seed,
+                                 static_cast<uint64_t>(sequence[k])))) {
+        steps[k].push_back(
+            {motion.later_from_earlier, motion.share, motion.own_share});
+      }
+    });
+    hypotheses.push_back(std::move(steps));
+  }
+  return hypotheses;
 }
 
-// The pairs within frames, by their two sensors.
-std::vector<std::vector<int>> PairsOfEqualSensors(const Scene& scene,
-                                                  const FramePairIndex& index,
-                                                  const ViewGraph& view_graph) {
-  std::map<std::pair<int, int>, std::vector<int>> pairs_of_sensors;
-  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    if (index.Of(i).IsBetweenFrames()) continue;
-    const ImagePair& pair = view_graph.pairs[i];
-    pairs_of_sensors[std::minmax(scene.images[pair.image_idx1].sensor_idx,
-                                 scene.images[pair.image_idx2].sensor_idx)]
-        .push_back(static_cast<int>(i));
+// Per pair: the length of its baseline by scale averaging; nullopt if unknown.
+std::vector<std::optional<double>> AverageLengths(
+    const MotionProblem& problem, const RotationEstimate& rotations,
+    double min_parallax_deg, const Context& context) {
+  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
+  Mask is_near(pairs.size(), false);
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const auto& gap = problem.index.Of(i).time_gap;
+    is_near[i] = gap && *gap <= kMaxSequentialGap && pairs[i].relative_pose;
   }
-  std::vector<std::vector<int>> sets;
-  for (auto& [sensors, pair_idxs] : pairs_of_sensors) {
-    sets.push_back(std::move(pair_idxs));
+  const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
+      problem.scene, problem.bearings, problem.view_graph, is_near,
+      MakePositionProblem(problem.scene, rotations), min_parallax_deg, context,
+      PairRotation::kOwn);
+  const PairScales scales = AverageScales(
+      measured, static_cast<int>(problem.scene.images.size()), context);
+  std::vector<std::optional<double>> lengths(pairs.size());
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (measured[i].kind == BaselineKind::kNoParallax) lengths[i] = 0.0;
+    if (scales.pairs[i] && scales.pairs[i]->group == 0) {
+      lengths[i] = scales.pairs[i]->scale;
+    }
   }
-  return sets;
+  return lengths;
 }
 
-// Per image: depths of keypoints in the common unit, sorted by keypoint.
-using ImageDepths = std::vector<std::vector<DepthSample>>;
+// The motion of the rig by the relative pose of two images of one sensor, from
+// the earlier to the later frame.
+Rigid3 RigMotionOf(const MotionProblem& problem,
+                   const RotationEstimate& rotations, const ImagePair& pair,
+                   double length) {
+  const Image& image1 = problem.scene.images[pair.image_idx1];
+  const Image& image2 = problem.scene.images[pair.image_idx2];
+  const RelativePose& pose = *pair.relative_pose;
+  Rigid3 cam2_from_cam1{pose.cam2_from_cam1, Vector3d::Zero()};
+  if (pose.translation_direction) {
+    cam2_from_cam1.translation = length * *pose.translation_direction;
+  }
+  const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
+                               Vector3d::Zero()};
+  const Rigid3 motion =
+      sensor_from_rig.Inverse() * cam2_from_cam1 * sensor_from_rig;
+  return problem.index.order()->IsBefore(image2.frame_idx, image1.frame_idx)
+             ? motion.Inverse()
+             : motion;
+}
 
-ImageDepths DepthsWithinFrames(const FramePairIndex& index,
-                               const std::vector<BaselineDirection>& baselines,
-                               const PairScales& scales, size_t num_images) {
-  ImageDepths depths(num_images);
-  for (size_t i = 0; i < baselines.size(); ++i) {
-    if (index.Of(i).IsBetweenFrames() || !scales.pairs[i] ||
-        scales.pairs[i]->group != 0) {
+// The motions of one step by its pairs.
+StepHypotheses MotionsOfPairs(const MotionProblem& problem,
+                              const RotationEstimate& rotations,
+                              const std::vector<std::optional<double>>& lengths,
+                              const FramePair& frames) {
+  StepHypotheses step;
+  double num_matches = 0.0;
+  for (const size_t i : frames.pair_idxs) {
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
+    if (!lengths[i] || !rotations.sensor_from_rig[sensor_idx] ||
+        sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
       continue;
     }
-    const int images[2] = {baselines[i].image_idx1, baselines[i].image_idx2};
-    const auto log_length =
-        static_cast<float>(std::log(scales.pairs[i]->scale));
-    for (int side = 0; side < 2; ++side) {
-      for (const DepthSample& d : baselines[i].depths[side]) {
-        depths[images[side]].push_back(
-            {d.keypoint_idx, d.log_depth + log_length});
-      }
-    }
+    const auto share = static_cast<double>(pair.matches.size());
+    step.push_back(
+        {RigMotionOf(problem, rotations, pair, *lengths[i]), share, share});
+    num_matches += share;
   }
-  for (std::vector<DepthSample>& of_image : depths) {
-    std::stable_sort(of_image.begin(), of_image.end(),
-                     [](const DepthSample& a, const DepthSample& b) {
-                       return a.keypoint_idx < b.keypoint_idx;
-                     });
+  for (MotionHypothesis& hypothesis : step) {
+    hypothesis.share /= num_matches;
+    hypothesis.own_share /= num_matches;
   }
-  return depths;
+  return step;
 }
 
-// The length of a baseline by the depth of one keypoint.
-struct LengthVote {
-  int image_idx;
-  int keypoint_idx;
-  double log_length;
+Hypotheses FindHypothesesByPairs(
+    const MotionProblem& problem, const RotationEstimate& rotations,
+    const std::vector<std::optional<double>>& lengths) {
+  Hypotheses hypotheses;
+  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
+    hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
+    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
+      const FramePair* frames =
+          problem.index.Find(sequence[k], sequence[k + 1]);
+      if (frames == nullptr) continue;
+      hypotheses.back()[k] =
+          MotionsOfPairs(problem, rotations, lengths, *frames);
+    }
+  }
+  return hypotheses;
+}
+
+// The motion between two frames near the path, if their correspondences support
+// one there.
+std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
+                                   const RigPath& path, int earlier,
+                                   int later) {
+  const FramePair* frames = problem.matches_index.Find(earlier, later);
+  if (frames == nullptr) return std::nullopt;
+  const Rigid3 expected = path.Between(earlier, later);
+  const auto refined =
+      RefineRigMotion(problem.MatchesOf(earlier, *frames),
+                      kDepthErrorFactor * problem.max_error_px, expected);
+  if (!refined || !path.AreSimilar(*refined, expected)) return std::nullopt;
+  return refined;
+}
+
+// Refines all steps, among them those without a hypothesis.
+RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
+  RigPath refined = path;
+  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
+    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
+      const int a = sequence[k], b = sequence[k + 1];
+      if (!path.IsComparable(a, b)) continue;
+      const auto step = RefineMotion(problem, path, a, b);
+      refined.of_frame[b]->rig_from_start =
+          (step ? *step : path.Between(a, b)) *
+          refined.of_frame[a]->rig_from_start;
+    }
+  }
+  return refined;
+}
+
+// The motion from frame 1 to frame 2 of a pair of frames, and its error.
+struct PlacedFrames {
+  Rigid3 rig2_from_rig1;
+  double drift_rad = 0.0;
 };
 
-std::vector<LengthVote> VotesOf(const BaselineDirection& baseline,
-                                const ImageDepths& depths) {
-  std::vector<LengthVote> votes;
-  const int images[2] = {baseline.image_idx1, baseline.image_idx2};
-  for (int side = 0; side < 2; ++side) {
-    const std::vector<DepthSample>& known = depths[images[side]];
-    auto it = known.begin();
-    for (const DepthSample& d : baseline.depths[side]) {
-      while (it != known.end() && it->keypoint_idx < d.keypoint_idx) ++it;
-      if (it == known.end()) break;
-      if (it->keypoint_idx != d.keypoint_idx) continue;
-      votes.push_back(
-          {images[side], d.keypoint_idx, it->log_depth - d.log_depth});
+// Per pair of frames; nullopt unless they are neighbours on the path. Their
+// motion is refined next to objects.
+std::vector<std::optional<PlacedFrames>> PlaceFrames(
+    const MotionProblem& problem, const RigPath& path,
+    const Mask& is_near_object, const Context& context) {
+  const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
+  std::vector<std::optional<PlacedFrames>> placed(frame_pairs.size());
+  ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
+    const FramePair& frames = frame_pairs[i];
+    if (!frames.IsBetweenFrames() || !frames.time_gap ||
+        *frames.time_gap > kMaxSequentialGap ||
+        !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
+      return;
     }
-  }
-  return votes;
+    int earlier = frames.frame_idx1, later = frames.frame_idx2;
+    const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
+    if (is_reversed) std::swap(earlier, later);
+    std::optional<Rigid3> refined;
+    if (is_near_object[earlier] || is_near_object[later]) {
+      refined = RefineMotion(problem, path, earlier, later);
+    }
+    const Rigid3 motion = refined ? *refined : path.Between(earlier, later);
+    placed[i] =
+        PlacedFrames{is_reversed ? motion.Inverse() : motion,
+                     refined ? kRefinedError_rad
+                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap)};
+  });
+  return placed;
 }
 
-// The lengths that most votes support, one after the other.
-struct LengthMode {
-  double log_length;
-  size_t num_votes;
+// What the path expects of a pair.
+struct ExpectedPair {
+  size_t pair_idx = 0;
+  Rigid3 cam2_from_cam1;
+  double drift_rad = 0.0;
 };
 
-std::vector<LengthMode> FindModes(const std::vector<LengthVote>& votes) {
-  std::vector<double> values;
-  for (const LengthVote& vote : votes) values.push_back(vote.log_length);
-  std::sort(values.begin(), values.end());
-  std::vector<LengthMode> modes;
-  const size_t min_num_votes = std::max(
-      kMinNumVotes, static_cast<size_t>(std::ceil(
-                        kMinShareOfVotes * static_cast<double>(votes.size()))));
-  while (true) {
-    size_t best_begin = 0, best_size = 0;
-    for (size_t begin = 0, end = 0; begin < values.size(); ++begin) {
-      while (end < values.size() && values[end] - values[begin] <= kLogWindow) {
-        ++end;
-      }
-      if (end - begin > best_size) {
-        best_begin = begin;
-        best_size = end - begin;
-      }
+// Of pairs of sensors whose places in the rig are known.
+std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
+                                      const RigPath& path,
+                                      const Mask& is_near_object,
+                                      const Context& context) {
+  const auto placed = PlaceFrames(problem, path, is_near_object, context);
+  std::vector<ExpectedPair> expected;
+  for (size_t f = 0; f < placed.size(); ++f) {
+    if (!placed[f]) continue;
+    for (const size_t i : problem.index.frame_pairs()[f].pair_idxs) {
+      const ImagePair& pair = problem.view_graph.pairs[i];
+      const Image& image1 = problem.scene.images[pair.image_idx1];
+      const Image& image2 = problem.scene.images[pair.image_idx2];
+      const auto& cam1_from_rig =
+          problem.depths.cam_from_rig[image1.sensor_idx];
+      const auto& cam2_from_rig =
+          problem.depths.cam_from_rig[image2.sensor_idx];
+      if (!cam1_from_rig || !cam2_from_rig) continue;
+      const bool is_swapped =
+          image1.frame_idx != problem.index.frame_pairs()[f].frame_idx1;
+      const Rigid3 motion = is_swapped ? placed[f]->rig2_from_rig1.Inverse()
+                                       : placed[f]->rig2_from_rig1;
+      expected.push_back({i, *cam2_from_rig * motion * cam1_from_rig->Inverse(),
+                          placed[f]->drift_rad});
     }
-    if (best_size < min_num_votes) return modes;
-    const auto begin = values.begin() + static_cast<std::ptrdiff_t>(best_begin);
-    const auto end = begin + static_cast<std::ptrdiff_t>(best_size);
-    modes.push_back({Median(std::vector<double>(begin, end)), best_size});
-    values.erase(begin, end);
   }
+  std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
+    return a.pair_idx < b.pair_idx;
+  });
+  return expected;
 }
 
-std::vector<SupportedBaseline> BaselinesOf(
-    const BaselineDirection& baseline, const std::optional<PairScale>& scale,
-    const std::vector<LengthVote>& votes, double num_matches) {
-  if (baseline.kind == BaselineKind::kNoParallax) {
-    return {{Eigen::Vector3d::Zero(), num_matches}};
+// Whether a relative pose agrees with the path. The length of its baseline
+// counts if it is known.
+bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
+                    const RelativePose& pose, const ExpectedPair& expected,
+                    const std::optional<double>& length = std::nullopt) {
+  if (AngleBetween(pose.cam2_from_cam1, expected.cam2_from_cam1.rotation) >
+      kMaxRotationError_rad + expected.drift_rad) {
+    return false;
   }
-  if (baseline.kind != BaselineKind::kDirection) return {};
-  std::vector<SupportedBaseline> supported;
-  for (const LengthMode& mode : FindModes(votes)) {
-    supported.push_back({std::exp(mode.log_length) * baseline.direction,
-                         num_matches * static_cast<double>(mode.num_votes) /
-                             static_cast<double>(votes.size())});
+  const double min_error = kMinDisplacement * path.median_step;
+  const Vector3d& translation = expected.cam2_from_cam1.translation;
+  const Vector3d direction =
+      pose.translation_direction.value_or(Vector3d::Zero());
+  if (!length &&
+      (!pose.translation_direction || translation.norm() < min_error)) {
+    return true;
   }
-  if (supported.empty() && scale && scale->group == 0) {
-    supported.push_back({scale->scale * baseline.direction, num_matches});
-  }
-  return supported;
+  const double measured = length.value_or(translation.norm());
+  return (measured * direction - translation).norm() <=
+         std::max(min_error, problem.max_relative_baseline_error *
+                                 std::max(measured, translation.norm()));
 }
 
-// Frames next to an object: those of the rejected pairs.
-Mask FramesWithObjects(const FramePairIndex& index, const Mask& is_rejected) {
-  Mask has_object(index.num_frames(), false);
-  for (size_t i = 0; i < is_rejected.size(); ++i) {
-    if (!is_rejected[i]) continue;
-    has_object[index.Of(i).frame_idx1] = true;
-    has_object[index.Of(i).frame_idx2] = true;
+// The frames next to objects: motions compete there, or a pair contradicts the
+// path.
+Mask FramesNearObjects(const MotionProblem& problem, const RigPath& path,
+                       const std::vector<ExpectedPair>& expected) {
+  Mask is_near_object = path.is_contested;
+  for (const ExpectedPair& e : expected) {
+    if (AgreesWithPath(problem, path,
+                       *problem.view_graph.pairs[e.pair_idx].relative_pose,
+                       e)) {
+      continue;
+    }
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    is_near_object[frames.frame_idx1] = true;
+    is_near_object[frames.frame_idx2] = true;
   }
-  return has_object;
+  return is_near_object;
 }
 
-// Counts for each keypoint the votes for and against the motion.
-class KeypointVerdicts {
+// The pair of the same images before verification.
+const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
+  const auto images_of = [](const ImagePair& p) {
+    return std::pair(p.image_idx1, p.image_idx2);
+  };
+  return *std::lower_bound(problem.matches.pairs.begin(),
+                           problem.matches.pairs.end(), pair,
+                           [&](const ImagePair& a, const ImagePair& b) {
+                             return images_of(a) < images_of(b);
+                           });
+}
+
+double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
+                   double drift_rad) {
+  double tolerance_rad = drift_rad;
+  for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+    const Camera& camera =
+        problem.scene.cameras[problem.scene.images[image_idx].camera_idx];
+    tolerance_rad += 0.5 * problem.max_error_px /
+                     PixelsPerRadian(camera.model, camera.params.data());
+  }
+  return tolerance_rad;
+}
+
+// Keypoints on moving objects: their matches contradict what is expected of
+// pairs more often than they agree. Most keypoints of an object have no depth
+// in their own frame, but a match with one that has.
+class MovingKeypoints {
  public:
-  explicit KeypointVerdicts(const Scene& scene)
-      : scene_(scene), balance_(scene.images.size()) {}
-  void Count(const std::vector<LengthVote>& votes, double length) {
-    for (const LengthVote& vote : votes) {
-      const bool is_moving =
-          std::abs(vote.log_length - std::log(length)) > kLogMoving;
-      std::vector<int>& balance = balance_[vote.image_idx];
-      // Most images have no votes.
-      balance.resize(scene_.images[vote.image_idx].keypoints_px.size(), 0);
-      balance[vote.keypoint_idx] += is_moving ? 1 : -1;
-    }
+  MovingKeypoints(const MotionProblem& problem,
+                  const std::vector<ExpectedPair>& expected)
+      : balance_(problem.scene.images.size()) {
+    for (const ExpectedPair& e : expected) Count(problem, e);
   }
-  std::vector<Mask> Moving() const {
-    std::vector<Mask> moving(balance_.size());
-    for (size_t i = 0; i < moving.size(); ++i) {
-      if (std::none_of(balance_[i].begin(), balance_[i].end(),
-                       [](int balance) { return balance > 0; })) {
-        continue;
-      }
-      moving[i].resize(balance_[i].size());
-      for (size_t k = 0; k < balance_[i].size(); ++k) {
-        moving[i][k] = balance_[i][k] > 0;
-      }
-    }
-    return moving;
+
+  bool Contains(int image_idx, uint32_t keypoint_idx) const {
+    const std::vector<int>& balance = balance_[image_idx];
+    return !balance.empty() && balance[keypoint_idx] >= kMinBalance;
   }
 
  private:
-  const Scene& scene_;
+  void Count(const MotionProblem& problem, const ExpectedPair& expected) {
+    const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+    const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+    for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+      balance_[image_idx].resize(
+          problem.scene.images[image_idx].keypoints_px.size(), 0);
+    }
+    for (const Match& match : SourceOf(problem, pair).matches) {
+      const MatchVerdict verdict =
+          CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                            expected.cam2_from_cam1, tolerance_rad);
+      if (verdict == MatchVerdict::kIsOnEpipolarLine) continue;
+      const int change = verdict == MatchVerdict::kAgrees ? -1 : 1;
+      balance_[pair.image_idx1][match.keypoint_idx1] += change;
+      balance_[pair.image_idx2][match.keypoint_idx2] += change;
+    }
+  }
+
   std::vector<std::vector<int>> balance_;
 };
 
-bool IsMoving(const MovingObjects& objects, int image_idx, uint32_t keypoint) {
-  const Mask& moving = objects.keypoint_is_moving[image_idx];
-  return !moving.empty() && moving[keypoint];
-}
-
-struct Motions {
-  std::vector<std::vector<LengthVote>> votes;  // per pair
-  SupportedBaselines baselines;
-  MotionConsistency consistency;
-};
-
-// Compares the pairs of frames at most max_gap apart with the motion.
-Motions CompareWithMotion(const Scene& scene, const Bearings& bearings,
-                          const FramePairIndex& index,
-                          const ViewGraph& view_graph,
-                          const RotationEstimate& rotations, int max_gap,
-                          double min_parallax_deg,
-                          const PairFilteringOptions& filtering,
-                          const Context& context) {
-  const std::vector<BaselineDirection> measured =
-      EstimateBaselineDirections(scene, bearings, view_graph,
-                                 NeighbouringPairs(index, view_graph, max_gap),
-                                 MakePositionProblem(scene, rotations),
-                                 min_parallax_deg, context, PairRotation::kOwn);
-  const PairScales scales =
-      AverageScales(measured, static_cast<int>(scene.images.size()), context,
-                    {PairsOfEqualSensors(scene, index, view_graph), {}});
-  const ImageDepths depths =
-      DepthsWithinFrames(index, measured, scales, scene.images.size());
-  Motions motions;
-  motions.votes.resize(measured.size());
-  motions.baselines.resize(measured.size());
-  for (size_t i = 0; i < measured.size(); ++i) {
-    motions.votes[i] = VotesOf(measured[i], depths);
-    motions.baselines[i] =
-        BaselinesOf(measured[i], scales.pairs[i], motions.votes[i],
-                    static_cast<double>(view_graph.pairs[i].matches.size()));
+// The matches of a pair that agree with the path, before verification.
+ImagePair SelectMatches(const MotionProblem& problem,
+                        const MovingKeypoints& moving,
+                        const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  ImagePair selected;
+  selected.image_idx1 = pair.image_idx1;
+  selected.image_idx2 = pair.image_idx2;
+  selected.config = TwoViewConfig::kCalibrated;
+  selected.relative_pose = {expected.cam2_from_cam1.rotation, std::nullopt};
+  const double length = expected.cam2_from_cam1.translation.norm();
+  if (length > 0.0) {
+    selected.relative_pose->translation_direction =
+        expected.cam2_from_cam1.translation / length;
   }
-  motions.consistency = CheckMotion(scene, index, view_graph, rotations,
-                                    motions.baselines, filtering);
-  return motions;
+  for (const Match& match : SourceOf(problem, pair).matches) {
+    if (!moving.Contains(pair.image_idx1, match.keypoint_idx1) &&
+        !moving.Contains(pair.image_idx2, match.keypoint_idx2) &&
+        CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                          expected.cam2_from_cam1,
+                          tolerance_rad) != MatchVerdict::kContradicts) {
+      selected.matches.push_back(match);
+    }
+  }
+  return selected;
 }
 
-// The pairs on objects, and the keypoints and lengths next to them.
-MovingObjects JudgeNextToObjects(const Scene& scene,
-                                 const FramePairIndex& index, Motions motions) {
-  const MotionConsistency& consistency = motions.consistency;
-  const Mask has_object =
-      FramesWithObjects(index, consistency.pair_is_discontinuous);
-  KeypointVerdicts verdicts(scene);
-  MovingObjects objects;
-  objects.length_of_pair.resize(motions.votes.size());
-  for (size_t i = 0; i < motions.votes.size(); ++i) {
-    const FramePairIndex::FramePair& frames = index.Of(i);
-    if (!frames.IsBetweenFrames() || !consistency.agreeing[i] ||
-        !(has_object[frames.frame_idx1] || has_object[frames.frame_idx2])) {
+// Estimates pairs from the matches that agree with what is expected of them.
+// Returns the pairs that succeed, with their poses.
+std::vector<ExpectedPair> VerifyPairs(
+    const MotionProblem& problem, const RigPath& path,
+    const std::vector<ExpectedPair>& expected,
+    const ViewGraphOptions& verification, const Context& context,
+    std::vector<std::optional<ImagePair>>* pair_of_scene) {
+  const MovingKeypoints moving(problem, expected);
+  ViewGraph selected;
+  selected.pairs.resize(expected.size());
+  ParallelFor(expected.size(), context.num_threads, [&](size_t i) {
+    selected.pairs[i] = SelectMatches(problem, moving, expected[i]);
+  });
+  ViewGraph verified = EstimateViewGraph(problem.scene, problem.bearings,
+                                         selected, verification, context)
+                           .estimate;
+  std::vector<ExpectedPair> found;
+  size_t k = 0;
+  for (ImagePair& pair : verified.pairs) {
+    while (selected.pairs[k].image_idx1 != pair.image_idx1 ||
+           selected.pairs[k].image_idx2 != pair.image_idx2) {
+      ++k;
+    }
+    const RelativePose& pose = *pair.relative_pose;
+    if (!AgreesWithPath(problem, path, pose, expected[k])) continue;
+    ExpectedPair e = expected[k];
+    e.cam2_from_cam1.rotation = pose.cam2_from_cam1;
+    if (pose.translation_direction) {
+      e.cam2_from_cam1.translation =
+          e.cam2_from_cam1.translation.norm() * *pose.translation_direction;
+    }
+    e.drift_rad = 0.0;
+    found.push_back(e);
+    (*pair_of_scene)[e.pair_idx] = std::move(pair);
+  }
+  return found;
+}
+
+// Estimates the pairs next to objects again, from matches that agree.
+MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
+                             const ViewGraphOptions& verification,
+                             const Context& context) {
+  const Mask is_near_object = FramesNearObjects(
+      problem, path, ExpectPairs(problem, path, path.is_contested, context));
+  if (!is_near_object.Any()) return {};
+  const std::vector<ExpectedPair> expected =
+      ExpectPairs(problem, path, is_near_object, context);
+  const size_t num_pairs = problem.view_graph.pairs.size();
+  MotionOfScene motion{Mask(num_pairs, false), {}};
+  motion.pair_of_scene.resize(num_pairs);
+  std::vector<ExpectedPair> judged;
+  for (const ExpectedPair& e : expected) {
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    if (!is_near_object[frames.frame_idx1] &&
+        !is_near_object[frames.frame_idx2]) {
       continue;
     }
-    const double length =
-        motions.baselines[i][*consistency.agreeing[i]].baseline_in_world.norm();
-    if (length == 0.0) continue;
-    verdicts.Count(motions.votes[i], length);
-    if (motions.votes[i].size() >= kMinNumVotes) {
-      objects.length_of_pair[i] = length;
-    }
+    motion.pair_is_discontinuous[e.pair_idx] = true;
+    judged.push_back(e);
   }
-  objects.keypoint_is_moving = verdicts.Moving();
-  objects.pair_is_on_object =
-      std::move(motions.consistency.pair_is_discontinuous);
-  return objects;
+  // Once from the path, and once from the poses found.
+  for (int round = 0; round < 2; ++round) {
+    judged = VerifyPairs(problem, path, judged, verification, context,
+                         &motion.pair_of_scene);
+  }
+  for (const ExpectedPair& e : judged) {
+    motion.pair_is_discontinuous[e.pair_idx] = false;
+  }
+  return motion;
+}
+
+// Rejects the pairs whose own poses contradict the path.
+MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
+                           const RotationEstimate& rotations,
+                           const std::vector<std::optional<double>>& lengths) {
+  const size_t num_pairs = problem.view_graph.pairs.size();
+  MotionOfScene motion{Mask(num_pairs, false), {}};
+  for (size_t i = 0; i < num_pairs; ++i) {
+    const FramePair& frames = problem.index.Of(i);
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    const Image& image1 = problem.scene.images[pair.image_idx1];
+    const Image& image2 = problem.scene.images[pair.image_idx2];
+    if (!frames.IsBetweenFrames() || !frames.time_gap || !lengths[i] ||
+        *frames.time_gap > kMaxSequentialGap ||
+        image1.sensor_idx != image2.sensor_idx ||
+        !path.IsComparable(image1.frame_idx, image2.frame_idx)) {
+      continue;
+    }
+    const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
+                                 Vector3d::Zero()};
+    const Rigid3 expected = sensor_from_rig *
+                            path.Between(image1.frame_idx, image2.frame_idx) *
+                            sensor_from_rig.Inverse();
+    motion.pair_is_discontinuous[i] = !AgreesWithPath(
+        problem, path, *pair.relative_pose,
+        {i, expected, kDriftPerStep_rad * std::sqrt(*frames.time_gap)},
+        lengths[i]);
+  }
+  if (!motion.pair_is_discontinuous.Any()) return {};
+  return motion;
 }
 
 }  // namespace
 
-MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
-                                const FramePairIndex& index,
-                                const ViewGraph& view_graph,
-                                const RotationEstimate& rotations,
-                                double min_parallax_deg,
-                                const PairFilteringOptions& filtering,
-                                const Context& context) {
-  const auto compare = [&](int max_gap) {
-    return CompareWithMotion(scene, bearings, index, view_graph, rotations,
-                             max_gap, min_parallax_deg, filtering, context);
-  };
-  // An object that moves along is on pairs of consecutive frames, too.
-  if (!compare(1).consistency.pair_is_discontinuous.Any()) return {};
-  return JudgeNextToObjects(scene, index, compare(kMaxSequentialGap));
-}
-
-void RemoveMovingKeypoints(const MovingObjects& objects,
-                           ViewGraph* view_graph) {
-  for (ImagePair& pair : view_graph->pairs) {
-    if (pair.matches.empty()) continue;
-    pair.matches.erase(
-        std::remove_if(
-            pair.matches.begin(), pair.matches.end(),
-            [&](const Match& match) {
-              return IsMoving(objects, pair.image_idx1, match.keypoint_idx1) ||
-                     IsMoving(objects, pair.image_idx2, match.keypoint_idx2);
-            }),
-        pair.matches.end());
-    // Its pose was that of the object.
-    if (pair.matches.empty()) pair.relative_pose.reset();
+MotionOfScene FindMotionOfScene(
+    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
+    const ViewGraph& view_graph, const ViewGraph& matches,
+    const RotationEstimate& rotations, double min_parallax_deg,
+    const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
+    const Context& context) {
+  const FrameDepths depths = MeasureFrameDepths(
+      scene, bearings, index, view_graph, rotations, min_parallax_deg, context);
+  const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
+  const MotionProblem problem{scene,
+                              bearings,
+                              index,
+                              view_graph,
+                              matches_index,
+                              matches,
+                              depths,
+                              verification.max_error_px,
+                              filtering.max_relative_baseline_error};
+  const bool has_depths = std::any_of(
+      depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
+      [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
+  if (has_depths) {
+    const RigPath path = FindRigPath(*index.order(), index.num_frames(),
+                                     FindHypothesesByDepth(problem, context));
+    return JudgeByMatches(problem, RefinePath(problem, path), verification,
+                          context);
   }
+  const auto lengths =
+      AverageLengths(problem, rotations, min_parallax_deg, context);
+  const RigPath path =
+      FindRigPath(*index.order(), index.num_frames(),
+                  FindHypothesesByPairs(problem, rotations, lengths));
+  return JudgeByPoses(problem, path, rotations, lengths);
 }
 
 }  // namespace mgsfm

@@ -10,48 +10,43 @@
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
 #include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 
-// What moves along with the rig in a sequence. All empty if nothing does.
-struct MovingObjects {
-  // Per pair of the view graph: its matches follow an object.
-  Mask pair_is_on_object;
-  // Per image and keypoint: it shows an object. Empty for images without any.
-  std::vector<Mask> keypoint_is_moving;
-  // Per pair next to an object: the length of its baseline by matches that
-  // agree with the motion, in an arbitrary unit.
-  std::vector<std::optional<double>> length_of_pair;
+// How the static scene moves relative to the rig in a sequence, where matches
+// support other motions, too. All empty if none do.
+struct MotionOfScene {
+  // Per pair of the view graph: its matches do not show the static scene.
+  Mask pair_is_discontinuous;
+  // Per pair: its matches on the static scene, and the relative pose they
+  // imply, if both are known.
+  std::vector<std::optional<ImagePair>> pair_of_scene;
 };
 
-// Finds the pairs that contradict the motion of the rig
-// (pair_filtering/motion_continuity.h), and keypoints on the objects they
-// follow:
+// Decides for neighbours in a sequence which matches show the static scene:
 //
-//   baselines   directions of pairs by their own rotations: averaged ones,
-//               `rotations`, may have followed an object
-//   depths      of keypoints by pairs within a frame, whose baselines have the
-//               same length in all frames
-//   lengths     of the baselines between frames: each keypoint with a depth
-//               votes. Matches on an object vote for another length than those
-//               of the world
-//   motion      the smoothest sequence of baselines
-//   keypoints   next to an object, those whose votes contradict the motion more
-//               often than not
+//   depths      of keypoints by pairs within frames (frame_depths.h)
+//   motions     of the rig between consecutive frames that the matches support
+//               (pair_filtering/rig_motions.h)
+//   path        the smoothest choice (pair_filtering/motion_continuity.h)
+//   pairs       of frames at most kMaxSequentialGap apart, where motions
+//               compete: matches that agree with the path, by the epipolar
+//               constraint and by their depths, determine the relative pose
+//               anew. Pairs without enough of them are discontinuous.
 //
-// Cameras without overlap give no depths; lengths are then those of scale
-// averaging (translation/scale_averaging.h), and keypoints are not judged.
-MovingObjects FindMovingObjects(const Scene& scene, const Bearings& bearings,
-                                const FramePairIndex& index,
-                                const ViewGraph& view_graph,
-                                const RotationEstimate& rotations,
-                                double min_parallax_deg,
-                                const PairFilteringOptions& filtering,
-                                const Context& context);
-
-// Removes the matches of moving keypoints, and the relative poses of pairs that
-// had no others.
-void RemoveMovingKeypoints(const MovingObjects& objects, ViewGraph* view_graph);
+// `matches` is the view graph before its estimation: where a vehicle dominates
+// an image, the matches of the static scene are outliers of its pairs.
+//
+// Rigs without overlapping views give no depths. Motions are then those of
+// their pairs, by their own rotations and with lengths by scale averaging, and
+// pairs are judged by their own poses.
+[[nodiscard]] MotionOfScene FindMotionOfScene(
+    const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
+    const ViewGraph& view_graph, const ViewGraph& matches,
+    const RotationEstimate& rotations, double min_parallax_deg,
+    const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
+    const Context& context);
 
 }  // namespace mgsfm

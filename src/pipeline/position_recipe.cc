@@ -133,6 +133,13 @@ Mask FindInconsistent(const PositionInput& input,
                                by_positions.centers, options);
 }
 
+void Observe(const PositionInput& input, const PositionMeasurements& measured,
+             const Positions& positions) {
+  if (!input.observer) return;
+  input.observer(
+      MakePositionEstimate(input.scene, measured.problem, positions, {}));
+}
+
 }  // namespace
 
 PositionMeasurements MeasurePositions(const PositionInput& input,
@@ -141,10 +148,10 @@ PositionMeasurements MeasurePositions(const PositionInput& input,
   PositionProblem problem = MakePositionProblem(input.scene, input.rotations);
   TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
                                     context.num_threads);
-  PairMeasurements pairs = MeasurePairs(
-      input.scene, input.bearings, input.view_graph,
-      input.rotations.pair_is_inlier, problem,
-      options.averaging.min_parallax_deg, context, input.length_hints);
+  PairMeasurements pairs =
+      MeasurePairs(input.scene, input.bearings, input.view_graph,
+                   input.rotations.pair_is_inlier, problem,
+                   options.averaging.min_parallax_deg, context);
   return {std::move(problem), std::move(rays), std::move(pairs)};
 }
 
@@ -239,12 +246,14 @@ PositionResult EstimatePositions(const PositionInput& input,
   const ScreenedPositions screened =
       ScreenAndInitialize(input, measured, options, initialization, context);
   log.Finish("screened L1 positions");
+  Observe(input, measured, screened.initial.positions);
 
   const RefinedPositions by_pairs = RefineWithPairs(
       {measured.problem, measured.pairs.baselines, measured.pairs.scales,
        screened.initial, screened.pair_is_used},
       options.averaging, context);
   log.Finish("refinement with pairs");
+  Observe(input, measured, by_pairs.positions);
 
   const Mask pair_is_used = KeepConsistentPairs(
       input, measured, screened, by_pairs.positions, options.filtering);

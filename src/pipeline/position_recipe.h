@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
+
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
@@ -46,7 +48,8 @@ struct PositionInput {
   const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
-  LengthHints length_hints = {};
+  // Sees positions without points as they become better; may be null.
+  std::function<void(const PositionEstimate&)> observer = {};
 };
 
 struct PositionOptions {

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "geometry/so3.h"
+#include "pair_filtering/contested_cuts.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
@@ -206,6 +207,11 @@ EstimatedRotations EstimateRotations(const Scene& scene,
   if (!pair_is_discontinuous.empty()) {
     is_used.Remove(pair_is_discontinuous);
     Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+           &result.verdicts);
+    const Mask is_loop_across =
+        FindLoopsAcrossContestedCuts(index, is_used, pair_is_discontinuous);
+    is_used.Remove(is_loop_across);
+    Reject(is_loop_across, RejectionReason::kUnsupportedBridge,
            &result.verdicts);
   }
   RotationResult averaged;

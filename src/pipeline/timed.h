@@ -10,12 +10,13 @@
 
 namespace mgsfm {
 
-// Runs a stage, and logs and records its time.
+// Runs a stage, announces it as progress of unknown size (total 0), and logs
+// and records its time.
 template <class Function>
 auto Timed(const char* stage, const Context& context,
            std::vector<StageTime>* times, const Function& function) {
   context.Debug(std::string(stage) + " started");
-  context.CheckInterrupted();
+  context.ReportProgress(stage, 0, 0);
   const StageTimer timer;
   auto result = function();
   times->push_back(timer.Stop(stage));

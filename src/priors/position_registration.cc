@@ -50,6 +50,7 @@ struct Sample {
 // R^T) up to constants.
 struct FitProblem {
   std::vector<Sample> samples;
+  OutlierRule outlier_rule = OutlierRule::kLeastMedian;
   bool fits_scale = true;
   Matrix3d upright;  // z d^T / sigma_up^2
 };
@@ -75,7 +76,9 @@ std::vector<double> ResidualsOf(const FitProblem& problem, const Sim3& fit) {
 
 Mask InliersOf(const FitProblem& problem, const Sim3& fit) {
   const std::vector<double> residuals = ResidualsOf(problem, fit);
-  const double bound = OutlierBound(Median(residuals));
+  const double bound = problem.outlier_rule == OutlierRule::kFixedBound
+                           ? kOutlierInSigmas
+                           : OutlierBound(Median(residuals));
   Mask is_inlier;
   is_inlier.reserve(residuals.size());
   for (const double r : residuals) is_inlier.push_back(r <= bound);
@@ -142,8 +145,26 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   return fit;
 }
 
-// Least median of residuals over samples of three, then refits to inliers.
+// What the best of all fits minimises.
+double CostOf(const FitProblem& problem, const Sim3& fit) {
+  std::vector<double> residuals = ResidualsOf(problem, fit);
+  if (problem.outlier_rule == OutlierRule::kLeastMedian) {
+    return Median(std::move(residuals));
+  }
+  // As MSAC: the number of outliers and the squared errors of the others.
+  double cost = 0.0;
+  for (const double r : residuals) {
+    cost += std::min(1.0, r * r / (kOutlierInSigmas * kOutlierInSigmas));
+  }
+  return cost;
+}
+
+// The best fit to samples of three, then refits to inliers.
 RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
+  if (problem.outlier_rule == OutlierRule::kNone) {
+    const Mask all(problem.samples.size(), true);
+    return {FitSimilarity(problem, all), all};
+  }
   Sim3 best;
   double least = std::numeric_limits<double>::infinity();
   Random random(random_seed);
@@ -152,13 +173,14 @@ RobustFit FitRobustly(const FitProblem& problem, uint64_t random_seed) {
     Mask is_used(problem.samples.size(), false);
     for (int k = 0; k < 3; ++k) is_used[random.Index(size)] = true;
     const Sim3 fit = FitSimilarity(problem, is_used);
-    const double median = Median(ResidualsOf(problem, fit));
-    if (median >= least) continue;
-    least = median;
+    const double cost = CostOf(problem, fit);
+    if (cost >= least) continue;
+    least = cost;
     best = fit;
   }
   RobustFit result{best, InliersOf(problem, best)};
   for (int i = 0; i < kNumRefits; ++i) {
+    if (result.is_inlier.Count() < 3) break;
     result.world_from_model = FitSimilarity(problem, result.is_inlier);
     Mask inliers = InliersOf(problem, result.world_from_model);
     if (inliers == result.is_inlier) break;
@@ -257,7 +279,8 @@ PositionRegistration RegisterToPriors(const Scene& scene,
                                       const PositionPriors& priors,
                                       const std::optional<Vector3d>& up,
                                       bool is_metric, uint64_t random_seed,
-                                      Reconstruction* reconstruction) {
+                                      Reconstruction* reconstruction,
+                                      OutlierRule outlier_rule) {
   PositionRegistration result;
   PositionPriorSummary& summary = result.summary;
   std::vector<Sample> samples = CollectSamples(scene, priors, *reconstruction);
@@ -275,7 +298,7 @@ PositionRegistration RegisterToPriors(const Scene& scene,
     return result;
   }
   const bool is_on_earth = priors.origin_wgs84.has_value();
-  const FitProblem problem{std::move(samples), !is_metric,
+  const FitProblem problem{std::move(samples), outlier_rule, !is_metric,
                            UprightTerm(*reconstruction, is_on_earth, up)};
   const RobustFit fit = FitRobustly(problem, random_seed);
   TransformWorld(fit.world_from_model, reconstruction);

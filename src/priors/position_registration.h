@@ -24,22 +24,33 @@ namespace mgsfm {
 // axis of the reference cameras (sigma_up 10 degrees). The term applies only if
 // the world has an origin on the earth; otherwise the rotation is arbitrary.
 //
-// Method: least median of |residual| / sigma over 500 fits to three images.
-// Then fits to all images within max(4, 3 medians), at most 10 or until this
-// set does not change. The others are outliers. O(images) per fit.
+// Method: the best of 500 fits to three images, then fits to all images within
+// a bound of |residual| / sigma, at most 10 or until this set does not change.
+// The others are outliers. OutlierRule defines the best fit and the bound.
+// O(images) per fit.
 //
 // The model stays unchanged, and the message says why, if fewer than three
 // images have positions or if the extent of the positions is less than 3
 // standard deviations.
+enum class OutlierRule {
+  // Least median; the bound is max(4, 3 medians). Up to 50 % outliers.
+  kLeastMedian,
+  // Most images within the bound 4 (RANSAC). Three of four images may be
+  // outliers: 500 samples miss the other quarter with probability 4e-4.
+  kFixedBound,
+  // No outliers: the least-squares fit to all images.
+  kNone,
+};
+
 struct PositionRegistration {
   PositionPriorSummary summary;
   PositionPriors used;  // empty if the model is unchanged
 };
-PositionRegistration RegisterToPriors(const Scene& scene,
-                                      const PositionPriors& priors,
-                                      const std::optional<Eigen::Vector3d>& up,
-                                      bool is_metric, uint64_t random_seed,
-                                      Reconstruction* reconstruction);
+PositionRegistration RegisterToPriors(
+    const Scene& scene, const PositionPriors& priors,
+    const std::optional<Eigen::Vector3d>& up, bool is_metric,
+    uint64_t random_seed, Reconstruction* reconstruction,
+    OutlierRule outlier_rule = OutlierRule::kLeastMedian);
 
 // The distance in standard deviations beyond which positions are outliers, from
 // the median of all distances.

@@ -61,32 +61,75 @@ Json ModelEntry(const Json& report, size_t model_idx) {
   return models[model_idx];
 }
 
-}  // namespace
+// Where the page may load scripts and data from, besides itself.
+constexpr char kNowhere[] = "";
+constexpr char kItsServer[] = "; connect-src 'self'";
+constexpr char kItsFolder[] = " 'self' file:";
 
-std::string MakeReportPage(const ReportPageInput& input,
-                           const ReportPageOptions& options,
-                           const Context& context) {
+// The parts of a page, which fill the template or are sent one by one.
+struct PageParts {
+  std::string summary;
+  std::string details;
+  SceneData data;
+};
+
+PageParts MakeParts(const ReportPageInput& input, size_t num_used_bytes,
+                    const ReportPageOptions& options, const Context& context) {
   const Projector projector(input.scene, input.reconstruction);
   const ModelStatistics statistics =
       ComputeStatistics(input.scene, input.reconstruction, projector, context);
   PageModel model{input, projector, statistics,
                   ParseReport(input.report_json, context), Json::object()};
   model.model_report = ModelEntry(model.report, input.model_idx);
-  const std::string title = EscapeHtml(Shorten(input.title, 500));
-  const std::string summary = SummarySection(model);
-  const std::string details = DetailSections(model);
-  const std::string_view page = PageAsset();
-  const size_t num_used =
-      page.size() + 2 * title.size() + summary.size() + details.size();
-  const SceneData data = MakeSceneData(
-      model, options.max_bytes - std::min(options.max_bytes, num_used),
-      context);
-  return FillTemplate(page, {{"<!--title-->", title},
-                             {"<!--heading-->", title},
-                             {"<!--summary-->", summary},
-                             {"<!--details-->", details},
-                             {"/*header*/", data.header_json},
-                             {"/*arrays*/", data.arrays_base64}});
+  PageParts parts{SummarySection(model), DetailSections(model), {}};
+  num_used_bytes += parts.summary.size() + parts.details.size();
+  ReportPageOptions left = options;
+  left.max_bytes -= std::min(options.max_bytes, num_used_bytes);
+  parts.data = MakeSceneData(model, left, context);
+  return parts;
+}
+
+std::string FillPage(const std::string& title, const char* policy,
+                     const PageParts& parts) {
+  return FillTemplate(PageAsset(), {{"<!--policy-->", policy},
+                                    {"<!--title-->", title},
+                                    {"<!--heading-->", title},
+                                    {"<!--summary-->", parts.summary},
+                                    {"<!--details-->", parts.details},
+                                    {"/*header*/", parts.data.header_json},
+                                    {"/*arrays*/", parts.data.arrays_base64}});
+}
+
+std::string TitleOf(const std::string& title) {
+  constexpr size_t kMaxBytes = 500;
+  return EscapeHtml(Shorten(title, kMaxBytes));
+}
+
+}  // namespace
+
+std::string MakeReportPage(const ReportPageInput& input,
+                           const ReportPageOptions& options,
+                           const Context& context) {
+  const std::string title = TitleOf(input.title);
+  const PageParts parts =
+      MakeParts(input, PageAsset().size() + 2 * title.size(), options, context);
+  return FillPage(title, parts.data.has_side_files ? kItsFolder : kNowhere,
+                  parts);
+}
+
+std::string MakeLivePage(const std::string& title) {
+  return FillPage(TitleOf(title), kItsServer,
+                  {"", "", {R"({"is_live":true})", "", false}});
+}
+
+std::string MakeLiveModel(const ReportPageInput& input,
+                          const ReportPageOptions& options,
+                          const Context& context) {
+  const PageParts parts = MakeParts(input, 0, options, context);
+  return "{\"summary\":" + ToScriptJson(parts.summary) +
+         ",\"details\":" + ToScriptJson(parts.details) +
+         ",\"header\":" + parts.data.header_json + ",\"arrays\":\"" +
+         parts.data.arrays_base64 + "\"}";
 }
 
 }  // namespace mgsfm

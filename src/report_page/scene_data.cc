@@ -10,6 +10,7 @@
 #include "geometry/so3.h"
 #include "report_page/encoding.h"
 #include "report_page/point_selection.h"
+#include "report_page/seams.h"
 #include "report_page/thumbnails.h"
 
 namespace mgsfm {
@@ -156,30 +157,10 @@ void AddConfidence(const PageModel& model, const ShownImages& shown,
   arrays->Add("frame_confidence", values);
 }
 
-// The seams of the report as pairs [before, after] of shown frames. Each side
-// of a seam consists of stretches of frames, and the seam lies where stretches
-// of different sides follow each other.
 Json SeamsToJson(const PageModel& model, const ShownImages& shown) {
-  std::map<std::string, int> frame_of_name;
-  for (size_t i = 0; i < model.input.scene.frames.size(); ++i) {
-    frame_of_name[model.input.scene.frames[i].name] = static_cast<int>(i);
-  }
   std::set<std::pair<size_t, size_t>> pairs;
-  for (const Json& seam : GetArray(model.model_report, "seams")) {
-    std::map<int, std::pair<int, const char*>> stretches;  // by first frame
-    for (const char* side : {"frames_before", "frames_after"}) {
-      for (const Json& names : GetArray(seam, side)) {
-        const auto range = FrameRange(names, frame_of_name);
-        if (range) stretches[range->first] = {range->second, side};
-      }
-    }
-    const std::pair<int, const char*>* last = nullptr;
-    for (const auto& [first, stretch] : stretches) {
-      if (last && last->second != stretch.second) {
-        pairs.emplace(last->first / shown.frame_step, first / shown.frame_step);
-      }
-      last = &stretch;
-    }
+  for (const auto& [before, after] : SeamPlaces(model)) {
+    pairs.emplace(before / shown.frame_step, after / shown.frame_step);
   }
   Json json = Json::array();
   for (const auto& [before, after] : pairs) json.push_back({before, after});
@@ -264,15 +245,17 @@ void AddComparison(const PageModel& model, const PoseComparison& comparison,
   arrays->Add(name + "_rotation_error_deg", rotation_errors_deg);
 }
 
-// 21 bits per coordinate, as fractions of the box.
+// The points selected[begin] to selected[end - 1], with 21 bits per coordinate
+// as fractions of the box.
 void AddPoints(const PageModel& model, const std::vector<size_t>& selected,
-               const AlignedBox3d& box, ArrayWriter* arrays) {
+               size_t begin, size_t end, const AlignedBox3d& box,
+               ArrayWriter* arrays) {
   constexpr double kMax = (1 << 21) - 1;
   std::vector<uint32_t> positions;
   std::vector<uint8_t> colors, errors, lengths;
   const Vector3d sizes = box.sizes().cwiseMax(1e-300);
-  for (const size_t i : selected) {
-    const Point3D& point = model.input.reconstruction.points[i];
+  for (size_t k = begin; k < end; ++k) {
+    const Point3D& point = model.input.reconstruction.points[selected[k]];
     const Vector3d share =
         (point.point_in_world - box.min()).cwiseQuotient(sizes);
     uint64_t bits = 0;
@@ -335,13 +318,14 @@ void AppendTrack(const PageModel& model, const ShownImages& shown,
 
 // The tracks of the first points, as many as fit.
 void AddTracks(const PageModel& model, const ShownImages& shown,
-               const std::vector<size_t>& selected, size_t max_bytes,
-               ArrayWriter* arrays) {
+               const std::vector<size_t>& selected, size_t num_points,
+               size_t max_bytes, ArrayWriter* arrays) {
   std::vector<uint8_t> bytes;
   uint32_t num_tracks = 0;
-  for (const size_t i : selected) {
+  for (size_t k = 0; k < num_points; ++k) {
     const size_t size = bytes.size();
-    AppendTrack(model, shown, model.input.reconstruction.points[i], &bytes);
+    AppendTrack(model, shown, model.input.reconstruction.points[selected[k]],
+                &bytes);
     if (bytes.size() > max_bytes) {
       bytes.resize(size);
       break;
@@ -368,6 +352,32 @@ void AddThumbnails(const std::vector<Thumbnail>& thumbnails,
   arrays->Add("thumbnail_jpeg", bytes);
 }
 
+// Writes the points from selected[begin] on into files that call
+// mgsfmSidePoints() in web/src/side_points.js. `id` tells to which page they
+// belong. Returns the entry of the header.
+Json WriteSideFiles(const PageModel& model, const std::vector<size_t>& selected,
+                    size_t begin, const AlignedBox3d& box,
+                    const std::string& id, const ReportPageOptions& options,
+                    const Context& context) {
+  constexpr size_t kPointsPerFile = 500'000;
+  Json names = Json::array();
+  for (; begin < selected.size(); begin += kPointsPerFile) {
+    context.CheckInterrupted();
+    ArrayWriter arrays;
+    AddPoints(model, selected, begin,
+              std::min(begin + kPointsPerFile, selected.size()), box, &arrays);
+    const Json header = {
+        {"id", id}, {"index", names.size()}, {"arrays", arrays.directory()}};
+    const std::string name = options.side_file_stem + ".points" +
+                             std::to_string(names.size() + 1) + ".js";
+    options.write_side_file(name, "mgsfmSidePoints(" + ToScriptJson(header) +
+                                      ",\"" + ToBase64(arrays.bytes()) +
+                                      "\");\n");
+    names.push_back(name);
+  }
+  return {{"id", id}, {"names", names}, {"num_points", selected.size()}};
+}
+
 Json ShownNames(const Scene& scene, const ShownImages& shown,
                 size_t max_bytes) {
   std::vector<std::string> names;
@@ -375,19 +385,15 @@ Json ShownNames(const Scene& scene, const ShownImages& shown,
   return FrontCode(names, max_bytes);
 }
 
-}  // namespace
-
-SceneData MakeSceneData(const PageModel& model, size_t max_bytes,
-                        const Context& context) {
+// What is always there: poses, names and statistics.
+Json AddFixedParts(const PageModel& model, const ShownImages& shown,
+                   const AlignedBox3d& box, size_t max_bytes,
+                   ArrayWriter* arrays) {
   const Scene& scene = model.input.scene;
-  const Reconstruction& reconstruction = model.input.reconstruction;
-  const ShownImages shown = SelectImages(scene);
-  const AlignedBox3d box = ShownBox(reconstruction);
   const Vector3d origin = box.center();
-  ArrayWriter arrays;
-  AddFrames(model, shown, origin, &arrays);
-  AddImages(model, shown, &arrays);
-  AddConfidence(model, shown, &arrays);
+  AddFrames(model, shown, origin, arrays);
+  AddImages(model, shown, arrays);
+  AddConfidence(model, shown, arrays);
   std::vector<std::string> frame_names;
   for (const int i : shown.frame_idxs) {
     frame_names.push_back(scene.frames[i].name);
@@ -397,45 +403,69 @@ SceneData MakeSceneData(const PageModel& model, size_t max_bytes,
                  {"box_min", ToJson(box.min() - origin)},
                  {"box_size", ToJson(box.sizes())},
                  {"up", ToJson(UpInWorld(scene, model.projector))},
-                 {"num_points", reconstruction.points.size()},
+                 {"num_points", model.input.reconstruction.points.size()},
                  {"frame_step", shown.frame_step},
                  {"sensors", SensorsToJson(model)},
                  {"frame_names", FrontCode(frame_names, max_bytes / 12)},
                  {"image_names", ShownNames(scene, shown, max_bytes / 6)},
-                 {"reasons", AddReasons(model, shown, &arrays)},
+                 {"reasons", AddReasons(model, shown, arrays)},
                  {"seams", SeamsToJson(model, shown)},
                  {"truth", nullptr},
                  {"other", nullptr}};
   if (model.input.truth) {
     AddComparison(model, *model.input.truth, true, shown, origin, "truth",
-                  &arrays);
+                  arrays);
     header["truth"] = {{"label", model.input.truth->label}};
   }
   if (model.input.other) {
     AddComparison(model, *model.input.other, false, shown, origin, "other",
-                  &arrays);
+                  arrays);
     header["other"] = {{"label", model.input.other->label}};
   }
+  return header;
+}
+
+}  // namespace
+
+SceneData MakeSceneData(const PageModel& model,
+                        const ReportPageOptions& options,
+                        const Context& context) {
+  const Scene& scene = model.input.scene;
+  const Reconstruction& reconstruction = model.input.reconstruction;
+  const ShownImages shown = SelectImages(scene);
+  const AlignedBox3d box = ShownBox(reconstruction);
+  ArrayWriter arrays;
+  Json header = AddFixedParts(model, shown, box, options.max_bytes, &arrays);
   const size_t num_fixed_bytes =
       ToScriptJson(header).size() + Base64Size(arrays.bytes().size());
   // What is left, before base64, is shared in these parts.
-  const double num_left = 0.74 * (static_cast<double>(max_bytes) -
-                                  std::min<double>(max_bytes, num_fixed_bytes));
+  const auto max_bytes = static_cast<double>(options.max_bytes);
+  const double num_left =
+      0.74 * (max_bytes - std::min<double>(max_bytes, num_fixed_bytes));
   constexpr double kPointShare = 0.35, kTrackShare = 0.35,
                    kThumbnailShare = 0.29;
   constexpr size_t kBytesPerPoint = 13;
   const auto share = [&](double part) {
     return static_cast<size_t>(part * num_left);
   };
-  const std::vector<size_t> selected =
-      SelectPoints(reconstruction, box, share(kPointShare) / kBytesPerPoint);
-  AddPoints(model, selected, box, &arrays);
-  AddTracks(model, shown, selected, share(kTrackShare), &arrays);
+  const size_t max_points = share(kPointShare) / kBytesPerPoint;
+  const std::vector<size_t> selected = SelectPoints(
+      reconstruction, box,
+      options.write_side_file ? reconstruction.points.size() : max_points);
+  const size_t num_points = std::min(max_points, selected.size());
+  AddPoints(model, selected, 0, num_points, box, &arrays);
+  AddTracks(model, shown, selected, num_points, share(kTrackShare), &arrays);
   AddThumbnails(MakeThumbnails(scene, model.input.image_path,
                                share(kThumbnailShare), context),
                 shown, &arrays);
+  const bool has_side_files = num_points < selected.size();
+  if (has_side_files) {
+    header["side_points"] =
+        WriteSideFiles(model, selected, num_points, box, Hash(arrays.bytes()),
+                       options, context);
+  }
   header["arrays"] = arrays.directory();
-  return {ToScriptJson(header), ToBase64(arrays.bytes())};
+  return {ToScriptJson(header), ToBase64(arrays.bytes()), has_side_files};
 }
 
 }  // namespace mgsfm

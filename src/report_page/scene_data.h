@@ -13,12 +13,15 @@ namespace mgsfm {
 struct SceneData {
   std::string header_json;
   std::string arrays_base64;
+  bool has_side_files = false;
 };
 
-// Uses at most about `max_bytes` for points, tracks and thumbnails together
-// with what is always there: poses, names and statistics of images. Scenes of
-// very many images are represented by frames at equal steps.
-SceneData MakeSceneData(const PageModel& model, size_t max_bytes,
+// Uses at most about options.max_bytes for points, tracks and thumbnails
+// together with what is always there: poses, names and statistics of images.
+// Scenes of very many images are represented by frames at equal steps. Writes
+// side files if the options say so and not all points fit.
+SceneData MakeSceneData(const PageModel& model,
+                        const ReportPageOptions& options,
                         const Context& context);
 
 }  // namespace mgsfm

@@ -203,6 +203,11 @@ std::string WarningList(const PageModel& model) {
   return html + "</ul>\n";
 }
 
+// What the cards show, too.
+bool IsOnCards(const std::string& key) {
+  return key == "num_images" || key == "num_registered_images";
+}
+
 // "summary" of the report: a text, or values by name.
 std::string ReportSummary(const PageModel& model) {
   std::string html;
@@ -214,7 +219,7 @@ std::string ReportSummary(const PageModel& model) {
     if (!summary.is_object()) continue;
     std::vector<Row> rows;
     for (const auto& [key, value] : summary.items()) {
-      if (value.is_structured() || value.is_null()) continue;
+      if (value.is_structured() || value.is_null() || IsOnCards(key)) continue;
       std::string name = key;
       std::replace(name.begin(), name.end(), '_', ' ');
       rows.push_back(
@@ -409,7 +414,11 @@ std::string ComparisonContent(const PageModel& model) {
                static_cast<size_t>(evaluation.num_images)) +
          " images of this one. Differences after similarity alignment, in "
          "the unit of this model:</p>\n" +
-         ErrorTable(evaluation, "unit");
+         ErrorTable(evaluation, "unit") +
+         ThemedChart(
+             EvaluationToSvg(model.input.other->images, evaluation,
+                             {"this model", "other", "difference", "unit"}),
+             "path and differences of both models");
 }
 
 std::string RunContent(const PageModel& model) {
@@ -463,6 +472,8 @@ std::string DetailSections(const PageModel& model) {
                      RigTable(model)) +
          Section("view_graph", "View graph",
                  ThemedChart(ViewGraphChart(model), "common points of frames") +
+                     "<p class=\"muted\">Neighbouring frames are on the "
+                     "diagonal, loops away from it.</p>\n" +
                      RejectedPairsTable(model)) +
          Section("run", "Time and memory", RunContent(model));
 }

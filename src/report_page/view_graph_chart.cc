@@ -5,6 +5,7 @@
 
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
+#include "report_page/seams.h"
 
 namespace mgsfm {
 namespace {
@@ -13,6 +14,7 @@ using Eigen::Vector2d;
 using Json = nlohmann::ordered_json;
 
 constexpr size_t kMaxBins = 480;
+constexpr char kSeamStyle[] = "stroke='#e69f00' stroke-dasharray='5 4'";
 
 // Frames in equal bins along both axes.
 struct FrameMatrix {
@@ -134,6 +136,20 @@ void DrawRejectedGroups(const PageModel& model, const Vector2d& corner,
   }
 }
 
+// Lines across the matrix at the seams.
+void DrawSeams(const std::set<std::pair<int, int>>& seams,
+               const Vector2d& corner, double size, size_t num_frames,
+               SvgDrawing* drawing) {
+  for (const auto& [before, after] : seams) {
+    const double at =
+        size * (0.5 * (before + after) + 0.5) / static_cast<double>(num_frames);
+    drawing->Line(corner + Vector2d(at, 0.0), corner + Vector2d(at, size),
+                  kSeamStyle);
+    drawing->Line(corner + Vector2d(0.0, at), corner + Vector2d(size, at),
+                  kSeamStyle);
+  }
+}
+
 }  // namespace
 
 std::string ViewGraphChart(const PageModel& model) {
@@ -143,6 +159,8 @@ std::string ViewGraphChart(const PageModel& model) {
   const Vector2d corner(kLeft, kTop), size(kSize, kSize);
   drawing.Pixels(corner, size, MatrixUrl(MakeMatrix(model)));
   DrawRejectedGroups(model, corner, kSize, &drawing);
+  const auto seams = SeamPlaces(model);
+  DrawSeams(seams, corner, kSize, model.input.scene.frames.size(), &drawing);
   drawing.Frame(corner, size, kFrameStyle);
   const auto num_frames = static_cast<double>(model.input.scene.frames.size());
   const Ticks ticks = MakeTicks(0.0, num_frames, 6);
@@ -170,6 +188,7 @@ std::string ViewGraphChart(const PageModel& model) {
   add_legend("fill='none' stroke='#d1495b' stroke-width='1.5'",
              "group of rejected pairs");
   add_legend("fill='#969696'", "frames that are not registered");
+  if (!seams.empty()) add_legend("fill='#e69f00'", "seam (dashed lines)");
   return drawing.ToString();
 }
 

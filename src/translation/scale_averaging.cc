@@ -31,8 +31,6 @@ constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
 // Of lengths that are equal if the cameras of the rig trigger simultaneously.
 constexpr double kEqualLengthSigma = 0.05;
-// Of lengths by the median of depths within a frame.
-constexpr double kKnownLengthSigma = 0.1;
 // A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;
 // Stopping rule on log(scale), far below kMinRatioSigma.
@@ -152,17 +150,6 @@ void LinkEqualLengths(const std::vector<BaselineDirection>& baselines,
       if (first) links->push_back({*first, i, 0.0, kEqualLengthSigma});
       if (!first) first = i;
     }
-  }
-}
-
-// Links each pair of known length to `unit`, the node of their common unit.
-void LinkKnownLengths(const std::vector<BaselineDirection>& baselines,
-                      const std::vector<std::optional<double>>& known, int unit,
-                      std::vector<ScaleLink>* links) {
-  for (size_t i = 0; i < known.size(); ++i) {
-    if (!known[i] || baselines[i].kind != BaselineKind::kDirection) continue;
-    links->push_back(
-        {unit, static_cast<int>(i), std::log(*known[i]), kKnownLengthSigma});
   }
 }
 
@@ -383,14 +370,12 @@ PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
 
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
-                         const LengthHints& hints) {
+                         const std::vector<std::vector<int>>& equal_pairs) {
   std::vector<ScaleLink> links =
       LinkPairs(baselines, num_images, context.num_threads);
-  const int unit = static_cast<int>(baselines.size());
-  LinkEqualLengths(baselines, hints.equal, &links);
-  LinkKnownLengths(baselines, hints.known, unit, &links);
+  const int num_nodes = static_cast<int>(baselines.size());
+  LinkEqualLengths(baselines, equal_pairs, &links);
   const std::vector<GraphEdge> edges = EdgesOf(links);
-  const int num_nodes = hints.known.empty() ? unit : unit + 1;
   const Eigen::VectorXd log_scale =
       AverageLinks(num_nodes, links, edges, context.num_threads);
   const ScaleGroups groups =

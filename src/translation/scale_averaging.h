@@ -28,15 +28,6 @@ struct PairScales {
   double typical_depth = 0.0;
 };
 
-// What is known about lengths beyond the matches of two pairs.
-struct LengthHints {
-  // Indices of pairs with the same length, as two cameras of a rig have in all
-  // frames.
-  std::vector<std::vector<int>> equal;
-  // Per pair, or empty.
-  std::vector<std::optional<double>> known;
-};
-
 // Two pairs (i, j) and (i, k) that share image i give, for each keypoint of i
 // that both match, the same depth in two units, hence
 //
@@ -49,15 +40,13 @@ struct LengthHints {
 // with a Cauchy loss rho, by reweighted least squares from a maximum spanning
 // forest. Stops when no log s changes by more than 1e-4, or after 20 rounds.
 // Gauge: one factor per group; the unit is the median of `scale` in group 0.
-// Further links, so that lengths do not drift along a sequence: the baselines
-// of each set of `hints.equal` have the same length, and those of `hints.known`
-// are known in one arbitrary unit. The lengths determine what directions leave
-// open: positions along collinear motion, and the motion of cameras without
-// overlap. Cost: O(sum over images of (pairs of the image)^2 * matches) for the
+// Further links: the pairs of each set of `equal_pairs` have baselines of the
+// same length, as two cameras of a rig have in all frames.
+// Cost: O(sum over images of (pairs of the image)^2 * matches) for the
 // edges, in parallel, and 20 sparse factorisations of a matrix with one row per
 // pair.
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
-                         const LengthHints& hints = {});
+                         const std::vector<std::vector<int>>& equal_pairs = {});
 
 }  // namespace mgsfm

@@ -13,6 +13,7 @@
 #include "base/parallel.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_reading.h"
+#include "io/files/place_and_time_tags.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "undistortion/view_renderer.h"
@@ -22,10 +23,14 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Does not wait for the disk, as a lost file is only written again.
-class FastFileOperations : public FileOperations {
+// Files are on the disk before they get their names, as a later run takes those
+// with content for complete. Names wait for the end of the run: a lost file is
+// only written again.
+class ImageFileOperations : public FileOperations {
  public:
-  void Sync(const fs::path& /*path*/) override {}
+  void Sync(const fs::path& path) override {
+    if (!fs::is_directory(path)) FileOperations::Sync(path);
+  }
 };
 
 bool IsComplete(const fs::path& path) {
@@ -80,17 +85,30 @@ class ImageRun {
     return true;
   }
 
-  void MakeFolders(const std::vector<ImageTask>& tasks) const {
-    std::set<fs::path> folders;
+  void MakeFolders(const std::vector<ImageTask>& tasks) {
     for (const ImageTask& task : tasks) {
       for (const std::string& name : task.view_names) {
-        folders.insert(ImagePath(name).parent_path());
+        folders_.insert(ImagePath(name).parent_path());
         if (options_.writes_masks) {
-          folders.insert(MaskPath(name).parent_path());
+          folders_.insert(MaskPath(name).parent_path());
         }
       }
     }
-    for (const fs::path& folder : folders) fs::create_directories(folder);
+    for (const fs::path& folder : folders_) fs::create_directories(folder);
+  }
+
+  // The names of all files, and of the folders that hold them.
+  void SyncFolders() const {
+    std::set<fs::path> folders;
+    const size_t size = options_.output_path.native().size();
+    for (fs::path folder : folders_) {
+      for (; folder.native().size() > size; folder = folder.parent_path()) {
+        folders.insert(folder);
+      }
+    }
+    folders.insert(options_.output_path);
+    FileOperations operations;
+    for (const fs::path& folder : folders) operations.Sync(folder);
   }
 
   void AddTask(const ImageTask& task) {
@@ -119,9 +137,9 @@ class ImageRun {
     const std::vector<View>& views = views_of_camera_[task.camera_idx];
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
-    FastFileOperations operations;
+    ImageFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
-    const cv::Mat image = Decode(file, cv::IMREAD_ANYCOLOR, camera);
+    const cv::Mat image = Decode(file, Colours(), camera);
     std::shared_ptr<const ViewRenderer> renderer;
     if (!is_unchanged || options_.writes_masks) {
       renderer = renderers_[task.camera_idx].Get(camera, views);
@@ -131,9 +149,11 @@ class ImageRun {
       ReplaceFile(ImagePath(task.view_names.front()), file, &operations);
       return;
     }
+    const PlaceAndTimeTags tags(file);
     const std::vector<cv::Mat> rendered = renderer->Render(image);
     for (size_t i = 0; i < rendered.size(); ++i) {
-      WriteImage(ImagePath(task.view_names[i]), rendered[i], &operations);
+      const fs::path path = ImagePath(task.view_names[i]);
+      ReplaceFile(path, tags.AddTo(Encode(path, rendered[i])), &operations);
     }
   }
 
@@ -151,8 +171,14 @@ class ImageRun {
     }
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
-      WriteImage(MaskPath(task.view_names[i]), rendered[i], operations);
+      const fs::path path = MaskPath(task.view_names[i]);
+      ReplaceFile(path, Encode(path, rendered[i]), operations);
     }
+  }
+
+  int Colours() const {
+    return options_.keeps_depth ? cv::IMREAD_ANYCOLOR | cv::IMREAD_ANYDEPTH
+                                : cv::IMREAD_ANYCOLOR;
   }
 
   static cv::Mat Decode(const std::string& file, int color,
@@ -172,8 +198,7 @@ class ImageRun {
                 "; images of one camera must have one size, that of the model");
   }
 
-  void WriteImage(const fs::path& path, const cv::Mat& image,
-                  FileOperations* operations) const {
+  std::string Encode(const fs::path& path, const cv::Mat& image) const {
     std::vector<uint8_t> file;
     try {
       cv::imencode(path.extension().string(), image, file,
@@ -182,13 +207,14 @@ class ImageRun {
       throw Error("cannot be written as '" + path.extension().string() +
                   "'; convert it to JPEG or PNG");
     }
-    ReplaceFile(path, std::string(file.begin(), file.end()), operations);
+    return {file.begin(), file.end()};
   }
 
   const std::vector<Camera>& cameras_;
   const std::vector<std::vector<View>>& views_of_camera_;
   const ImageRunOptions& options_;
   std::vector<SharedRenderer> renderers_;
+  std::set<fs::path> folders_;  // of the files to write
 };
 
 }  // namespace
@@ -263,6 +289,7 @@ ImageRunSummary WriteViews(
       [&](size_t num_done) {
         context.ReportProgress("undistortion: images", num_done, left.size());
       });
+  if (!left.empty()) run.SyncFolders();
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

@@ -26,6 +26,8 @@ struct ImageRunOptions {
   std::filesystem::path output_path;
   bool writes_masks = false;
   int jpeg_quality = 95;
+  // More than 8 bits stay, instead of the 8 bits that most programs expect.
+  bool keeps_depth = false;
 };
 
 struct ImageRunSummary {
@@ -37,6 +39,7 @@ struct ImageRunSummary {
 // Writes the views of images to output_path/images, in the format of the
 // original, and their masks to output_path/masks under COLMAP's names: that of
 // the view with ".png" appended. An image that is its only view is copied.
+// Views have the GPS position and time of the original in their EXIF tags.
 //
 // Every file appears complete, and images whose files all exist are skipped, so
 // a run that was killed continues. Parallel over images.

@@ -280,7 +280,7 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
   const ImageRunSummary summary =
       WriteViews(plan.tasks, cameras, views,
                  {input.image_path, input.mask_path, input.output_path,
-                  !input.mask_path.empty(), options.jpeg_quality},
+                  !input.mask_path.empty(), options.jpeg_quality, true},
                  context);
   if (is_panorama) {
     WriteFile(input.output_path / "cameras.txt", camera_file);

@@ -2,7 +2,6 @@
 #include "undistortion/layouts.h"
 
 #include <Eigen/Core>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -25,12 +24,6 @@ nlohmann::ordered_json OpenGlPose(const Rigid3& cam_from_world) {
     rows.push_back({matrix(i, 0), matrix(i, 1), matrix(i, 2), matrix(i, 3)});
   }
   return rows;
-}
-
-void Append(float value, std::string* bytes) {
-  char buffer[sizeof(value)];
-  std::memcpy(buffer, &value, sizeof(value));
-  bytes->append(buffer, sizeof(value));
 }
 
 }  // namespace
@@ -59,22 +52,6 @@ std::string NerfstudioTransforms(const Scene& scene,
                                              {"ply_file_path", "sparse_pc.ply"},
                                              {"frames", std::move(frames)}};
   return transforms.dump(1) + "\n";
-}
-
-std::string PointsToPly(const Reconstruction& reconstruction) {
-  std::string file =
-      "ply\nformat binary_little_endian 1.0\nelement vertex " +
-      std::to_string(reconstruction.points.size()) +
-      "\nproperty float x\nproperty float y\nproperty float z\n"
-      "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-      "end_header\n";
-  for (const Point3D& point : reconstruction.points) {
-    for (const double x : point.point_in_world) {
-      Append(static_cast<float>(x), &file);
-    }
-    for (const uint8_t x : point.color) file.push_back(static_cast<char>(x));
-  }
-  return file;
 }
 
 void WriteStereoFolder(const fs::path& folder, const Scene& scene) {

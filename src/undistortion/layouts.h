@@ -19,9 +19,6 @@ std::string NerfstudioTransforms(const Scene& scene,
                                  const Reconstruction& reconstruction,
                                  bool has_masks);
 
-// The points of a model, binary PLY with colours.
-std::string PointsToPly(const Reconstruction& reconstruction);
-
 // The folder `stereo` of COLMAP's dense workspace: patch-match.cfg, in which
 // each image is matched with the 20 best others, fusion.cfg, and folders for
 // the results.

@@ -1,4 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <exiv2/exiv2.hpp>
+#include <opencv2/imgcodecs.hpp>
+
 #include "cli/program_runs.h"
 #include "features/blob_images.h"
 #include "mgsfm/io/database/feature_database.h"
@@ -77,6 +81,47 @@ TEST_F(FeatureCommandsTest, ExtractAndConfigure) {
       RunMgsfm("rig_configurator --database_path " + Database());
   EXPECT_EQ(configured.exit_code, 0) << configured.err;
   EXPECT_THAT(configured.err, HasSubstr("1 rigs of 2 cameras, 3 frames"));
+}
+
+// Cameras with counters of their own and synchronised clocks.
+TEST_F(FeatureCommandsTest, ExifTimesBecomeFrames) {
+  const auto write = [&](const std::string& name, uint64_t seed,
+                         const std::string& milliseconds) {
+    const std::filesystem::path path = dir_.path() / "images" / name;
+    std::filesystem::create_directories(path.parent_path());
+    const GrayImage gray =
+        RenderBlobs(RandomBlobs(100, 160, 120, seed), 160, 120);
+    cv::Mat image(120, 160, CV_8U);
+    std::copy_n(gray.data(), gray.size(), image.data);
+    cv::imwrite(path.string(), image);
+    const auto tags = Exiv2::ImageFactory::open(path.string());
+    tags->exifData()["Exif.Photo.DateTimeOriginal"] = "2023:05:01 12:34:56";
+    tags->exifData()["Exif.Photo.SubSecTimeOriginal"] = milliseconds;
+    tags->writeMetadata();
+  };
+  write("left/DSC1.jpg", 1, "100");
+  write("left/DSC2.jpg", 2, "500");
+  write("left/DSC3.jpg", 3, "900");
+  write("right/DSC8.jpg", 4, "510");
+  write("right/DSC9.jpg", 5, "880");
+  ASSERT_EQ(RunMgsfm(ExtractorLine("")).exit_code, 0);
+  const std::string line = "rig_configurator --database_path " + Database() +
+                           " --frame_max_time_difference_s 0.05 --image_path " +
+                           (dir_.path() / "images").string();
+  const CommandOutput configured = RunMgsfm(line);
+  EXPECT_EQ(configured.exit_code, 0) << configured.err;
+  EXPECT_THAT(configured.err,
+              HasSubstr("1 rigs of 2 cameras, 3 frames, 5 images"));
+  const auto times = dir_.path() / "timestamps.txt";
+  // 1682944496 is 2023-05-01 12:34:56 UTC.
+  EXPECT_THAT(ReadTextFile(times),
+              HasSubstr("right/DSC8.jpg 1682944496.510000"));
+  // Times of somebody else are not replaced.
+  WriteTextFile(times, "other");
+  const CommandOutput refused = RunMgsfm(line);
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(LastWord(refused), HasSubstr("image_timestamps_path"));
+  EXPECT_EQ(ReadTextFile(times), "other");
 }
 
 TEST_F(FeatureCommandsTest, NamesBadImagesAndGoesOn) {

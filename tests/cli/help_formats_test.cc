@@ -53,6 +53,24 @@ std::set<std::string> OptionsIn(const std::string& help) {
 
 std::vector<std::string> CommandNames() { return CompletedByBash("mgsfm ''"); }
 
+// Of options that exist.
+TEST(Help, EveryCommandHasAnExample) {
+  for (const std::string& command : CommandNames()) {
+    if (command == "help" || command[0] == '-') continue;
+    const std::string help = RunMgsfm(command + " --help").out;
+    std::smatch example;
+    ASSERT_TRUE(std::regex_search(
+        help, example, std::regex("\nExample\n  (mgsfm " + command + " .*)\n")))
+        << help;
+    const std::set<std::string> options =
+        OptionsIn(RunMgsfm(command + " --help_all").out);
+    for (const std::string& word : Words(example[1])) {
+      if (word.rfind("--", 0) != 0) continue;
+      EXPECT_EQ(options.count(word), 1u) << command << ' ' << word;
+    }
+  }
+}
+
 TEST(BashCompletion, OffersCommandsOptionsAndValues) {
   EXPECT_THAT(CompletedByBash("mgsfm mapp"), ElementsAre("mapper"));
   EXPECT_THAT(CompletedByBash("mgsfm mapper --log_l"),

@@ -147,6 +147,24 @@ TEST_F(ImageUndistorterTest, TransformsFollowTheConventionOfNerfstudio) {
   }
   EXPECT_EQ(num_front, 24);
   EXPECT_EQ(num_right, 24);
+
+  // Back to the model from which they are.
+  ASSERT_EQ(
+      RunMgsfm("model_converter --input_path " + Path("nerf/transforms.json") +
+               " --output_path " + Path("back"))
+          .exit_code,
+      0);
+  std::map<std::string, ParsedImage> back;
+  const ParsedModel returned = ParseModel(Path("back"), false);
+  for (const auto& [id, image] : returned.images) back[image.name] = image;
+  const ParsedModel model = ParseModel(Path("nerf/colmap/sparse/0"), false);
+  ASSERT_EQ(back.size(), model.images.size());
+  for (const auto& [id, image] : model.images) {
+    const ParsedImage& other = back.at(image.name);
+    EXPECT_TRUE(CamFromWorld(other).isApprox(CamFromWorld(image), 1e-12));
+    EXPECT_EQ(returned.cameras.at(other.camera_id).params,
+              model.cameras.at(image.camera_id).params);
+  }
 }
 
 TEST_F(ImageUndistorterTest, ContinuesAfterAKill) {

@@ -14,6 +14,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 using Json = nlohmann::json;
 
 const Rigid3 kRightFromLeft{ExpSO3({0.0, 0.01, 0.0}), {-0.5, 0.0, 0.0}};
@@ -318,6 +319,40 @@ TEST_F(ModelEvaluator, MissingImagesAreOfTheChosenReference) {
   EXPECT_LT(evaluation["rpe"]["translation_m"]["rmse"], 1e-6);
   EXPECT_LT(evaluation["position_m"]["rmse"], 1e-6);
   EXPECT_TRUE(evaluation["kitti"].is_null());
+}
+
+TEST_F(ModelEvaluator, UnitsAreMetresOnlyIfTheTruthIsMetric) {
+  WriteModel("model", Mono({0, 1, 2, 3}));
+  WriteModel("truth", Mono({0, 1, 2, 3}));
+  const auto text = [&](const std::string& flags) {
+    return RunMgsfm(Call(flags)).out;
+  };
+  const std::string model = "--gt_path " + Path("truth") + " ";
+  EXPECT_THAT(text(model), AllOf(HasSubstr(" units per unit of the model"),
+                                 Not(testing::ContainsRegex("[0-9] m[ \n]"))));
+  EXPECT_EQ(Evaluate(model)["length_unit"], "units");
+  EXPECT_THAT(text(model + "--gt_unit m"), HasSubstr(" m per unit"));
+  EXPECT_THAT(text(WriteKitti(4)), HasSubstr(" m per unit"));
+  EXPECT_THAT(text(WriteTum(4, 1.0)), HasSubstr(" m per unit"));
+  WriteTextFile(Path("truth/geo_origin.json"),
+                R"({"latitude_deg": 1, "longitude_deg": 2, "altitude_m": 3})");
+  EXPECT_EQ(Evaluate(model)["length_unit"], "m");
+  EXPECT_EQ(Evaluate(model + "--gt_unit units")["length_unit"], "units");
+}
+
+TEST_F(ModelEvaluator, ImagesWithoutTruthAreReported) {
+  WriteModel("model", Mono({0, 1, 2, 3, 4}));
+  WriteModel("truth", Mono({0, 1, 2}));
+  EXPECT_THAT(RunMgsfm(Call("--gt_path " + Path("truth"))).err,
+              AllOf(HasSubstr("2 images"), HasSubstr("000003")));
+}
+
+// Frames 0 to 9, or at 0 s to 9 s?
+TEST_F(ModelEvaluator, CountersAreNoTimes) {
+  WriteModel("model", Mono({0, 1, 2, 3, 4, 5, 6, 7, 8, 9}));
+  ExpectRefused(WriteTum(10, 0.5),
+                AllOf(HasSubstr("times in s"), HasSubstr("tum.txt")));
+  ExpectCounts(Evaluate(WriteTum(19, 0.5)), 10, 10);
 }
 
 TEST_F(ModelEvaluator, DrawsThePath) {

@@ -18,20 +18,8 @@ using testing::Eq;
 using testing::HasSubstr;
 using testing::Not;
 
-const std::vector<Command>& Commands() {
-  static const std::vector<Command> commands = {
-      AutomaticReconstructorCommand(), MapperCommand(),
-      BundleAdjusterCommand(),         PointTriangulatorCommand(),
-      ModelEvaluatorCommand(),         SimulateCommand(),
-      FeatureExtractorCommand(),       RigConfiguratorCommand(),
-      ExhaustiveMatcherCommand(),      SequentialMatcherCommand(),
-      VocabTreeMatcherCommand(),       SpatialMatcherCommand(),
-      MatchesImporterCommand()};
-  return commands;
-}
-
 TEST(OptionRanges, AreFiniteAndContainTheDefaults) {
-  for (const Command& command : Commands()) {
+  for (const Command& command : AllCommands()) {
     command.list([&](const OptionList& options) {
       for (const OptionEntry& entry : options) {
         const bool is_real = std::holds_alternative<double>(entry.get());
@@ -71,6 +59,15 @@ std::vector<std::string> Extremes(const OptionEntry& entry) {
   return texts;
 }
 
+// The default needs no run of its own: it is part of all others.
+std::vector<std::string> UnusualExtremes(const OptionEntry& entry) {
+  std::vector<std::string> texts = Extremes(entry);
+  texts.erase(std::remove(texts.begin(), texts.end(),
+                          FormatOptionValue(entry.default_value)),
+              texts.end());
+  return texts;
+}
+
 class OptionExtremes : public testing::Test {
  protected:
   std::string Path(const std::string& name) const {
@@ -80,14 +77,14 @@ class OptionExtremes : public testing::Test {
   void Sweep(const Command& command, const std::string& arguments,
              const std::string& model, const std::string& copied_database = "",
              const std::vector<std::string>& skipped_units = {}) const {
-    std::vector<std::string> flags;
+    std::vector<std::string> flags = {""};
     command.list([&](const OptionList& options) {
       for (const OptionEntry& entry : options) {
         if (std::count(skipped_units.begin(), skipped_units.end(), entry.unit) >
             0) {
           continue;
         }
-        for (const std::string& text : Extremes(entry)) {
+        for (const std::string& text : UnusualExtremes(entry)) {
           flags.push_back(" --" + entry.name + " " + text);
         }
       }
@@ -169,6 +166,20 @@ TEST_F(OptionExtremes, ExtractionAndMatching) {
         VocabTreeMatcherCommand()}) {
     Sweep(command, "--database_path " + Path("work.db"), "", Path("base.db"));
   }
+}
+
+TEST_F(OptionExtremes, ToolsOnModels) {
+  MakeDrive();
+  const std::string model = Path("drive/truth");
+  const std::string output = " --output_path " + Path("out");
+  Sweep(ModelAlignerCommand(),
+        "--input_path " + model + " --ref_model_path " + model + output,
+        Path("out"));
+  Sweep(ModelMergerCommand(),
+        "--input_path1 " + model + " --input_path2 " + model + output,
+        Path("out"));
+  Sweep(ModelConverterCommand(),
+        "--input_path " + model + output + " --output_type txt", "");
 }
 
 // Larger counts are larger drives, up to the memory of the machine.

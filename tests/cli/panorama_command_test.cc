@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Rendered drives of 360 degree cameras, from images to a model in one command.
-#include <Eigen/Geometry>
 #include <filesystem>
-#include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "cli/program_runs.h"
-#include "geometry/so3.h"
+#include "cli/rendered_drives.h"
 #include "mgsfm/io/models/model_io.h"
 #include "support/temp_dir.h"
 
@@ -33,23 +31,11 @@ class PanoramaCommand : public testing::Test {
     ASSERT_EQ(run.exit_code, 0) << run.err;
   }
 
-  void Reconstruct(const std::string& images, const std::string& data_type) {
-    const CommandOutput run = RunMgsfm("automatic_reconstructor --image_path " +
-                                       images + " --data_type " + data_type +
-                                       " --workspace_path " + Path("work"));
+  void Reconstruct(const std::string& images, const std::string& more) {
+    const CommandOutput run =
+        RunMgsfm("automatic_reconstructor --image_path " + images +
+                 " --workspace_path " + Path("work") + " " + more);
     ASSERT_EQ(run.exit_code, 0) << run.err;
-  }
-
-  // Poses of the images in a folder, by the rest of their names.
-  static std::map<std::string, Rigid3> PosesBelow(const std::string& folder,
-                                                  const fs::path& model) {
-    std::map<std::string, Rigid3> poses;
-    for (const ModelImage& image : ReadModelPoses(model).images) {
-      if (image.name.compare(0, folder.size(), folder) != 0) continue;
-      const std::string file = image.name.substr(folder.size());
-      poses[fs::path(file).stem()] = image.cam_from_world;
-    }
-    return poses;
   }
 
   // All frames of one camera agree with the truth.
@@ -58,26 +44,7 @@ class PanoramaCommand : public testing::Test {
     const auto poses = PosesBelow(folder, Path("work/sparse/0"));
     const auto truth = PosesBelow(true_folder, Path("drive/truth"));
     ASSERT_EQ(poses.size(), truth.size());
-    Eigen::Matrix3Xd centers(3, poses.size()), true_centers(3, poses.size());
-    int i = 0;
-    for (const auto& [name, pose] : poses) {
-      centers.col(i) = pose.Center();
-      true_centers.col(i++) = truth.at(name).Center();
-    }
-    const Eigen::Matrix4d align = Eigen::umeyama(centers, true_centers);
-    const Eigen::Matrix3d scaled = align.topLeftCorner<3, 3>();
-    const double error_m = ((scaled * centers).colwise() +
-                            align.topRightCorner<3, 1>() - true_centers)
-                               .colwise()
-                               .norm()
-                               .maxCoeff();
-    EXPECT_LT(error_m, max_error_m);
-    // Relative rotations do not depend on the alignment.
-    const auto turn = [](const std::map<std::string, Rigid3>& camera) {
-      return camera.rbegin()->second.rotation *
-             camera.begin()->second.rotation.conjugate();
-    };
-    EXPECT_LT(RadToDeg(AngleBetween(turn(poses), turn(truth))), max_error_deg);
+    ExpectSamePath(poses, truth, max_error_m, max_error_deg);
   }
 
   TempDir dir_;
@@ -88,7 +55,7 @@ TEST_F(PanoramaCommand, PanoramasBecomeAnAccurateModel) {
       R"({"image_prefix": "pano/", "ref_sensor": true,
           "camera_model_name": "EQUIRECTANGULAR", "camera_params": [800, 400]})",
       "180");
-  Reconstruct(Path("drive/images"), "panorama");
+  Reconstruct(Path("drive/images"), "--data_type panorama");
   ExpectAccurate("pano_front/", "pano/", 0.01, 0.05);
   const PoseModel model = ReadModelPoses(Path("work/sparse/0"));
   ASSERT_EQ(model.rigs.size(), 1u);
@@ -115,9 +82,65 @@ TEST_F(PanoramaCommand, DualFisheyesBecomeAnAccurateModel) {
                 cv::imread(Path("drive/images/b/" + name)), both);
     cv::imwrite(Path("raw/" + name), both);
   }
-  Reconstruct(Path("raw"), "dual_fisheye");
+  Reconstruct(Path("raw"), "--data_type dual_fisheye");
   ExpectAccurate("left/", "a/", 0.03, 0.2);
   ExpectAccurate("right/", "b/", 0.03, 0.2);
+}
+
+// The advice for fisheyes without intrinsics leads to an accurate model.
+TEST_F(PanoramaCommand, FisheyesWithoutIntrinsicsAreNamed) {
+  Render(
+      R"({"image_prefix": "a/", "ref_sensor": true,
+          "camera_model_name": "OPENCV_FISHEYE",
+          "camera_params": [120, 120, 200, 200, 0.008, -0.002, 0, 0]},
+         {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0.2, 0],
+          "cam_from_rig_translation": [-0.5, 0, 0],
+          "camera_model_name": "OPENCV_FISHEYE",
+          "camera_params": [120, 120, 200, 200, 0.008, -0.002, 0, 0]})",
+      "95");
+  const std::string database = Path("a.db");
+  ASSERT_EQ(RunMgsfm("feature_extractor --database_path " + database +
+                     " --image_path " + Path("drive/images"))
+                .exit_code,
+            0);
+  const CommandOutput matched =
+      RunMgsfm("exhaustive_matcher --database_path " + database);
+  ASSERT_EQ(matched.exit_code, 0) << matched.err;
+  EXPECT_THAT(matched.err,
+              testing::HasSubstr("cameras 'a', 'b' seem to be fisheyes"));
+  // The lens has 191 degrees across the image.
+  const std::string advice = "ImageReader.default_focal_length_factor ";
+  const size_t begin = matched.err.find(advice);
+  ASSERT_NE(begin, std::string::npos) << matched.err;
+  Reconstruct(Path("drive/images"),
+              "--ImageReader.camera_model OPENCV_FISHEYE --" +
+                  matched.err.substr(begin, advice.size() + 4));
+  ExpectAccurate("a/", "a/", 0.05, 0.3);
+  ExpectAccurate("b/", "b/", 0.05, 0.3);
+}
+
+// Several 360 degree cameras and an ordinary one.
+TEST_F(PanoramaCommand, PanoramasAndOtherCamerasFormOneRig) {
+  Render(
+      R"({"image_prefix": "a/", "ref_sensor": true,
+          "camera_model_name": "EQUIRECTANGULAR", "camera_params": [640, 320]},
+         {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0.1, 0],
+          "cam_from_rig_translation": [-0.6, 0, 0],
+          "camera_model_name": "EQUIRECTANGULAR", "camera_params": [640, 320]},
+         {"image_prefix": "c/", "cam_from_rig_rotation": [1, 0, 0, 0],
+          "cam_from_rig_translation": [0, 0.4, 0],
+          "camera_model_name": "PINHOLE",
+          "camera_params": [300, 300, 200, 150]})",
+      "180");
+  WriteTextFile(Path("cameras.txt"), "c PINHOLE 400 300 300 300 200 150\n");
+  Reconstruct(Path("drive/images"),
+              "--data_type panorama --ImageReader.camera_params_path " +
+                  Path("cameras.txt"));
+  const PoseModel model = ReadModelPoses(Path("work/sparse/0"));
+  ASSERT_EQ(model.rigs.size(), 1u);
+  ExpectAccurate("a_front/", "a/", 0.02, 0.1);
+  ExpectAccurate("b_front/", "b/", 0.02, 0.1);
+  ExpectAccurate("c/", "c/", 0.02, 0.1);
 }
 
 }  // namespace

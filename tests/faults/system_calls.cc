@@ -181,6 +181,17 @@ void ForgetSynced(const std::string& path) {
       changes.end());
 }
 
+bool IsCounted(CallKind kind, CountedCalls counted) {
+  if (kind == CallKind::kLock || counted == CountedCalls::kLocks) {
+    return kind == CallKind::kLock && counted == CountedCalls::kLocks;
+  }
+  return kind != CallKind::kRead || counted == CountedCalls::kChangesAndReads;
+}
+
+bool CountsReads() {
+  return TheState().plan.counted == CountedCalls::kChangesAndReads;
+}
+
 // Counts a call; returns true if it has to fail, with errno set. `size` is the
 // number of bytes of a read or write, which a short one halves.
 bool IsFaulty(CallKind kind, const std::string& path, size_t* size = nullptr) {
@@ -188,7 +199,7 @@ bool IsFaulty(CallKind kind, const std::string& path, size_t* size = nullptr) {
   if (!IsWatched(path)) return false;
   State& state = TheState();
   const FaultPlan& plan = state.plan;
-  if (kind == CallKind::kRead && !plan.counts_reads) return false;
+  if (!IsCounted(kind, plan.counted)) return false;
   Counters& counters = SharedCounters();
   const bool is_now = counters.num_calls++ == plan.call;
   if (is_now) counters.kind_of_fault = kind;
@@ -216,7 +227,7 @@ bool IsFaulty(CallKind kind, const std::string& path, size_t* size = nullptr) {
 // Opening counts if it makes a file, or if reading counts.
 bool IsOpenFaulty(const std::string& path, bool is_write) {
   if (is_write) return IsFaulty(CallKind::kOpen, path);
-  return TheState().plan.counts_reads && IsFaulty(CallKind::kRead, path);
+  return CountsReads() && IsFaulty(CallKind::kRead, path);
 }
 
 int Open(int folder_fd, const char* path, int flags, mode_t mode) {
@@ -336,6 +347,17 @@ ssize_t WriteAt(int fd, const void* data, size_t size, off_t offset,
              : Real<ssize_t(int, const void*, size_t)>("write")(fd, data, size);
 }
 
+// SQLite locks ranges of a file; unlocking never counts.
+int Control(const char* real, int fd, int command, void* argument) {
+  if (command == F_SETLK && argument != nullptr &&
+      static_cast<const struct flock*>(argument)->l_type != F_UNLCK &&
+      TheState().plan.counted == CountedCalls::kLocks &&
+      IsFaulty(CallKind::kLock, PathOf(fd))) {
+    return -1;
+  }
+  return Real<int(int, int, ...)>(real)(fd, command, argument);
+}
+
 }  // namespace
 
 void StartFaults(const FaultPlan& plan) {
@@ -406,19 +428,34 @@ ssize_t writev(int fd, const iovec* parts, int num_parts) {
   return 0;
 }
 ssize_t read(int fd, void* data, size_t size) {
-  if (m::TheState().plan.counts_reads &&
+  if (m::CountsReads() &&
       m::IsFaulty(m::CallKind::kRead, m::PathOf(fd), &size)) {
     return -1;
   }
   return m::Real<ssize_t(int, void*, size_t)>("read")(fd, data, size);
 }
 ssize_t pread64(int fd, void* data, size_t size, off64_t offset) {
-  if (m::TheState().plan.counts_reads &&
+  if (m::CountsReads() &&
       m::IsFaulty(m::CallKind::kRead, m::PathOf(fd), &size)) {
     return -1;
   }
   return m::Real<ssize_t(int, void*, size_t, off_t)>("pread64")(fd, data, size,
                                                                 offset);
+}
+
+int fcntl(int fd, int command, ...) {
+  va_list arguments;
+  va_start(arguments, command);
+  void* argument = va_arg(arguments, void*);
+  va_end(arguments);
+  return m::Control("fcntl", fd, command, argument);
+}
+int fcntl64(int fd, int command, ...) {
+  va_list arguments;
+  va_start(arguments, command);
+  void* argument = va_arg(arguments, void*);
+  va_end(arguments);
+  return m::Control("fcntl64", fd, command, argument);
 }
 
 int fsync(int fd) { return m::Sync("fsync", fd); }

@@ -24,7 +24,14 @@ enum class PowerLoss {
   kSomeContent,  // random parts of it
 };
 
-enum class CallKind { kRead, kWrite, kSync, kName, kOpen };
+enum class CallKind { kRead, kWrite, kSync, kName, kOpen, kLock };
+
+// Which calls count.
+enum class CountedCalls {
+  kChanges,
+  kChangesAndReads,  // also reading, and opening for it
+  kLocks             // only the locks by which SQLite excludes other programs
+};
 
 struct FaultPlan {
   std::string folder;  // without links
@@ -32,8 +39,7 @@ struct FaultPlan {
   Fault fault = Fault::kNone;
   int error = 0;
   PowerLoss loss = PowerLoss::kAll;
-  // Whether reading and opening for reading counts, too.
-  bool counts_reads = false;
+  CountedCalls counted = CountedCalls::kChanges;
 };
 
 constexpr int kKilledExitCode = 99;

@@ -241,6 +241,10 @@ TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   cv::Mat deep;
   image.convertTo(deep, CV_16U, 257.0);
   WriteImage("deep.png", deep);
+  WriteImage("deep.tif", deep);
+  // 12 bits in 16, as of many industrial cameras.
+  image.convertTo(deep, CV_16U, 16.0);
+  WriteImage("twelve.png", deep);
   cv::Mat colour;
   cv::merge(std::vector<cv::Mat>{image, image, image}, colour);
   WriteImage("colour.png", colour);
@@ -251,7 +255,8 @@ TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   EXPECT_TRUE(warnings_.empty()) << testing::PrintToString(warnings_);
   const auto images = Images();
   const size_t num = images.at("good.png").keypoints.size();
-  for (const char* name : {"deep.png", "colour.png", "transparent.png"}) {
+  for (const char* name : {"deep.png", "deep.tif", "twelve.png", "colour.png",
+                           "transparent.png"}) {
     EXPECT_EQ(images.at(name).descriptors, images.at("good.png").descriptors)
         << name;
   }

@@ -175,6 +175,22 @@ TEST_F(FeatureExtractionTest, ReadsFocalLengthAndPositionFromExif) {
             1e-9);
 }
 
+// As in COLMAP, so that masks and calibrations fit the stored pixels.
+TEST_F(FeatureExtractionTest, IgnoresTheOrientationOfExif) {
+  WriteBlobs("upright.jpg", 1);
+  std::filesystem::copy(ImagePath("upright.jpg"), ImagePath("turned.jpg"));
+  const auto image =
+      Exiv2::ImageFactory::open(ImagePath("turned.jpg").string());
+  image->exifData()["Exif.Image.Orientation"] = uint16_t{6};
+  image->writeMetadata();
+  Extract();
+  const auto images = Images();
+  EXPECT_EQ(images.at("turned.jpg").descriptors,
+            images.at("upright.jpg").descriptors);
+  const Camera camera = Structure().cameras.at(0);
+  EXPECT_GT(camera.width_px, camera.height_px);
+}
+
 TEST_F(FeatureExtractionTest, DropsFeaturesWhereMasksAreBlack) {
   WriteFolders();
   Extract({}, "all.db");

@@ -41,6 +41,15 @@ void FuzzPositions(const Scene& scene, const std::string& path, bool is_gps) {
   }
 }
 
+// Trajectories of KITTI and TUM are recognised by their content; the latter
+// need times of images.
+void FuzzTrajectory(Scene scene, const std::string& path) {
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    scene.images[i].timestamp_s = 0.5 + static_cast<double>(i);
+  }
+  FuzzPositions(scene, path, false);
+}
+
 void FuzzGravity(const Scene& scene, const std::string& path) {
   PosePriorOptions options;
   options.gravity_path = path;
@@ -76,6 +85,7 @@ void FuzzPriors(const std::string& input) {
   static const Scene* const scene = new Scene(MakeScene());
   const std::string path = (FuzzFolder() / "priors.txt").string();
   WriteTextFile(path, input.substr(1));
+  if (input[0] == 't') return FuzzTrajectory(*scene, path);
   switch (input[0] % 4) {
     case 0:
       return FuzzPositions(*scene, path, false);

@@ -25,5 +25,29 @@ TEST(EastNorthUp, HasMetresAlongItsAxes) {
   EXPECT_LT((up - Eigen::Vector3d(0.0, 0.0, 7.0)).norm(), 1e-6);
 }
 
+// The poles and the equator are at the half axes of the ellipsoid, and every
+// origin gives the same place.
+TEST(EarthFromEastNorthUp, HasTheAxesOfTheEarth) {
+  const auto earth = [](const Eigen::Vector3d& place,
+                        const Eigen::Vector3d& origin) {
+    return EarthFromEastNorthUp(origin) * EastNorthUp(place, origin);
+  };
+  const Eigen::Vector3d origin(47.0, 8.0, 400.0), other(-33.0, 151.0, 20.0);
+  EXPECT_LT(
+      (earth({0.0, 0.0, 0.0}, origin) - Eigen::Vector3d(6378137.0, 0.0, 0.0))
+          .norm(),
+      1e-6);
+  EXPECT_LT(
+      (earth({0.0, 90.0, 3.0}, origin) - Eigen::Vector3d(0.0, 6378140.0, 0.0))
+          .norm(),
+      1e-6);
+  EXPECT_LT((earth({90.0, 0.0, 0.0}, origin) -
+             Eigen::Vector3d(0.0, 0.0, 6356752.314245))
+                .norm(),
+            1e-5);
+  const Eigen::Vector3d place(46.5, 8.3, 1000.0);
+  EXPECT_LT((earth(place, origin) - earth(place, other)).norm(), 1e-6);
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -5,10 +5,14 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <map>
+#include <set>
 
 #include "io/database/database_cleaning.h"
+#include "io/database/sqlite_database.h"
 #include "io/test_database.h"
 #include "mgsfm/io/database/feature_database.h"
+#include "support/database_rows.h"
 #include "support/subprocess.h"
 
 namespace mgsfm {
@@ -60,8 +64,19 @@ class DatabaseMerging : public testing::Test {
     return contents;
   }
 
+  // a.db with the second camera elsewhere in the rig.
+  void MakeDifferentRig() const {
+    fs::copy_file(Path("a.db"), Path("b.db"),
+                  fs::copy_options::overwrite_existing);
+    FeatureDatabase database(Path("b.db"),
+                             FeatureDatabase::OpenMode::kExisting);
+    DatabaseContents contents = database.ReadStructure(Context());
+    contents.rigs[0].sensors[1].sensor_from_rig->translation.x() += 1.0;
+    database.WriteRigsAndFrames(contents.rigs, contents.frames);
+  }
+
   void Merge(const std::string& merged) const {
-    MergeDatabases(Path("a.db"), Path("b.db"), Path(merged), Context());
+    MergeDatabases({{Path("a.db")}, {Path("b.db")}}, Path(merged), Context());
   }
 
   const TempDir dir_;
@@ -97,12 +112,13 @@ void ExpectContains(const DatabaseContents& merged, FeatureDatabase* features,
         ImageOf(merged, NameOf(part, pair.image_id1)).id,
         ImageOf(merged, NameOf(part, pair.image_id2)).id);
     ASSERT_TRUE(copy.has_value());
-    EXPECT_EQ(*copy->F, *pair.F);
-    EXPECT_EQ(*copy->E, *pair.E);
-    EXPECT_EQ(*copy->H, *pair.H);
+    // Where the order of the ids changed, the row is that from 2 to 1.
+    EXPECT_TRUE(copy->F->isApprox(*pair.F));
+    EXPECT_TRUE(copy->E->isApprox(*pair.E));
+    EXPECT_TRUE(copy->H->isApprox(*pair.H));
     EXPECT_EQ(copy->config, pair.config);
-    EXPECT_EQ(copy->cam2_from_cam1->translation,
-              pair.cam2_from_cam1->translation);
+    EXPECT_TRUE(copy->cam2_from_cam1->translation.isApprox(
+        pair.cam2_from_cam1->translation));
     EXPECT_EQ(copy->matches.size(), pair.matches.size());
     EXPECT_EQ(
         features
@@ -174,8 +190,18 @@ TEST_F(DatabaseMerging, RefusedDatabasesLeaveNothingBehind) {
       EXPECT_THAT(error.what(), HasSubstr(message));
     }
   };
-  fs::copy_file(Path("a.db"), Path("b.db"));
-  expect_refused("seq1/cam0/1.jpg");
+  MakeDatabase("b.db", "seq1");
+  {
+    FeatureDatabase database(Path("b.db"),
+                             FeatureDatabase::OpenMode::kExisting);
+    const ImageRow image = database.ReadStructure(Context()).images[0];
+    auto keypoints = database.ReadKeypoints(image.id);
+    keypoints[0].x_px += 1.0f;
+    database.WriteKeypoints(image.id, keypoints);
+  }
+  expect_refused("keypoints of image 'seq1/cam0/1.jpg' differ");
+  MakeDifferentRig();
+  expect_refused("has another pose");
   WriteTextFile(Path("b.db"), "no database");
   expect_refused("b.db");
   fs::remove(Path("b.db"));
@@ -187,6 +213,88 @@ TEST_F(DatabaseMerging, RefusedDatabasesLeaveNothingBehind) {
   WriteTextFile(Path("merged.db"), "mine");
   expect_refused("exists");
   EXPECT_EQ(ReadTextFile(Path("merged.db")), "mine");
+}
+
+TEST_F(DatabaseMerging, NeitherOrderNorRepetitionMatters) {
+  MakeDatabase("a.db", "seq1");
+  MakeDatabase("b.db", "seq2");
+  MakeDatabase("c.db", "seq0");
+  const auto merge = [&](const std::vector<std::string>& names,
+                         const std::string& merged) {
+    std::vector<MergeInput> inputs;
+    for (const std::string& name : names) inputs.push_back({Path(name)});
+    MergeDatabases(inputs, Path(merged), Context());
+  };
+  merge({"a.db", "b.db", "c.db"}, "abc.db");
+  merge({"c.db", "a.db", "b.db", "a.db"}, "caba.db");
+  merge({"b.db", "a.db"}, "ba.db");
+  fs::copy_file(Path("c.db"), Path("copy.db"));
+  merge({"ba.db", "copy.db", "b.db", "c.db"}, "again.db");
+  for (const char* other : {"caba.db", "again.db"}) {
+    ExpectEqualRows(Path("abc.db"), Path(other));
+  }
+}
+
+TEST_F(DatabaseMerging, VehiclesShareTheirRigAndSessionsTheirNames) {
+  for (const char* name : {"a.db", "b.db", "c.db"}) MakeDatabase(name, "drive");
+  MergeDatabases({{Path("a.db"), "mon/", "van"},
+                  {Path("b.db"), "tue/", "van"},
+                  {Path("c.db"), "truck/", "truck"}},
+                 Path("merged.db"), Context());
+  const DatabaseContents merged = ReadDatabase(Path("merged.db"), Context());
+  ASSERT_EQ(merged.images.size(), 12u);
+  ASSERT_EQ(merged.cameras.size(), 4u);
+  ASSERT_EQ(merged.rigs.size(), 2u);
+  ASSERT_EQ(merged.frames.size(), 6u);
+  // The rig of each frame and the camera of each image are those of the
+  // vehicle.
+  std::map<std::string, std::set<RigId>> rigs;
+  std::map<std::string, std::set<CameraId>> cameras;
+  for (const FrameRow& frame : merged.frames) {
+    for (const FrameDataRow& data : frame.data) {
+      const std::string name = NameOf(merged, data.image_id);
+      const std::string vehicle =
+          name.substr(0, name.find('/')) == "truck" ? "truck" : "van";
+      rigs[vehicle].insert(frame.rig_id);
+      cameras[vehicle + name.substr(name.find("cam"), 4)].insert(
+          data.camera_id);
+    }
+  }
+  EXPECT_EQ(rigs.size(), 2u);
+  for (const auto& [vehicle, ids] : rigs) EXPECT_EQ(ids.size(), 1u) << vehicle;
+  EXPECT_EQ(cameras.size(), 4u);
+  for (const auto& [camera, ids] : cameras) EXPECT_EQ(ids.size(), 1u) << camera;
+  // One calibration for both sessions of a vehicle, or none.
+  MakeDifferentRig();
+  EXPECT_THROW(MergeDatabases({{Path("a.db"), "mon/", "van"},
+                               {Path("b.db"), "tue/", "van"}},
+                              Path("other.db"), Context()),
+               Error);
+  MergeDatabases({{Path("a.db"), "mon/", "van"}, {Path("b.db"), "tue/", "bus"}},
+                 Path("other.db"), Context());
+}
+
+// Rigs that a database holds, but that no rows define.
+TEST_F(DatabaseMerging, DamagedRigsAreNamed) {
+  const std::pair<const char*, const char*> damages[] = {
+      {"UPDATE rigs SET ref_sensor_type = 1", "rig 3"},
+      {"UPDATE rigs SET ref_sensor_id = 77", "rig 3"},
+      {"UPDATE rig_sensors SET sensor_id = 77", "rig 3"},
+      {"UPDATE frames SET rig_id = 5 WHERE frame_id = 9", "frame 9"},
+      {"UPDATE frame_data SET sensor_id = 77 WHERE frame_id = 9", "frame 9"}};
+  MakeDatabase("a.db", "seq1");
+  for (const auto& [sql, name] : damages) {
+    fs::remove(Path("b.db"));
+    MakeDatabase("b.db", "seq2");
+    SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db")).Execute(sql);
+    try {
+      Merge("merged.db");
+      ADD_FAILURE() << sql;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), AllOf(HasSubstr("b.db"), HasSubstr(name)));
+    }
+    EXPECT_FALSE(fs::exists(Path("merged.db")));
+  }
 }
 
 TEST_F(DatabaseMerging, ColmapOpensTheResult) {

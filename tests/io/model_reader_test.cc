@@ -144,6 +144,16 @@ TEST_P(ReadModelTest, NamesTheFileThatIsMissing) {
   }
 }
 
+TEST_P(ReadModelTest, RefusesAnIdThatOccursTwice) {
+  Simulation simulation = SmallDrive();
+  simulation.scene.images[1].id = simulation.scene.images[0].id;
+  Write(simulation);
+  EXPECT_THAT(ErrorOf([&] { ReadModel(dir_.path()); }),
+              AllOf(HasSubstr("has image "), HasSubstr("twice")));
+  EXPECT_THAT(ErrorOf([&] { ReadModelPoses(dir_.path()); }),
+              HasSubstr("twice"));
+}
+
 TEST_P(ReadModelTest, RefusesPointsAndKeypointsThatDoNotAgree) {
   Simulation simulation = SmallDrive();
   std::vector<Observation>& track = simulation.ground_truth.points[2].track;

@@ -6,10 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
+#include <string>
 
 #include "matching/pair_selection.h"
 #include "matching/test_descriptors.h"
 #include "matching/word_index.h"
+#include "mgsfm/base/error.h"
+#include "support/temp_dir.h"
 
 namespace mgsfm {
 namespace {
@@ -82,6 +85,39 @@ TEST(Vocabulary, EqualSamplesAreOneWord) {
   TestDescriptors single;
   single.values.assign(DescriptorView::kDim, 7);
   EXPECT_EQ(Vocabulary::Train(single.View(), {}, {}).num_words(), 1);
+}
+
+TEST(Vocabulary, FilesKeepTheWords) {
+  const TempDir dir;
+  const std::string path = (dir.path() / "tree.bin").string();
+  Random random(4);
+  const TestDescriptors samples = RandomDescriptors(3000, &random);
+  const auto vocabulary = Vocabulary::Train(samples.View(), {}, {});
+  vocabulary.Write(path);
+  const auto copy = Vocabulary::Read(path);
+  EXPECT_EQ(copy.num_words(), vocabulary.num_words());
+  EXPECT_EQ(WordsOf(copy, samples), WordsOf(vocabulary, samples));
+  // No damaged file is a tree whose paths do not end.
+  const TestDescriptors queries = RandomDescriptors(20, &random);
+  const std::string bytes = ReadTextFile(path);
+  for (int trial = 0; trial < 200; ++trial) {
+    std::string damaged = bytes;
+    const size_t at = random.Index(static_cast<uint32_t>(
+        trial % 2 == 0 ? std::min<size_t>(2000, bytes.size()) : bytes.size()));
+    if (trial % 3 == 0) damaged.resize(at);
+    if (at < damaged.size()) {
+      damaged[at] = static_cast<char>(random.Index(256));
+    }
+    WriteTextFile(path, damaged);
+    try {
+      const auto tree = Vocabulary::Read(path);
+      for (const int word : WordsOf(tree, queries)) {
+        ASSERT_LT(word, tree.num_words());
+      }
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find(path), std::string::npos);
+    }
+  }
 }
 
 // Images of places. Each place has features at fixed positions; an image shows

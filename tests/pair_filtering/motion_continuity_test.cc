@@ -7,83 +7,20 @@
 #include <cmath>
 #include <functional>
 #include <numeric>
-#include <random>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "base/random.h"
+#include "geometry/so3.h"
 
 namespace mgsfm {
 namespace {
 
+using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr int kNumFrames = 60;
-constexpr int kMaxGap = 3;
-
-// A sequence of one camera whose pairs have known baselines. Frame k in time
-// has the index order[k].
-class Drive {
- public:
-  explicit Drive(std::vector<int> order) : order_(std::move(order)) {
-    std::vector<int> rank(order_.size());
-    for (size_t k = 0; k < order_.size(); ++k) {
-      rank[order_[k]] = static_cast<int>(k);
-    }
-    scene_.rigs.push_back({RigId(1), 0, {0}});
-    scene_.sensors.push_back({"", 0, 0, Rigid3()});
-    for (int i = 0; i < kNumFrames; ++i) {
-      scene_.images.push_back({ImageId(static_cast<uint32_t>(i + 1)),
-                               "",
-                               0,
-                               0,
-                               i,
-                               {},
-                               0.1 * rank[i]});
-      scene_.frames.push_back(
-          {FrameId(static_cast<uint32_t>(i + 1)), "", 0, {i}});
-      rotations_.rig_from_world.emplace_back(Eigen::Quaterniond::Identity());
-    }
-  }
-
-  // A pair between two frames in time, one later than the other.
-  size_t Add(int rank1, int rank2, const Vector3d& baseline,
-             double num_matches) {
-    ImagePair pair;
-    pair.image_idx1 = order_[rank1];
-    pair.image_idx2 = order_[rank2];
-    Vector3d from_first = baseline;
-    if (pair.image_idx1 > pair.image_idx2) {
-      std::swap(pair.image_idx1, pair.image_idx2);
-      from_first = -baseline;
-    }
-    view_graph_.pairs.push_back(pair);
-    baselines_.push_back({{from_first, num_matches}});
-    return view_graph_.pairs.size() - 1;
-  }
-
-  // The pairs of all neighbours along a path.
-  std::vector<size_t> AddWorld(
-      const std::function<Vector3d(int)>& center_at_rank, double num_matches) {
-    std::vector<size_t> pairs;
-    for (int k = 0; k < kNumFrames; ++k) {
-      for (int l = k + 1; l <= std::min(k + kMaxGap, kNumFrames - 1); ++l) {
-        pairs.push_back(
-            Add(k, l, center_at_rank(l) - center_at_rank(k), num_matches));
-      }
-    }
-    return pairs;
-  }
-
-  Mask FindDiscontinuous(SequenceMode mode = SequenceMode::kYes) const {
-    return CheckMotion(scene_, FramePairIndex(scene_, view_graph_, mode),
-                       view_graph_, rotations_, baselines_, {})
-        .pair_is_discontinuous;
-  }
-
- private:
-  std::vector<int> order_;
-  Scene scene_;
-  ViewGraph view_graph_;
-  RotationEstimate rotations_;
-  SupportedBaselines baselines_;
-};
 
 std::vector<int> InOrder() {
   std::vector<int> order(kNumFrames);
@@ -93,90 +30,270 @@ std::vector<int> InOrder() {
 
 std::vector<int> Shuffled() {
   std::vector<int> order = InOrder();
-  std::mt19937 random(1);
-  std::shuffle(order.begin(), order.end(), random);
+  Random random(1);
+  for (size_t i = order.size(); i > 1; --i) {
+    std::swap(order[i - 1], order[random.Index(static_cast<uint32_t>(i))]);
+  }
   return order;
 }
 
-// A car that takes a bend.
-Vector3d Bend(int rank) {
-  const double angle = 0.02 * rank;
-  return 100.0 * Vector3d(std::sin(angle), 0.0, 1.0 - std::cos(angle));
+std::vector<double> Regular() {
+  std::vector<double> times_s(kNumFrames);
+  for (int k = 0; k < kNumFrames; ++k) times_s[k] = 0.1 * k;
+  return times_s;
+}
+
+// A car that takes a bend, with the z axis forward.
+Rigid3 Bend(double time) {
+  const double angle = 0.02 * time;
+  return Rigid3::FromRotationAndCenter(
+      ExpSO3({0.0, -angle, 0.0}),
+      100.0 * Vector3d(1.0 - std::cos(angle), 0.0, std::sin(angle)));
+}
+
+Rigid3 Straight(double time) {
+  return Rigid3::FromRotationAndCenter(Quaterniond::Identity(),
+                                       {0.0, 0.0, 2.0 * time});
 }
 
 // Stands still from frame 25 to 35, with smooth braking before and after.
-Vector3d Stop(int rank) {
+Rigid3 Stop(double time) {
   double s = 0.0;
-  for (int k = 0; k < rank; ++k) {
+  for (int k = 0; k < std::lround(time); ++k) {
     s += std::clamp(0.2 * (std::abs(k - 30) - 5), 0.0, 2.0);
   }
-  return {s, 0.0, 0.0};
+  return Rigid3::FromRotationAndCenter(Quaterniond::Identity(), {0.0, 0.0, s});
 }
+
+// A sequence of one camera with a known motion, one unit of time per 0.1 s. The
+// frame of rank k in time has the index order[k].
+class Drive {
+ public:
+  using RigFromWorld = std::function<Rigid3(double time)>;
+
+  explicit Drive(const RigFromWorld& rig_from_world,
+                 std::vector<int> order = InOrder(),
+                 const std::vector<double>& times_s = Regular())
+      : order_(std::move(order)), steps_(kNumFrames - 1) {
+    scene_.rigs.push_back({RigId(1), 0, {0}});
+    scene_.sensors.push_back({"", 0, 0, Rigid3()});
+    std::vector<double> time_of_frame_s(kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) {
+      time_of_frame_s[order_[k]] = times_s[k];
+      rig_from_world_.push_back(rig_from_world(times_s[k] / 0.1));
+    }
+    for (int i = 0; i < kNumFrames; ++i) {
+      const auto id = static_cast<uint32_t>(i + 1);
+      scene_.images.push_back(
+          {ImageId(id), "", 0, 0, i, {}, time_of_frame_s[i]});
+      scene_.frames.push_back({FrameId(id), "", 0, {i}});
+    }
+  }
+
+  // The motion from the frame of one rank to that of another.
+  Rigid3 TrueMotion(int rank1, int rank2) const {
+    return rig_from_world_[rank2] * rig_from_world_[rank1].Inverse();
+  }
+
+  // Hypotheses of the steps [begin, end). Their matches are disjoint.
+  void AddWorld(int begin, int end, double share) {
+    for (int k = begin; k < end; ++k) {
+      steps_[k].push_back({TrueMotion(k, k + 1), share, share});
+    }
+  }
+  void AddObject(int begin, int end, const Rigid3& motion, double share) {
+    for (int k = begin; k < end; ++k) {
+      steps_[k].push_back({motion, share, share});
+    }
+  }
+
+  RigPath FindPath() const {
+    return FindRigPath(TemporalOrder(scene_), kNumFrames, {steps_});
+  }
+  bool AreComparable(const RigPath& path, int rank1, int rank2) const {
+    return path.IsComparable(order_[rank1], order_[rank2]);
+  }
+  bool IsContested(const RigPath& path, int rank) const {
+    return path.is_contested[order_[rank]];
+  }
+
+  // All frames with ranks in [begin, end) have their true relative poses.
+  void ExpectTruth(const RigPath& path, int begin, int end) const {
+    for (int k = begin + 1; k < end; ++k) {
+      ASSERT_TRUE(AreComparable(path, begin, k)) << begin << " " << k;
+      const Rigid3 motion = path.Between(order_[begin], order_[k]);
+      const Rigid3 truth = TrueMotion(begin, k);
+      EXPECT_LT((motion.Center() - truth.Center()).norm(), 1e-6) << k;
+      EXPECT_LT(AngleBetween(motion.rotation, truth.rotation), 1e-6) << k;
+    }
+  }
+
+ private:
+  std::vector<int> order_;
+  Scene scene_;
+  std::vector<Rigid3> rig_from_world_;  // per rank
+  std::vector<StepHypotheses> steps_;
+};
 
 TEST(MotionContinuityTest, ALorryThatKeepsItsDistanceIsExposed) {
   for (const std::vector<int>& order : {InOrder(), Shuffled()}) {
-    Drive drive(order);
-    const std::vector<size_t> world = drive.AddWorld(Bend, 60.0);
-    std::vector<size_t> lorry;
-    for (int k = 15; k < 45; ++k) {
-      for (int gap = 1; gap <= 10; ++gap) {
-        lorry.push_back(
-            drive.Add(k, k + gap, Vector3d(0.0, 0.01 * gap, 0.0), 200.0));
-      }
+    Drive drive(Bend, order);
+    drive.AddWorld(0, 15, 0.9);
+    drive.AddObject(15, 45, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.7);
+    drive.AddWorld(15, 45, 0.25);
+    drive.AddWorld(45, kNumFrames - 1, 0.9);
+    const RigPath path = drive.FindPath();
+    drive.ExpectTruth(path, 0, kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) {
+      EXPECT_EQ(drive.IsContested(path, k), k >= 15 && k <= 45) << k;
     }
-    const Mask is_discontinuous = drive.FindDiscontinuous();
-    for (const size_t i : world) EXPECT_FALSE(is_discontinuous[i]);
-    for (const size_t i : lorry) EXPECT_TRUE(is_discontinuous[i]);
   }
 }
 
+// The motion of the hidden steps is interpolated, which is exact in a bend.
 TEST(MotionContinuityTest, TheWorldMayBeHiddenForSomeFrames) {
-  Drive drive(InOrder());
-  std::vector<size_t> lorry;
-  for (int k = 0; k + 1 < kNumFrames; ++k) {
-    const bool is_hidden = k >= 28 && k < 32;
-    if (!is_hidden) drive.Add(k, k + 1, Bend(k + 1) - Bend(k), 60.0);
-    if (k < 15 || k >= 45) continue;
-    lorry.push_back(drive.Add(k, k + 1, Vector3d::Zero(), 200.0));
-  }
-  const Mask is_discontinuous = drive.FindDiscontinuous();
-  EXPECT_EQ(is_discontinuous.Count(), lorry.size());
-  for (const size_t i : lorry) EXPECT_TRUE(is_discontinuous[i]);
+  Drive drive(Bend);
+  drive.AddObject(15, 45, Rigid3(), 0.7);
+  drive.AddWorld(0, 28, 0.25);
+  drive.AddWorld(32, kNumFrames - 1, 0.25);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
 }
 
 TEST(MotionContinuityTest, AStopIsNoObject) {
-  Drive drive(InOrder());
-  drive.AddWorld(Stop, 60.0);
+  Drive drive(Stop);
+  drive.AddWorld(0, kNumFrames - 1, 0.35);
   // A vehicle that passes while the rig stands still.
-  std::vector<size_t> passing;
-  for (int k = 27; k < 32; ++k) {
-    passing.push_back(drive.Add(k, k + 1, Vector3d(0.0, 0.0, 1.5), 100.0));
-  }
-  const Mask is_discontinuous = drive.FindDiscontinuous();
-  EXPECT_EQ(is_discontinuous.Count(), passing.size());
-  for (const size_t i : passing) EXPECT_TRUE(is_discontinuous[i]);
+  drive.AddObject(27, 32, {Quaterniond::Identity(), {0.0, 0.0, 1.5}}, 0.6);
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, kNumFrames);
+  EXPECT_TRUE(drive.IsContested(path, 30));
+  EXPECT_FALSE(drive.IsContested(path, 20));
 }
 
-TEST(MotionContinuityTest, NothingIsKnownWithoutTemporalOrder) {
-  Drive drive(InOrder());
-  drive.AddWorld(Bend, 60.0);
-  for (int k = 15; k < 45; ++k) {
-    drive.Add(k, k + 1, Vector3d::Zero(), 200.0);
-  }
-  EXPECT_FALSE(drive.FindDiscontinuous(SequenceMode::kNo).Any());
+// A lorry ahead that turns off seems to swing the rig around, even if its
+// distance suggests the right speed.
+TEST(MotionContinuityTest, ALorryInATurnIsExposedByItsRotation) {
+  Drive drive(Straight);
+  drive.AddWorld(0, kNumFrames - 1, 0.3);
+  drive.AddObject(25, 31,
+                  Rigid3::FromRotationAndCenter(
+                      ExpSO3({0.0, DegToRad(10.0), 0.0}), {0.0, 0.0, 2.0}),
+                  0.6);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
 }
 
 TEST(MotionContinuityTest, JerkyMotionIsAcceptedIfNothingContradictsIt) {
-  Drive drive(InOrder());
-  std::mt19937 random(2);
-  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
-  std::vector<Vector3d> centers(kNumFrames);
+  Random random(2);
+  std::vector<Rigid3> rig_from_world(kNumFrames);
+  const auto any = [&random] { return random.Uniform(-1.0, 1.0); };
   for (int k = 1; k < kNumFrames; ++k) {
-    centers[k] = centers[k - 1] + Vector3d(1.0 + uniform(random),
-                                           uniform(random), uniform(random));
+    const Rigid3 step = Rigid3::FromRotationAndCenter(
+        ExpSO3(0.3 * Vector3d(any(), any(), any())),
+        {any(), any(), 1.0 + any()});
+    rig_from_world[k] = step * rig_from_world[k - 1];
   }
-  drive.AddWorld([&](int rank) { return centers[rank]; }, 60.0);
-  EXPECT_LT(drive.FindDiscontinuous().Count(), 3u);
+  Drive drive([&](double time) { return rig_from_world[std::lround(time)]; });
+  drive.AddWorld(0, kNumFrames - 1, 0.5);
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, kNumFrames);
+  EXPECT_FALSE(path.is_contested.Any());
+}
+
+// Where frames are missing, the rig moves further. The motion of a single step
+// would be too slow.
+TEST(MotionContinuityTest, SpeedsFollowCaptureTimes) {
+  std::vector<double> times_s = Regular();
+  for (int k = 30; k < kNumFrames; ++k) times_s[k] += 0.2;
+  Drive drive(Straight, Shuffled(), times_s);
+  drive.AddWorld(0, kNumFrames - 1, 0.3);
+  drive.AddObject(29, 30, drive.TrueMotion(0, 1), 0.6);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
+// Steps [begin, end) without any hypothesis between two that a lorry contests.
+Drive WithGap(int begin, int end) {
+  Drive drive(Bend);
+  drive.AddWorld(0, begin, 0.4);
+  drive.AddObject(begin - 1, begin, Rigid3(), 0.5);
+  drive.AddWorld(end, kNumFrames - 1, 0.4);
+  drive.AddObject(end, end + 1, Rigid3(), 0.5);
+  return drive;
+}
+
+TEST(MotionContinuityTest, UpToSevenStepsAreInterpolated) {
+  const Drive drive = WithGap(20, 27);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
+TEST(MotionContinuityTest, MoreThanSevenUnknownStepsBeginAnotherStretch) {
+  const Drive drive = WithGap(20, 28);
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, 21);
+  drive.ExpectTruth(path, 28, kNumFrames);
+  EXPECT_FALSE(drive.AreComparable(path, 20, 28));
+}
+
+TEST(MotionContinuityTest,
+     AnUnquestionedStepWithoutMotionBeginsAnotherStretch) {
+  Drive drive(Bend);
+  drive.AddWorld(0, 40, 0.4);
+  drive.AddObject(20, 25, Rigid3(), 0.5);
+  drive.AddWorld(41, kNumFrames - 1, 0.4);
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, 41);
+  drive.ExpectTruth(path, 41, kNumFrames);
+  EXPECT_FALSE(drive.AreComparable(path, 40, 41));
+}
+
+TEST(MotionContinuityTest, ASequenceWithoutHypothesesIsNotComparable) {
+  const Drive drive(Bend);
+  const RigPath path = drive.FindPath();
+  for (int k = 0; k + 1 < kNumFrames; ++k) {
+    EXPECT_FALSE(drive.AreComparable(path, k, k + 1)) << k;
+  }
+}
+
+// Two frames of a slow rig, one of another rig, and three of a fast one.
+TEST(MotionContinuityTest, SequencesAreNotComparable) {
+  Scene scene;
+  int idx = 0;
+  for (const int rig_idx : {0, 0, 1, 2, 2, 2}) {
+    const auto id = static_cast<uint32_t>(idx + 1);
+    scene.images.push_back({ImageId(id), "", 0, rig_idx, idx, {}});
+    scene.frames.push_back({FrameId(id), std::to_string(idx), rig_idx, {idx}});
+    ++idx;
+  }
+  for (const uint32_t id : {1, 2, 3}) scene.rigs.push_back({RigId(id), 0, {}});
+  const Rigid3 slow{Quaterniond::Identity(), {0.0, 0.0, -1.0}};
+  const Rigid3 fast{Quaterniond::Identity(), {0.0, 0.0, -3.0}};
+  const RigPath path = FindRigPath(
+      TemporalOrder(scene), idx,
+      {{{{slow, 0.5, 0.5}}}, {}, {{{fast, 0.5, 0.5}}, {{fast, 0.5, 0.5}}}});
+  for (int i = 0; i < idx; ++i) {
+    for (int k = i + 1; k < idx; ++k) {
+      EXPECT_EQ(path.IsComparable(i, k), k < 2 || i >= 3) << i << " " << k;
+    }
+  }
+  EXPECT_DOUBLE_EQ(path.Between(0, 1).Center().z(), 1.0);
+  EXPECT_DOUBLE_EQ(path.Between(3, 5).Center().z(), 6.0);
+  EXPECT_DOUBLE_EQ(path.median_step, 3.0);
+}
+
+TEST(MotionContinuityTest, MotionsAreSimilarUpToTheirTolerances) {
+  RigPath path;
+  path.median_step = 1.0;
+  const auto forward = [](double length, double angle_deg) {
+    return Rigid3::FromRotationAndCenter(
+        ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length});
+  };
+  const Rigid3 step = forward(10.0, 5.0);
+  EXPECT_TRUE(path.AreSimilar(step, forward(11.5, 5.5)));
+  EXPECT_TRUE(path.AreSimilar(forward(11.5, 5.5), step));
+  EXPECT_FALSE(path.AreSimilar(step, forward(15.0, 5.0)));
+  EXPECT_FALSE(path.AreSimilar(step, forward(10.0, 7.0)));
+  EXPECT_FALSE(path.AreSimilar(step, forward(-10.0, 5.0)));
+  // Short motions are less certain.
+  EXPECT_TRUE(path.AreSimilar(forward(0.0, 0.0), forward(0.03, 0.0)));
 }
 
 }  // namespace

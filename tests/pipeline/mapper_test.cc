@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/model_comparison.h"
@@ -143,6 +145,30 @@ TEST(MapperTest, ThreadsDoNotChangeTheResult) {
   EXPECT_LT(MaxPoseDifference(one.models[0].reconstruction,
                               two.models[0].reconstruction),
             1e-9);
+}
+
+TEST(MapperTest, AnObserverSeesTheModelGrowAndChangesNothing) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
+  std::vector<std::pair<size_t, size_t>> sizes;  // frames, points
+  MapperInput input{simulation.scene, simulation.view_graph};
+  input.observer = [&](const Reconstruction& model) {
+    const auto& poses = model.rig_from_world;
+    sizes.emplace_back(
+        std::count_if(poses.begin(), poses.end(),
+                      [](const auto& pose) { return pose.has_value(); }),
+        model.points.size());
+  };
+  const MapperResult observed = RunMapper(input, MapperOptions(), Threads(2));
+  // First frames alone, then with points; at last the model of the result.
+  ASSERT_GE(sizes.size(), 4u);
+  EXPECT_EQ(sizes.front().first, simulation.scene.frames.size());
+  EXPECT_EQ(sizes.front().second, 0u);
+  EXPECT_GT(sizes[2].second, 0u);
+  const Reconstruction& last = observed.models[0].reconstruction;
+  EXPECT_EQ(sizes.back().second, last.points.size());
+  EXPECT_EQ(MaxPoseDifference(last, Map(simulation).models[0].reconstruction),
+            0.0);
 }
 
 TEST(MapperTest, IdsDoNotChangeTheResult) {

@@ -60,6 +60,33 @@ TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
   EXPECT_NEAR(*summary.rms, 0.1 * std::sqrt(3.0), 0.06);
 }
 
+// Against most of the positions, by those within the bound.
+TEST(PositionRegistrationTest, MostPositionsMayBeOutliers) {
+  const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
+  const PositionPriors priors = MeasuredPositions(simulation, 0.1, 0.65);
+  const auto distance = [&](OutlierRule rule) {
+    Reconstruction model = simulation.ground_truth;
+    TransformWorld(kModelFromWorld, &model);
+    RegisterToPriors(simulation.scene, priors, {}, false, 0, &model, rule);
+    return MaxDistance(simulation, model);
+  };
+  EXPECT_LT(distance(OutlierRule::kFixedBound), 0.3);
+  EXPECT_GT(distance(OutlierRule::kNone), 1.0);
+}
+
+TEST(PositionRegistrationTest, LeastSquaresUsesAllPositions) {
+  const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
+  Reconstruction model = simulation.ground_truth;
+  TransformWorld(kModelFromWorld, &model);
+  const PositionRegistration registration = RegisterToPriors(
+      simulation.scene, MeasuredPositions(simulation, 0.1, 0.0), {}, false, 0,
+      &model, OutlierRule::kNone);
+  int num_used = 0;
+  for (const auto& prior : registration.used.images) num_used += prior ? 1 : 0;
+  EXPECT_EQ(num_used, 30);
+  EXPECT_LT(MaxDistance(simulation, model), 0.15);
+}
+
 TEST(PositionRegistrationTest, MetricModelKeepsItsUnit) {
   Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
   Reconstruction model = simulation.ground_truth;

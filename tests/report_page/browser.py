@@ -160,6 +160,16 @@ class Page:
         self.send("Input.dispatchMouseEvent", type="mouseReleased", x=x + dx,
                   y=y + dy, button="left", clickCount=1)
 
+    def touch(self, steps):
+        """Fingers at one or more places [(x, y), ...] per step."""
+        kind = "touchStart"
+        for places in steps:
+            self.send("Input.dispatchTouchEvent", type=kind,
+                      touchPoints=[{"x": x, "y": y, "id": i}
+                                   for i, (x, y) in enumerate(places)])
+            kind = "touchMove"
+        self.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
     def press(self, key):
         text = {"text": key} if len(key) == 1 else {}
         self.send("Input.dispatchKeyEvent", type="keyDown", key=key, **text)

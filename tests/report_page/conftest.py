@@ -26,9 +26,13 @@ def browser():
 
 
 @pytest.fixture(scope="session")
-def mgsfm(request):
+def program(request):
+    return request.config.getoption("--program").resolve()
+
+
+@pytest.fixture(scope="session")
+def mgsfm(program):
     """Runs the program with options; it must succeed."""
-    program = request.config.getoption("--program").resolve()
 
     def run(command, **options):
         words = [program, command]

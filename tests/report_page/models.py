@@ -128,3 +128,62 @@ def write_model(model, folder):
             for image, keypoint in track:
                 file.write(struct.pack("<II", image + 1, keypoint))
     return folder
+
+
+POINT_OF_TWO_IMAGES = np.dtype([
+    ("id", "<u8"), ("xyz", "<3f8"), ("rgb", "3u1"), ("error", "<f8"),
+    ("length", "<u8"), ("track", "<4u4")])
+
+
+def write_dense_model(folder, num_points, num_frames=50):
+    """A straight drive of one camera along z. Each point is seen in two
+    consecutive frames. Written as arrays, for millions of points."""
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True)
+    random = np.random.default_rng(0)
+    frame = np.sort(random.integers(0, num_frames - 1, num_points))
+    pixels = random.uniform(0, [WIDTH_PX, HEIGHT_PX], (num_points, 2))
+    depth = random.uniform(4, 30, num_points)
+    middle = np.array([WIDTH_PX / 2, HEIGHT_PX / 2])
+    points = np.c_[(pixels - middle) * depth[:, None] / FOCAL_PX,
+                   depth + STEP * frame]
+    later = points[:, :2] * FOCAL_PX / (depth - STEP)[:, None] + middle
+    starts = np.searchsorted(frame, np.arange(num_frames + 1))
+    with open(folder / "cameras.bin", "wb") as file:
+        file.write(struct.pack("<QIiQQ4d", 1, 1, 1, WIDTH_PX, HEIGHT_PX,
+                               FOCAL_PX, FOCAL_PX, *middle))
+    keypoint = np.dtype([("xy", "<2f8"), ("point", "<u8")])
+    with open(folder / "images.bin", "wb") as file:
+        file.write(struct.pack("<Q", num_frames))
+        for i in range(num_frames):
+            own = slice(starts[i], starts[i + 1])
+            old = slice(starts[max(i - 1, 0)] if i > 0 else 0,
+                        starts[i] if i > 0 else 0)
+            file.write(struct.pack("<I7dI", i + 1, 1, 0, 0, 0, 0, 0, -STEP * i,
+                                   1))
+            file.write(f"{i:06}.png".encode() + b"\0")
+            keypoints = np.empty(own.stop - own.start + old.stop - old.start,
+                                 keypoint)
+            keypoints["xy"] = np.r_[later[old], pixels[own]]
+            keypoints["point"] = 1 + np.r_[np.arange(old.start, old.stop),
+                                           np.arange(own.start, own.stop)]
+            file.write(struct.pack("<Q", len(keypoints)))
+            file.write(keypoints.tobytes())
+    rows = np.zeros(num_points, POINT_OF_TWO_IMAGES)
+    rows["id"] = 1 + np.arange(num_points)
+    rows["xyz"] = points
+    rows["rgb"] = random.integers(40, 255, (num_points, 3))
+    rows["length"] = 2
+    first = np.arange(num_points) - starts[frame]
+    num_old = np.where(frame > 0, starts[frame] - starts[frame - 1], 0)
+    rows["track"] = np.c_[frame + 1, first + num_old, frame + 2, first]
+    with open(folder / "points3D.bin", "wb") as file:
+        file.write(struct.pack("<Q", num_points))
+        file.write(rows.tobytes())
+    return folder
+
+
+def read_points(folder):
+    """The positions of a model that write_dense_model() wrote."""
+    data = (pathlib.Path(folder) / "points3D.bin").read_bytes()
+    return np.frombuffer(data, POINT_OF_TWO_IMAGES, offset=8)["xyz"]

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What a person sees and does in the report page."""
 
+import base64
 import html.parser
 import json
 import pathlib
@@ -181,6 +182,79 @@ def test_slider_keys_and_colouring(drive, report):
     assert page.complaints() == []
 
 
+def test_follows_the_rig(drive, report):
+    model, folder = drive
+    page, _ = report(folder)
+    scroll_to_view(page)
+    page.evaluate("document.getElementById('stage').focus()")
+    page.press("f")
+    for frame in (3, 12):
+        page.evaluate(f"mgsfmPage.setFrame({frame})")
+        target = page.evaluate("mgsfmPage.view.poses.toWorld("
+                               "mgsfmPage.view.controls.target).toArray()")
+        # The rig is at its first sensor.
+        np.testing.assert_allclose(target, model.centers()[frame], atol=1e-3)
+
+
+def test_touch_selects_and_turns(drive, report):
+    model, folder = drive
+    page, _ = report(folder)
+    scroll_to_view(page)
+    page.send("Emulation.setTouchEmulationEnabled", enabled=True,
+              maxTouchPoints=2)
+    x, y = project(page, model.centers()[4])[0]
+    page.touch([[(x, y)]])
+    settle(page)
+    assert page.evaluate("mgsfmPage.view.selection?.image !== undefined")
+    place = "mgsfmPage.view.camera.position.toArray()"
+    length = ("mgsfmPage.view.camera.position.distanceTo("
+              "mgsfmPage.view.controls.target)")
+    before, distance = page.evaluate(place), page.evaluate(length)
+    page.touch([[(400 + 8 * i, 400)] for i in range(10)])
+    settle(page)
+    assert not np.allclose(page.evaluate(place), before)
+    assert page.evaluate(length) == pytest.approx(distance, rel=1e-3)
+    page.touch([[(500 - 8 * i, 400), (600 + 8 * i, 400)] for i in range(10)])
+    settle(page)
+    assert page.evaluate(length) < 0.9 * distance
+    assert page.complaints() == []
+
+
+def test_themes_and_print(drive, report):
+    _, folder = drive
+    page, _ = report(folder)
+    brightness = []
+    for _ in range(2):
+        brightness.append(page.screenshot()[:200, :20].mean())
+        page.evaluate("document.getElementById('theme').click()")
+    assert max(brightness) > 0.9 and min(brightness) < 0.2
+    pdf = base64.b64decode(page.send("Page.printToPDF")["data"])
+    assert pdf.startswith(b"%PDF")
+    assert page.evaluate("document.querySelectorAll('#canvas').length") == 1
+    assert page.complaints() == []
+
+
+def test_seams_and_reasons_of_the_report(drive, report, tmp_path):
+    model, _ = drive
+    folder = models.write_model(model, tmp_path / "0")
+    page, _ = report(folder)
+    names = page.evaluate("mgsfmPage.data.frameNames")
+    (tmp_path / "report.json").write_text(json.dumps({
+        "models": [{"seams": [{"reason": "few_points",
+                               "frames_before": [[names[0], names[6]]],
+                               "frames_after": [[names[7], names[19]]]}]}],
+        "warnings": [{"text": "<b>Look at the lens</b>"}]}))
+    page, _ = report(folder)
+    assert page.evaluate("mgsfmPage.data.header.seams") == [[6, 7]]
+    text = page.evaluate("document.body.innerText")
+    assert "few points" in text and "<b>Look at the lens</b>" in text
+    dashed = page.evaluate(
+        "[...document.querySelectorAll('#view_graph line[stroke-dasharray]')]"
+        ".map((line) => (line.x1.baseVal.value - 60) / 560 * 20)")
+    assert min(dashed) == pytest.approx(0.0, abs=0.01)  # across all rows
+    assert 7.0 in [pytest.approx(value, abs=0.01) for value in dashed]
+
+
 def test_measures_distances(drive, report):
     model, folder = drive
     page, _ = report(folder)
@@ -309,6 +383,48 @@ def test_demo_of_the_mapper(tmp_path, mgsfm, browser):
     assert "common points" in page.evaluate(
         "document.querySelector('#view_graph svg').getAttribute('aria-label')")
     assert page.complaints() == []
+
+
+def test_side_files_hold_the_other_points(tmp_path, browser, mgsfm):
+    folder = models.write_dense_model(tmp_path / "0", 20000)
+    path = tmp_path / "a page #1.html"
+    mgsfm("report", input_path=folder, output_path=path, max_size=1,
+          side_files=1)
+    assert (tmp_path / "a page #1.points1.js").is_file()
+    page = browser.open(path.as_uri())
+    numbers = "mgsfmPage.view.numPoints()"
+    inside = np.reshape(page.evaluate("[...mgsfmPage.data.pointPositions]"),
+                        (-1, 3))
+    assert len(inside) < 20000
+    page.evaluate("document.getElementById('load_points').click()")
+    page.wait_for(f"{numbers} === 20000")
+    loaded = np.reshape(page.evaluate("[...mgsfmPage.data.pointPositions]"),
+                        (-1, 3))
+    np.testing.assert_allclose(loaded[:len(inside)], inside, atol=1e-6)
+    origin = page.evaluate("mgsfmPage.data.header.origin")
+    points = models.read_points(folder)
+    for axis in range(3):
+        np.testing.assert_allclose(np.sort(loaded[:, axis] + origin[axis]),
+                                   np.sort(points[:, axis]), atol=1e-3)
+    assert page.complaints() == []
+
+
+def test_side_files_of_another_page_are_refused(tmp_path, browser, mgsfm):
+    folder = models.write_dense_model(tmp_path / "0", 20000)
+    path = tmp_path / "a.html"
+    mgsfm("report", input_path=folder, output_path=path, max_size=1,
+          side_files=1)
+    side_file = tmp_path / "a.points1.js"
+    side_file.write_text(side_file.read_text().replace('"id":"', '"id":"x'))
+    page = browser.open(path.as_uri())
+    page.evaluate("document.getElementById('load_points').click()")
+    page.wait_for("document.getElementById('load_points').textContent"
+                  ".includes('another page')")
+    side_file.unlink()
+    page = browser.open(path.as_uri())
+    page.evaluate("document.getElementById('load_points').click()")
+    page.wait_for("document.getElementById('load_points').textContent"
+                  ".includes('is missing')")
 
 
 def test_stays_below_the_limit(tmp_path, mgsfm):

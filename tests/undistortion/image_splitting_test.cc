@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <exiv2/exiv2.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "mgsfm/base/error.h"
@@ -112,6 +113,70 @@ TEST_F(ImageSplittingTest, PanoramasBecomeRigsOfKnownCameras) {
   // A second run has nothing to do.
   EXPECT_EQ(Split(CombinedImages::kPanorama, Path("cameras.txt")).num_present,
             3u);
+}
+
+TEST_F(ImageSplittingTest, ViewsKeepPositionAndTime) {
+  Write("pano/000.jpg", PaintPanorama());
+  Write("pano/001.jpg", PaintPanorama());
+  const auto original =
+      Exiv2::ImageFactory::open(Path("in/pano/000.jpg").string());
+  Exiv2::ExifData& tags = original->exifData();
+  tags["Exif.GPSInfo.GPSLatitude"] = "48/1 30/1 0/1";
+  tags["Exif.GPSInfo.GPSLatitudeRef"] = "N";
+  tags["Exif.Photo.DateTimeOriginal"] = "2023:05:01 12:34:56";
+  tags["Exif.Photo.FocalLengthIn35mmFilm"] = uint16_t{28};
+  original->writeMetadata();
+  Split(CombinedImages::kPanorama);
+  for (const char* const view :
+       {"front", "right", "left", "up", "down", "back"}) {
+    const auto image = Exiv2::ImageFactory::open(
+        Path(std::string("out/images/pano_") + view + "/000.jpg").string());
+    image->readMetadata();
+    Exiv2::ExifData& copied = image->exifData();
+    EXPECT_EQ(copied["Exif.GPSInfo.GPSLatitude"].toString(), "48/1 30/1 0/1");
+    EXPECT_EQ(copied["Exif.GPSInfo.GPSLatitudeRef"].toString(), "N");
+    EXPECT_EQ(copied["Exif.Photo.DateTimeOriginal"].toString(),
+              "2023:05:01 12:34:56");
+    // The views have another focal length.
+    EXPECT_EQ(
+        copied.findKey(Exiv2::ExifKey("Exif.Photo.FocalLengthIn35mmFilm")),
+        copied.end());
+    EXPECT_FALSE(Read(std::string("pano_") + view + "/000.jpg").empty());
+  }
+  const auto without =
+      Exiv2::ImageFactory::open(Path("out/images/pano_up/001.jpg").string());
+  without->readMetadata();
+  EXPECT_TRUE(without->exifData().empty());
+}
+
+TEST_F(ImageSplittingTest, ViewsKeepTheirDepth) {
+  cv::Mat deep;
+  PaintPanorama().convertTo(deep, CV_16U, 16.0);
+  Write("000.png", deep);
+  Split(CombinedImages::kPanorama);
+  const cv::Mat view = cv::imread(Path("out/images/front/000.png").string(),
+                                  cv::IMREAD_UNCHANGED);
+  ASSERT_EQ(view.depth(), CV_16U);
+  double max = 0.0;
+  cv::minMaxLoc(view, nullptr, &max);
+  EXPECT_GT(max, 256.0);
+}
+
+// The first panorama is the reference; the views of others are estimated.
+TEST_F(ImageSplittingTest, SeveralPanoramasFormOneRig) {
+  Write("a/000.png", PaintPanorama());
+  Write("b/000.png", PaintPanorama());
+  Split(CombinedImages::kPanorama);
+  const std::vector<RigConfig> rigs =
+      ReadRigConfig(Path("out/rig_config.json").string());
+  ASSERT_EQ(rigs.size(), 1u);
+  ASSERT_EQ(rigs[0].cameras.size(), 12u);
+  for (size_t i = 0; i < 12; ++i) {
+    const RigConfigCamera& camera = rigs[0].cameras[i];
+    EXPECT_EQ(camera.is_reference, i == 0);
+    EXPECT_EQ(camera.cam_from_rig.has_value(), i < 6) << camera.image_prefix;
+    EXPECT_TRUE(camera.camera_model) << camera.image_prefix;
+  }
 }
 
 TEST_F(ImageSplittingTest, DualFisheyesAreCutInTheMiddle) {

@@ -89,10 +89,11 @@ export class Details {
     const {arrays} = data;
     const {starts, order} = data.tracksOfImage;
     const marks = [];
+    const radius = starts[image + 1] - starts[image] > 500 ? 0.0035 : 0.006;
     for (let k = starts[image]; k < starts[image + 1]; ++k) {
       const i = order[k];
       marks.push({x: data.tracks.x[i], y: data.tracks.y[i],
-                  error: data.tracks.error[i], radius: 0.006});
+                  error: data.tracks.error[i], radius});
     }
     const shown = nearestThumbnail(data, image);
     if (shown !== undefined) {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 import {Details, formatNumber} from './details.js';
-import {isRegistered, readPageData} from './page_data.js';
+import {LiveRun} from './live.js';
+import {addSidePoints, isRegistered, readPageData} from './page_data.js';
 import {buildControls} from './panel.js';
 import {SceneView} from './scene_view.js';
+import {loadSideFiles} from './side_points.js';
 
 const FRAMES_PER_SECOND = 10;
 const MAX_CLICK_MOVE_PX = 5;
@@ -12,36 +14,70 @@ const byId = (id) => document.getElementById(id);
 // Light, dark, or as the system says until it is chosen.
 function setUpTheme() {
   const button = byId('theme');
+  const system = matchMedia('(prefers-color-scheme: dark)');
   const isDark = () => (document.documentElement.dataset.theme ??
-      (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light')) === 'dark';
+      (system.matches ? 'dark' : 'light')) === 'dark';
   const label = () => { button.textContent = isDark() ? 'light' : 'dark'; };
   button.addEventListener('click', () => {
     document.documentElement.dataset.theme = isDark() ? 'light' : 'dark';
     label();
   });
+  system.addEventListener('change', label);
   label();
   button.hidden = false;
 }
 
 class Page {
   constructor(data) {
-    this.data = data;
     byId('view').hidden = false;
-    this.view = new SceneView(byId('stage'), byId('canvas'), data);
-    this.details = new Details(byId('details'), data, this.view,
-                               (selection) => this.select(selection));
     this.measured = null;  // positions while measuring
+    this.view = new SceneView(byId('stage'), byId('canvas'), data);
     this.view.onRender = () => this.placeLabels();
-    buildControls(byId('controls'), data, this.view, {
-      reset: () => this.view.resetView(),
-      top: () => this.view.topView(),
-      toggleMeasure: () => this.toggleMeasure(),
-    });
     this.setUpTime();
     this.setUpPointer();
     this.setUpKeys();
     this.setUpPrint();
+    this.show(data);
+  }
+
+  // Shows other data in the same view.
+  replace(data) {
+    this.view.setData(data);
+    this.show(data);
+  }
+
+  show(data) {
+    this.data = data;
+    this.details?.show(null);
+    this.details = new Details(byId('details'), data, this.view,
+                               (selection) => this.select(selection));
+    if (this.measured) this.toggleMeasure();
+    byId('controls').replaceChildren();
+    buildControls(byId('controls'), data, this.view, {
+      reset: () => this.view.resetView(),
+      top: () => this.view.topView(),
+      toggleMeasure: () => this.toggleMeasure(),
+      loadPoints: (button) => this.loadPoints(button),
+    });
+    byId('frame').max = Math.max(data.numFrames - 1, 0);
+    this.setFrame(this.view.currentFrame);
     this.setHint();
+  }
+
+  // Adds the points of the files beside the page.
+  async loadPoints(button) {
+    button.disabled = true;
+    const {names} = this.data.header.side_points;
+    try {
+      const files = await loadSideFiles(this.data.header.side_points, (numLoaded) => {
+        button.textContent = `loading ${numLoaded + 1} of ${names.length}`;
+      });
+      addSidePoints(this.data, files);
+      this.view.updatePoints();
+      button.remove();
+    } catch (error) {
+      button.textContent = error.message;
+    }
   }
 
   setHint() {
@@ -62,10 +98,8 @@ class Page {
 
   setUpTime() {
     const slider = byId('frame');
-    slider.max = Math.max(this.data.numFrames - 1, 0);
     slider.addEventListener('input', () => this.setFrame(Number(slider.value)));
     byId('play').addEventListener('click', () => this.togglePlay());
-    this.setFrame(0);
   }
 
   setFrame(frame) {
@@ -195,11 +229,32 @@ class Page {
   }
 }
 
+// Charts and tables are complete without the 3D view.
+function showScene(header, base64) {
+  try {
+    const data = readPageData(header, base64);
+    if (window.mgsfmPage) {
+      window.mgsfmPage.replace(data);
+    } else {
+      window.mgsfmPage = new Page(data);
+    }
+  } catch (error) {
+    byId('view').hidden = false;
+    byId('hint').textContent = `The 3D view needs WebGL: ${error.message}`;
+  }
+}
+
+// All text in these parts was escaped by those who wrote them (sections.h).
+function showModel(model) {
+  byId('summary_part').innerHTML = model.summary;
+  byId('details_part').innerHTML = model.details;
+  showScene(model.header, model.arrays);
+}
+
 setUpTheme();
-try {
-  window.mgsfmPage = new Page(readPageData(document));
-} catch (error) {
-  // Charts and tables are complete without it.
-  byId('view').hidden = false;
-  byId('hint').textContent = `The 3D view needs WebGL: ${error.message}`;
+const header = JSON.parse(byId('header').textContent);
+if (header.is_live) {
+  window.mgsfmLiveRun = new LiveRun(showModel);
+} else {
+  showScene(header, byId('arrays').textContent);
 }

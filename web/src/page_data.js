@@ -93,13 +93,41 @@ function collectThumbnails(arrays) {
   return thumbnails;
 }
 
-export function readPageData(document) {
-  const header = JSON.parse(document.getElementById('header').textContent);
-  const bytes = decodeBase64(document.getElementById('arrays').textContent);
+// The typed arrays of a directory {name: [type, offset, size]} in base64.
+function readArrays(directory, base64) {
+  const bytes = decodeBase64(base64);
   const arrays = {};
-  for (const [name, [type, offset, size]] of Object.entries(header.arrays)) {
+  for (const [name, [type, offset, size]] of Object.entries(directory)) {
     arrays[name] = new ARRAY_TYPES[type](bytes.buffer, offset, size);
   }
+  return arrays;
+}
+
+function concatenate(parts) {
+  const size = parts.reduce((sum, part) => sum + part.length, 0);
+  const all = new parts[0].constructor(size);
+  let at = 0;
+  for (const part of parts) {
+    all.set(part, at);
+    at += part.length;
+  }
+  return all;
+}
+
+// Adds the points of side files, [{arrays, base64}].
+export function addSidePoints(data, files) {
+  const {arrays, header} = data;
+  const more = files.map((file) => readArrays(file.arrays, file.base64));
+  for (const name of ['point_position', 'point_color', 'point_error', 'point_length']) {
+    arrays[name] = concatenate([arrays[name], ...more.map((part) => part[name])]);
+  }
+  data.pointPositions =
+      decodePoints(arrays.point_position, header.box_min, header.box_size);
+}
+
+// `header` is an object, `base64` has the arrays that it lists.
+export function readPageData(header, base64) {
+  const arrays = readArrays(header.arrays, base64);
   const tracks = decodeTracks(arrays.tracks, arrays.num_tracks[0]);
   const numImages = arrays.image_frame.length;
   const numFrames = arrays.frame_reason.length;

@@ -3,11 +3,12 @@
 import {cssColor, sequentialColor} from './colors.js';
 import {element, formatNumber} from './details.js';
 
-function select(label, id, choices, onChange) {
+function select(label, id, choices, chosen, onChange) {
   const list = element('select', {id});
   for (const [value, text] of choices) {
     list.append(element('option', {value, textContent: text}));
   }
+  list.value = chosen;
   list.addEventListener('change', () => onChange(list.value));
   return element('label', {}, [label, list]);
 }
@@ -49,7 +50,7 @@ export function showLegend(view) {
   }
 }
 
-// `actions`: reset, top, toggleMeasure.
+// `actions`: reset, top, toggleMeasure, loadPoints.
 export function buildControls(root, data, view, actions) {
   const {options} = view;
   const {arrays} = data;
@@ -72,25 +73,32 @@ export function buildControls(root, data, view, actions) {
       button('top', 'top', 'view from above (t)', actions.top),
       button('measure', 'measure', 'distance between two cameras or points (m)',
              actions.toggleMeasure),
-      select('cameras by', 'camera_color', cameraColors, recolor('cameraColor')),
+      select('cameras by', 'camera_color', cameraColors, options.cameraColor,
+             recolor('cameraColor')),
       select('points by', 'point_color',
              [['color', 'colour'], ['error', 'reprojection error'], ['length', 'track length']],
-             recolor('pointColor')),
+             options.pointColor, recolor('pointColor')),
       slider('point size', 'point_size', [1, 8, 0.5, options.pointSize], change('pointSize')),
-      slider('camera size', 'camera_size', [-1.5, 1.5, 0.1, 0],
+      slider('camera size', 'camera_size', [-1.5, 1.5, 0.1, Math.log10(options.cameraSize)],
              (value) => change('cameraSize')(10 ** value)),
-      check('follow the rig', 'follow', false, (value) => {
+      check('follow the rig', 'follow', options.follow, (value) => {
         options.follow = value;
         view.setFrame(view.currentFrame);
       }),
-      check('cameras', 'show_cameras', true, change('showCameras')),
-      check('points', 'show_points', true, change('showPoints')),
-      check('path', 'show_path', true, change('showPath')));
+      check('cameras', 'show_cameras', options.showCameras, change('showCameras')),
+      check('points', 'show_points', options.showPoints, change('showPoints')),
+      check('path', 'show_path', options.showPath, change('showPath')));
   if (arrays.truth_center) {
-    root.append(check('ground truth (green)', 'show_truth', true, change('showTruth')));
+    root.append(check('ground truth (green)', 'show_truth', options.showTruth, change('showTruth')));
   }
   if (arrays.other_center) {
-    root.append(check('other model (violet)', 'show_other', true, change('showOther')));
+    root.append(check('other model (violet)', 'show_other', options.showOther, change('showOther')));
+  }
+  if (data.header.side_points) {
+    const {num_points: numPoints} = data.header.side_points;
+    const load = button(`load all ${numPoints.toLocaleString('en')} points`, 'load_points',
+                        'from the files beside this page', () => actions.loadPoints(load));
+    root.append(load);
   }
   root.append(element('div', {id: 'legend'}));
   showLegend(view);

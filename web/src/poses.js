@@ -56,6 +56,11 @@ export class Poses {
         .add(new Vector3(...this.data.header.origin));
   }
 
+  fromWorld(position) {
+    return position.clone().sub(new Vector3(...this.data.header.origin))
+        .divideScalar(this.unit);
+  }
+
   // A position for every frame: for those that are not registered, between
   // their neighbours. NaN if there is none at all.
   pathPositions() {

@@ -5,6 +5,7 @@ import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
 import {rgbOfHex, sensorColor, sequentialColor, usualMaximum} from './colors.js';
 import {CameraBodies, makeLines, makePoints, pathSegments, setLines, setPointColors} from './drawables.js';
 import {isRegistered} from './page_data.js';
+import {pickCamera, pickPoint} from './picking.js';
 import {Poses} from './poses.js';
 
 const MAX_NEAR_CAMERAS = 2000;  // drawn as bodies because they are large
@@ -19,6 +20,9 @@ const MIN_BUDGET = 2000, MAX_BUDGET = 1e7;
 const FIRST_BUDGET = {hardware: 400000, software: 5000};
 // A line costs as much as so many points, a camera has eleven lines.
 const POINTS_PER_LINE = 4, POINTS_PER_CAMERA = 40;
+// When the view rests, points are added so many at a time; then as the speed of
+// the computer permits.
+const FIRST_STEP = 100000, MIN_STEP = 20000;
 
 const BAD = [0.84, 0.29, 0.32];
 const SELECTED = [0.9, 0.15, 0.55];
@@ -53,8 +57,6 @@ function thinOut(path, size) {
 export class SceneView {
   constructor(stage, canvas, data) {
     this.stage = stage;
-    this.data = data;
-    this.poses = new Poses(data);
     this.options = {
       cameraColor: 'camera', pointColor: 'color', pointSize: 2, cameraSize: 1,
       showCameras: true, showPoints: true, showPath: true, showTruth: true,
@@ -65,21 +67,72 @@ export class SceneView {
     this.onRender = () => {};
     const isSoftware = !hasGraphicsProcessor();
     this.budget = FIRST_BUDGET[isSoftware ? 'software' : 'hardware'];
-    this.renderer =
-        new WebGLRenderer({canvas, alpha: true, antialias: !isSoftware});
+    this.viewNumber = 0;  // of the picture on the canvas
+    // The last picture is kept, so that points can be added to it.
+    this.renderer = new WebGLRenderer(
+        {canvas, alpha: true, antialias: !isSoftware, preserveDrawingBuffer: true});
+    this.renderer.autoClear = false;
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(45, 1, 1e-4, 100);
-    this.up = new Vector3(...data.header.up);
-    this.camera.up.copy(this.up);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = true;
     this.controls.dampingFactor = 0.12;
     this.controls.zoomToCursor = true;
     this.controls.addEventListener('change', () => this.requestRender());
-    this.makeObjects();
-    this.resetView();
+    this.controls.addEventListener('start', () => { this.isTouched = true; });
+    this.isTouched = false;  // by a person, who chose the view
+    this.setData(data);
     new ResizeObserver(() => this.resize()).observe(stage);
     this.resize();
+  }
+
+  // Shows other data. A view that a person chose stays at its place in the
+  // world of the model.
+  setData(data) {
+    const places = this.isTouched ?
+        [this.camera.position, this.controls.target].map((place) => this.poses.toWorld(place)) :
+        null;
+    this.data = data;
+    this.poses = new Poses(data);
+    this.up = new Vector3(...data.header.up);
+    this.camera.up.copy(this.up);
+    this.replaceObjects();
+    this.selection = null;
+    this.currentFrame = Math.min(this.currentFrame, Math.max(data.numFrames - 1, 0));
+    if (places) {
+      [this.camera.position, this.controls.target].forEach(
+          (place, i) => place.copy(this.poses.fromWorld(places[i])));
+      this.controls.update();
+    } else {
+      this.resetView();
+    }
+    this.recolor();
+  }
+
+  replaceObjects() {
+    for (const object of [...this.scene.children]) {
+      object.geometry.dispose();
+      object.material.dispose();
+      this.scene.remove(object);
+    }
+    this.makeObjects();
+  }
+
+  // The points after more of them have been loaded.
+  updatePoints() {
+    const {scene, points} = this;
+    scene.remove(points);
+    points.geometry.dispose();
+    points.material.dispose();
+    this.points = this.makePointCloud();
+    scene.add(this.points);
+    this.recolor();
+  }
+
+  makePointCloud() {
+    const positions = this.data.pointPositions.slice();
+    for (let i = 0; i < positions.length; ++i) positions[i] /= this.poses.unit;
+    return makePoints(positions, 2);
   }
 
   makeObjects() {
@@ -87,9 +140,7 @@ export class SceneView {
     const {arrays} = data;
     this.step = poses.medianStep() || 0.02;
     this.path = poses.pathPositions();
-    const positions = data.pointPositions.slice();
-    for (let i = 0; i < positions.length; ++i) positions[i] /= poses.unit;
-    this.points = makePoints(positions, 2);
+    this.points = this.makePointCloud();
     this.hasColors = arrays.point_color.some((value) => value > 0);
     this.markedFrames = evenOrder(data.numFrames);
     const marks = new Float32Array(3 * data.numFrames);
@@ -118,7 +169,6 @@ export class SceneView {
     this.scene.add(this.points, this.frames, this.pathLines,
                    this.coarsePath, this.seamLines, this.truthLines, this.otherLines, this.rays, this.measureLine,
                    this.highlight, this.bodies.object, this.current.object);
-    this.recolor();
   }
 
   // A cross on each seam, and the line between the frames beside it.
@@ -279,7 +329,7 @@ export class SceneView {
   }
 
   lookFrom(target, radius, direction) {
-    const distance = 1.1 * radius / Math.tan(0.5 * this.camera.fov * Math.PI / 180);
+    const distance = 0.9 * radius / Math.tan(0.5 * this.camera.fov * Math.PI / 180);
     this.camera.position.copy(target)
         .addScaledVector(direction.normalize(), distance);
     this.controls.target.copy(target);
@@ -460,7 +510,36 @@ export class SceneView {
     this.adaptBudget(now);
     this.render(this.budget);
     clearTimeout(this.settleTimer);
-    this.settleTimer = setTimeout(() => this.render(Infinity), SETTLE_MS);
+    this.settleTimer = setTimeout(() => this.settle(), SETTLE_MS);
+  }
+
+  // Draws everything, the points bit by bit, so that the page stays responsive.
+  settle() {
+    const numPoints = this.options.showPoints ? this.numPoints() : 0;
+    let drawn = Math.min(numPoints, FIRST_STEP), step = FIRST_STEP, last = 0;
+    this.render(Infinity, drawn);
+    const view = ++this.viewNumber;
+    const addPoints = (now) => {
+      if (view !== this.viewNumber || drawn >= numPoints) return;
+      const elapsed = now - last;
+      if (last > 0) step = Math.max(elapsed > MAX_FRAME_MS ? step / 2 : step * 1.5, MIN_STEP);
+      last = now;
+      this.renderPoints(drawn, Math.ceil(step));
+      drawn += Math.ceil(step);
+      requestAnimationFrame(addPoints);
+    };
+    requestAnimationFrame(addPoints);
+  }
+
+  numPoints() { return this.data.pointPositions.length / 3; }
+
+  // Adds points to the last picture.
+  renderPoints(start, count) {
+    const others = this.scene.children.filter((object) => object !== this.points && object.visible);
+    for (const object of others) object.visible = false;
+    this.points.geometry.setDrawRange(start, count);
+    this.renderer.render(this.scene, this.camera);
+    for (const object of others) object.visible = true;
   }
 
   adaptBudget(now) {
@@ -474,26 +553,28 @@ export class SceneView {
     }
   }
 
-  // Draws about as much as so many points cost.
-  render(budget) {
+  // Draws about as much as so many points cost, and at most `maxPoints` points.
+  render(budget, maxPoints = Infinity) {
     const {options, data} = this;
+    ++this.viewNumber;
     const distance = this.camera.position.distanceTo(this.controls.target);
     this.camera.near = Math.max(1e-3 * distance, 1e-7);
     this.camera.far = 4 * (distance + 4);
     this.camera.updateProjectionMatrix();
-    this.points.geometry.setDrawRange(0, Math.min(0.6 * budget, data.pointPositions.length / 3));
+    this.points.geometry.setDrawRange(0, Math.min(0.6 * budget, this.numPoints(), maxPoints));
     this.frames.geometry.setDrawRange(0, Math.min(0.1 * budget, data.numFrames));
     const isCoarse = data.numFrames * POINTS_PER_LINE > 0.3 * budget;
     this.showChosen(isCoarse);
     const ratio = this.renderer.getPixelRatio();
     this.points.material.uniforms.size.value = options.pointSize * ratio;
-    this.highlight.material.uniforms.size.value = (options.pointSize + 2) * ratio;
+    this.highlight.material.uniforms.size.value = (options.pointSize + 1) * ratio;
     this.frames.material.uniforms.size.value = 3 * ratio;
     this.bodies.size = this.bodySize();
     this.current.size = 1.3 * this.bodySize();
     const cameras = options.showCameras ? this.chooseCameras() : [];
     this.bodies.set(cameras.slice(0, Math.max(0.3 * budget / POINTS_PER_CAMERA, 20)),
                     this.poses, this.cameraColoring().colorOf);
+    this.renderer.clear();
     this.renderer.render(this.scene, this.camera);
     this.onRender();
   }
@@ -523,44 +604,11 @@ export class SceneView {
 
   // {image}, {point} or null for what is drawn near a pixel of the stage.
   pick(x, y) {
-    const image = this.options.showCameras ? this.pickCamera(x, y) : null;
+    const image = this.options.showCameras ? pickCamera(this, x, y) : null;
     if (image !== null) return {image};
     const point = this.options.showPoints ? this.pickPoint(x, y) : null;
     return point !== null ? {point} : null;
   }
 
-  pickCamera(x, y) {
-    const bodyPx = this.bodySize() * this.focalPx();
-    let best = null, bestScore = Infinity;
-    for (let image = 0; image < this.data.numImages; ++image) {
-      const pose = this.poses.camera(image);
-      const place = pose && this.project(pose.center);
-      if (!place) continue;
-      const distance = pose.center.distanceTo(this.camera.position);
-      const reach = Math.min(Math.max(0.5 * bodyPx / distance, 8), 40);
-      const offset = Math.hypot(place.x - x, place.y - y);
-      if (offset > reach || offset / reach >= bestScore) continue;
-      best = image;
-      bestScore = offset / reach;
-    }
-    return best;
-  }
-
-  pickPoint(x, y) {
-    const positions = this.points.geometry.attributes.position.array;
-    const position = new Vector3();
-    const reach = 5 + this.options.pointSize;
-    let best = null, bestScore = Infinity;
-    for (let i = 0; 3 * i < positions.length; ++i) {
-      position.fromArray(positions, 3 * i);
-      const place = this.project(position);
-      if (!place) continue;
-      const offset = Math.hypot(place.x - x, place.y - y);
-      if (offset > reach || offset >= bestScore) continue;
-      best = i;
-      bestScore = offset;
-    }
-    return best;
-  }
+  pickPoint(x, y) { return pickPoint(this, x, y); }
 }
-

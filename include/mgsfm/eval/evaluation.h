@@ -18,13 +18,13 @@ struct ImagePoses {
   std::string name;
   bool is_reference = false;  // image of the reference sensor of its rig
   std::optional<Rigid3> cam_from_model;  // nullopt: not registered
-  Rigid3 cam_from_world;                 // ground truth, in metres
+  Rigid3 cam_from_world;  // ground truth, in metres if it is metric
 };
 
 struct SensorPoses {
   std::string name;
   std::optional<Rigid3> sensor_from_ref;       // in the unit of the model
-  std::optional<Rigid3> true_sensor_from_ref;  // in metres
+  std::optional<Rigid3> true_sensor_from_ref;  // in metres if it is metric
 };
 
 // The transforms that may align a model with the ground truth.
@@ -102,9 +102,13 @@ struct EvaluationOptions {
   std::vector<double> position_thresholds_m = {0.05, 0.1, 0.5, 1.0};
   std::vector<double> rotation_thresholds_deg = {0.5, 1.0, 5.0};
   Alignment alignment = Alignment::kSimilarity;
+  // Whether the unit of the ground truth is the metre.
+  bool is_metric = true;
 };
 
 struct Evaluation {
+  // If false, lengths `_m` are in the unit of the ground truth instead.
+  bool is_metric = true;
   int num_images = 0;
   int num_registered = 0;
   std::optional<Sim3> world_from_model;

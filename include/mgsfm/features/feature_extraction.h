@@ -120,7 +120,7 @@ struct FeatureExtractionOptions {
 };
 
 struct FeatureExtractionSummary {
-  size_t num_images = 0;   // found in the folder, or listed
+  size_t num_images = 0;   // in the folder or the list, or the share of them
   size_t num_present = 0;  // of these, with features in the database before
   size_t num_extracted = 0;
   size_t num_rejected = 0;  // one warning each
@@ -156,5 +156,13 @@ struct FeatureExtractionSummary {
 FeatureExtractionSummary ExtractFeatures(
     const std::string& image_path, const FeatureExtractionOptions& options,
     FeatureDatabase* database, const Context& context);
+
+// Extracts the features of one share of the images into a database of its own,
+// a shard, as if all were extracted: where an image of another share defines
+// the camera of images, that image is read, too. A share may be empty. Throws
+// Error if the database is another shard or none.
+FeatureExtractionSummary ExtractFeatureShard(
+    const std::string& image_path, const FeatureExtractionOptions& options,
+    const Share& share, FeatureDatabase* database, const Context& context);
 
 }  // namespace mgsfm

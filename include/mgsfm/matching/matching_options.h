@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -184,7 +185,7 @@ struct SequentialMatchingOptions {
   }
 };
 
-struct VocabularyOptions {
+struct VocabularyTrainingOptions {
   Option<int> num_visual_words{
       "num_visual_words", 65536, AtLeast(1), "words",
       "Desired number of visual words. There are fewer if there are fewer than "
@@ -202,6 +203,19 @@ struct VocabularyOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(num_visual_words, branching, num_iterations, max_num_descriptors);
+  }
+};
+
+struct VocabularyOptions : VocabularyTrainingOptions {
+  Option<std::string> vocab_tree_path{
+      "vocab_tree_path", "",
+      "Vocabulary tree of vocab_tree_builder. By default a tree is trained on "
+      "the images themselves. Set it if several processes match the images."};
+
+  template <class Visitor>
+  void Describe(Visitor& visit) {
+    visit(vocab_tree_path);
+    VocabularyTrainingOptions::Describe(visit);
   }
 };
 

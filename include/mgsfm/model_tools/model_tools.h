@@ -53,8 +53,11 @@ std::vector<ImagePoses> PairImages(const SceneModel& model,
 // where C is the covariance of the centres, u is the mean upward axis (-y) of
 // the reference images, and mu = 0.05. The second term decides where a path is
 // straight. n points to the side of u, or against the mean viewing direction if
-// cameras look down. nullopt without a frame.
-std::optional<Sim3> AlignToGroundPlane(const SceneModel& model);
+// cameras look down. With a measured upward direction, that is n. nullopt
+// without a frame.
+std::optional<Sim3> AlignToGroundPlane(
+    const SceneModel& model,
+    const std::optional<Eigen::Vector3d>& measured_up = std::nullopt);
 
 // --------------------------------------------------------------- merging
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -147,6 +148,11 @@ struct MapperResult {
   std::vector<StageTime> times;
 };
 
+// Sees a model grow: frames once they have positions, then points, then each
+// round of bundle adjustment. Coordinates change from call to call. Runs on the
+// thread of the mapper, and no result depends on it.
+using ModelObserver = std::function<void(const Reconstruction& model)>;
+
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
@@ -166,6 +172,7 @@ struct MapperInput {
   // Where stages save their results and find those of an earlier run. Not
   // owned; null: nowhere. Models that are extended are not saved.
   StageStore* stage_store = nullptr;
+  ModelObserver observer = {};  // may be null
 };
 
 // Estimates a model for each connected component of the input. A result without

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -37,8 +38,16 @@ struct ReportPageInput {
   std::optional<PoseComparison> other = {};
 };
 
+// Stores a file beside the page.
+using SideFileWriter =
+    std::function<void(const std::string& name, const std::string& content)>;
+
 struct ReportPageOptions {
   size_t max_bytes = 10'000'000;
+  // If set, points that do not fit into the page go to files named
+  // `side_file_stem`.points1.js, ..., which the page loads when asked to.
+  SideFileWriter write_side_file = {};
+  std::string side_file_stem = "report";
 };
 
 // An HTML page that shows a model and the statistics of its run: a
@@ -57,5 +66,23 @@ struct ReportPageOptions {
 [[nodiscard]] std::string MakeReportPage(const ReportPageInput& input,
                                          const ReportPageOptions& options,
                                          const Context& context);
+
+// The same page for a run in progress, without a model. Once per second it asks
+// the server it came from for `state`, a JSON object:
+//
+//   stage, progress   text; share  of the stage that is done, in [0, 1]
+//   elapsed_s         since the start of the run
+//   messages          the last ones, as an array of texts
+//   model_version     changes when there is another `model`
+//   finished          true: the server has the page of the final model in place
+//                     of this one
+//
+// and for `model`, which MakeLiveModel() makes.
+[[nodiscard]] std::string MakeLivePage(const std::string& title);
+
+// The contents of the page of a model as a JSON object.
+[[nodiscard]] std::string MakeLiveModel(const ReportPageInput& input,
+                                        const ReportPageOptions& options,
+                                        const Context& context);
 
 }  // namespace mgsfm

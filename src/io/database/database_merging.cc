@@ -1,16 +1,25 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/database/database_merging.h"
 
+#include <algorithm>
 #include <filesystem>
+#include <functional>
 #include <map>
+#include <optional>
+#include <set>
 #include <system_error>
-#include <vector>
+#include <tuple>
+#include <utility>
 
+#include "base/text.h"
 #include "io/database/database_pair_id.h"
 #include "io/database/database_reader.h"
 #include "io/database/database_rows.h"
+#include "io/database/database_shard.h"
 #include "io/database/feature_keypoints.h"
+#include "io/database/merged_structure.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database/feature_database.h"
 
@@ -19,162 +28,244 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Copies the rows of one database after another.
-class DatabaseCopier {
+constexpr const char* kSeparate =
+    "; these are not the same images: separate them by image_prefix";
+
+// ---------------------------------------------------------------- equality
+
+bool AreEqual(const std::vector<FeatureKeypoint>& a,
+              const std::vector<FeatureKeypoint>& b) {
+  const auto values = [](const FeatureKeypoint& k) {
+    return std::tie(k.x_px, k.y_px, k.a11, k.a12, k.a21, k.a22);
+  };
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [&](const FeatureKeypoint& x, const FeatureKeypoint& y) {
+                      return values(x) == values(y);
+                    });
+}
+
+bool AreEqual(const DescriptorMatrix& a, const DescriptorMatrix& b) {
+  return a.rows() == b.rows() && a.cols() == b.cols() && a == b;
+}
+
+bool AreEqual(const std::vector<Match>& a, const std::vector<Match>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const Match& x, const Match& y) {
+                      return x.keypoint_idx1 == y.keypoint_idx1 &&
+                             x.keypoint_idx2 == y.keypoint_idx2;
+                    });
+}
+
+bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
+  const auto poses_are_equal = [&] {
+    if (!a.cam2_from_cam1 || !b.cam2_from_cam1) {
+      return a.cam2_from_cam1.has_value() == b.cam2_from_cam1.has_value();
+    }
+    return a.cam2_from_cam1->rotation.coeffs() ==
+               b.cam2_from_cam1->rotation.coeffs() &&
+           a.cam2_from_cam1->translation == b.cam2_from_cam1->translation;
+  };
+  return a.config == b.config && a.F == b.F && a.E == b.E && a.H == b.H &&
+         poses_are_equal() && AreEqual(a.matches, b.matches);
+}
+
+bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {
+  return a.coordinate_system == b.coordinate_system &&
+         a.position == b.position && a.covariance == b.covariance;
+}
+
+// ------------------------------------------------------------------- pairs
+
+// Copies matches and two-view geometries. They replace those of the result or,
+// if `must_agree`, must be equal to them.
+class PairCopier {
  public:
-  DatabaseCopier(FeatureDatabase* output, const Context& context)
+  // The new id of an image; nullopt for rows left behind by one that was
+  // deleted.
+  using FindImage = std::function<std::optional<ImageId>(int64_t)>;
+
+  PairCopier(FeatureDatabase* output, const Context& context)
       : output_(*output), context_(context) {}
 
-  void Copy(const std::string& path) {
-    const SqliteSnapshot snapshot(path);
-    database_ = &snapshot.database();
-    camera_ids_.clear();
-    image_ids_.clear();
-    CopyStructure(ReadStructure(*database_, context_));
-    CopyFeatures();
-    CopyMatches();
-    CopyTwoViewGeometries();
-    CopyPriors();
-    snapshot.CheckUnchanged();
+  void Copy(const SqliteDatabase& database, const FindImage& find,
+            bool must_agree) {
+    CopyMatches(database, find, must_agree);
+    CopyTwoViewGeometries(database, find, must_agree);
   }
-
-  DatabaseMergeSummary Finish() {
-    output_.WriteRigsAndFrames(rigs_, frames_);
-    summary_.num_images = path_of_name_.size();
-    summary_.num_rigs = rigs_.size();
-    return summary_;
-  }
+  size_t num_pairs() const { return num_pairs_; }
 
  private:
-  void CopyStructure(const DatabaseContents& contents);
-  void CopyRigs(const DatabaseContents& contents);
-  void CopyFeatures();
-  void CopyMatches();
-  void CopyTwoViewGeometries();
-  void CopyPriors();
-  // The new id; nullptr for rows left behind by an image that was deleted.
-  const ImageId* FindImage(int64_t id) const {
-    const auto found = image_ids_.find(id);
-    return found == image_ids_.end() ? nullptr : &found->second;
+  static std::string NameOf(int64_t id1, int64_t id2) {
+    return "image " + std::to_string(id1) + " and image " + std::to_string(id2);
   }
-  std::string NameOf(int64_t id) const { return "image " + std::to_string(id); }
+  [[noreturn]] static void ThrowDifferent(const SqliteDatabase& database,
+                                          const char* what, int64_t id1,
+                                          int64_t id2) {
+    ThrowDatabaseError(database.path(),
+                       std::string(what) + " of " + NameOf(id1, id2) +
+                           " differs from that of another input; match all "
+                           "shards with the same options, or leave one out");
+  }
+  void CopyMatches(const SqliteDatabase& database, const FindImage& find,
+                   bool must_agree);
+  void CopyTwoViewGeometries(const SqliteDatabase& database,
+                             const FindImage& find, bool must_agree);
 
   FeatureDatabase& output_;
   const Context& context_;
-  const SqliteDatabase* database_ = nullptr;
-  std::map<CameraId, CameraId> camera_ids_;
-  std::map<int64_t, ImageId> image_ids_;
-  std::map<std::string, std::string> path_of_name_;
-  std::vector<RigRow> rigs_;
-  std::vector<FrameRow> frames_;
-  DatabaseMergeSummary summary_;
+  size_t num_pairs_ = 0;
 };
 
-void DatabaseCopier::CopyStructure(const DatabaseContents& contents) {
-  for (const Camera& camera : contents.cameras) {
-    camera_ids_.emplace(camera.id, output_.AddCamera(camera));
-  }
-  for (const ImageRow& image : contents.images) {
-    const auto [other, is_new] =
-        path_of_name_.emplace(image.name, database_->path());
-    if (!is_new) {
-      ThrowDatabaseError(database_->path(),
-                         "has an image '" + image.name + "', as '" +
-                             other->second +
-                             "' has; put the images of one of them into "
-                             "another folder");
-    }
-    image_ids_.emplace(
-        image.id.value(),
-        output_.AddImage(image.name, camera_ids_.at(image.camera_id)));
-  }
-  CopyRigs(contents);
-}
-
-void DatabaseCopier::CopyRigs(const DatabaseContents& contents) {
-  const auto num_rigs = static_cast<uint32_t>(rigs_.size());
-  std::map<RigId, RigId> rig_ids;
-  for (RigRow rig : contents.rigs) {
-    const RigId new_id(num_rigs + static_cast<uint32_t>(rig_ids.size()) + 1);
-    rig_ids.emplace(rig.id, new_id);
-    rig.id = new_id;
-    if (rig.ref_camera_id)
-      rig.ref_camera_id = camera_ids_.at(*rig.ref_camera_id);
-    for (RigSensorRow& sensor : rig.sensors) {
-      sensor.camera_id = camera_ids_.at(sensor.camera_id);
-    }
-    rigs_.push_back(std::move(rig));
-  }
-  for (FrameRow frame : contents.frames) {
-    frame.id = FrameId(static_cast<uint32_t>(frames_.size()) + 1);
-    frame.rig_id = rig_ids.at(frame.rig_id);
-    for (FrameDataRow& data : frame.data) {
-      data.camera_id = camera_ids_.at(data.camera_id);
-      data.image_id = image_ids_.at(data.image_id.value());
-    }
-    frames_.push_back(std::move(frame));
-  }
-}
-
-void DatabaseCopier::CopyFeatures() {
-  SqliteStatement keypoints = database_->Prepare(
-      "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
-  while (keypoints.Step()) {
-    context_.CheckInterrupted();
-    const ImageId* id = FindImage(keypoints.Int(0));
-    if (id == nullptr) continue;
-    output_.WriteKeypoints(
-        *id, MakeFeatureKeypoints(DecodeKeypoints(
-                 keypoints, database_->path(),
-                 "the keypoints of " + NameOf(keypoints.Int(0)))));
-  }
-  if (!database_->HasTable("descriptors")) return;
-  SqliteStatement descriptors = database_->Prepare(
-      "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
-  while (descriptors.Step()) {
-    context_.CheckInterrupted();
-    const ImageId* id = FindImage(descriptors.Int(0));
-    if (id == nullptr) continue;
-    output_.WriteDescriptors(*id,
-                             DecodeDescriptors(descriptors, database_->path(),
-                                               NameOf(descriptors.Int(0))));
-  }
-}
-
-void DatabaseCopier::CopyMatches() {
-  if (!database_->HasTable("matches")) return;
-  SqliteStatement row = database_->Prepare(
+void PairCopier::CopyMatches(const SqliteDatabase& database,
+                             const FindImage& find, bool must_agree) {
+  if (!database.HasTable("matches")) return;
+  SqliteStatement row = database.Prepare(
       "SELECT pair_id, rows, cols, data FROM matches ORDER BY pair_id");
   while (row.Step()) {
     context_.CheckInterrupted();
     const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
-    const ImageId* new_id1 = FindImage(id1);
-    const ImageId* new_id2 = FindImage(id2);
-    if (new_id1 == nullptr || new_id2 == nullptr) continue;
-    output_.WriteMatches(*new_id1, *new_id2,
-                         DecodeMatches(row, database_->path(),
-                                       NameOf(id1) + " and " + NameOf(id2)));
+    const auto new_id1 = find(id1), new_id2 = find(id2);
+    if (!new_id1 || !new_id2) continue;
+    const std::vector<Match> matches =
+        DecodeMatches(row, database.path(), NameOf(id1, id2));
+    if (!must_agree || !output_.HasMatches(*new_id1, *new_id2)) {
+      output_.WriteMatches(*new_id1, *new_id2, matches);
+    } else if (!AreEqual(output_.ReadMatches(*new_id1, *new_id2), matches)) {
+      ThrowDifferent(database, "the list of matches", id1, id2);
+    }
   }
 }
 
-void DatabaseCopier::CopyTwoViewGeometries() {
-  const std::string table = database_->HasTable("two_view_geometries")
+void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
+                                       const FindImage& find, bool must_agree) {
+  const std::string table = database.HasTable("two_view_geometries")
                                 ? "two_view_geometries"
                                 : "inlier_matches";
-  SqliteStatement row = database_->Prepare(
-      TwoViewGeometryQuery(*database_, table) + " ORDER BY pair_id");
+  SqliteStatement row = database.Prepare(TwoViewGeometryQuery(database, table) +
+                                         " ORDER BY pair_id");
   while (row.Step()) {
     context_.CheckInterrupted();
     const int64_t id1 = row.Int(0) / kMaxNumIds, id2 = row.Int(0) % kMaxNumIds;
-    const ImageId* new_id1 = FindImage(id1);
-    const ImageId* new_id2 = FindImage(id2);
-    if (new_id1 == nullptr || new_id2 == nullptr) continue;
+    const auto new_id1 = find(id1), new_id2 = find(id2);
+    if (!new_id1 || !new_id2) continue;
     TwoViewGeometryRow pair{
         *new_id1, *new_id2, TwoViewConfig::kUndefined, {}, {}, {}, {}, {}};
-    DecodeTwoViewGeometry(row, database_->path(),
-                          NameOf(id1) + " and " + NameOf(id2), &pair);
-    output_.WriteTwoViewGeometry(pair);
-    ++summary_.num_pairs;
+    DecodeTwoViewGeometry(row, database.path(), NameOf(id1, id2), &pair);
+    // As it is stored: swapping twice would change the last bits.
+    if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
+    const auto present =
+        must_agree ? output_.ReadTwoViewGeometry(pair.image_id1, pair.image_id2)
+                   : std::nullopt;
+    if (!present) {
+      output_.WriteTwoViewGeometry(pair);
+      ++num_pairs_;
+    } else if (!AreEqual(*present, pair)) {
+      ThrowDifferent(database, "the two-view geometry", id1, id2);
+    }
+  }
+}
+
+// --------------------------------------------------------- whole databases
+
+// Copies the rows of databases whose structures are merged.
+class DatabaseCopier {
+ public:
+  DatabaseCopier(const MergedStructure& structure, FeatureDatabase* output,
+                 const Context& context)
+      : structure_(structure),
+        output_(*output),
+        context_(context),
+        pairs_(output, context) {
+    for (const Camera& camera : structure.cameras) output_.AddCamera(camera);
+    for (const ImageRow& image : structure.images) {
+      output_.AddImage(image.name, image.camera_id);
+    }
+    output_.WriteRigsAndFrames(structure.rigs, structure.frames);
+  }
+
+  void Copy(size_t input, const std::string& path) {
+    const SqliteSnapshot snapshot(path);
+    database_ = &snapshot.database();
+    positions_ = &structure_.image_positions[input];
+    CopyKeypoints();
+    CopyDescriptors();
+    pairs_.Copy(
+        *database_,
+        [&](int64_t id) -> std::optional<ImageId> {
+          const ImageRow* image = Find(id);
+          if (image == nullptr) return std::nullopt;
+          return image->id;
+        },
+        structure_.has_common_images);
+    CopyPriors();
+    snapshot.CheckUnchanged();
+  }
+
+  DatabaseMergeSummary Summary() const {
+    return {structure_.images.size(), pairs_.num_pairs(),
+            structure_.rigs.size()};
+  }
+
+ private:
+  void CopyKeypoints();
+  void CopyDescriptors();
+  void CopyPriors();
+  void WarnOfGravity() const;
+  // nullptr for rows left behind by an image that was deleted.
+  const ImageRow* Find(int64_t id) const {
+    const auto found = positions_->find(id);
+    return found == positions_->end() ? nullptr
+                                      : &structure_.images[found->second];
+  }
+  [[noreturn]] void ThrowDifferent(const char* what,
+                                   const ImageRow& image) const {
+    ThrowDatabaseError(database_->path(),
+                       std::string(what) + " of image '" + image.name +
+                           "' differ from those of another input" + kSeparate);
+  }
+
+  const MergedStructure& structure_;
+  FeatureDatabase& output_;
+  const Context& context_;
+  PairCopier pairs_;
+  const SqliteDatabase* database_ = nullptr;
+  const std::unordered_map<int64_t, size_t>* positions_ = nullptr;
+  std::map<ImageId, PosePriorRow> priors_;  // of images in several inputs
+};
+
+void DatabaseCopier::CopyKeypoints() {
+  SqliteStatement row = database_->Prepare(
+      "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
+  while (row.Step()) {
+    context_.CheckInterrupted();
+    const ImageRow* image = Find(row.Int(0));
+    if (image == nullptr) continue;
+    const std::vector<FeatureKeypoint> keypoints = MakeFeatureKeypoints(
+        DecodeKeypoints(row, database_->path(),
+                        "the keypoints of image '" + image->name + "'"));
+    if (!structure_.has_common_images || !output_.HasKeypoints(image->id)) {
+      output_.WriteKeypoints(image->id, keypoints);
+    } else if (!AreEqual(output_.ReadKeypoints(image->id), keypoints)) {
+      ThrowDifferent("the keypoints", *image);
+    }
+  }
+}
+
+void DatabaseCopier::CopyDescriptors() {
+  if (!database_->HasTable("descriptors")) return;
+  SqliteStatement row = database_->Prepare(
+      "SELECT image_id, rows, cols, data FROM descriptors ORDER BY image_id");
+  while (row.Step()) {
+    context_.CheckInterrupted();
+    const ImageRow* image = Find(row.Int(0));
+    if (image == nullptr) continue;
+    const DescriptorMatrix descriptors = DecodeDescriptors(
+        row, database_->path(), "image '" + image->name + "'");
+    if (!structure_.has_common_images || !output_.HasDescriptors(image->id)) {
+      output_.WriteDescriptors(image->id, descriptors);
+    } else if (!AreEqual(output_.ReadDescriptors(image->id), descriptors)) {
+      ThrowDifferent("the descriptors", *image);
+    }
   }
 }
 
@@ -183,11 +274,21 @@ void DatabaseCopier::CopyPriors() {
   SqliteStatement row = database_->Prepare(PosePriorQuery(*database_));
   while (row.Step()) {
     PosePriorRow prior = DecodePosePrior(row);
-    const ImageId* id = FindImage(prior.image_id.value());
-    if (id == nullptr || !prior.position.allFinite()) continue;
-    prior.image_id = *id;
+    const ImageRow* image = Find(prior.image_id.value());
+    if (image == nullptr || !prior.position.allFinite()) continue;
+    prior.image_id = image->id;
+    if (structure_.has_common_images) {
+      const auto [other, is_new] = priors_.emplace(image->id, prior);
+      if (!is_new && !AreEqual(other->second, prior)) {
+        ThrowDifferent("the position priors", *image);
+      }
+    }
     output_.WritePosePrior(prior);
   }
+  WarnOfGravity();
+}
+
+void DatabaseCopier::WarnOfGravity() const {
   const std::string query = PriorGravityQuery(*database_);
   if (query.empty()) return;
   SqliteStatement gravity = database_->Prepare(query);
@@ -197,6 +298,66 @@ void DatabaseCopier::CopyPriors() {
     context_.Warning("the directions of gravity in '" + database_->path() +
                      "' are not copied; provide them as a file (gravity_path)");
     return;
+  }
+}
+
+// ------------------------------------------------------------------ inputs
+
+struct Input {
+  MergeInput given;
+  std::optional<ShardManifest> manifest;
+
+  bool HasMatchesOnly() const {
+    return manifest && manifest->kind == ShardKind::kMatches;
+  }
+};
+
+std::vector<Input> ReadManifests(const std::vector<MergeInput>& given) {
+  std::vector<Input> inputs;
+  std::map<fs::path, MergeInput> by_file;
+  for (const MergeInput& input : given) {
+    const SqliteSnapshot snapshot(input.path);
+    const auto [other, is_new] =
+        by_file.emplace(fs::canonical(input.path), input);
+    if (!is_new && other->second.prefix == input.prefix &&
+        other->second.vehicle == input.vehicle) {
+      continue;
+    }
+    if (const auto problem = WhyUnusable(input.prefix)) {
+      throw Error("the prefix of images of '" + input.path + "' " + *problem);
+    }
+    inputs.push_back({input, ReadShardManifest(snapshot.database())});
+  }
+  return inputs;
+}
+
+// Throws Error unless all shards of each run are there and complete.
+void CheckShards(const std::vector<Input>& inputs) {
+  using Run = std::tuple<ShardKind, std::string, int, std::string>;
+  std::map<Run, std::map<int, std::string>> paths_of_run;
+  for (const Input& input : inputs) {
+    if (!input.manifest) continue;
+    const ShardManifest& manifest = *input.manifest;
+    if (!manifest.is_complete) {
+      ThrowDatabaseError(input.given.path,
+                         "share " + manifest.share.ToString() +
+                             " is unfinished; run its command again");
+    }
+    paths_of_run[{manifest.kind, manifest.fingerprint, manifest.share.count,
+                  input.given.prefix}]
+        .emplace(manifest.share.number, input.given.path);
+  }
+  for (const auto& [run, path_of_share] : paths_of_run) {
+    const int count = std::get<2>(run);
+    for (int number = 1; number <= count; ++number) {
+      if (path_of_share.count(number) > 0) continue;
+      ThrowDatabaseError(
+          path_of_share.begin()->second,
+          "is one of " + std::to_string(count) + " shards, of which share " +
+              Share{number, count}.ToString() +
+              " with the same images and options is missing; merge all of "
+              "them, made with the same options");
+    }
   }
 }
 
@@ -223,28 +384,130 @@ class PartialFile {
   std::string path_;
 };
 
+DatabaseMergeSummary MergeFeatures(const std::vector<Input>& inputs,
+                                   const std::string& output_path,
+                                   const Context& context) {
+  std::vector<StructureInput> structures;
+  for (const Input& input : inputs) {
+    const SqliteSnapshot snapshot(input.given.path);
+    structures.push_back({input.given.path, input.given.prefix,
+                          input.given.vehicle,
+                          ReadStructure(snapshot.database(), context),
+                          ReadShardCameras(snapshot.database())});
+  }
+  const MergedStructure structure = MergeStructures(structures);
+  if (structure.images.empty()) {
+    throw Error(
+        "there are no images to merge; the extractor gives the reasons");
+  }
+  FeatureDatabase output(output_path, FeatureDatabase::OpenMode::kOrCreate);
+  DatabaseTransaction transaction(&output);
+  DatabaseCopier copier(structure, &output, context);
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    context.ReportProgress("merging", i, inputs.size());
+    copier.Copy(i, inputs[i].given.path);
+  }
+  transaction.Commit();
+  return copier.Summary();
+}
+
+// The one input that is no shard with matches.
+const Input& FindMatched(const std::vector<Input>& inputs) {
+  const Input* matched = nullptr;
+  for (const Input& input : inputs) {
+    if (!input.given.prefix.empty() || !input.given.vehicle.empty()) {
+      throw Error(
+          "shards with matches take neither prefixes nor vehicles; "
+          "set them when the features are merged");
+    }
+    if (input.HasMatchesOnly()) continue;
+    if (matched != nullptr || input.manifest) {
+      ThrowDatabaseError(input.given.path,
+                         "cannot be merged together with shards of matches; "
+                         "merge the features first, and then the matches "
+                         "with that one database");
+    }
+    matched = &input;
+  }
+  if (matched == nullptr) {
+    throw Error(
+        "there are only shards with matches; add the database from "
+        "which they were matched");
+  }
+  return *matched;
+}
+
+void CopyFile(const std::string& from, const std::string& to) {
+  std::error_code error;
+  for (const char* side : {"-wal", "-journal"}) {
+    const auto size = fs::file_size(from + side, error);
+    if (!error && size > 0) {
+      ThrowDatabaseError(from, "has unfinished changes in '" + from + side +
+                                   "'; open it once with its program");
+    }
+  }
+  fs::copy_file(from, to, error);
+  if (error) {
+    ThrowDatabaseError(to, "cannot be written: " + error.message());
+  }
+}
+
+DatabaseMergeSummary MergeMatches(const std::vector<Input>& inputs,
+                                  const std::string& output_path,
+                                  const Context& context) {
+  const std::string& matched_path = FindMatched(inputs).given.path;
+  const FeatureDatabase matched(matched_path,
+                                FeatureDatabase::OpenMode::kReadOnly);
+  const std::string fingerprint = FingerprintOfStructure(matched, context);
+  CopyFile(matched_path, output_path);
+  matched.CheckUnchanged();
+  FeatureDatabase output(output_path, FeatureDatabase::OpenMode::kExisting);
+  DatabaseTransaction transaction(&output);
+  PairCopier copier(&output, context);
+  size_t num_done = 0;
+  std::set<int> copied;  // shares
+  for (const Input& input : inputs) {
+    context.ReportProgress("merging", num_done++, inputs.size());
+    if (!input.HasMatchesOnly()) continue;
+    const std::string& run = input.manifest->fingerprint;
+    if (run.compare(0, fingerprint.size(), fingerprint) != 0) {
+      ThrowDatabaseError(input.given.path,
+                         "was not matched from '" + matched_path +
+                             "' as it is now; match it again");
+    }
+    const SqliteSnapshot snapshot(input.given.path);
+    copier.Copy(
+        snapshot.database(),
+        [](int64_t id) { return ImageId(static_cast<uint32_t>(id)); },
+        !copied.insert(input.manifest->share.number).second);
+    snapshot.CheckUnchanged();
+  }
+  transaction.Commit();
+  const DatabaseContents contents = output.ReadStructure(context);
+  return {contents.images.size(), copier.num_pairs(), contents.rigs.size()};
+}
+
 }  // namespace
 
-DatabaseMergeSummary MergeDatabases(const std::string& path1,
-                                    const std::string& path2,
+DatabaseMergeSummary MergeDatabases(const std::vector<MergeInput>& given,
                                     const std::string& merged_path,
                                     const Context& context) {
   if (fs::exists(merged_path)) {
     ThrowDatabaseError(merged_path, "exists already; choose another name");
   }
+  const std::vector<Input> inputs = ReadManifests(given);
+  CheckShards(inputs);
+  const bool has_match_shards =
+      std::any_of(inputs.begin(), inputs.end(),
+                  [](const Input& input) { return input.HasMatchesOnly(); });
   const PartialFile partial(merged_path);
-  DatabaseMergeSummary summary;
-  {
-    FeatureDatabase output(partial.path(),
-                           FeatureDatabase::OpenMode::kOrCreate);
-    DatabaseTransaction transaction(&output);
-    DatabaseCopier copier(&output, context);
-    copier.Copy(path1);
-    copier.Copy(path2);
-    summary = copier.Finish();
-    transaction.Commit();
-  }
-  fs::rename(partial.path(), merged_path);
+  const DatabaseMergeSummary summary =
+      has_match_shards ? MergeMatches(inputs, partial.path(), context)
+                       : MergeFeatures(inputs, partial.path(), context);
+  // SQLite has synced the file; its name must last, too.
+  FileOperations operations;
+  operations.Rename(partial.path(), merged_path);
+  operations.Sync(fs::absolute(merged_path).parent_path());
   return summary;
 }
 

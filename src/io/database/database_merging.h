@@ -2,10 +2,17 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "mgsfm/base/context.h"
 
 namespace mgsfm {
+
+struct MergeInput {
+  std::string path;
+  std::string prefix = {};   // of its image names in the result
+  std::string vehicle = {};  // inputs of one vehicle share cameras and rigs
+};
 
 struct DatabaseMergeSummary {
   size_t num_images = 0;
@@ -13,15 +20,25 @@ struct DatabaseMergeSummary {
   size_t num_rigs = 0;
 };
 
-// Writes a new database with all rows of two: cameras, images, features,
-// matches, two-view geometries, rigs, frames and position priors. Ids are
-// numbered anew, those of the first database first. Rows are copied one by one,
-// so memory does not grow with features and matches. The inputs are only read.
+// Writes a new database with all rows of the inputs: cameras, images, features,
+// matches, two-view geometries, rigs, frames and position priors. The result is
+// a function of the set of inputs: their order, and one that is named twice, do
+// not matter.
 //
-// Throws Error, naming the image, if both have an image of the same name; if
-// the output exists; and for damaged rows. Then there is no output.
-DatabaseMergeSummary MergeDatabases(const std::string& path1,
-                                    const std::string& path2,
+// Databases and shards with features: ids are numbered anew, images by name and
+// everything else by its first image (merged_structure.h), as feature_extractor
+// numbers them. Images of the same name are one; their rows must be equal.
+//
+// Shards with matches need exactly one other input, the database that they were
+// matched from, whose ids stay as they are.
+//
+// Rows are copied one by one: memory grows with the number of images, not with
+// features and matches. The inputs are only read.
+//
+// Throws Error, naming the image or pair, if inputs contradict each other; if a
+// shard is unfinished, of another run or missing; if the output exists; and for
+// damaged rows. Then there is no output.
+DatabaseMergeSummary MergeDatabases(const std::vector<MergeInput>& inputs,
                                     const std::string& merged_path,
                                     const Context& context);
 

@@ -245,7 +245,12 @@ void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database) {
   SqliteStatement sensor_row =
       database->Prepare("INSERT INTO rig_sensors VALUES (?1, ?2, ?3, ?4)");
   for (const RigRow& rig : rigs) {
-    MGSFM_CHECK(rig.ref_camera_id.has_value());
+    if (!rig.ref_camera_id) {
+      ThrowDatabaseError(database->path(),
+                         "cannot hold rig " + std::to_string(rig.id.value()) +
+                             ", whose reference is no camera" +
+                             kConfigureAgain);
+    }
     rig_row.BindInt(1, rig.id.value());
     rig_row.BindInt(2, rig.ref_camera_id->value());
     rig_row.BindInt(3, kCameraSensorType);

@@ -14,8 +14,10 @@
 #include "io/database/database_reader.h"
 #include "io/database/database_rows.h"
 #include "io/database/database_schema.h"
+#include "io/database/database_shard.h"
 #include "io/database/feature_keypoints.h"
 #include "io/database/sqlite_database.h"
+#include "io/database/sqlite_snapshot.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -70,34 +72,49 @@ SqliteDatabase OpenOrThrow(const std::string& path,
 
 class FeatureDatabase::Impl {
  public:
-  Impl(const std::string& path, OpenMode mode)
-      : database_(OpenOrThrow(path, mode)) {
-    Lock();
-    AddTables();
-    SqliteStatement version = database_.Prepare("PRAGMA user_version");
+  Impl(const std::string& path, OpenMode mode) {
+    if (mode == OpenMode::kReadOnly) {
+      snapshot_.emplace(path);
+    } else {
+      file_.emplace(OpenOrThrow(path, mode));
+      Lock();
+      AddTables();
+    }
+    SqliteStatement version = database().Prepare("PRAGMA user_version");
     version.Step();
     none_is_null_ = version.Int(0) >= kFirstVersionWithNull;
-    descriptors_have_type_ = database_.Columns("descriptors").count("type") > 0;
-    prior_columns_ = database_.Columns("pose_priors");
-    images_have_priors_ = database_.Columns("images").count("prior_tx") > 0;
+    descriptors_have_type_ =
+        database().Columns("descriptors").count("type") > 0;
+    prior_columns_ = database().Columns("pose_priors");
+    images_have_priors_ = database().Columns("images").count("prior_tx") > 0;
   }
 
-  const SqliteDatabase& database() const { return database_; }
-  const std::string& path() const { return database_.path(); }
+  const SqliteDatabase& database() const {
+    return file_ ? *file_ : snapshot_->database();
+  }
+  // Only for databases that are open for writing.
+  SqliteDatabase& file() {
+    MGSFM_CHECK_MSG(file_.has_value(), path());
+    return *file_;
+  }
+  const std::string& path() const { return database().path(); }
+  void CheckUnchanged() const {
+    if (snapshot_) snapshot_->CheckUnchanged();
+  }
 
   void Begin() {
     MGSFM_CHECK(!is_in_transaction_);
-    database_.Execute("BEGIN IMMEDIATE");
+    file().Execute("BEGIN IMMEDIATE");
     is_in_transaction_ = true;
   }
   void Commit() {
-    database_.Execute("COMMIT");
+    file().Execute("COMMIT");
     is_in_transaction_ = false;
   }
   void Rollback() noexcept {
     is_in_transaction_ = false;
     try {
-      database_.Execute("ROLLBACK");
+      file().Execute("ROLLBACK");
     } catch (const Error&) {
       // After some failures, SQLite has rolled back already.
     }
@@ -117,7 +134,7 @@ class FeatureDatabase::Impl {
   }
 
   SqliteStatement Select(const std::string& sql, int64_t id) const {
-    SqliteStatement statement = database_.Prepare(sql);
+    SqliteStatement statement = database().Prepare(sql);
     statement.BindInt(1, id);
     return statement;
   }
@@ -144,22 +161,23 @@ class FeatureDatabase::Impl {
   bool HasPriorColumn(const std::string& column) const {
     return prior_columns_.count(column) > 0;
   }
-  SqliteDatabase* mutable_database() { return &database_; }
 
  private:
   // Holds the lock until the end, so that no other program adds the same rows.
   void Lock() {
-    database_.Execute(kBusyTimeout);
-    database_.Execute("PRAGMA locking_mode = EXCLUSIVE");
-    database_.Execute("PRAGMA foreign_keys = ON");
-    database_.Execute("BEGIN EXCLUSIVE; COMMIT");
+    file().Execute(kBusyTimeout);
+    file().Execute("PRAGMA locking_mode = EXCLUSIVE");
+    file().Execute("PRAGMA foreign_keys = ON");
+    file().Execute("BEGIN EXCLUSIVE; COMMIT");
   }
   bool IsEmpty() const {
-    return !database_.Prepare("SELECT 1 FROM sqlite_master LIMIT 1").Step();
+    return !database().Prepare("SELECT 1 FROM sqlite_master LIMIT 1").Step();
   }
   void AddTables();
 
-  SqliteDatabase database_;
+  // One of them.
+  std::optional<SqliteDatabase> file_;
+  std::optional<SqliteSnapshot> snapshot_;
   bool is_in_transaction_ = false;
   bool none_is_null_ = false;
   bool descriptors_have_type_ = false;
@@ -168,27 +186,26 @@ class FeatureDatabase::Impl {
 };
 
 void FeatureDatabase::Impl::AddTables() {
-  if (!IsEmpty() && !database_.HasTable("images")) {
+  if (!IsEmpty() && !file().HasTable("images")) {
     ThrowDatabaseError(
         path(), "belongs to another program, not to COLMAP; choose a new file");
   }
   for (const char* table : {"cameras", "images", "keypoints", "descriptors",
                             "matches", "two_view_geometries", "pose_priors",
                             "rigs", "rig_sensors", "frames", "frame_data"}) {
-    std::ignore = database_.HasTable(table);  // throws if it is none of COLMAP
+    std::ignore = file().HasTable(table);  // throws if it is none of COLMAP
   }
   InTransaction([&] {
-    if (database_.HasTable("inlier_matches") &&
-        !database_.HasTable("two_view_geometries")) {
-      database_.Execute(
+    if (file().HasTable("inlier_matches") &&
+        !file().HasTable("two_view_geometries")) {
+      file().Execute(
           "ALTER TABLE inlier_matches RENAME TO two_view_geometries");
     }
-    CreateTables(TableLayout::k38And312, &database_);
-    const std::set<std::string> columns =
-        database_.Columns("two_view_geometries");
+    CreateTables(TableLayout::k38And312, &file());
+    const std::set<std::string> columns = file().Columns("two_view_geometries");
     for (const char* column : {"F", "E", "H", "qvec", "tvec"}) {
       if (columns.count(column) > 0) continue;
-      database_.Execute(
+      file().Execute(
           std::string("ALTER TABLE two_view_geometries ADD COLUMN ") + column +
           " BLOB");
     }
@@ -198,8 +215,9 @@ void FeatureDatabase::Impl::AddTables() {
 std::vector<ImageId> FeatureDatabase::Impl::ListImages(
     const std::string& table) const {
   std::vector<ImageId> ids;
-  SqliteStatement row =
-      database_.Prepare("SELECT image_id FROM " + table + " ORDER BY image_id");
+  if (!database().HasTable(table)) return ids;
+  SqliteStatement row = database().Prepare("SELECT image_id FROM " + table +
+                                           " ORDER BY image_id");
   while (row.Step()) ids.emplace_back(static_cast<uint32_t>(row.Int(0)));
   return ids;
 }
@@ -207,12 +225,19 @@ std::vector<ImageId> FeatureDatabase::Impl::ListImages(
 std::vector<PairCount> FeatureDatabase::Impl::ListPairs(
     const std::string& table) const {
   std::vector<PairCount> pairs;
-  SqliteStatement row = database_.Prepare("SELECT pair_id, rows FROM " + table +
-                                          " ORDER BY pair_id");
+  if (!database().HasTable(table)) return pairs;
+  SqliteStatement row = database().Prepare("SELECT pair_id, rows FROM " +
+                                           table + " ORDER BY pair_id");
   while (row.Step()) {
     const int64_t pair_id = row.Int(0);
-    pairs.push_back({ImageId(static_cast<uint32_t>(pair_id / kMaxNumIds)),
-                     ImageId(static_cast<uint32_t>(pair_id % kMaxNumIds)),
+    const int64_t id1 = pair_id / kMaxNumIds, id2 = pair_id % kMaxNumIds;
+    if (pair_id < 0 || id1 >= id2) {
+      ThrowDatabaseError(database().path(),
+                         "has the invalid pair id " + std::to_string(pair_id) +
+                             " in the table " + table + kMatchAgain);
+    }
+    pairs.push_back({ImageId(static_cast<uint32_t>(id1)),
+                     ImageId(static_cast<uint32_t>(id2)),
                      static_cast<size_t>(std::max<int64_t>(0, row.Int(1)))});
   }
   return pairs;
@@ -246,7 +271,7 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   sql += "coordinate_system) VALUES (?2, ";
   sql += HasPriorColumn("position_covariance") ? "?3, " : "";
   sql += is_version4 ? "?1, ?1, ?5, ?6, ?7, ?4)" : "?1, ?4)";
-  SqliteStatement row = database_.Prepare(sql);
+  SqliteStatement row = file().Prepare(sql);
   row.BindInt(1, prior.image_id.value());
   row.BindBlob(2, prior.position.data(), 3 * sizeof(double));
   if (HasPriorColumn("position_covariance")) {
@@ -260,7 +285,7 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   }
   row.Run();
   if (!images_have_priors_) return;
-  SqliteStatement image = database_.Prepare(
+  SqliteStatement image = file().Prepare(
       "UPDATE images SET prior_tx = ?2, prior_ty = ?3, prior_tz = ?4 "
       "WHERE image_id = ?1");
   image.BindInt(1, prior.image_id.value());
@@ -270,20 +295,20 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
 
 uint32_t FeatureDatabase::Impl::AddRow(SqliteStatement* row) {
   row->Run();
-  SqliteStatement last = database_.Prepare("SELECT last_insert_rowid()");
+  SqliteStatement last = file().Prepare("SELECT last_insert_rowid()");
   last.Step();
   return static_cast<uint32_t>(last.Int(0));
 }
 
 int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
-  SqliteStatement rig = database_.Prepare(
+  SqliteStatement rig = file().Prepare(
       "SELECT rig_id FROM rigs WHERE ref_sensor_id = ?1 AND "
       "ref_sensor_type = ?2 UNION SELECT rig_id FROM rig_sensors WHERE "
       "sensor_id = ?1 AND sensor_type = ?2");
   rig.BindInt(1, camera_id.value());
   rig.BindInt(2, kCameraSensorType);
   if (rig.Step()) return rig.Int(0);
-  SqliteStatement row = database_.Prepare(
+  SqliteStatement row = file().Prepare(
       "INSERT INTO rigs (ref_sensor_id, ref_sensor_type) VALUES (?1, ?2)");
   row.BindInt(1, camera_id.value());
   row.BindInt(2, kCameraSensorType);
@@ -292,10 +317,10 @@ int64_t FeatureDatabase::Impl::FindOrAddRig(CameraId camera_id) {
 
 void FeatureDatabase::Impl::AddFrame(ImageId image_id, CameraId camera_id) {
   SqliteStatement row =
-      database_.Prepare("INSERT INTO frames (rig_id) VALUES (?1)");
+      file().Prepare("INSERT INTO frames (rig_id) VALUES (?1)");
   row.BindInt(1, FindOrAddRig(camera_id));
   const uint32_t frame_id = AddRow(&row);
-  SqliteStatement data = database_.Prepare(
+  SqliteStatement data = file().Prepare(
       "INSERT INTO frame_data (frame_id, data_id, sensor_id, sensor_type) "
       "VALUES (?1, ?2, ?3, ?4)");
   data.BindInt(1, frame_id);
@@ -308,10 +333,10 @@ void FeatureDatabase::Impl::AddFrame(ImageId image_id, CameraId camera_id) {
 void FeatureDatabase::Impl::ReplaceRigsAndFrames(
     const std::vector<RigRow>& rigs, const std::vector<FrameRow>& frames) {
   for (const char* table : {"frame_data", "frames", "rig_sensors", "rigs"}) {
-    database_.Execute(std::string("DELETE FROM ") + table);
+    file().Execute(std::string("DELETE FROM ") + table);
   }
-  WriteRigRows(rigs, &database_);
-  WriteFrameRows(frames, &database_);
+  WriteRigRows(rigs, &file());
+  WriteFrameRows(frames, &file());
 }
 
 // -------------------------------------------------------------- reading
@@ -324,6 +349,8 @@ FeatureDatabase& FeatureDatabase::operator=(FeatureDatabase&&) noexcept =
     default;
 
 const std::string& FeatureDatabase::path() const { return impl_->path(); }
+
+void FeatureDatabase::CheckUnchanged() const { impl_->CheckUnchanged(); }
 
 DatabaseContents FeatureDatabase::ReadStructure(const Context& context) const {
   return mgsfm::ReadStructure(impl_->database(), context);
@@ -353,6 +380,18 @@ std::vector<ImageId> FeatureDatabase::ImagesWithKeypoints() const {
 
 std::vector<ImageId> FeatureDatabase::ImagesWithDescriptors() const {
   return impl_->ListImages("descriptors");
+}
+
+std::vector<std::pair<ImageId, size_t>> FeatureDatabase::CountKeypoints()
+    const {
+  std::vector<std::pair<ImageId, size_t>> counts;
+  SqliteStatement row = impl_->database().Prepare(
+      "SELECT image_id, rows FROM keypoints ORDER BY image_id");
+  while (row.Step()) {
+    counts.emplace_back(static_cast<uint32_t>(row.Int(0)),
+                        static_cast<size_t>(std::max<int64_t>(0, row.Int(1))));
+  }
+  return counts;
 }
 
 std::vector<PairCount> FeatureDatabase::CountMatches() const {
@@ -419,6 +458,7 @@ std::optional<TwoViewGeometryRow> FeatureDatabase::ReadTwoViewGeometry(
 
 std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
   std::vector<PosePriorRow> priors;
+  if (!impl_->database().HasTable("pose_priors")) return priors;
   SqliteStatement row =
       impl_->database().Prepare(PosePriorQuery(impl_->database()));
   while (row.Step()) {
@@ -431,7 +471,7 @@ std::vector<PosePriorRow> FeatureDatabase::ReadPosePriors() const {
 // -------------------------------------------------------------- writing
 
 CameraId FeatureDatabase::AddCamera(const Camera& camera) {
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "INSERT INTO cameras (model, width, height, params, prior_focal_length) "
       "VALUES (?1, ?2, ?3, ?4, ?5)");
   BindCamera(camera, &row);
@@ -439,7 +479,7 @@ CameraId FeatureDatabase::AddCamera(const Camera& camera) {
 }
 
 void FeatureDatabase::UpdateCamera(const Camera& camera) {
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "UPDATE cameras SET model = ?1, width = ?2, height = ?3, params = ?4, "
       "prior_focal_length = ?5 WHERE camera_id = ?6");
   BindCamera(camera, &row);
@@ -448,7 +488,7 @@ void FeatureDatabase::UpdateCamera(const Camera& camera) {
 }
 
 ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id) {
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "INSERT INTO images (name, camera_id) VALUES (?1, ?2)");
   row.BindText(1, name);
   row.BindInt(2, camera_id.value());
@@ -456,7 +496,7 @@ ImageId FeatureDatabase::AddImage(const std::string& name, CameraId camera_id) {
 }
 
 void FeatureDatabase::SetImageCamera(ImageId image_id, CameraId camera_id) {
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "UPDATE images SET camera_id = ?2 WHERE image_id = ?1");
   row.BindInt(1, image_id.value());
   row.BindInt(2, camera_id.value());
@@ -467,7 +507,7 @@ void FeatureDatabase::WriteKeypoints(
     ImageId image_id, const std::vector<FeatureKeypoint>& keypoints) {
   static_assert(sizeof(FeatureKeypoint) == 6 * sizeof(float),
                 "as in the database");
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "INSERT OR REPLACE INTO keypoints (image_id, rows, cols, data) "
       "VALUES (?1, ?2, 6, ?3)");
   row.BindInt(1, image_id.value());
@@ -481,7 +521,7 @@ void FeatureDatabase::WriteDescriptors(ImageId image_id,
   // Types of COLMAP 4.
   constexpr int kUndefined = -1;
   constexpr int kSift = 0;
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       impl_->descriptors_have_type()
           ? "INSERT OR REPLACE INTO descriptors "
             "(image_id, rows, cols, data, type) VALUES (?1, ?2, ?3, ?4, ?5)"
@@ -506,7 +546,7 @@ void FeatureDatabase::WriteMatches(ImageId image_id1, ImageId image_id2,
   const std::vector<Match> swapped = image_id2 < image_id1
                                          ? WithColumnsSwapped(matches)
                                          : std::vector<Match>();
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "INSERT OR REPLACE INTO matches (pair_id, rows, cols, data) "
       "VALUES (?1, ?2, 2, ?3)");
   BindMatches(PairIdOf(image_id1, image_id2),
@@ -515,7 +555,7 @@ void FeatureDatabase::WriteMatches(ImageId image_id1, ImageId image_id2,
 }
 
 void FeatureDatabase::WriteTwoViewGeometry(const TwoViewGeometryRow& pair) {
-  SqliteStatement row = impl_->database().Prepare(
+  SqliteStatement row = impl_->file().Prepare(
       "INSERT OR REPLACE INTO two_view_geometries "
       "(pair_id, rows, cols, data, config, F, E, H, qvec, tvec) "
       "VALUES (?1, ?2, 2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)");
@@ -537,12 +577,29 @@ void FeatureDatabase::WriteRigsAndFrames(const std::vector<RigRow>& rigs,
   impl_->InTransaction([&] { impl_->ReplaceRigsAndFrames(rigs, frames); });
 }
 
+std::optional<ShardManifest> FeatureDatabase::ReadShard() const {
+  return ReadShardManifest(impl_->database());
+}
+
+void FeatureDatabase::WriteShard(const ShardManifest& manifest) {
+  impl_->InTransaction([&] { WriteShardManifest(manifest, &impl_->file()); });
+}
+
+std::map<CameraId, std::string> FeatureDatabase::ReadShardCameras() const {
+  return mgsfm::ReadShardCameras(impl_->database());
+}
+
+void FeatureDatabase::WriteShardCamera(CameraId camera_id,
+                                       const std::string& image_name) {
+  mgsfm::WriteShardCamera(camera_id, image_name, &impl_->file());
+}
+
 void FeatureDatabase::DeleteMatches() {
-  impl_->mutable_database()->Execute("DELETE FROM matches");
+  impl_->file().Execute("DELETE FROM matches");
 }
 
 void FeatureDatabase::DeleteTwoViewGeometries() {
-  impl_->mutable_database()->Execute("DELETE FROM two_view_geometries");
+  impl_->file().Execute("DELETE FROM two_view_geometries");
 }
 
 DatabaseTransaction::DatabaseTransaction(FeatureDatabase* database)

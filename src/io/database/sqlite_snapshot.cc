@@ -100,7 +100,12 @@ bool SqliteSnapshot::FileState::operator==(const FileState& other) const {
 SqliteSnapshot::FileState SqliteSnapshot::StateOf(const std::string& file) {
   struct stat status;
   if (stat(file.c_str(), &status) != 0) return {};
-  return {status.st_size, status.st_mtim.tv_sec, status.st_mtim.tv_nsec};
+#ifdef __APPLE__
+  const timespec& changed = status.st_mtimespec;
+#else
+  const timespec& changed = status.st_mtim;
+#endif
+  return {status.st_size, changed.tv_sec, changed.tv_nsec};
 }
 
 std::vector<SqliteSnapshot::FileState> SqliteSnapshot::States() const {

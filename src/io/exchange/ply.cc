@@ -1,25 +1,194 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <string>
+#include "io/exchange/ply.h"
 
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <sstream>
+
+#include "base/file_reading.h"
+#include "base/text.h"
 #include "io/exchange/formats.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct PlyHeader {
+  bool is_text = false;
+  uint64_t num_vertices = 0;
+  std::vector<std::string> names, types;  // of the properties of a vertex
+  size_t size = 0;                        // bytes
+};
+
+[[noreturn]] void Throw(const fs::path& path, const std::string& problem) {
+  throw Error("'" + path.string() + "' " + problem +
+              "; write the points again as x y z red green blue, ASCII or "
+              "binary little-endian");
+}
+
+bool SkipsWord(const std::string& word, std::istringstream* words) {
+  std::string next;
+  return *words >> next && next == word;
+}
+
+PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
+  PlyHeader header;
+  std::istringstream lines(file);
+  std::string line, word;
+  bool is_in_vertex = false;
+  for (int number = 1; std::getline(lines, line); ++number) {
+    std::istringstream words(line);
+    if (number == 1 && !SkipsWord("ply", &words)) break;
+    words >> word;
+    if (word == "format") {
+      words >> word;
+      header.is_text = word == "ascii";
+      if (!header.is_text && word != "binary_little_endian") break;
+    } else if (word == "element") {
+      words >> word;
+      if (!is_in_vertex && word != "vertex") break;
+      is_in_vertex = word == "vertex";
+      if (is_in_vertex) words >> header.num_vertices;
+    } else if (word == "property" && is_in_vertex) {
+      header.types.emplace_back();
+      header.names.emplace_back();
+      words >> header.types.back() >> header.names.back();
+    } else if (word == "end_header") {
+      header.size =
+          lines.eof() ? file.size() : static_cast<size_t>(lines.tellg());
+      return header;
+    }
+  }
+  Throw(path, "is no PLY file of points");
+}
+
+template <class T>
+double Decode(const char* bytes) {
+  T value;
+  std::memcpy(&value, bytes, sizeof(T));
+  return static_cast<double>(value);
+}
+
+// Types of PLY, with both of their names.
+struct PlyType {
+  const char* name;
+  const char* other_name;
+  size_t size;
+  double (*decode)(const char* bytes);
+};
+
+constexpr PlyType kTypes[] = {
+    {"char", "int8", 1, Decode<int8_t>},
+    {"uchar", "uint8", 1, Decode<uint8_t>},
+    {"short", "int16", 2, Decode<int16_t>},
+    {"ushort", "uint16", 2, Decode<uint16_t>},
+    {"int", "int32", 4, Decode<int32_t>},
+    {"uint", "uint32", 4, Decode<uint32_t>},
+    {"float", "float32", 4, Decode<float>},
+    {"double", "float64", 8, Decode<double>},
+};
+
+const PlyType& FindType(const std::string& name, const fs::path& path) {
+  for (const PlyType& type : kTypes) {
+    if (name == type.name || name == type.other_name) return type;
+  }
+  Throw(path, "has a property of the type '" + Printable(name) + "'");
+}
+
+void SetProperty(const std::string& name, double value, ImportedPoint* point) {
+  constexpr std::string_view kAxes[] = {"x", "y", "z"};
+  constexpr std::string_view kColors[] = {"red", "green", "blue"};
+  for (int k = 0; k < 3; ++k) {
+    if (name == kAxes[k]) point->point_in_world[k] = value;
+    if (name == kColors[k] && value >= 0.0 && value <= 255.0) {
+      point->color[k] = static_cast<uint8_t>(value);
+    }
+  }
+}
+
+// The values of a vertex, one after another.
+class VertexReader {
+ public:
+  VertexReader(const std::string& file, const PlyHeader& header,
+               const fs::path& path)
+      : header_(header),
+        path_(path),
+        bytes_(file.data() + header.size),
+        num_bytes_(file.size() - header.size) {
+    if (header.is_text) {
+      words_.str(file.substr(header.size));
+    } else {
+      for (const std::string& type : header.types) {
+        types_.push_back(&FindType(type, path));
+      }
+    }
+  }
+
+  double Next(size_t property) {
+    if (header_.is_text) {
+      std::string word;
+      words_ >> word;
+      const std::optional<double> value = ParseDouble(word);
+      if (!value) Throw(path_, "is truncated or has a word that is no number");
+      return *value;
+    }
+    const PlyType& type = *types_[property];
+    if (num_bytes_ < type.size) Throw(path_, "is truncated");
+    const double value = type.decode(bytes_);
+    bytes_ += type.size;
+    num_bytes_ -= type.size;
+    return value;
+  }
+
+ private:
+  const PlyHeader& header_;
+  const fs::path& path_;
+  const char* bytes_;
+  size_t num_bytes_;
+  std::istringstream words_;
+  std::vector<const PlyType*> types_;
+};
+
+}  // namespace
 
 // Little-endian, as on every machine that Debian's COLMAP runs on.
-std::vector<ExportedFile> WritePly(const ExportInput& input) {
+std::string PointsToPly(const Reconstruction& model) {
   std::string text =
       "ply\nformat binary_little_endian 1.0\nelement vertex " +
-      std::to_string(input.model.points.size()) +
+      std::to_string(model.points.size()) +
       "\nproperty float x\nproperty float y\nproperty float z\n"
       "property uchar red\nproperty uchar green\nproperty uchar blue\n"
       "end_header\n";
-  for (const Point3D& point : input.model.points) {
+  for (const Point3D& point : model.points) {
     const Eigen::Vector3f position = point.point_in_world.cast<float>();
     text.append(reinterpret_cast<const char*>(position.data()),
                 3 * sizeof(float));
     text.append(reinterpret_cast<const char*>(point.color.data()), 3);
   }
-  return {{"", std::move(text)}};
+  return text;
+}
+
+std::vector<ExportedFile> WritePly(const ExportInput& input) {
+  return {{"", PointsToPly(input.model)}};
+}
+
+std::vector<ImportedPoint> ReadPly(const fs::path& path) {
+  const std::string file = ReadFile(path);
+  const PlyHeader header = ReadHeader(file, path);
+  VertexReader values(file, header, path);
+  std::vector<ImportedPoint> points;
+  for (uint64_t i = 0; i < header.num_vertices; ++i) {
+    ImportedPoint point;
+    for (size_t k = 0; k < header.names.size(); ++k) {
+      SetProperty(header.names[k], values.Next(k), &point);
+    }
+    points.push_back(std::move(point));
+    if (header.names.empty()) Throw(path, "has points without coordinates");
+  }
+  return points;
 }
 
 }  // namespace mgsfm

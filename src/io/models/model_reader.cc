@@ -157,6 +157,26 @@ std::vector<ModelFrame> ReadFrames(File file) {
   return frames;
 }
 
+uint64_t NumberOf(uint64_t id) { return id; }
+template <class Id>
+uint64_t NumberOf(Id id) {
+  return id.value();
+}
+
+template <class Item>
+void CheckIdsDiffer(const fs::path& folder, const std::string& kind,
+                    const std::vector<Item>& items) {
+  std::vector<uint64_t> ids;
+  ids.reserve(items.size());
+  for (const Item& item : items) ids.push_back(NumberOf(item.id));
+  std::sort(ids.begin(), ids.end());
+  const auto twice = std::adjacent_find(ids.begin(), ids.end());
+  if (twice == ids.end()) return;
+  throw Error("the model in '" + folder.string() + "' has " + kind + " " +
+              std::to_string(*twice) +
+              " twice; write the model again with the program that made it");
+}
+
 template <class File>
 Model ReadFiles(const fs::path& folder, bool poses_only) {
   const auto exists = [&](const std::string& stem) {
@@ -173,6 +193,11 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
     model.cameras = ReadCameras(File(folder, "cameras"));
     model.points = ReadPoints(File(folder, "points3D"));
   }
+  CheckIdsDiffer(folder, "image", model.poses.images);
+  CheckIdsDiffer(folder, "rig", model.poses.rigs);
+  CheckIdsDiffer(folder, "frame", model.poses.frames);
+  CheckIdsDiffer(folder, "camera", model.cameras);
+  CheckIdsDiffer(folder, "point", model.points);
   return model;
 }
 
@@ -206,13 +231,26 @@ void CheckCameras(const fs::path& folder, const Model& model) {
   }
 }
 
-// Each observation is of a keypoint that refers to its point, and there are no
-// other references.
+[[noreturn]] void ThrowBadTrack(const fs::path& folder,
+                                const std::string& problem) {
+  throw Error("the model in '" + folder.string() +
+              "' is inconsistent: " + problem);
+}
+
+std::string Name(const ModelObservation& o) {
+  return "keypoint " + std::to_string(o.keypoint_idx) + " of image " +
+         std::to_string(o.image_id.value());
+}
+
+// Each observation is of a keypoint that refers to its point, each keypoint is
+// observed once, and there are no other references.
 void CheckTracks(const fs::path& folder, const Model& model) {
   std::map<ImageId, size_t> position_of_image;
+  std::vector<std::vector<bool>> is_observed;
   size_t num_references = 0;
   for (size_t i = 0; i < model.poses.images.size(); ++i) {
     position_of_image[model.poses.images[i].id] = i;
+    is_observed.emplace_back(model.keypoints[i].size(), false);
     for (const ModelKeypoint& keypoint : model.keypoints[i]) {
       num_references += keypoint.point_id.has_value() ? 1 : 0;
     }
@@ -224,19 +262,22 @@ void CheckTracks(const fs::path& folder, const Model& model) {
       if (it == position_of_image.end() ||
           o.keypoint_idx >= model.keypoints[it->second].size() ||
           model.keypoints[it->second][o.keypoint_idx].point_id != point.id) {
-        throw Error("the model in '" + folder.string() +
-                    "' is inconsistent: no keypoint " +
-                    std::to_string(o.keypoint_idx) + " of image " +
-                    std::to_string(o.image_id.value()) + " refers to point " +
-                    std::to_string(point.id) + ", which it observes");
+        ThrowBadTrack(folder, "no " + Name(o) + " refers to point " +
+                                  std::to_string(point.id) +
+                                  ", which it observes");
       }
+      if (is_observed[it->second][o.keypoint_idx]) {
+        ThrowBadTrack(folder, "the track of point " + std::to_string(point.id) +
+                                  " has " + Name(o) + " twice");
+      }
+      is_observed[it->second][o.keypoint_idx] = true;
       ++num_observations;
     }
   }
   if (num_observations != num_references) {
-    throw Error("the model in '" + folder.string() +
-                "' is inconsistent: keypoints refer to points that do not "
-                "have them in their tracks");
+    ThrowBadTrack(folder,
+                  "keypoints refer to points that do not have them in their "
+                  "tracks");
   }
 }
 

@@ -121,6 +121,36 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   return contents;
 }
 
+// ------------------------------------------------------------------- frames
+
+// Poses that are computed from those of images differ from the ones that the
+// model has for its frames by rounding. The latter are kept, so that a model
+// which is written again stays the same.
+void KeepFramePoses(const PoseModel& poses, const Scene& scene,
+                    std::vector<std::optional<Rigid3>>* rig_from_world) {
+  constexpr double kMaxRounding = 1e-12;
+  std::map<ImageId, const Rigid3*> pose_of_image;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      pose_of_image[id] = &frame.rig_from_world;
+    }
+  }
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    std::optional<Rigid3>& pose = (*rig_from_world)[f];
+    const int image_idx = scene.frames[f].image_idxs.front();
+    const auto kept = pose_of_image.find(scene.images[image_idx].id);
+    if (!pose || kept == pose_of_image.end()) continue;
+    const Rigid3& of_model = *kept->second;
+    const double angle =
+        (pose->rotation.coeffs() - of_model.rotation.coeffs()).norm();
+    const double distance = (pose->translation - of_model.translation).norm();
+    if (angle < kMaxRounding &&
+        distance < kMaxRounding * (1.0 + pose->translation.norm())) {
+      pose = of_model;
+    }
+  }
+}
+
 // ------------------------------------------------------------------- points
 
 std::vector<Point3D> MakePoints(const Model& model) {
@@ -177,6 +207,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
   poses.EstimateSensors(&reconstruction.sensor_from_rig);
   reconstruction.rig_from_world =
       poses.PlaceFrames(reconstruction.sensor_from_rig);
+  KeepFramePoses(model.poses, scene, &reconstruction.rig_from_world);
   reconstruction.points = MakePoints(model);
   return result;
 }

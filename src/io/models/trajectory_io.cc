@@ -2,6 +2,7 @@
 #include "mgsfm/io/models/trajectory_io.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <sstream>
@@ -37,6 +38,15 @@ std::vector<double> ParseNumbers(const std::string& text) {
               ": expected " + expected);
 }
 
+// nullopt unless the quaternion has unit length.
+std::optional<Rigid3> CamFromWorld(const Eigen::Vector3d& center,
+                                   const Eigen::Quaterniond& world_from_cam) {
+  if (!(std::abs(world_from_cam.norm() - 1.0) < kQuaternionTolerance)) {
+    return std::nullopt;
+  }
+  return Rigid3{world_from_cam.normalized(), center}.Inverse();
+}
+
 bool IsBlank(const std::string& line) {
   return line.find_first_not_of(" \t\r") == std::string::npos;
 }
@@ -70,17 +80,33 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
   for (int line_number = 1; std::getline(file, line); ++line_number) {
     if (IsBlank(line) || line[0] == '#') continue;
     const std::vector<double> n = ParseNumbers(line);
-    const double norm =
-        n.size() == 8
-            ? std::sqrt(n[4] * n[4] + n[5] * n[5] + n[6] * n[6] + n[7] * n[7])
-            : 0.0;
-    if (!(std::abs(norm - 1.0) < kQuaternionTolerance)) {
-      ThrowBadLine(path, line_number, "timestamp tx ty tz qx qy qz qw");
+    std::optional<Rigid3> pose;
+    if (n.size() == 8) {
+      pose = CamFromWorld({n[1], n[2], n[3]}, {n[7], n[4], n[5], n[6]});
     }
-    const Rigid3 world_from_cam{
-        Eigen::Quaterniond(n[7], n[4], n[5], n[6]).normalized(),
-        {n[1], n[2], n[3]}};
-    poses.push_back({n[0], world_from_cam.Inverse()});
+    if (!pose)
+      ThrowBadLine(path, line_number, "timestamp tx ty tz qx qy qz qw");
+    poses.push_back({n[0], *pose});
+  }
+  return poses;
+}
+
+std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
+  std::istringstream file(ReadFile(path));
+  std::vector<TimedPose> poses;
+  std::string line;
+  for (int line_number = 1; std::getline(file, line); ++line_number) {
+    if (IsBlank(line) || line[0] == '#') continue;
+    std::replace(line.begin(), line.end(), ',', ' ');
+    const std::vector<double> n = ParseNumbers(line);
+    std::optional<Rigid3> pose;
+    if (n.size() >= 8) {
+      pose = CamFromWorld({n[1], n[2], n[3]}, {n[4], n[5], n[6], n[7]});
+    }
+    if (!pose) {
+      ThrowBadLine(path, line_number, "timestamp [ns],px,py,pz,qw,qx,qy,qz");
+    }
+    poses.push_back({1e-9 * n[0], *pose});
   }
   return poses;
 }

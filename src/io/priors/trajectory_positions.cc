@@ -16,7 +16,7 @@
 namespace mgsfm {
 namespace {
 
-using Positions = std::vector<std::pair<int, Eigen::Vector3d>>;
+using Poses = std::vector<std::pair<int, Rigid3>>;
 
 constexpr double kMaxGapRatio = 10.0;
 
@@ -28,7 +28,7 @@ int MainImage(const Scene& scene, const Frame& frame) {
   return frame.image_idxs.front();
 }
 
-Positions PositionsByFrame(const Scene& scene, const std::string& path) {
+Poses PosesByFrame(const Scene& scene, const std::string& path) {
   const std::vector<Rigid3> poses = ReadKittiPoses(path);
   if (poses.size() != scene.frames.size()) {
     throw Error("'" + path + "' has " + std::to_string(poses.size()) +
@@ -40,12 +40,11 @@ Positions PositionsByFrame(const Scene& scene, const std::string& path) {
   std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
     return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
   });
-  Positions positions;
+  Poses of_frames;
   for (size_t i = 0; i < order.size(); ++i) {
-    positions.emplace_back(MainImage(scene, scene.frames[order[i]]),
-                           poses[i].Center());
+    of_frames.emplace_back(order[i], poses[i]);
   }
-  return positions;
+  return of_frames;
 }
 
 double TimeOf(const Image& image, const std::string& path) {
@@ -68,44 +67,46 @@ double MedianInterval(const std::vector<TimedPose>& poses) {
   return *middle;
 }
 
-// The position at a time; nullopt outside the trajectory and in its gaps.
-std::optional<Eigen::Vector3d> Interpolate(const std::vector<TimedPose>& poses,
-                                           double max_gap_s, double time_s) {
+// The pose at a time; nullopt outside the trajectory and in its gaps.
+std::optional<Rigid3> Interpolate(const std::vector<TimedPose>& poses,
+                                  double max_gap_s, double time_s) {
   const auto after = std::lower_bound(
       poses.begin(), poses.end(), time_s,
       [](const TimedPose& pose, double t) { return pose.timestamp_s < t; });
   if (after == poses.end()) return std::nullopt;
-  const Eigen::Vector3d position = after->cam_from_world.Center();
-  if (after->timestamp_s == time_s) return position;
+  if (after->timestamp_s == time_s) return after->cam_from_world;
   if (after == poses.begin()) return std::nullopt;
   const auto before = std::prev(after);
   const double gap_s = after->timestamp_s - before->timestamp_s;
   if (gap_s > max_gap_s) return std::nullopt;
   const double share = (time_s - before->timestamp_s) / gap_s;
-  return (1.0 - share) * before->cam_from_world.Center() + share * position;
+  return Rigid3::FromRotationAndCenter(
+      before->cam_from_world.rotation.slerp(share,
+                                            after->cam_from_world.rotation),
+      (1.0 - share) * before->cam_from_world.Center() +
+          share * after->cam_from_world.Center());
 }
 
-Positions PositionsByTime(const Scene& scene, const std::string& path) {
-  std::vector<TimedPose> poses = ReadTumPoses(path);
+Poses PosesByTime(const Scene& scene, const std::string& path,
+                  std::vector<TimedPose> poses) {
   std::stable_sort(poses.begin(), poses.end(),
                    [](const TimedPose& a, const TimedPose& b) {
                      return a.timestamp_s < b.timestamp_s;
                    });
   const double max_gap_s =
       poses.size() < 2 ? 0.0 : kMaxGapRatio * MedianInterval(poses);
-  Positions positions;
-  for (const Frame& frame : scene.frames) {
-    const int image_idx = MainImage(scene, frame);
-    const auto position =
-        Interpolate(poses, max_gap_s, TimeOf(scene.images[image_idx], path));
-    if (position) positions.emplace_back(image_idx, *position);
+  Poses of_frames;
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    const Image& image = scene.images[MainImage(scene, scene.frames[i])];
+    const auto pose = Interpolate(poses, max_gap_s, TimeOf(image, path));
+    if (pose) of_frames.emplace_back(static_cast<int>(i), *pose);
   }
-  if (positions.empty()) {
+  if (of_frames.empty()) {
     throw Error("'" + path +
                 "' has no pose at the time of any image; give both on one "
                 "clock, for instance with image_timestamps_path");
   }
-  return positions;
+  return of_frames;
 }
 
 }  // namespace
@@ -130,10 +131,24 @@ PositionFileFormat DetectPositionFormat(const std::string& path) {
   return PositionFileFormat::kNamed;
 }
 
-Positions ReadTrajectoryPositions(const Scene& scene, const std::string& path,
-                                  PositionFileFormat format) {
-  return format == PositionFileFormat::kKitti ? PositionsByFrame(scene, path)
-                                              : PositionsByTime(scene, path);
+Poses ReadTrajectoryPoses(const Scene& scene, const std::string& path,
+                          PositionFileFormat format) {
+  MGSFM_CHECK(format != PositionFileFormat::kNamed);
+  if (format == PositionFileFormat::kKitti) return PosesByFrame(scene, path);
+  return PosesByTime(scene, path,
+                     format == PositionFileFormat::kTum ? ReadTumPoses(path)
+                                                        : ReadEurocPoses(path));
+}
+
+std::vector<std::pair<int, Eigen::Vector3d>> ReadTrajectoryPositions(
+    const Scene& scene, const std::string& path, PositionFileFormat format) {
+  std::vector<std::pair<int, Eigen::Vector3d>> positions;
+  for (const auto& [frame_idx, pose] :
+       ReadTrajectoryPoses(scene, path, format)) {
+    positions.emplace_back(MainImage(scene, scene.frames[frame_idx]),
+                           pose.Center());
+  }
+  return positions;
 }
 
 }  // namespace mgsfm

@@ -3,14 +3,17 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/ids.h"
 #include "mgsfm/io/database/database.h"
+#include "mgsfm/io/database/shard.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -80,6 +83,9 @@ class FeatureDatabase {
   enum class OpenMode {
     kExisting,  // Error if there is no file
     kOrCreate,
+    // Without locks: any number of processes may read at the same time, and
+    // none may write. Functions that write throw ContractError.
+    kReadOnly,
   };
   FeatureDatabase(const std::string& path, OpenMode mode);
   ~FeatureDatabase();
@@ -87,6 +93,8 @@ class FeatureDatabase {
   FeatureDatabase& operator=(FeatureDatabase&&) noexcept;
 
   const std::string& path() const;
+  // Throws Error if a database that is open kReadOnly was written since.
+  void CheckUnchanged() const;
 
   // ------------------------------------------------------------ reading
 
@@ -103,6 +111,7 @@ class FeatureDatabase {
   // All images and pairs that have a row, sorted.
   std::vector<ImageId> ImagesWithKeypoints() const;
   std::vector<ImageId> ImagesWithDescriptors() const;
+  std::vector<std::pair<ImageId, size_t>> CountKeypoints() const;
   std::vector<PairCount> CountMatches() const;
   std::vector<PairCount> CountInlierMatches() const;  // of two-view geometries
 
@@ -143,6 +152,17 @@ class FeatureDatabase {
   // Replace all rigs and all frames.
   void WriteRigsAndFrames(const std::vector<RigRow>& rigs,
                           const std::vector<FrameRow>& frames);
+
+  // ------------------------------------------------------------- shards
+
+  // nullopt if the database is no shard.
+  std::optional<ShardManifest> ReadShard() const;
+  void WriteShard(const ShardManifest& manifest);
+  // The first image of each camera that an image of another share defines.
+  std::map<CameraId, std::string> ReadShardCameras() const;
+  void WriteShardCamera(CameraId camera_id, const std::string& image_name);
+
+  // ------------------------------------------------------------ removing
 
   // Remove all rows, e.g. to match or verify again with other options.
   void DeleteMatches();

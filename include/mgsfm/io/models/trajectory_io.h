@@ -23,6 +23,10 @@ struct TimedPose {
 // that begin with '#' are comments.
 std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path);
 
+// EuRoC: `timestamp,px,py,pz,qw,qx,qy,qz` in each line, the time in ns; further
+// columns, as in its ground truth, are ignored.
+std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path);
+
 // KITTI's calib.txt: a 3x4 projection matrix K [I | t] in each line, after an
 // optional name such as "P1:". Returns cam_k_from_cam0 in order of the lines;
 // lines without exactly 12 numbers are skipped.

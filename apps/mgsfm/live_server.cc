@@ -1,0 +1,327 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "live_server.h"
+
+#include <arpa/inet.h>
+#include <microhttpd.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <condition_variable>
+#include <cstring>
+#include <exception>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "live_request.h"
+#include "mgsfm/base/error.h"
+#include "mgsfm/base/timer.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr unsigned kMaxConnections = 64;
+// Browsers send the cookies of all programs that served this address.
+constexpr size_t kMaxRequestBytes = 32768;
+constexpr double kMaxRequest_s = 5.0;
+constexpr double kMaxConnection_s = 60.0;
+// The time that an incomplete request may take if others wait.
+constexpr double kMinRequest_s = 1.0;
+constexpr int kPollMilliseconds = 50;
+// Between rounds of the loop, so that a flood of requests cannot occupy a core.
+constexpr std::chrono::milliseconds kPause(2);
+// The page asks every second.
+constexpr double kReaderMemory_s = 3.0;
+
+// An open socket.
+class Socket {
+ public:
+  explicit Socket(int fd) : fd_(fd) {}
+  ~Socket() {
+    if (fd_ >= 0) close(fd_);
+  }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+
+  int fd() const { return fd_; }
+  int Release() { return std::exchange(fd_, -1); }
+
+ private:
+  int fd_;
+};
+
+// A socket address of either family.
+struct Endpoint {
+  sockaddr_storage storage = {};
+  socklen_t size = 0;
+
+  const sockaddr* get() const {
+    return reinterpret_cast<const sockaddr*>(&storage);
+  }
+};
+
+Endpoint MakeEndpoint(const std::string& address, int port) {
+  Endpoint endpoint;
+  const auto port16 = htons(static_cast<uint16_t>(port));
+  sockaddr_in v4{};
+  sockaddr_in6 v6{};
+  if (inet_pton(AF_INET, address.c_str(), &v4.sin_addr) == 1) {
+    v4.sin_family = AF_INET;
+    v4.sin_port = port16;
+    endpoint.size = sizeof(v4);
+    std::memcpy(&endpoint.storage, &v4, sizeof(v4));
+  } else if (inet_pton(AF_INET6, address.c_str(), &v6.sin6_addr) == 1) {
+    v6.sin6_family = AF_INET6;
+    v6.sin6_port = port16;
+    endpoint.size = sizeof(v6);
+    std::memcpy(&endpoint.storage, &v6, sizeof(v6));
+  } else {
+    throw Error("--live_address '" + address +
+                "' is no address in numbers, such as 127.0.0.1 or 0.0.0.0");
+  }
+  return endpoint;
+}
+
+// Opens the socket on which the server listens.
+int Listen(const std::string& address, int port) {
+  const Endpoint endpoint = MakeEndpoint(address, port);
+  const auto fail = [&] {
+    const std::string remedy =
+        errno == EADDRINUSE || errno == EACCES
+            ? "; choose another --live_port, or 0 for any that is free"
+            : "; check --live_address";
+    throw Error("the live view cannot listen on " + address + " port " +
+                std::to_string(port) + ": " + std::strerror(errno) + remedy);
+  };
+  Socket server(socket(endpoint.storage.ss_family,
+                       SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  if (server.fd() < 0) fail();
+  // Lets a new run use the port while connections of the last one time out.
+  const int on = 1;
+  setsockopt(server.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
+  if (bind(server.fd(), endpoint.get(), endpoint.size) != 0) fail();
+  if (listen(server.fd(), SOMAXCONN) != 0) fail();
+  return server.Release();
+}
+
+int PortOf(int fd) {
+  sockaddr_storage storage{};
+  socklen_t size = sizeof(storage);
+  getsockname(fd, reinterpret_cast<sockaddr*>(&storage), &size);
+  const auto* v6 = reinterpret_cast<const sockaddr_in6*>(&storage);
+  // The port is at the same place in both families.
+  return ntohs(v6->sin6_port);
+}
+
+// An answer of libmicrohttpd, which counts those who use it.
+struct ResponseDeleter {
+  void operator()(MHD_Response* response) const {
+    MHD_destroy_response(response);
+  }
+};
+using Response = std::unique_ptr<MHD_Response, ResponseDeleter>;
+
+Response MakeResponse(const std::string& content_type,
+                      const std::string& content) {
+  // The library copies the content, although it takes a pointer to non-const.
+  Response response(MHD_create_response_from_buffer(
+      content.size(), const_cast<char*>(content.data()),
+      MHD_RESPMEM_MUST_COPY));
+  if (!response) throw std::bad_alloc();
+  const std::pair<const char*, const char*> headers[] = {
+      {"Content-Type", content_type.c_str()},
+      {"Cache-Control", "no-store"},
+      {"Connection", "close"},
+      {"X-Content-Type-Options", "nosniff"},
+      {"X-Frame-Options", "DENY"},
+      {"Cross-Origin-Resource-Policy", "same-origin"},
+      {"Cross-Origin-Opener-Policy", "same-origin"},
+      {"Referrer-Policy", "no-referrer"}};
+  for (const auto& [name, value] : headers) {
+    MHD_add_response_header(response.get(), name, value);
+  }
+  return response;
+}
+
+std::optional<std::string> Header(MHD_Connection* connection,
+                                  const char* name) {
+  const char* value =
+      MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
+  if (value == nullptr) return std::nullopt;
+  return value;
+}
+
+}  // namespace
+
+class LiveServer::Impl {
+ public:
+  Impl(const std::string& address, int port)
+      : address_(address), is_loopback_only_(IsLoopback(address)) {
+    const int socket = Listen(address, port);  // the library will close it
+    port_ = PortOf(socket);
+    daemon_ = MHD_start_daemon(
+        MHD_USE_AUTO, 0, nullptr, nullptr, &Impl::OnRequest, this,
+        MHD_OPTION_LISTEN_SOCKET, socket, MHD_OPTION_CONNECTION_LIMIT,
+        kMaxConnections, MHD_OPTION_CONNECTION_MEMORY_LIMIT, kMaxRequestBytes,
+        MHD_OPTION_CONNECTION_TIMEOUT, static_cast<unsigned>(kMaxConnection_s),
+        MHD_OPTION_NOTIFY_CONNECTION, &Impl::OnConnection, this,
+        MHD_OPTION_END);
+    if (daemon_ == nullptr) throw Error("the live view cannot be started");
+    thread_ = std::thread([this] { Run(); });
+  }
+
+  ~Impl() {
+    is_stopped_ = true;
+    thread_.join();
+    MHD_stop_daemon(daemon_);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  std::string Url() const {
+    const bool is_v6 = address_.find(':') != std::string::npos;
+    return "http://" + (is_v6 ? "[" + address_ + "]" : address_) + ":" +
+           std::to_string(port_) + "/";
+  }
+
+  void Publish(const std::string& path, const std::string& content_type,
+               const std::string& content) {
+    Response response = MakeResponse(content_type, content);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    documents_[path] = {std::move(response), false};
+  }
+
+  void AwaitReader(const std::string& path, double seconds) {
+    std::unique_lock<std::mutex> lock(mutex_);
+    if (!last_request_ || last_request_->Seconds() > kReaderMemory_s) return;
+    was_sent_.wait_for(lock, std::chrono::duration<double>(seconds), [&] {
+      return documents_[path].is_sent && connections_.empty();
+    });
+  }
+
+ private:
+  struct Document {
+    Response response;
+    bool is_sent = false;
+  };
+  struct Connection {
+    int fd = -1;
+    Timer age;
+    bool has_request = false;
+  };
+
+  // Everything below runs on the thread of the server.
+
+  void Run() {
+    while (!is_stopped_) {
+      MHD_run_wait(daemon_, kPollMilliseconds);
+      EndSlowConnections();
+      std::this_thread::sleep_for(kPause);
+    }
+  }
+
+  // The library notices the end of a connection in its next round.
+  void EndSlowConnections() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const double max_request_s =
+        connections_.size() >= kMaxConnections ? kMinRequest_s : kMaxRequest_s;
+    for (const auto& [handle, connection] : connections_) {
+      const double max_s =
+          connection.has_request ? kMaxConnection_s : max_request_s;
+      if (connection.age.Seconds() > max_s) shutdown(connection.fd, SHUT_RDWR);
+    }
+  }
+
+  static void OnConnection(void* self, MHD_Connection* handle, void**,
+                           MHD_ConnectionNotificationCode code) {
+    auto* impl = static_cast<Impl*>(self);
+    try {
+      const std::lock_guard<std::mutex> lock(impl->mutex_);
+      if (code == MHD_CONNECTION_NOTIFY_CLOSED) {
+        impl->connections_.erase(handle);
+        impl->was_sent_.notify_all();
+        return;
+      }
+      const MHD_ConnectionInfo* info =
+          MHD_get_connection_info(handle, MHD_CONNECTION_INFO_CONNECTION_FD);
+      if (info != nullptr) impl->connections_[handle].fd = info->connect_fd;
+    } catch (const std::exception&) {
+      // Without memory for its entry, a connection only ends by itself.
+    }
+  }
+
+  static MHD_Result OnRequest(void* self, MHD_Connection* handle,
+                              const char* path, const char* method, const char*,
+                              const char*, size_t*, void**) {
+    try {
+      return static_cast<Impl*>(self)->Answer(handle, path, method);
+    } catch (const std::exception&) {
+      return MHD_NO;  // closes the connection
+    }
+  }
+
+  MHD_Result Answer(MHD_Connection* handle, const char* path,
+                    const char* method) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto connection = connections_.find(handle);
+    if (connection != connections_.end()) connection->second.has_request = true;
+    const LiveRequest request{method, path, Header(handle, "Host"),
+                              Header(handle, "Origin"),
+                              Header(handle, "Sec-Fetch-Site")};
+    if (const auto refusal = RefusalOf(request, is_loopback_only_)) {
+      return Refuse(handle, *refusal);
+    }
+    const auto document = documents_.find(request.path);
+    if (document == documents_.end()) {
+      return Refuse(handle, {404, "there is no such page"});
+    }
+    last_request_.emplace();
+    document->second.is_sent = true;
+    return MHD_queue_response(handle, MHD_HTTP_OK,
+                              document->second.response.get());
+  }
+
+  static MHD_Result Refuse(MHD_Connection* handle, const LiveRefusal& refusal) {
+    const Response response =
+        MakeResponse("text/plain", std::string(refusal.reason) + "\n");
+    return MHD_queue_response(handle, static_cast<unsigned>(refusal.status),
+                              response.get());
+  }
+
+  std::string address_;
+  bool is_loopback_only_;
+  int port_ = 0;
+  MHD_Daemon* daemon_ = nullptr;
+  std::atomic<bool> is_stopped_{false};
+  std::mutex mutex_;  // guards all below
+  std::map<std::string, Document> documents_;
+  std::map<MHD_Connection*, Connection> connections_;
+  std::optional<Timer> last_request_;
+  std::condition_variable was_sent_;
+  std::thread thread_;
+};
+
+LiveServer::LiveServer(const std::string& address, int port)
+    : impl_(std::make_unique<Impl>(address, port)) {}
+
+LiveServer::~LiveServer() = default;
+
+std::string LiveServer::Url() const { return impl_->Url(); }
+
+void LiveServer::Publish(const std::string& path,
+                         const std::string& content_type,
+                         const std::string& content) {
+  impl_->Publish(path, content_type, content);
+}
+
+void LiveServer::AwaitReader(const std::string& path, double seconds) {
+  impl_->AwaitReader(path, seconds);
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <memory>
+#include <string>
+
+namespace mgsfm {
+
+// Serves a few documents over HTTP to the live page (RefusalOf() has the
+// rules), from a thread of its own. Clients cannot change anything; whatever
+// they send, the rest of the program only notices the processor time:
+//
+//   request      at most 32 KiB, without a body, complete within 5 s
+//   answer       fetched within 60 s; then the connection is closed
+//   connections  at most 64. If all are in use, those without a complete
+//                request make room after a second.
+//
+// Without libmicrohttpd at build time, the constructor throws Error.
+class LiveServer {
+ public:
+  // `address` in numbers; port 0 is replaced by a free one. Throws Error if the
+  // address is none of this machine or the port is in use.
+  LiveServer(const std::string& address, int port);
+  ~LiveServer();
+  LiveServer(const LiveServer&) = delete;
+  LiveServer& operator=(const LiveServer&) = delete;
+
+  // The address of the page for a browser.
+  std::string Url() const;
+
+  // Adds a document or replaces it. Any thread may call this.
+  void Publish(const std::string& path, const std::string& content_type,
+               const std::string& content);
+
+  // If a client asked for something in the last three seconds, waits until the
+  // present content of a path has been sent, but at most `seconds`.
+  void AwaitReader(const std::string& path, double seconds);
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace mgsfm

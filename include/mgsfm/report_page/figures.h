@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/report_page/report_page.h"
+
+namespace mgsfm {
+
+// A drawing for a paper or a talk, as an SVG file.
+struct Figure {
+  std::string name;  // e.g. "trajectory"
+  std::string svg;
+};
+
+// trajectory: the paths of the rigs and the points from above.
+// errors: the path and its errors, with ground truth only.
+// rig: the sensors of the rigs, with their uncertainty if the report has it.
+// residuals: errors and mean residuals over the image plane of each sensor.
+// view_graph: frames against frames, coloured by their common points.
+// Those that have nothing to show are left out. The figures of one model are
+// equal for any number of threads.
+[[nodiscard]] std::vector<Figure> MakeFigures(const ReportPageInput& input,
+                                              const Context& context);
+
+// The same drawing as a PNG file with so many pixels per unit of the SVG.
+[[nodiscard]] std::string FigureToPng(const Figure& figure,
+                                      double pixels_per_unit);
+
+}  // namespace mgsfm

@@ -1,0 +1,18 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Runs the tests that use several threads under the thread sanitizer. All
+# parallel code of mgsfm uses std::thread, which the sanitizer follows; threads
+# of libraries, which are not instrumented, are ignored.
+#   scripts/tsan.sh [further arguments of ctest]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+tests=(base math least_squares bundle rotation tracks translation view_graph
+  matching feature_extraction point_colors scene_loading extension soft_rig
+  positions synthetic baselines baseline_methods report_page pipeline
+  pipeline_interruption)
+targets=("${tests[@]/#/mgsfm_}")
+targets=("${targets[@]/%/_test}")
+scripts/build.sh tsan --target "${targets[@]}"
+names=$(IFS='|'; echo "${tests[*]}")
+ctest --preset tsan -R "^($names)\$" "$@"

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+#include <type_traits>
+
+namespace mgsfm {
+
+// Tells whether two runs have the same input: a hash of what is added, in that
+// order. FNV-1a with 64 bits, so that two inputs share one by accident with a
+// probability of 2^-64. No protection against forgery.
+class Fingerprint {
+ public:
+  Fingerprint& Add(const std::string& text) {
+    AddBytes(text.data(), text.size());
+    return Add(text.size());  // "a", "bc" differs from "ab", "c"
+  }
+  template <class T>
+  Fingerprint& Add(T number) {
+    static_assert(std::is_arithmetic_v<T>, "has no padding");
+    AddBytes(reinterpret_cast<const char*>(&number), sizeof(number));
+    return *this;
+  }
+
+  std::string ToString() const {
+    char text[17];
+    std::snprintf(text, sizeof(text), "%016llx",
+                  static_cast<unsigned long long>(hash_));
+    return text;
+  }
+
+ private:
+  void AddBytes(const char* bytes, size_t size) {
+    for (size_t i = 0; i < size; ++i) {
+      hash_ = (hash_ ^ static_cast<unsigned char>(bytes[i])) * 0x100000001b3ull;
+    }
+  }
+
+  uint64_t hash_ = 0xcbf29ce484222325ull;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,455 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/database/merged_structure.h"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "io/database/database_rows.h"
+#include "io/database/sqlite_database.h"
+#include "math/union_find.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr size_t kNone = std::numeric_limits<size_t>::max();
+
+std::string FolderOf(const std::string& image_name) {
+  const size_t slash = image_name.rfind('/');
+  return slash == std::string::npos ? "" : image_name.substr(0, slash);
+}
+
+auto Intrinsics(const Camera& camera) {
+  return std::tie(camera.model, camera.width_px, camera.height_px,
+                  camera.params, camera.has_prior_focal_length);
+}
+
+std::string Describe(const Camera& camera) {
+  std::string text = std::to_string(camera.width_px) + " x " +
+                     std::to_string(camera.height_px) + " pixels, parameters";
+  for (const double param : camera.params) text += ' ' + std::to_string(param);
+  return text;
+}
+
+bool AreEqual(const std::optional<Rigid3>& a, const std::optional<Rigid3>& b) {
+  if (a.has_value() != b.has_value()) return false;
+  return !a || (a->rotation.coeffs() == b->rotation.coeffs() &&
+                a->translation == b->translation);
+}
+
+bool AreEqual(const std::vector<RigSensorRow>& a,
+              const std::vector<RigSensorRow>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const RigSensorRow& x, const RigSensorRow& y) {
+                      return x.camera_id == y.camera_id &&
+                             AreEqual(x.sensor_from_rig, y.sensor_from_rig);
+                    });
+}
+
+bool AreEqual(const std::vector<FrameDataRow>& a,
+              const std::vector<FrameDataRow>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(),
+                    [](const FrameDataRow& x, const FrameDataRow& y) {
+                      return x.camera_id == y.camera_id &&
+                             x.image_id == y.image_id;
+                    });
+}
+
+// Rows that refer to cameras or rigs that do not exist.
+class ReferenceCheck {
+ public:
+  explicit ReferenceCheck(const StructureInput& input) : input_(input) {
+    for (const Camera& camera : input.contents.cameras) {
+      cameras_.insert(camera.id);
+    }
+    for (const RigRow& rig : input.contents.rigs) rigs_.insert(rig.id);
+  }
+
+  void Check() const {
+    for (const RigRow& rig : input_.contents.rigs) {
+      const std::string name = "rig " + std::to_string(rig.id.value());
+      if (!rig.ref_camera_id)
+        Throw(name + " has a reference that is no camera");
+      CheckCamera(name, *rig.ref_camera_id);
+      for (const RigSensorRow& sensor : rig.sensors) {
+        CheckCamera(name, sensor.camera_id);
+      }
+    }
+    for (const FrameRow& frame : input_.contents.frames) {
+      const std::string name = "frame " + std::to_string(frame.id.value());
+      if (rigs_.count(frame.rig_id) == 0) {
+        Throw(name + " has the rig " + std::to_string(frame.rig_id.value()) +
+              ", which does not exist");
+      }
+      for (const FrameDataRow& data : frame.data) {
+        CheckCamera(name, data.camera_id);
+      }
+    }
+  }
+
+ private:
+  [[noreturn]] void Throw(const std::string& problem) const {
+    ThrowDatabaseError(input_.path, problem + kConfigureAgain);
+  }
+  void CheckCamera(const std::string& name, CameraId id) const {
+    if (cameras_.count(id) > 0) return;
+    Throw(name + " has the camera " + std::to_string(id.value()) +
+          ", which does not exist");
+  }
+
+  const StructureInput& input_;
+  std::set<CameraId> cameras_;
+  std::set<RigId> rigs_;
+};
+
+class StructureMerger {
+ public:
+  explicit StructureMerger(const std::vector<StructureInput>& inputs)
+      : inputs_(inputs), camera_ids_(inputs.size()) {}
+
+  MergedStructure Merge() {
+    for (const StructureInput& input : inputs_) ReferenceCheck(input).Check();
+    MergeImages();
+    MergeCameras();
+    for (size_t i = 0; i < inputs_.size(); ++i) MergeRigsAndFrames(i);
+    NumberRigsAndFrames();
+    return std::move(merged_);
+  }
+
+ private:
+  // Cameras of all inputs, and what is known of each.
+  struct CameraNode {
+    size_t input = 0;
+    const Camera* camera = nullptr;
+    std::string image_name;      // one of its images, for messages
+    size_t first_image = kNone;  // positions in the result
+    size_t first_in_frame =
+        kNone;  // of images that it took according to frames
+  };
+  struct MergedRig {
+    RigRow rig;
+    size_t input = 0;
+    size_t first_image = kNone;
+  };
+  struct MergedFrame {
+    size_t rig = 0;
+    size_t input = 0;
+    std::vector<FrameDataRow> data;  // sorted by image
+  };
+
+  void MergeImages();
+  void MergeCameras();
+  std::map<CameraId, size_t> AddNodes(size_t input);
+  void JoinNodes(size_t input, const std::map<CameraId, size_t>& node_of_id);
+  void Join(size_t node, const std::string& key) {
+    const auto [other, is_new] = node_of_key_.emplace(key, node);
+    if (!is_new) sets_->Union(node, other->second);
+  }
+  void CheckEqual(const CameraNode& a, const CameraNode& b) const;
+  void NumberCameras();
+  void MergeRigsAndFrames(size_t input);
+  size_t MergeRig(size_t input, const RigRow& row);
+  void MergeFrame(size_t input, size_t rig, const FrameRow& row);
+  void NumberRigsAndFrames();
+
+  std::string NameIn(size_t input, const std::string& name) const {
+    return inputs_[input].prefix + name;
+  }
+  CameraId NewId(size_t input, CameraId id) const {
+    return camera_ids_[input].at(id);
+  }
+
+  const std::vector<StructureInput>& inputs_;
+  MergedStructure merged_;
+  std::vector<CameraNode> nodes_;
+  std::optional<UnionFind> sets_;
+  std::map<std::string, size_t> node_of_key_;
+  std::vector<std::map<CameraId, CameraId>> camera_ids_;  // per input
+  std::vector<MergedRig> rigs_;
+  std::map<CameraId, size_t> rig_of_camera_;
+  std::vector<MergedFrame> frames_;
+  std::unordered_map<uint32_t, size_t> frame_of_image_;
+};
+
+void StructureMerger::MergeImages() {
+  std::vector<std::string> names;
+  for (size_t i = 0; i < inputs_.size(); ++i) {
+    for (const ImageRow& image : inputs_[i].contents.images) {
+      names.push_back(NameIn(i, image.name));
+    }
+  }
+  const size_t num_before = names.size();
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  merged_.has_common_images = names.size() < num_before;
+  for (size_t i = 0; i < inputs_.size(); ++i) {
+    auto& positions = merged_.image_positions.emplace_back();
+    for (const ImageRow& image : inputs_[i].contents.images) {
+      const auto found =
+          std::lower_bound(names.begin(), names.end(), NameIn(i, image.name));
+      positions.emplace(image.id.value(), found - names.begin());
+    }
+  }
+  for (std::string& name : names) {
+    const ImageId id(static_cast<uint32_t>(merged_.images.size()) + 1);
+    merged_.images.push_back({id, std::move(name), CameraId(0), {}});
+  }
+}
+
+// --------------------------------------------------------------- cameras
+
+void StructureMerger::MergeCameras() {
+  std::vector<std::map<CameraId, size_t>> node_of_id;
+  for (size_t i = 0; i < inputs_.size(); ++i) {
+    node_of_id.push_back(AddNodes(i));
+  }
+  sets_.emplace(nodes_.size());
+  for (size_t i = 0; i < inputs_.size(); ++i) JoinNodes(i, node_of_id[i]);
+  node_of_key_.clear();
+  NumberCameras();
+  for (size_t i = 0; i < inputs_.size(); ++i) {
+    for (const ImageRow& image : inputs_[i].contents.images) {
+      const size_t position = merged_.image_positions[i].at(image.id.value());
+      merged_.images[position].camera_id = NewId(i, image.camera_id);
+    }
+  }
+}
+
+std::map<CameraId, size_t> StructureMerger::AddNodes(size_t input) {
+  const DatabaseContents& contents = inputs_[input].contents;
+  const auto& positions = merged_.image_positions[input];
+  std::map<CameraId, size_t> node_of_id;
+  for (const Camera& camera : contents.cameras) {
+    node_of_id.emplace(camera.id, nodes_.size());
+    nodes_.push_back({input, &camera, "", kNone, kNone});
+  }
+  for (const ImageRow& image : contents.images) {
+    CameraNode& node = nodes_[node_of_id.at(image.camera_id)];
+    node.image_name = image.name;
+    node.first_image =
+        std::min(node.first_image, positions.at(image.id.value()));
+  }
+  for (const FrameRow& frame : contents.frames) {
+    for (const FrameDataRow& data : frame.data) {
+      const auto found = node_of_id.find(data.camera_id);
+      if (found == node_of_id.end()) continue;
+      size_t& first = nodes_[found->second].first_in_frame;
+      first = std::min(first, positions.at(data.image_id.value()));
+    }
+  }
+  return node_of_id;
+}
+
+// Cameras with a common key are equal.
+void StructureMerger::JoinNodes(size_t input,
+                                const std::map<CameraId, size_t>& node_of_id) {
+  const StructureInput& in = inputs_[input];
+  std::map<std::string, std::set<size_t>> nodes_of_folder;
+  for (const ImageRow& image : in.contents.images) {
+    const size_t node = node_of_id.at(image.camera_id);
+    Join(node, "image " + NameIn(input, image.name));
+    nodes_of_folder[FolderOf(image.name)].insert(node);
+  }
+  for (const auto& [id, name] : in.shard_cameras) {
+    const auto found = node_of_id.find(id);
+    if (found != node_of_id.end()) {
+      Join(found->second, "image " + NameIn(input, name));
+    }
+  }
+  for (const FrameRow& frame : in.contents.frames) {
+    for (const FrameDataRow& data : frame.data) {
+      const auto found = node_of_id.find(data.camera_id);
+      if (found == node_of_id.end()) continue;
+      const size_t position =
+          merged_.image_positions[input].at(data.image_id.value());
+      Join(found->second, "sensor of " + merged_.images[position].name);
+    }
+  }
+  if (in.vehicle.empty()) return;
+  for (const auto& [folder, nodes] : nodes_of_folder) {
+    // A folder with several cameras does not identify one.
+    if (nodes.size() == 1) {
+      Join(*nodes.begin(), "vehicle " + in.vehicle + '\n' + folder);
+    }
+  }
+}
+
+void StructureMerger::CheckEqual(const CameraNode& a,
+                                 const CameraNode& b) const {
+  if (Intrinsics(*a.camera) == Intrinsics(*b.camera)) return;
+  const bool is_one_vehicle =
+      !inputs_[a.input].vehicle.empty() &&
+      inputs_[a.input].prefix != inputs_[b.input].prefix;
+  ThrowDatabaseError(
+      inputs_[b.input].path,
+      "the camera of image '" + b.image_name + "' has " + Describe(*b.camera) +
+          ", but in '" + inputs_[a.input].path + "' " + Describe(*a.camera) +
+          (is_one_vehicle
+               ? "; give the vehicle one calibration, or two names"
+               : "; extract all images with the same options, or separate "
+                 "them by image_prefix"));
+}
+
+void StructureMerger::NumberCameras() {
+  std::map<size_t, CameraNode> merged;  // by the representative of the set
+  for (size_t n = 0; n < nodes_.size(); ++n) {
+    const auto [entry, is_new] = merged.emplace(sets_->Find(n), nodes_[n]);
+    if (is_new) continue;
+    CameraNode& node = entry->second;
+    CheckEqual(node, nodes_[n]);
+    node.first_image = std::min(node.first_image, nodes_[n].first_image);
+    node.first_in_frame =
+        std::min(node.first_in_frame, nodes_[n].first_in_frame);
+  }
+  std::vector<std::pair<CameraNode, size_t>> order;
+  for (const auto& [set, node] : merged) order.emplace_back(node, set);
+  std::stable_sort(order.begin(), order.end(),
+                   [](const auto& a, const auto& b) {
+                     const CameraNode &x = a.first, &y = b.first;
+                     return std::tie(x.first_image, x.first_in_frame) !=
+                                    std::tie(y.first_image, y.first_in_frame)
+                                ? std::tie(x.first_image, x.first_in_frame) <
+                                      std::tie(y.first_image, y.first_in_frame)
+                                : Intrinsics(*x.camera) < Intrinsics(*y.camera);
+                   });
+  std::map<size_t, CameraId> id_of_set;
+  for (const auto& [node, set] : order) {
+    Camera camera = *node.camera;
+    camera.id = CameraId(static_cast<uint32_t>(merged_.cameras.size()) + 1);
+    id_of_set.emplace(set, camera.id);
+    merged_.cameras.push_back(std::move(camera));
+  }
+  for (size_t n = 0; n < nodes_.size(); ++n) {
+    camera_ids_[nodes_[n].input].emplace(nodes_[n].camera->id,
+                                         id_of_set.at(sets_->Find(n)));
+  }
+}
+
+// ------------------------------------------------------- rigs and frames
+
+void StructureMerger::MergeRigsAndFrames(size_t input) {
+  const DatabaseContents& contents = inputs_[input].contents;
+  std::map<RigId, size_t> rig_of_id;
+  for (const RigRow& rig : contents.rigs) {
+    rig_of_id.emplace(rig.id, MergeRig(input, rig));
+  }
+  for (const FrameRow& frame : contents.frames) {
+    const auto rig = rig_of_id.find(frame.rig_id);
+    if (rig == rig_of_id.end()) {
+      ThrowDatabaseError(inputs_[input].path,
+                         "frame " + std::to_string(frame.id.value()) +
+                             " has a rig that does not exist; configure the "
+                             "rigs again");
+    }
+    if (!frame.data.empty()) MergeFrame(input, rig->second, frame);
+  }
+}
+
+size_t StructureMerger::MergeRig(size_t input, const RigRow& row) {
+  const std::string what = "rig " + std::to_string(row.id.value());
+  if (!row.ref_camera_id) {
+    ThrowDatabaseError(inputs_[input].path,
+                       what +
+                           " has a reference sensor that is no camera; "
+                           "configure the rigs again");
+  }
+  RigRow rig{RigId(0), NewId(input, *row.ref_camera_id), {}};
+  for (const RigSensorRow& sensor : row.sensors) {
+    rig.sensors.push_back(
+        {NewId(input, sensor.camera_id), sensor.sensor_from_rig});
+  }
+  std::sort(rig.sensors.begin(), rig.sensors.end(),
+            [](const RigSensorRow& a, const RigSensorRow& b) {
+              return a.camera_id < b.camera_id;
+            });
+  for (const RigSensorRow& sensor : rig.sensors) {
+    const auto found = rig_of_camera_.find(sensor.camera_id);
+    if (found == rig_of_camera_.end()) continue;
+    const MergedRig& other = rigs_[found->second];
+    if (other.rig.ref_camera_id == rig.ref_camera_id &&
+        AreEqual(other.rig.sensors, rig.sensors)) {
+      return found->second;
+    }
+    ThrowDatabaseError(
+        inputs_[input].path,
+        what + " has " + std::to_string(rig.sensors.size()) +
+            " cameras, of which one is in a different rig, or has another "
+            "pose, in '" +
+            inputs_[other.input].path +
+            "'; configure both databases with the same rig_config, or give "
+            "them different prefixes and vehicles");
+  }
+  for (const RigSensorRow& sensor : rig.sensors) {
+    rig_of_camera_.emplace(sensor.camera_id, rigs_.size());
+  }
+  rigs_.push_back({std::move(rig), input, kNone});
+  return rigs_.size() - 1;
+}
+
+void StructureMerger::MergeFrame(size_t input, size_t rig,
+                                 const FrameRow& row) {
+  MergedFrame frame{rig, input, {}};
+  for (const FrameDataRow& data : row.data) {
+    const size_t position =
+        merged_.image_positions[input].at(data.image_id.value());
+    frame.data.push_back(
+        {NewId(input, data.camera_id), merged_.images[position].id});
+  }
+  std::sort(frame.data.begin(), frame.data.end(),
+            [](const FrameDataRow& a, const FrameDataRow& b) {
+              return a.image_id < b.image_id;
+            });
+  for (const FrameDataRow& data : frame.data) {
+    const auto found = frame_of_image_.find(data.image_id.value());
+    if (found == frame_of_image_.end()) continue;
+    const MergedFrame& other = frames_[found->second];
+    if (other.rig == rig && AreEqual(other.data, frame.data)) return;
+    ThrowDatabaseError(
+        inputs_[input].path,
+        "image '" + merged_.images[data.image_id.value() - 1].name +
+            "' is in a frame of " + std::to_string(frame.data.size()) +
+            " images, but in another frame in '" + inputs_[other.input].path +
+            "'; configure the rigs of both in the same way");
+  }
+  for (const FrameDataRow& data : frame.data) {
+    frame_of_image_.emplace(data.image_id.value(), frames_.size());
+  }
+  frames_.push_back(std::move(frame));
+}
+
+void StructureMerger::NumberRigsAndFrames() {
+  for (const MergedFrame& frame : frames_) {
+    size_t& first = rigs_[frame.rig].first_image;
+    first = std::min<size_t>(first, frame.data.front().image_id.value());
+  }
+  std::vector<size_t> order(rigs_.size());
+  for (size_t i = 0; i < order.size(); ++i) order[i] = i;
+  std::sort(order.begin(), order.end(), [&](size_t a, size_t b) {
+    return std::tie(rigs_[a].first_image, *rigs_[a].rig.ref_camera_id) <
+           std::tie(rigs_[b].first_image, *rigs_[b].rig.ref_camera_id);
+  });
+  for (size_t i = 0; i < order.size(); ++i) {
+    rigs_[order[i]].rig.id = RigId(static_cast<uint32_t>(i) + 1);
+    merged_.rigs.push_back(rigs_[order[i]].rig);
+  }
+  std::sort(frames_.begin(), frames_.end(),
+            [](const MergedFrame& a, const MergedFrame& b) {
+              return a.data.front().image_id < b.data.front().image_id;
+            });
+  for (MergedFrame& frame : frames_) {
+    merged_.frames.push_back(
+        {FrameId(static_cast<uint32_t>(merged_.frames.size()) + 1),
+         rigs_[frame.rig].rig.id, std::move(frame.data)});
+  }
+}
+
+}  // namespace
+
+MergedStructure MergeStructures(const std::vector<StructureInput>& inputs) {
+  return StructureMerger(inputs).Merge();
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "mgsfm/io/database/database.h"
+
+namespace mgsfm {
+
+// The cameras, images, rigs and frames of one of the databases to merge.
+struct StructureInput {
+  std::string path;
+  std::string prefix;   // of the image names in the result
+  std::string vehicle;  // shares cameras and rigs; "" for none
+  DatabaseContents contents;
+  std::map<CameraId, std::string> shard_cameras;  // see database_shard.h
+};
+
+struct MergedStructure {
+  std::vector<Camera> cameras;
+  std::vector<ImageRow> images;
+  std::vector<RigRow> rigs;
+  std::vector<FrameRow> frames;
+  // Per input: from an id there to the position in `images`.
+  std::vector<std::unordered_map<int64_t, size_t>> image_positions;
+  bool has_common_images = false;
+};
+
+// The union, in canonical order and with the ids 1, 2, ...: images by name,
+// everything else by its first image. The result depends neither on the order
+// of the inputs nor on their ids. Equal are
+// - images of the same name, with prefix;
+// - cameras of equal images, or whose images are in the same folder of two
+//   inputs of one vehicle;
+// - rigs with the same reference camera;
+// - frames with a common image.
+// Throws Error, naming the image, if two equal things differ.
+MergedStructure MergeStructures(const std::vector<StructureInput>& inputs);
+
+}  // namespace mgsfm

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "io/files/place_and_time_tags.h"
+
+#include <exiv2/exiv2.hpp>
+
+namespace mgsfm {
+namespace {
+
+Exiv2::Image::AutoPtr OpenImage(const std::string& file) {
+  Exiv2::LogMsg::setLevel(Exiv2::LogMsg::mute);
+  auto image = Exiv2::ImageFactory::open(
+      reinterpret_cast<const Exiv2::byte*>(file.data()),
+      static_cast<long>(file.size()));
+  image->readMetadata();
+  return image;
+}
+
+bool IsPlaceOrTime(const std::string& key) {
+  return key.compare(0, 13, "Exif.GPSInfo.") == 0 ||
+         key == "Exif.Photo.DateTimeOriginal" ||
+         key == "Exif.Photo.SubSecTimeOriginal" ||
+         key == "Exif.Photo.OffsetTimeOriginal";
+}
+
+}  // namespace
+
+std::mutex& Exiv2Mutex() {
+  static std::mutex mutex;
+  return mutex;
+}
+
+struct PlaceAndTimeTags::Tags {
+  Exiv2::ExifData data;
+};
+
+PlaceAndTimeTags::PlaceAndTimeTags(const std::string& file)
+    : tags_(std::make_unique<Tags>()) {
+  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
+  try {
+    const auto image = OpenImage(file);
+    for (const Exiv2::Exifdatum& tag : image->exifData()) {
+      if (IsPlaceOrTime(tag.key())) tags_->data.add(tag);
+    }
+  } catch (const std::exception&) {
+    tags_->data.clear();  // a format without tags, or damaged tags
+  }
+}
+
+PlaceAndTimeTags::~PlaceAndTimeTags() = default;
+
+std::string PlaceAndTimeTags::AddTo(const std::string& file) const {
+  if (tags_->data.empty()) return file;
+  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
+  try {
+    const auto image = OpenImage(file);
+    image->setExifData(tags_->data);
+    image->writeMetadata();
+    Exiv2::BasicIo& io = image->io();
+    io.open();
+    const Exiv2::DataBuf bytes = io.read(static_cast<long>(io.size()));
+    return {reinterpret_cast<const char*>(bytes.pData_),
+            static_cast<size_t>(bytes.size_)};
+  } catch (const std::exception&) {
+    return file;  // a format without tags
+  }
+}
+
+}  // namespace mgsfm

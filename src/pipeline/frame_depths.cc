@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pipeline/frame_depths.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "math/statistics.h"
+#include "translation/baseline_directions.h"
+#include "translation/position_problem.h"
+#include "translation/scale_averaging.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+// The pairs within frames, by their two sensors.
+std::vector<std::vector<int>> PairsOfEqualSensors(const Scene& scene,
+                                                  const FramePairIndex& index,
+                                                  const ViewGraph& view_graph) {
+  std::map<std::pair<int, int>, std::vector<int>> pairs_of_sensors;
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    if (index.Of(i).IsBetweenFrames()) continue;
+    const ImagePair& pair = view_graph.pairs[i];
+    pairs_of_sensors[std::minmax(scene.images[pair.image_idx1].sensor_idx,
+                                 scene.images[pair.image_idx2].sensor_idx)]
+        .push_back(static_cast<int>(i));
+  }
+  std::vector<std::vector<int>> sets;
+  for (auto& [sensors, pair_idxs] : pairs_of_sensors) {
+    sets.push_back(std::move(pair_idxs));
+  }
+  return sets;
+}
+
+// Per pair of sensors with pairs within frames: offsets of their centres, in
+// the axes of the rig.
+using SensorOffsetSamples =
+    std::map<std::pair<int, int>, std::vector<Vector3d>>;
+
+Vector3d MedianVector(const std::vector<Vector3d>& samples) {
+  Vector3d median;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    for (const auto& sample : samples) values.push_back(sample[axis]);
+    median[axis] = Median(std::move(values));
+  }
+  return median;
+}
+
+// Per rig, its sensor with the most pairs, if any has one.
+std::vector<int> FindOrigins(const Scene& scene,
+                             const SensorOffsetSamples& samples) {
+  std::vector<size_t> num_pairs(scene.sensors.size(), 0);
+  for (const auto& [sensors, offsets] : samples) {
+    num_pairs[sensors.first] += offsets.size();
+    num_pairs[sensors.second] += offsets.size();
+  }
+  std::map<int, int> origin_of_rig;
+  for (int s = 0; s < static_cast<int>(scene.sensors.size()); ++s) {
+    if (num_pairs[s] == 0) continue;
+    const auto [origin, is_first] =
+        origin_of_rig.emplace(scene.sensors[s].rig_idx, s);
+    if (num_pairs[s] > num_pairs[origin->second]) origin->second = s;
+  }
+  std::vector<int> origins;
+  for (const auto& [rig_idx, sensor_idx] : origin_of_rig) {
+    origins.push_back(sensor_idx);
+  }
+  return origins;
+}
+
+// Centres of sensors in the axes of their rig, along the pairs of sensors.
+std::vector<std::optional<Vector3d>> PlaceSensors(
+    const Scene& scene, const SensorOffsetSamples& samples) {
+  std::vector<std::optional<Vector3d>> centers(scene.sensors.size());
+  for (const int sensor_idx : FindOrigins(scene, samples)) {
+    centers[sensor_idx] = Vector3d::Zero();
+  }
+  bool has_changed = true;
+  while (has_changed) {
+    has_changed = false;
+    for (const auto& [sensors, offsets] : samples) {
+      const auto [s1, s2] = sensors;
+      if (centers[s1].has_value() == centers[s2].has_value()) continue;
+      const Vector3d offset = MedianVector(offsets);
+      if (centers[s1]) {
+        centers[s2] = *centers[s1] + offset;
+      } else {
+        centers[s1] = *centers[s2] - offset;
+      }
+      has_changed = true;
+    }
+  }
+  return centers;
+}
+
+// The offsets that the pairs within frames measure.
+SensorOffsetSamples MeasureOffsets(
+    const Scene& scene, const RotationEstimate& rotations,
+    const std::vector<BaselineDirection>& measured, const PairScales& scales) {
+  SensorOffsetSamples samples;
+  for (size_t i = 0; i < measured.size(); ++i) {
+    if (!scales.pairs[i] || scales.pairs[i]->group != 0) continue;
+    const Image& image1 = scene.images[measured[i].image_idx1];
+    const Image& image2 = scene.images[measured[i].image_idx2];
+    const auto& rig_from_world = rotations.rig_from_world[image1.frame_idx];
+    if (!rig_from_world) continue;
+    const Vector3d offset =
+        *rig_from_world * measured[i].direction * scales.pairs[i]->scale;
+    const bool is_ordered = image1.sensor_idx < image2.sensor_idx;
+    samples[std::minmax(image1.sensor_idx, image2.sensor_idx)].push_back(
+        is_ordered ? offset : Vector3d(-offset));
+  }
+  return samples;
+}
+
+// Intersects the matching rays of two images of one frame.
+void AddDepths(const Scene& scene, const Bearings& bearings,
+               const ImagePair& pair, double min_parallax_deg,
+               FrameDepths* depths) {
+  const int images[2] = {pair.image_idx1, pair.image_idx2};
+  const auto& cam1_from_rig =
+      depths->cam_from_rig[scene.images[images[0]].sensor_idx];
+  const auto& cam2_from_rig =
+      depths->cam_from_rig[scene.images[images[1]].sensor_idx];
+  if (!cam1_from_rig || !cam2_from_rig) return;
+  const Rigid3 cam2_from_cam1 = *cam2_from_rig * cam1_from_rig->Inverse();
+  const Vector3d& t = cam2_from_cam1.translation;
+  const double min_sine = std::sin(DegToRad(min_parallax_deg));
+  for (const int image : images) {
+    depths->distances[image].resize(scene.images[image].keypoints_px.size());
+  }
+  for (const Match& match : pair.matches) {
+    const int keypoints[2] = {static_cast<int>(match.keypoint_idx1),
+                              static_cast<int>(match.keypoint_idx2)};
+    const Vector3d turned =
+        cam2_from_cam1.rotation * bearings.Ray(images[0], keypoints[0]);
+    const Vector3d& ray2 = bearings.Ray(images[1], keypoints[1]);
+    const Vector3d normal = turned.cross(ray2);
+    const double sine = normal.norm();
+    // In front of both cameras: t, from camera 1, between the rays.
+    if (sine < min_sine || normal.dot(ray2.cross(t)) <= 0.0 ||
+        normal.dot(turned.cross(t)) <= 0.0) {
+      continue;
+    }
+    depths->distances[images[0]][keypoints[0]] = t.cross(ray2).norm() / sine;
+    depths->distances[images[1]][keypoints[1]] = t.cross(turned).norm() / sine;
+  }
+}
+
+}  // namespace
+
+FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
+                               const FramePairIndex& index,
+                               const ViewGraph& view_graph,
+                               const RotationEstimate& rotations,
+                               double min_parallax_deg,
+                               const Context& context) {
+  Mask is_within(view_graph.pairs.size(), false);
+  for (size_t i = 0; i < is_within.size(); ++i) {
+    is_within[i] = !index.Of(i).IsBetweenFrames() &&
+                   view_graph.pairs[i].relative_pose.has_value();
+  }
+  const std::vector<BaselineDirection> measured =
+      EstimateBaselineDirections(scene, bearings, view_graph, is_within,
+                                 MakePositionProblem(scene, rotations),
+                                 min_parallax_deg, context, PairRotation::kOwn);
+  const PairScales scales =
+      AverageScales(measured, static_cast<int>(scene.images.size()), context,
+                    PairsOfEqualSensors(scene, index, view_graph));
+  FrameDepths depths;
+  depths.distances.resize(scene.images.size());
+  const auto centers =
+      PlaceSensors(scene, MeasureOffsets(scene, rotations, measured, scales));
+  depths.cam_from_rig.resize(scene.sensors.size());
+  for (size_t s = 0; s < centers.size(); ++s) {
+    if (!centers[s] || !rotations.sensor_from_rig[s]) continue;
+    depths.cam_from_rig[s] = Rigid3::FromRotationAndCenter(
+        *rotations.sensor_from_rig[s], *centers[s]);
+  }
+  for (size_t i = 0; i < is_within.size(); ++i) {
+    if (is_within[i]) {
+      AddDepths(scene, bearings, view_graph.pairs[i], min_parallax_deg,
+                &depths);
+    }
+  }
+  return depths;
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/contested_cuts.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "base/random.h"
+
+namespace mgsfm {
+namespace {
+
+constexpr int kNumFrames = 80;
+constexpr int kPartSize = 20;
+
+std::vector<int> InOrder() {
+  std::vector<int> order(kNumFrames);
+  std::iota(order.begin(), order.end(), 0);
+  return order;
+}
+
+std::vector<int> Shuffled() {
+  std::vector<int> order = InOrder();
+  Random random(1);
+  for (size_t i = order.size(); i > 1; --i) {
+    std::swap(order[i - 1], order[random.Index(static_cast<uint32_t>(i))]);
+  }
+  return order;
+}
+
+enum class Verdict { kUsed, kDiscontinuous, kUnused };
+
+// The frame of rank k in time has the index order[k]. Neighbours are connected
+// within each of four parts A, B, C, D of kPartSize frames.
+class Drive {
+ public:
+  explicit Drive(std::vector<int> order = InOrder())
+      : order_(std::move(order)) {
+    scene_.rigs.push_back({RigId(1), 0, {0}});
+    std::vector<int> rank_of_frame(kNumFrames);
+    for (int k = 0; k < kNumFrames; ++k) rank_of_frame[order_[k]] = k;
+    for (int i = 0; i < kNumFrames; ++i) {
+      const auto id = static_cast<uint32_t>(i + 1);
+      scene_.images.push_back({ImageId(id), "", 0, 0, i, {}});
+      scene_.frames.push_back(
+          {FrameId(id), std::to_string(rank_of_frame[i]), 0, {i}});
+    }
+    for (int k = 0; k + 1 < kNumFrames; ++k) {
+      if ((k + 1) % kPartSize != 0) Add(k, k + 1, Verdict::kUsed);
+    }
+  }
+
+  // The pair of two frames, by their ranks.
+  size_t Add(int rank1, int rank2, Verdict verdict) {
+    ImagePair pair;
+    std::tie(pair.image_idx1, pair.image_idx2) =
+        std::minmax({order_[rank1], order_[rank2]});
+    view_graph_.pairs.push_back(pair);
+    is_used_.push_back(verdict == Verdict::kUsed);
+    is_discontinuous_.push_back(verdict == Verdict::kDiscontinuous);
+    return view_graph_.pairs.size() - 1;
+  }
+
+  // Moves the last part to another rig.
+  void SeparateLastPart() {
+    scene_.rigs.push_back({RigId(2), 0, {1}});
+    for (int k = kNumFrames - kPartSize; k < kNumFrames; ++k) {
+      scene_.frames[order_[k]].rig_idx = 1;
+    }
+  }
+
+  Mask FindLoops(SequenceMode mode = SequenceMode::kYes) const {
+    return FindLoopsAcrossContestedCuts(
+        FramePairIndex(scene_, view_graph_, mode), is_used_, is_discontinuous_);
+  }
+
+ private:
+  std::vector<int> order_;
+  Scene scene_;
+  ViewGraph view_graph_;
+  Mask is_used_, is_discontinuous_;
+};
+
+// Contested cuts A | B | C.
+void ContestTwoCuts(Drive* drive) {
+  drive->Add(19, 20, Verdict::kDiscontinuous);
+  drive->Add(17, 22, Verdict::kDiscontinuous);
+  drive->Add(38, 41, Verdict::kDiscontinuous);
+}
+
+TEST(ContestedCutsTest, LoopsAcrossThemAreFound) {
+  for (const std::vector<int>& order : {InOrder(), Shuffled()}) {
+    Drive drive(order);
+    ContestTwoCuts(&drive);
+    const std::vector<size_t> across = {
+        drive.Add(5, 30, Verdict::kUsed),   // A, B
+        drive.Add(21, 55, Verdict::kUsed),  // B, C
+        drive.Add(2, 58, Verdict::kUsed),   // A, C: over both cuts
+        drive.Add(14, 25, Verdict::kUsed),  // the shortest loop
+    };
+    drive.Add(2, 15, Verdict::kUsed);    // within A
+    drive.Add(42, 59, Verdict::kUsed);   // within C
+    drive.Add(6, 31, Verdict::kUnused);  // rejected for another reason
+    const Mask is_across = drive.FindLoops();
+    EXPECT_EQ(is_across.Count(), across.size());
+    for (const size_t i : across) EXPECT_TRUE(is_across[i]) << i;
+  }
+}
+
+TEST(ContestedCutsTest, PartsThatNoRejectedPairConnectsMayBeJoined) {
+  Drive drive;
+  ContestTwoCuts(&drive);
+  drive.Add(5, 70, Verdict::kUsed);   // A, D
+  drive.Add(45, 75, Verdict::kUsed);  // C, D
+  drive.Add(48, 72, Verdict::kUnused);
+  EXPECT_FALSE(drive.FindLoops().Any());
+  drive.SeparateLastPart();
+  EXPECT_FALSE(drive.FindLoops().Any());
+}
+
+// Other pairs of neighbours still connect the frames on both sides.
+TEST(ContestedCutsTest, AContestedPairWithinAPartIsNoCut) {
+  Drive drive;
+  drive.Add(19, 20, Verdict::kDiscontinuous);
+  const size_t loop = drive.Add(5, 30, Verdict::kUsed);
+  EXPECT_TRUE(drive.FindLoops()[loop]);
+  drive.Add(15, 24, Verdict::kUsed);
+  EXPECT_FALSE(drive.FindLoops().Any());
+}
+
+TEST(ContestedCutsTest, PairsOfNeighboursAreNoLoops) {
+  Drive drive;
+  ContestTwoCuts(&drive);
+  const size_t loop = drive.Add(14, 25, Verdict::kUsed);
+  EXPECT_EQ(drive.FindLoops().Count(), 1u);
+  drive.Add(15, 25, Verdict::kUsed);  // closes the cut
+  EXPECT_FALSE(drive.FindLoops()[loop]);
+}
+
+TEST(ContestedCutsTest, NoneAreFoundWithoutTemporalOrder) {
+  Drive drive;
+  ContestTwoCuts(&drive);
+  drive.Add(5, 30, Verdict::kUsed);
+  EXPECT_TRUE(drive.FindLoops().Any());
+  const Mask is_across = drive.FindLoops(SequenceMode::kNo);
+  EXPECT_EQ(is_across, Mask(is_across.size(), false));
+}
+
+TEST(ContestedCutsTest, NoneAreFoundIfNothingIsContested) {
+  Drive drive;
+  drive.Add(19, 20, Verdict::kUnused);
+  drive.Add(5, 30, Verdict::kUsed);
+  EXPECT_FALSE(drive.FindLoops().Any());
+}
+
+}  // namespace
+}  // namespace mgsfm

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The live view of a mapper run in the browser."""
+
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+
+TIMEOUT_S = 120
+
+
+@pytest.fixture(scope="module")
+def drive(mgsfm, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drive")
+    mgsfm("simulate", preset="standard", rig="kitti360", num_frames=60,
+          output_path=folder)
+    return folder / "database.db"
+
+
+class LiveMapper:
+    """A running mapper with a live view."""
+
+    def __init__(self, program, database, output, *options):
+        self.process = subprocess.Popen(
+            [program, "mapper", "--database_path", database, "--output_path",
+             output, "--live_port", "0", *options],
+            stderr=subprocess.PIPE, text=True)
+        self.url = None
+        for line in self.process.stderr:
+            found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+            if found:
+                self.url = found[0]
+                break
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+        self.process.stderr.close()
+
+    def end(self):
+        text = self.process.stderr.read()
+        return self.process.wait(TIMEOUT_S), text
+
+
+def wait_for(page, condition, mapper=None):
+    end = time.monotonic() + TIMEOUT_S
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, f"never true: {condition}"
+        if mapper:
+            assert mapper.process.poll() is None, f"too late: {condition}"
+        time.sleep(0.02)
+
+
+def files_without_times(folder):
+    """The files of a run but its report and pages, which have times."""
+    return {path.relative_to(folder): path.read_bytes()
+            for path in sorted(folder.rglob("*")) if path.is_file()
+            and path.name not in ("report.json", "report.html")}
+
+
+def complaints(page, url):
+    return [text for text in page.complaints() if not text.startswith(url)]
+
+
+def test_the_model_grows_and_the_final_page_follows(
+        drive, browser, mgsfm, program, tmp_path):
+    with LiveMapper(program, drive, tmp_path / "live") as mapper:
+        page = browser.open(mapper.url)
+        wait_for(page, "!document.getElementById('live').hidden", mapper)
+        wait_for(page, "document.getElementById('live_messages').innerText"
+                       ".includes('view graph')", mapper)
+        wait_for(page, "Boolean(window.mgsfmPage)", mapper)
+        assert page.evaluate("mgsfmPage.data.numFrames") == 60
+        # At the end, the report takes the place of the live view.
+        wait_for(page, "Boolean(document.getElementById('live')?.hidden && "
+                       "window.mgsfmPage)")
+        exit_code, _ = mapper.end()
+        assert exit_code == 0
+    assert "Time and memory" in page.evaluate("document.body.innerText")
+    assert complaints(page, mapper.url) == []
+    mgsfm("mapper", database_path=drive, output_path=tmp_path / "plain")
+    assert (files_without_times(tmp_path / "live")
+            == files_without_times(tmp_path / "plain"))
+
+
+def test_an_interrupted_run_leaves_its_last_state(
+        drive, browser, program, tmp_path):
+    with LiveMapper(program, drive, tmp_path / "out") as mapper:
+        page = browser.open(mapper.url)
+        wait_for(page, "Boolean(window.mgsfmPage)", mapper)
+        mapper.process.send_signal(signal.SIGINT)
+        exit_code, text = mapper.end()
+    assert exit_code == -signal.SIGINT
+    assert "nothing was written" in text
+    assert not (tmp_path / "out").exists()
+    wait_for(page, "document.getElementById('live_stage').innerText"
+                   ".includes('ended')")
+    assert page.evaluate("mgsfmPage.data.numFrames") == 60
+
+
+def test_a_port_in_use_is_one_line(drive, program, tmp_path):
+    with LiveMapper(program, drive, tmp_path / "out") as mapper:
+        port = mapper.url.rstrip("/").rsplit(":", 1)[1]
+        second = subprocess.run(
+            [program, "mapper", "--database_path", drive, "--output_path",
+             tmp_path / "second", "--live_port", port],
+            capture_output=True, text=True, check=False)
+    assert second.returncode == 1
+    assert second.stderr.count("\n") == 1
+    assert port in second.stderr and "--live_port" in second.stderr
+    assert not (tmp_path / "second").exists()
