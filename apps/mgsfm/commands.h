@@ -30,6 +30,7 @@ Command ModelConverterCommand();
 Command ModelCropperCommand();
 Command ModelEvaluatorCommand();
 Command ModelMergerCommand();
+Command ModelSplitterCommand();
 Command PointTriangulatorCommand();
 Command ReportCommand();
 Command RigConfiguratorCommand();

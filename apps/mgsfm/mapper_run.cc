@@ -2,9 +2,11 @@
 #include "mapper_run.h"
 
 #include <filesystem>
+#include <memory>
 #include <set>
 #include <utility>
 
+#include "checkpoint.h"
 #include "command.h"
 #include "figure_files.h"
 #include "io/database/image_list.h"
@@ -12,6 +14,7 @@
 #include "io/files/staged_output.h"
 #include "io/models/point_colors.h"
 #include "live_view.h"
+#include "memory_limit.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -121,6 +124,25 @@ void WriteModels(const MapperInput& input, const MapperResult& result,
   }
 }
 
+void LogNoModel(const MapperRun& run, const Context& context) {
+  const std::filesystem::path output(run.output_path);
+  context.log(LogLevel::kError, "no model could be reconstructed; see " +
+                                    (output / "report.json").string());
+}
+
+// nullptr if none is wanted. What does not change the models is no part of the
+// hash, such as output paths and the number of threads.
+std::unique_ptr<Checkpoint> OpenCheckpoint(const MapperRun& run,
+                                           const MapperInput& input,
+                                           const Context& context) {
+  if (run.checkpoint_path.empty()) return nullptr;
+  const std::string options = Version() + std::to_string(context.random_seed) +
+                              OptionsToJsonOf(run.mapper) +
+                              OptionsToJsonOf(run.baseline);
+  return std::make_unique<Checkpoint>(
+      run.checkpoint_path, HashInput(input) ^ HashText(options), context);
+}
+
 // A model that was extended without registration keeps its origin.
 void KeepGeoOrigin(const std::filesystem::path& input_path,
                    const MapperResult& result,
@@ -227,8 +249,12 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   input.mapper.gravity_priors =
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);
+  CheckMemory(input.mapper, run.max_memory_mib);
   if (run.live) input.mapper.observer = run.live->Observe(scene, context);
 
+  const std::unique_ptr<Checkpoint> checkpoint =
+      OpenCheckpoint(run, input.mapper, context);
+  input.mapper.stage_store = checkpoint.get();
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
   context.Debug("writing started");
@@ -244,6 +270,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
+  if (checkpoint) checkpoint->Remove();
   std::string first_page;
   if (run.write_report) {
     first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,
@@ -254,10 +281,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
                          context);
   }
   if (result.models.empty()) {
-    context.log(
-        LogLevel::kError,
-        "no model could be reconstructed; see " +
-            (std::filesystem::path(run.output_path) / "report.json").string());
+    LogNoModel(run, context);
     return kExitNotSolvable;
   }
   LogMissingColors(run.image_path, context);

@@ -99,6 +99,7 @@ constexpr Output kOutputs[] = {
     {"model_converter", "output_path", ExportReplaces},
     {"model_cropper", "output_path", ModelReplaces},
     {"model_merger", "output_path", ModelReplaces},
+    {"model_splitter", "output_path", RunReplaces},
     {"database_merger", "merged_database_path", IsSameFile},
     {"image_deleter", "output_path", ModelReplaces},
     {"image_undistorter", "output_path", UndistortionReplaces},

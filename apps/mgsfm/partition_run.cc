@@ -109,6 +109,12 @@ void LogClusters(const ViewGraphPartition& partition, int num_wanted,
 
 int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
                       const Context& context) {
+  // It would be replaced as that of an earlier run.
+  if (fs::exists(fs::path(run.output_path) / "report.json")) {
+    throw Error(
+        "'" + run.output_path +
+        "' holds models; choose another --output_path for the clusters");
+  }
   StagedOutput output(run.output_path);
   const LoadedScene loaded = LoadMatches(run, context);
   const ViewGraphPartition partition =

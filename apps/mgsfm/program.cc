@@ -51,8 +51,8 @@ std::vector<CommandGroup> CommandGroups() {
           {"Models",
            {ReportCommand(), ModelEvaluatorCommand(), ModelAnalyzerCommand(),
             ModelConverterCommand(), ImageUndistorterCommand(),
-            ModelAlignerCommand(), ModelMergerCommand(), ModelCropperCommand(),
-            ImageDeleterCommand()}},
+            ModelAlignerCommand(), ModelMergerCommand(), ModelSplitterCommand(),
+            ModelCropperCommand(), ImageDeleterCommand()}},
           {"Databases", {DatabaseMergerCommand(), DatabaseCleanerCommand()}},
           {"Simulation", {SimulateCommand()}}};
 }

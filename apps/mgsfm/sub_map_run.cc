@@ -59,7 +59,13 @@ SubMapFiles FindSubMaps(const SubMapRun& run) {
   }
   for (const int cluster : clusters) {
     const fs::path folder = fs::path(run.input_path) / std::to_string(cluster);
-    bool has_model = false;
+    // Those of model_splitter are models themselves.
+    bool has_model =
+        fs::is_directory(folder) && ListFolder(folder).HoldsModel();
+    if (has_model) {
+      files.folders.push_back(folder.string());
+      files.clusters.push_back(cluster);
+    }
     for (const int model : NumberedFolders(folder)) {
       const fs::path path = folder / std::to_string(model);
       if (!ListFolder(path).HoldsModel()) continue;
@@ -228,6 +234,11 @@ void WriteModelFolder(const SceneModel& model, ModelFormat format,
 }  // namespace
 
 int JoinClusters(const SubMapRun& run, const Context& context) {
+  std::error_code ignored;
+  if (fs::equivalent(run.input_path, run.output_path, ignored)) {
+    throw Error("'" + run.output_path +
+                "' holds the sub-maps; choose another --output_path");
+  }
   StagedOutput output(run.output_path);
   const SubMapFiles files = FindSubMaps(run);
   LogMissing(files, context);

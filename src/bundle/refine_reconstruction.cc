@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <cstdio>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
@@ -153,38 +155,57 @@ void DropFramesWithoutObservations(const RefinementInput& input,
   }
 }
 
-// Solves and triangulates in turn. Returns false if a solve fails.
-bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
+// A solve, and between the first and the last a triangulation. Returns false if
+// the solve fails.
+bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
   const double rough_tolerance =
       std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
-  if (!Solve(input, RefinedParts::kTranslations, rough_tolerance, result)) {
-    return false;
+  if (step == 0) {
+    return Solve(input, RefinedParts::kTranslations, rough_tolerance, result);
   }
-  for (int round = 0; round < options.num_rounds; ++round) {
-    if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) {
-      return false;
-    }
-    RetriangulatePoints(input, options.num_rounds - 1 - round, result);
+  if (step > options.num_rounds) {
+    return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
   }
-  return Solve(input, RefinedParts::kAll, options.function_tolerance, result);
+  if (!Solve(input, RefinedParts::kAll, rough_tolerance, result)) return false;
+  RetriangulatePoints(input, options.num_rounds - step, result);
+  return true;
+}
+
+// All steps after those of the store. Returns false if a solve fails.
+bool SolveAndTriangulate(const RefinementInput& input,
+                         const RefinementStore& store, BundleResult* result) {
+  std::optional<RefinementState> state;
+  if (store.load) state = store.load();
+  if (!state) {
+    RemoveGrossErrors(input, result);
+    state.emplace();
+  } else {
+    *result = {std::move(state->estimate), std::move(state->summary)};
+    input.context.Info("bundle adjustment: solve " +
+                       std::to_string(state->num_steps) +
+                       " from the checkpoint");
+  }
+  const int num_steps = input.options.num_rounds + 2;
+  for (int step = state->num_steps; step < num_steps; ++step) {
+    if (!RunStep(input, step, result)) return false;
+    if (store.save) store.save({step + 1, result->estimate, result->summary});
+  }
+  return true;
 }
 
 }  // namespace
 
-BundleResult RefineReconstruction(const Scene& scene,
-                                  const CandidateSource& candidates,
-                                  const Reconstruction& initial,
-                                  const BundleAdjustmentOptions& options,
-                                  const Context& context,
-                                  const BundlePriors& priors,
-                                  const FixedPoses& fixed) {
+BundleResult RefineReconstruction(
+    const Scene& scene, const CandidateSource& candidates,
+    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
+    const RefinementStore& store) {
   const RefinementInput input{scene,   candidates, initial, options,
                               context, priors,     fixed};
   BundleResult result;
   result.estimate = initial;
-  RemoveGrossErrors(input, &result);
-  if (SolveAndTriangulate(input, &result)) {
+  if (SolveAndTriangulate(input, store, &result)) {
     FilterFinalPoints(input, &result);
     DropFramesWithoutObservations(input, &result);
   }

@@ -19,6 +19,7 @@
 #include "pipeline/motion_recipe.h"
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
+#include "pipeline/saved_stages.h"
 #include "pipeline/timed.h"
 #include "pipeline/weak_seams.h"
 
@@ -111,6 +112,7 @@ struct Measurements {
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
   const ModelObserver& observer;
+  StageStore* stage_store;  // may be null
 };
 
 PositionInput PositionInputOf(const Measurements& measurements,
@@ -133,20 +135,22 @@ PositionInput PositionInputOf(const Measurements& measurements,
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
     const PositionStep& estimate_positions, const Measurements& measurements,
-    const RotationEstimate& rotations, const MapperOptions& options,
-    const Context& context, PairVerdicts* verdicts) {
+    const RotationEstimate& rotations, const StageFolder& stages,
+    const MapperOptions& options, const Context& context,
+    PairVerdicts* verdicts) {
   const Scene& scene = measurements.scene;
   const ViewGraph& view_graph = measurements.view_graph;
   const FramePairIndex& index = measurements.index;
   MapperModel model;
-  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
-    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
-                           options.tracks, context);
-  });
+  const TrackResult tracks =
+      Saved(stages, "tracks", context, &model.times, [&] {
+        return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
+                               options.tracks, context);
+      });
   model.tracks = tracks.summary;
 
   PositionResult translation =
-      Timed("translation averaging", context, &model.times, [&] {
+      Saved(stages, "translation averaging", context, &model.times, [&] {
         return estimate_positions(
             PositionInputOf(measurements, rotations, tracks.estimate),
             {options.translation_averaging, options.pair_filtering}, context);
@@ -166,6 +170,7 @@ std::vector<MapperModel> ReconstructComponent(
                         measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
+  input.stages = stages;
   input.observer = measurements.observer;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
@@ -237,6 +242,8 @@ std::vector<MapperModel> ReconstructComponents(
         estimate_positions, measurements,
         SelectComponent(measurements.scene, measurements.view_graph,
                         rotation->estimate, static_cast<int>(component)),
+        {measurements.stage_store,
+         "component " + std::to_string(component) + ", "},
         options, context, &rotation->verdicts);
     for (MapperModel& model : models) {
       if (!IsLargeEnough(model, options)) continue;
@@ -262,20 +269,24 @@ void ReplacePairs(std::vector<std::optional<ImagePair>> pair_of_scene,
 EstimatedRotations EstimateRotationsOfScene(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
     const ViewGraph& matches, const GravityPriors& gravity_priors,
-    const MapperOptions& options, const Context& context, ViewGraph* view_graph,
+    const MapperOptions& options, const Context& context,
+    StageStore* stage_store, ViewGraph* view_graph,
     std::vector<StageTime>* times) {
-  const auto average = [&](const Mask& pair_is_discontinuous) {
-    return Timed("rotation averaging", context, times, [&] {
+  const auto average = [&](const std::string& prefix,
+                           const Mask& pair_is_discontinuous) {
+    const StageFolder stages{stage_store, prefix};
+    return Saved(stages, "rotation averaging", context, times, [&] {
       return EstimateRotations(
           scene, index, *view_graph, gravity_priors, options.rotation_averaging,
           options.pair_filtering, context, pair_is_discontinuous);
     });
   };
-  EstimatedRotations rotation = average({});
+  EstimatedRotations rotation = average("first ", {});
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return rotation;
   }
-  MotionOfScene motion = Timed("moving objects", context, times, [&] {
+  const StageFolder stages{stage_store};
+  MotionOfScene motion = Saved(stages, "moving objects", context, times, [&] {
     return FindMotionOfScene(
         scene, bearings, index, *view_graph, matches, rotation.estimate,
         options.translation_averaging.min_parallax_deg, options.view_graph,
@@ -288,7 +299,7 @@ EstimatedRotations EstimateRotationsOfScene(
                std::to_string(view_graph->pairs.size()) +
                " image pairs contradict the motion of the rig, as those on "
                "vehicles that move along do; they are not used");
-  return average(motion.pair_is_discontinuous);
+  return average("second ", motion.pair_is_discontinuous);
 }
 
 // The stages after the calibration of focal lengths, which replaces the cameras
@@ -302,10 +313,12 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
   });
-  ViewGraphResult verified = Timed("view graph", context, &result.times, [&] {
-    return EstimateViewGraph(scene, bearings, view_graph, options.view_graph,
-                             context);
-  });
+  const StageFolder stages{input.stage_store};
+  ViewGraphResult verified =
+      Saved(stages, "view graph", context, &result.times, [&] {
+        return EstimateViewGraph(scene, bearings, view_graph,
+                                 options.view_graph, context);
+      });
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
   const auto check_input = [&] {
@@ -327,15 +340,15 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
                              options.pair_filtering.is_sequence);
   EstimatedRotations rotation = EstimateRotationsOfScene(
       scene, bearings, index, view_graph, input.gravity_priors, options,
-      context, &verified.estimate, &result.times);
+      context, input.stage_store, &verified.estimate, &result.times);
   result.rotation = std::move(rotation.summary);
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,   bearings,      verified.estimate, index, input.position_priors,
-      gravity, input.observer};
+      scene,   bearings,       verified.estimate, index, input.position_priors,
+      gravity, input.observer, input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,
@@ -403,8 +416,9 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
                              const Context& context) {
   const Scene& scene = input.scene;
   std::vector<StageTime> times;
+  const StageFolder stages{input.stage_store};
   FocalLengthResult focal_lengths =
-      Timed("focal lengths", context, &times, [&] {
+      Saved(stages, "focal lengths", context, &times, [&] {
         return CalibrateFocalLengths(scene, input.view_graph,
                                      options.focal_lengths, context);
       });

@@ -179,7 +179,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
     return RefineReconstruction(
         scene, MakeObservedSource(input, options, context), initial,
-        options.bundle_adjustment, context, used_priors, input.held);
+        options.bundle_adjustment, context, used_priors, input.held,
+        MakeRefinementStore(input.stages));
   });
   model->bundle = std::move(bundle.summary);
   model->reconstruction = std::move(bundle.estimate);

@@ -11,6 +11,7 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "pipeline/saved_stages.h"
 
 namespace mgsfm {
 
@@ -26,6 +27,7 @@ struct AdjustmentInput {
   // of the result unless position priors do.
   const Reconstruction* start = nullptr;
   FixedPoses held = {};
+  StageFolder stages = {};      // for the states of bundle adjustment
   ModelObserver observer = {};  // of the rounds of bundle adjustment
 };
 

@@ -115,6 +115,7 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       std::move(part.reconstruction));
     if (!IsLargeEnough(part, options)) continue;
     AdjustmentInput of_part = input;
+    of_part.stages.prefix += "part " + std::to_string(segment) + ", ";
     of_part.pair_is_used =
         PairsOfSegment(index, segment_of_frame, segment, input.pair_is_used);
     Reconstruction initial = std::move(part.reconstruction);

@@ -270,6 +270,20 @@ struct FixedPoses {
                                         const BundlePriors& priors = {},
                                         const FixedPoses& fixed = {});
 
+// The state of RefineReconstruction after some of its solves.
+struct RefinementState {
+  int num_steps = 0;
+  Reconstruction estimate;
+  BundleSummary summary;
+};
+
+// Loads the latest state and saves new ones, so that a run can continue another
+// one with the same input and the same result. Empty functions: nothing.
+struct RefinementStore {
+  std::function<std::optional<RefinementState>()> load = {};
+  std::function<void(const RefinementState&)> save = {};
+};
+
 // Returns groups of keypoints that can be observations of one point. The model,
 // with reprojection errors up to max_error_px, helps to separate points. A
 // group has at most one keypoint per image.
@@ -309,7 +323,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
     const Scene& scene, const CandidateSource& candidates,
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors = {},
-    const FixedPoses& fixed = {});
+    const FixedPoses& fixed = {}, const RefinementStore& store = {});
 
 // Step 2's triangulation alone, with max_max_error_px as bound. For models
 // without points or with new frames.

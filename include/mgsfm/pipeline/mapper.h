@@ -18,6 +18,7 @@
 #include "mgsfm/health/finding.h"
 #include "mgsfm/health/kept_matches.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/pipeline/stage_store.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
@@ -168,6 +169,9 @@ struct MapperInput {
   std::optional<Reconstruction> existing_model = {};
   // Cameras without common frames are a finding, unless the user wants so.
   bool expects_rigs = true;
+  // Where stages save their results and find those of an earlier run. Not
+  // owned; null: nowhere. Models that are extended are not saved.
+  StageStore* stage_store = nullptr;
   ModelObserver observer = {};  // may be null
 };
 

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Clusters of a drive, mapped one by one and joined.
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "cli/program_runs.h"
+
+namespace mgsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+using Json = nlohmann::json;
+
+class SubMapCommands : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    shared_ = new TempDir();
+    const CommandOutput output = RunMgsfm(
+        "simulate --rig stereo --path loop --num_frames 60 --max_num_features "
+        "150 --num_points_per_frame 60 --pixel_noise 0.3 --output_path " +
+        In());
+    ASSERT_EQ(output.exit_code, 0) << output.err;
+  }
+  static void TearDownTestSuite() {
+    delete shared_;
+    shared_ = nullptr;
+  }
+  static std::string In() { return (shared_->path() / "in").string(); }
+  static std::string Database() { return In() + "/database.db"; }
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  CommandOutput Run(const std::string& arguments) const {
+    const CommandOutput output = RunMgsfm(arguments);
+    EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
+    return output;
+  }
+  Json Partition(int num_clusters) const {
+    Run("mapper --partition " + std::to_string(num_clusters) +
+        " --partition_overlap 4 --database_path " + Database() +
+        " --output_path " + Path("clusters"));
+    return Json::parse(ReadTextFile(Path("clusters/clusters.json")));
+  }
+  void Map(const Json& clusters, int cluster, const std::string& more) const {
+    const std::string list = clusters["clusters"][cluster]["image_list"];
+    Run("mapper --write_report 0 --database_path " + Database() +
+        " --image_list_path " + Path("clusters/" + list) + " --output_path " +
+        Path("maps/" + std::to_string(cluster)) + more);
+  }
+  // All clusters but `failing`, with the calibration of the first.
+  void MapAll(const Json& clusters, int failing = -1) const {
+    fs::create_directory(Path("maps"));
+    const int first = clusters["calibration_clusters"][0];
+    Map(clusters, first, "");
+    const auto num_clusters = static_cast<int>(clusters["clusters"].size());
+    for (int i = 0; i < num_clusters; ++i) {
+      if (i == first || i == failing) continue;
+      Map(clusters, i,
+          " --BundleAdjustment.refine_sensor_from_rig yes --rig_config_path " +
+              Path("maps/" + std::to_string(first) + "/0"));
+    }
+  }
+  CommandOutput Join() const {
+    return Run("model_merger --graph 1 --cluster_path " + Path("clusters") +
+               " --input_path " + Path("maps") + " --database_path " +
+               Database() + " --output_path " + Path("joined"));
+  }
+  Json Evaluate(const std::string& model) const {
+    Run("model_evaluator --input_path " + model + " --gt_path " + In() +
+        "/truth --json " + Path("errors.json"));
+    return Json::parse(ReadTextFile(Path("errors.json")));
+  }
+
+  static inline TempDir* shared_ = nullptr;
+  const TempDir dir_;
+};
+
+TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
+  const Json clusters = Partition(3);
+  ASSERT_EQ(clusters["clusters"].size(), 3u);
+  MapAll(clusters);
+  Join();
+  Run("mapper --write_report 0 --database_path " + Database() +
+      " --output_path " + Path("single"));
+  const Json joined = Evaluate(Path("joined/0"));
+  const Json single = Evaluate(Path("single/0"));
+  EXPECT_EQ(joined["num_registered"], single["num_registered"]);
+  EXPECT_LT(joined["position_m"]["mean"].get<double>(),
+            1.1 * single["position_m"]["mean"].get<double>());
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  EXPECT_EQ(report["sub_maps"].size(), 3u);
+  EXPECT_TRUE(report["missing_clusters"].empty());
+}
+
+TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
+  const Json clusters = Partition(4);
+  const int failing = clusters["calibration_clusters"][0] == 0 ? 1 : 0;
+  MapAll(clusters, failing);
+  const CommandOutput output = Join();
+  EXPECT_THAT(output.err, HasSubstr("there is no model in '" +
+                                    Path("maps/" + std::to_string(failing))));
+  const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
+  EXPECT_EQ(report["missing_clusters"].size(), 1u);
+  EXPECT_GT(Evaluate(Path("joined/0"))["num_registered"], 60);
+}
+
+// Replacing them as results of an earlier run would lose them.
+TEST_F(SubMapCommands, ModelsAndSubMapsAreNotOverwritten) {
+  fs::create_directories(Path("maps/0/0"));
+  std::ofstream(Path("maps/report.json")) << "{}";
+  const CommandOutput cut =
+      RunMgsfm("mapper --partition 2 --database_path " + Database() +
+               " --output_path " + Path("maps"));
+  EXPECT_EQ(cut.exit_code, 1);
+  EXPECT_THAT(LastWord(cut), HasSubstr("holds models"));
+  const CommandOutput joined =
+      RunMgsfm("model_merger --graph 1 --input_path " + Path("maps") +
+               " --output_path " + Path("maps"));
+  EXPECT_EQ(joined.exit_code, 1);
+  EXPECT_THAT(LastWord(joined), HasSubstr("holds the sub-maps"));
+  EXPECT_TRUE(fs::exists(Path("maps/0/0")));
+}
+
+TEST_F(SubMapCommands, TooLargeInputIsRefusedBeforeTheReconstruction) {
+  const std::string mapper = "mapper --write_report 0 --database_path " +
+                             Database() + " --output_path " + Path("out") +
+                             " --max_memory ";
+  const CommandOutput refused = RunMgsfm(mapper + "71");
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 71; cut the "
+                                           "view graph with --partition"));
+  EXPECT_THAT(refused.err, Not(HasSubstr("rotation averaging")));
+  EXPECT_FALSE(fs::exists(Path("out")));
+  Run(mapper + "1000");
+}
+
+TEST_F(SubMapCommands, SplitModelsJoinToTheWhole) {
+  Run("model_splitter --input_path " + In() + "/truth --output_path " +
+      Path("maps") + " --num_clusters 3 --num_overlap_frames 4");
+  EXPECT_TRUE(fs::exists(Path("maps/2/images.bin")));
+  Run("model_merger --graph 1 --refine 0 --input_path " + Path("maps") +
+      " --output_path " + Path("joined"));
+  const Json errors = Evaluate(Path("joined/0"));
+  EXPECT_EQ(errors["num_registered"], 120);
+  EXPECT_LT(errors["position_m"]["max"].get<double>(), 1e-6);
+  const CommandOutput refused =
+      RunMgsfm("model_splitter --input_path " + Path("maps/0") +
+               " --output_path " + Path("maps"));
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_TRUE(fs::exists(Path("maps/2/images.bin")));
+}
+
+}  // namespace
+}  // namespace mgsfm
