@@ -107,6 +107,10 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm vocab_tree_matcher --database_path database.db",
      "database_path rig_config_path calibration_path rig_name_rule "
      "VocabTreeMatching.num_images"},
+    {"vocab_tree_builder",
+     "mgsfm vocab_tree_builder --database_path database.db --vocab_tree_path "
+     "tree.bin",
+     ""},
     {"spatial_matcher", "mgsfm spatial_matcher --database_path database.db",
      "database_path rig_config_path calibration_path rig_name_rule "
      "SpatialMatching.is_gps SpatialMatching.max_num_neighbors "
@@ -126,6 +130,8 @@ constexpr BasicHelp kBasicHelps[] = {
      "mgsfm model_merger --input_path1 sparse/0 --input_path2 sparse/1 "
      "--output_path merged",
      ""},
+    {"model_splitter",
+     "mgsfm model_splitter --input_path sparse/0 --output_path parts", ""},
     {"model_cropper",
      "mgsfm model_cropper --input_path sparse/0 --output_path cropped "
      "--boundary 0.05,0.95",

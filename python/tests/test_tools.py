@@ -76,9 +76,13 @@ def test_databases(drive, tmp_path):
             "SELECT COUNT(*) FROM two_view_geometries").fetchone() == (0,)
         assert database.execute(
             "SELECT COUNT(*) FROM images").fetchone() == (24,)
-    with pytest.raises(pymgsfm.InputError, match="has an image"):
-        pymgsfm.merge_databases(copy, drive / "database.db",
-                                tmp_path / "merged.db")
+    merged = tmp_path / "merged.db"
+    pymgsfm.merge_databases(copy, drive / "database.db", merged)
+    with sqlite3.connect(merged) as database:
+        assert database.execute(
+            "SELECT COUNT(*) FROM images").fetchone() == (24,)
+    with pytest.raises(pymgsfm.InputError, match="exists already"):
+        pymgsfm.merge_databases(copy, drive / "database.db", merged)
 
 
 def test_undistort(tmp_path):

@@ -174,7 +174,7 @@ TEST_F(MatcherCommands, OptionsAreThoseOfColmap) {
         "SpatialMatching.max_distance"}},
       {"matches_importer", {"match_list_path", "match_type"}}};
   for (const auto& [command, options] : names) {
-    const std::string help = RunMgsfm(command + " --help").out;
+    const std::string help = RunMgsfm(command + " --help_all").out;
     for (const std::string& option : options) {
       EXPECT_THAT(help, HasSubstr("--" + option + "\n")) << command;
     }

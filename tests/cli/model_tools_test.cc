@@ -259,7 +259,7 @@ TEST_F(ModelTools, TypesOfAlignmentDifferInTheWorld) {
   // The unit of the model here is nearly the metre.
   Run(call + "enu-plane-unscaled --output_path " + Path("unscaled") +
       " --transform_path " + Path("sim3.txt"));
-  EXPECT_EQ(std::stod(ReadTextFile(Path("sim3.txt"))), 1.0);
+  EXPECT_DOUBLE_EQ(std::stod(ReadTextFile(Path("sim3.txt"))), 1.0);
   EXPECT_FALSE(fs::exists(Path("unscaled/geo_origin.json")));
   ExpectRefused(call + "ecef --ref_is_gps 0 --output_path " + Path("x"),
                 HasSubstr("needs GPS"));
