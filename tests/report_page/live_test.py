@@ -14,7 +14,7 @@ TIMEOUT_S = 120
 @pytest.fixture(scope="module")
 def drive(mgsfm, tmp_path_factory):
     folder = tmp_path_factory.mktemp("drive")
-    mgsfm("simulate", preset="standard", rig="kitti360", num_frames=60,
+    mgsfm("simulate", preset="standard", rig="kitti360", num_frames=240,
           output_path=folder)
     return folder / "database.db"
 
@@ -25,7 +25,7 @@ class LiveMapper:
     def __init__(self, program, database, output, *options):
         self.process = subprocess.Popen(
             [program, "mapper", "--database_path", database, "--output_path",
-             output, "--live_port", "0", *options],
+             output, "--live_port", "0", "--num_threads", "1", *options],
             stderr=subprocess.PIPE, text=True)
         self.url = None
         for line in self.process.stderr:
@@ -75,7 +75,7 @@ def test_the_model_grows_and_the_final_page_follows(
         wait_for(page, "document.getElementById('live_messages').innerText"
                        ".includes('view graph')", mapper)
         wait_for(page, "Boolean(window.mgsfmPage)", mapper)
-        assert page.evaluate("mgsfmPage.data.numFrames") == 60
+        assert page.evaluate("mgsfmPage.data.numFrames") == 240
         # At the end, the report takes the place of the live view.
         wait_for(page, "Boolean(document.getElementById('live')?.hidden && "
                        "window.mgsfmPage)")
@@ -100,7 +100,7 @@ def test_an_interrupted_run_leaves_its_last_state(
     assert not (tmp_path / "out").exists()
     wait_for(page, "document.getElementById('live_stage').innerText"
                    ".includes('ended')")
-    assert page.evaluate("mgsfmPage.data.numFrames") == 60
+    assert page.evaluate("mgsfmPage.data.numFrames") == 240
 
 
 def test_a_port_in_use_is_one_line(drive, program, tmp_path):
