@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-# What a browser loads with the page; links that a reader follows may leave.
+# A browser loads these with the page. Links that a reader follows may leave.
 LOADED = {("script", "src"), ("img", "src"), ("link", "href"),
           ("iframe", "src"), ("source", "src")}
 

@@ -67,7 +67,7 @@ class LiveView {
   std::string title_;
   Timer since_start_;
   ProgressText progress_;
-  // What the page shows of the state.
+  // The state that the page shows.
   std::string stage_;
   std::string progress_line_;
   double share_ = 0.0;

@@ -29,16 +29,21 @@ std::string Column(sqlite3_stmt* row, int column) {
                      static_cast<size_t>(sqlite3_column_bytes(row, column)));
 }
 
-// The rows of all tables; "damaged" if SQLite finds a fault.
-std::string DumpDatabase(const fs::path& path) {
-  sqlite3* opened = nullptr;
-  sqlite3_open(path.c_str(), &opened);
-  const std::unique_ptr<sqlite3, Closer> db(opened);
-  const auto query = [&](const std::string& sql) {
+constexpr char kDamaged[] = "damaged";
+
+// The rows that each query selects; kDamaged if SQLite finds a fault.
+class DatabaseRows {
+ public:
+  explicit DatabaseRows(const fs::path& path) {
+    sqlite3* opened = nullptr;
+    sqlite3_open(path.c_str(), &opened);
+    db_.reset(opened);
+  }
+  std::string Select(const std::string& sql) const {
     std::string rows;
     sqlite3_stmt* row = nullptr;
-    bool is_damaged =
-        sqlite3_prepare_v2(opened, sql.c_str(), -1, &row, nullptr) != SQLITE_OK;
+    bool is_damaged = sqlite3_prepare_v2(db_.get(), sql.c_str(), -1, &row,
+                                         nullptr) != SQLITE_OK;
     int result = SQLITE_DONE;
     while (!is_damaged && (result = sqlite3_step(row)) == SQLITE_ROW) {
       for (int i = 0; i < sqlite3_column_count(row); ++i) {
@@ -47,19 +52,38 @@ std::string DumpDatabase(const fs::path& path) {
     }
     is_damaged = is_damaged || result != SQLITE_DONE;
     sqlite3_finalize(row);
-    return is_damaged ? std::string("damaged") : rows;
-  };
-  if (query("PRAGMA integrity_check") != "ok\n") return "damaged";
+    return is_damaged ? std::string(kDamaged) : rows;
+  }
+
+ private:
+  std::unique_ptr<sqlite3, Closer> db_;
+};
+
+// The rows of all tables; kDamaged if SQLite finds a fault.
+std::string DumpDatabase(const fs::path& path) {
+  const DatabaseRows db(path);
+  if (db.Select("PRAGMA integrity_check") != "ok\n") return kDamaged;
   std::istringstream tables(
-      query("SELECT name FROM sqlite_master WHERE type = 'table' AND name != "
-            "'sqlite_sequence' ORDER BY name"));
+      db.Select("SELECT name FROM sqlite_master WHERE type = 'table' AND name "
+                "!= 'sqlite_sequence' ORDER BY name"));
   std::string dump;
   for (std::string table; std::getline(tables, table);) {
-    const std::string rows = query("SELECT * FROM " + table);
-    if (rows == "damaged") return rows;
+    const std::string rows = db.Select("SELECT * FROM " + table);
+    if (rows == kDamaged) return rows;
     dump += table + ":\n" + rows;
   }
   return dump;
+}
+
+// The features of all images by name. An image that one run leaves out and the
+// next one adds gets another id than in a run without faults.
+std::string FeaturesByName(const fs::path& path) {
+  return DatabaseRows(path).Select(
+      "SELECT images.name, cameras.*, keypoints.rows, keypoints.cols, "
+      "keypoints.data, descriptors.rows, descriptors.cols, descriptors.data "
+      "FROM images JOIN cameras USING (camera_id) "
+      "JOIN keypoints USING (image_id) JOIN descriptors USING (image_id) "
+      "ORDER BY images.name");
 }
 
 void ExecuteSql(const fs::path& path, const std::string& sql) {
@@ -121,6 +145,8 @@ bool HasHiddenFiles(const fs::path& folder) {
 
 // ------------------------------------------------------------------ commands
 
+constexpr int kManyRuns = 6;
+
 struct FaultCase {
   std::string name;
   std::string arguments;  // in the folder in which it runs
@@ -128,7 +154,8 @@ struct FaultCase {
   // next run continues with what is there.
   bool is_atomic = true;
   bool is_in_place = false;  // the output is the input
-  int max_runs = 6;          // per kind of fault
+  int max_runs = kManyRuns;  // per kind of fault
+  bool adds_images = false;  // leaves out those that it cannot read
 };
 
 struct FaultKind {
@@ -212,6 +239,7 @@ class FaultTest : public testing::Test {
   const TempDir dir_;
   std::optional<long> stride_;  // otherwise that of FaultCase::max_runs
   Files old_, new_;
+  std::string new_features_;  // by FeaturesByName
   int num_faults_ = 0;
 };
 
@@ -249,7 +277,7 @@ void FaultTest::CheckState(const FaultCase& command, bool is_whole) {
     EXPECT_TRUE(found->second == content) << name << " has changed";
   }
   for (const auto& [name, content] : now) {
-    EXPECT_NE(content, "damaged") << name;
+    EXPECT_NE(content, kDamaged) << name;
     EXPECT_TRUE(old_.count(name) + new_.count(name) > 0) << name << " is new";
     if (!command.is_atomic) continue;
     const auto before = old_.find(name), after = new_.find(name);
@@ -289,11 +317,12 @@ void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
   const bool can_undo = plan.fault != Fault::kErrorAlways ||
                         KindOfFaultyCall() != CallKind::kName;
   CheckState(command, has_ended && can_undo);
+  bool may_lack_images = false;
   if (has_ended && output.exit_code == 0) {
     const bool is_complete = VisibleFiles(Sandbox()) == new_;
     // An image that cannot be read is left out with a warning; the next run
     // adds it.
-    const bool may_lack_images =
+    may_lack_images =
         KindOfFaultyCall() == CallKind::kRead && !command.is_atomic &&
         output.err.find("warning") != std::string::npos;
     EXPECT_TRUE(is_complete || may_lack_images) << "success, not complete";
@@ -305,7 +334,10 @@ void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
   const CommandOutput next = Run(command.arguments, Sandbox(), {});
   // An adjustment in place may start from its own result, which the next run
   // completes.
-  if (!command.is_in_place) {
+  if (may_lack_images && command.adds_images) {
+    EXPECT_EQ(FeaturesByName(Sandbox() / "a.db"), new_features_)
+        << "the next run: " << next.err;
+  } else if (!command.is_in_place) {
     EXPECT_EQ(Differences(VisibleFiles(Sandbox()), new_), "")
         << "the next run: " << next.err;
   }
@@ -323,6 +355,7 @@ void FaultTest::Sweep(const FaultCase& command) {
   const CommandOutput clean = Run(command.arguments, Sandbox(), {});
   ASSERT_EQ(clean.exit_code, 0) << clean.err;
   new_ = VisibleFiles(Sandbox());
+  if (command.adds_images) new_features_ = FeaturesByName(Sandbox() / "a.db");
   ASSERT_TRUE(old_ != new_);
   for (const FaultKind& kind : kFaultKinds) {
     FaultPlan plan;
@@ -366,7 +399,7 @@ TEST_F(FaultTest, Extract) {
   Sweep({"feature_extractor",
          "feature_extractor --database_path a.db --image_path images "
          "--SiftExtraction.max_num_features 30 --num_threads 1",
-         false});
+         false, false, kManyRuns, true});
 }
 
 TEST_F(FaultTest, ConfigureRigs) {

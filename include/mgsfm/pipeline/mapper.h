@@ -169,8 +169,8 @@ struct MapperInput {
   std::optional<Reconstruction> existing_model = {};
   // Cameras without common frames are a finding, unless the user wants so.
   bool expects_rigs = true;
-  // Where stages save their results and find those of an earlier run. Not
-  // owned; null: nowhere. Models that are extended are not saved.
+  // Stages save their results here and find those of an earlier run. Not
+  // owned; null: they save nothing. Models that are extended are not saved.
   StageStore* stage_store = nullptr;
   ModelObserver observer = {};  // may be null
 };

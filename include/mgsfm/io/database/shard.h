@@ -37,7 +37,7 @@ struct Share {
 
 enum class ShardKind { kFeatures, kMatches };
 
-// What a shard says of itself, in the table `mgsfm_shard`, which other programs
+// A shard describes itself in the table `mgsfm_shard`, which other programs
 // ignore.
 struct ShardManifest {
   ShardKind kind = ShardKind::kFeatures;
