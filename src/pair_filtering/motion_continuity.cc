@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -27,6 +28,9 @@ constexpr double kMinChange = 0.03;
 constexpr double kMinTurnChange_rad = DegToRad(3.0);
 // A step without a hypothesis counts like one that 2 % of the matches support.
 constexpr double kSkipCost = 4.0;
+// A step without a distance: it fits any speed, so that one with a distance
+// that continues the motion must be preferred.
+constexpr double kFreeDistanceCost = 1.0;
 constexpr size_t kMaxNumSkipped = 7;
 // More than any jumps that skipping a step could avoid.
 constexpr double kNeverSkip = 1e4;
@@ -68,10 +72,60 @@ double MedianLength(const std::vector<StepHypotheses>& steps) {
   std::vector<double> lengths;
   for (const StepHypotheses& step : steps) {
     for (const MotionHypothesis& h : step) {
+      if (h.free_direction) continue;
       lengths.push_back(h.later_from_earlier.translation.norm());
     }
   }
   return lengths.empty() ? 0.0 : Median(std::move(lengths));
+}
+
+// The centre of a step of some length in the direction of a hypothesis.
+Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
+  return length * hypothesis.free_direction.value_or(Vector3d::Zero());
+}
+
+// Whether a free hypothesis agrees with one with a distance. It has parallax,
+// so that it never supports standing still.
+bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion) {
+  return Agree(free.ClosestTo(motion.Center()), motion, 0.0);
+}
+
+// The hypotheses with a distance, and the free ones, in groups that agree. A
+// group that agrees with a distance supports it, too.
+StepHypotheses GroupFree(const StepHypotheses& step, double median_step) {
+  StepHypotheses grouped, free;
+  for (const MotionHypothesis& h : step) {
+    if (!h.free_direction) grouped.push_back(h);
+  }
+  const size_t num_measured = grouped.size();
+  const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
+    const Rigid3 motion = a.ClosestTo(ForwardStep(a, median_step));
+    return Agree(b.ClosestTo(motion.Center()), motion, median_step);
+  };
+  for (const MotionHypothesis& h : step) {
+    if (h.free_direction) free.push_back(h);
+  }
+  std::stable_sort(
+      free.begin(), free.end(),
+      [](const auto& a, const auto& b) { return a.share > b.share; });
+  for (const MotionHypothesis& h : free) {
+    const auto group =
+        std::find_if(grouped.begin() + static_cast<long>(num_measured),
+                     grouped.end(), [&](const auto& g) { return agree(g, h); });
+    if (group == grouped.end()) {
+      grouped.push_back(h);
+    } else {
+      group->share += h.share;
+      group->own_share += h.share;
+    }
+  }
+  for (size_t i = 0; i < num_measured; ++i) {
+    for (size_t j = num_measured; j < grouped.size(); ++j) {
+      if (!SupportsDistance(grouped[j], grouped[i].later_from_earlier)) continue;
+      grouped[i].share = std::max(grouped[i].share, grouped[j].share);
+    }
+  }
+  return grouped;
 }
 
 bool HasRivals(const StepHypotheses& step, double median_step) {
@@ -79,9 +133,10 @@ bool HasRivals(const StepHypotheses& step, double median_step) {
   const auto best = std::max_element(
       step.begin(), step.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
+  const Rigid3 motion = best->ClosestTo(ForwardStep(*best, median_step));
   return std::any_of(step.begin(), step.end(), [&](const auto& h) {
     return h.own_share >= kContestingShare &&
-           !Agree(h.later_from_earlier, best->later_from_earlier, median_step);
+           !Agree(h.ClosestTo(motion.Center()), motion, median_step);
   });
 }
 
@@ -97,6 +152,13 @@ Mask FindDoubtful(const Mask& has_rivals) {
   return is_doubtful;
 }
 
+struct ChosenMotion {
+  Velocity velocity;
+  MotionHypothesis hypothesis;
+
+  bool HasDistance() const { return !hypothesis.free_direction.has_value(); }
+};
+
 // Chooses hypotheses by dynamic programming.
 class MotionSearch {
  public:
@@ -104,22 +166,17 @@ class MotionSearch {
   MotionSearch(const std::vector<StepHypotheses>& steps,
                const std::vector<double>& durations, const Mask& is_doubtful,
                double median_step)
-      : steps_(steps), median_step_(median_step) {
+      : steps_(steps), durations_(durations), median_step_(median_step) {
     skip_cost_before_.push_back(0.0);
     for (size_t k = 0; k < steps.size(); ++k) {
       skip_cost_before_.push_back(
           skip_cost_before_.back() +
           (is_doubtful[k] || steps[k].empty() ? kSkipCost : kNeverSkip));
-      velocities_.emplace_back();
-      for (const MotionHypothesis& h : steps[k]) {
-        velocities_.back().push_back(
-            VelocityOf(h.later_from_earlier, durations[k]));
-      }
     }
   }
 
-  // Per step: the velocity of the chosen hypothesis, if any.
-  std::vector<std::optional<Velocity>> Solve() {
+  // Per step: the chosen hypothesis, if any.
+  std::vector<std::optional<ChosenMotion>> Solve() {
     for (size_t k = 0; k < steps_.size(); ++k) {
       nodes_.emplace_back();
       for (size_t h = 0; h < steps_[k].size(); ++h) {
@@ -136,39 +193,63 @@ class MotionSearch {
   struct Node {
     double cost = 0.0;
     std::optional<Position> previous;
+    Velocity velocity;
+    int num_free = 0;  // steps up to this one, since one with a distance
   };
+
+  // The velocity of a hypothesis after a step with another one.
+  Velocity VelocityAfter(const Vector3d& linear, size_t k, size_t h) const {
+    return VelocityOf(steps_[k][h].ClosestTo(durations_[k] * linear),
+                      durations_[k]);
+  }
 
   // Of the steps in [begin, end).
   double SkipCost(size_t begin, size_t end) const {
     return skip_cost_before_[end] - skip_cost_before_[begin];
   }
 
-  double CostOfChange(const Velocity& a, const Velocity& b) const {
+  // `num_steps`: since the speed of `a` was measured.
+  double CostOfChange(const Velocity& a, const Velocity& b,
+                      int num_steps) const {
     const double scale =
         kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
         kMinChange * median_step_;
+    const Vector3d change = b.linear - a.linear;
+    const double change_along = change.dot(a.linear.stableNormalized());
     const double scale_rad =
         kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
         kMinTurnChange_rad;
     const double cost =
-        (a.linear - b.linear).squaredNorm() / (scale * scale) +
+        (change.squaredNorm() - change_along * change_along +
+         change_along * change_along / num_steps) /
+            (scale * scale) +
         (a.angular_rad - b.angular_rad).squaredNorm() / (scale_rad * scale_rad);
     return kLossScale * std::log1p(cost / kLossScale);
   }
 
   Node BestNode(size_t k, size_t h) const {
+    const MotionHypothesis& hypothesis = steps_[k][h];
     Node best = AfterGap(k);
+    best.velocity = VelocityOf(
+        hypothesis.ClosestTo(ForwardStep(hypothesis, median_step_)),
+        durations_[k]);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_[previous].size(); ++g) {
+        const Node& node = nodes_[previous][g];
+        const Velocity velocity = VelocityAfter(node.velocity.linear, k, h);
         const double cost =
-            nodes_[previous][g].cost +
-            CostOfChange(velocities_[previous][g], velocities_[k][h]) +
+            node.cost +
+            CostOfChange(node.velocity, velocity, 1 + node.num_free) +
             SkipCost(previous + 1, k);
-        if (cost < best.cost) best = {cost, Position{previous, g}};
+        if (cost >= best.cost) continue;
+        best = {cost, Position{previous, g}, velocity,
+                hypothesis.free_direction ? node.num_free + 1 : 0};
       }
     }
-    best.cost -= std::log(steps_[k][h].share);
+    static const double kW = std::getenv("SW") ? atof(std::getenv("SW")) : 0.5;
+    best.cost -= kW * std::log(hypothesis.share);
+    if (hypothesis.free_direction) best.cost += kFreeDistanceCost;
     return best;
   }
 
@@ -176,18 +257,18 @@ class MotionSearch {
   // hypothesis, the best node before them: velocities across such a gap are not
   // compared.
   Node AfterGap(size_t k) const {
-    Node best{SkipCost(0, k), std::nullopt};
+    Node best{SkipCost(0, k), std::nullopt, {}, 0};
     size_t before = k;
     while (before > 0 && steps_[before - 1].empty()) --before;
     if (before == 0 || k - before <= kMaxNumSkipped) return best;
     for (size_t g = 0; g < steps_[before - 1].size(); ++g) {
       const double cost = nodes_[before - 1][g].cost + SkipCost(before, k);
-      if (cost < best.cost) best = {cost, Position{before - 1, g}};
+      if (cost < best.cost) best = {cost, Position{before - 1, g}, {}, 0};
     }
     return best;
   }
 
-  std::vector<std::optional<Velocity>> TraceBack() const {
+  std::vector<std::optional<ChosenMotion>> TraceBack() const {
     std::optional<Position> position;
     double lowest = 0.0;
     for (size_t k = 0; k < nodes_.size(); ++k) {
@@ -199,21 +280,48 @@ class MotionSearch {
         }
       }
     }
-    std::vector<std::optional<Velocity>> chosen(steps_.size());
+    std::vector<std::optional<ChosenMotion>> chosen(steps_.size());
     while (position) {
-      chosen[position->step] =
-          velocities_[position->step][position->hypothesis];
-      position = nodes_[position->step][position->hypothesis].previous;
+      const auto [k, h] = *position;
+      chosen[k] = ChosenMotion{nodes_[k][h].velocity, steps_[k][h]};
+      position = nodes_[k][h].previous;
     }
     return chosen;
   }
 
   const std::vector<StepHypotheses>& steps_;
+  const std::vector<double>& durations_;
   const double median_step_;
-  std::vector<std::vector<Velocity>> velocities_;
   std::vector<double> skip_cost_before_;  // sums over the steps before each
   std::vector<std::vector<Node>> nodes_;
 };
+
+// Interpolates the distances that the chosen hypotheses do not have.
+void InterpolateDistances(const std::vector<double>& durations,
+                          std::vector<std::optional<ChosenMotion>>* chosen) {
+  const auto has_distance = [](const std::optional<ChosenMotion>& motion) {
+    return motion && motion->HasDistance();
+  };
+  auto before = chosen->end();
+  for (auto it = chosen->begin(); it != chosen->end(); ++it) {
+    if (has_distance(*it)) before = it;
+    if (!*it || (*it)->HasDistance()) continue;
+    const auto after = std::find_if(it, chosen->end(), has_distance);
+    if (before == chosen->end() && after == chosen->end()) continue;
+    Vector3d linear;
+    if (before == chosen->end() || after == chosen->end()) {
+      linear = (*(before == chosen->end() ? after : before))->velocity.linear;
+    } else {
+      const auto weight = static_cast<double>(it - before) /
+                          static_cast<double>(after - before);
+      linear = (1.0 - weight) * (*before)->velocity.linear +
+               weight * (*after)->velocity.linear;
+    }
+    const double duration = durations[it - chosen->begin()];
+    (*it)->velocity =
+        VelocityOf((*it)->hypothesis.ClosestTo(duration * linear), duration);
+  }
+}
 
 Velocity Mean(const Velocity& a, const Velocity& b) {
   return {0.5 * (a.linear + b.linear), 0.5 * (a.angular_rad + b.angular_rad)};
@@ -222,7 +330,7 @@ Velocity Mean(const Velocity& a, const Velocity& b) {
 // Places of all frames of one sequence. Where nothing suggests that hypotheses
 // were outvoted, a step without any is unknown.
 std::vector<RigPath::Place> FollowMotion(
-    const std::vector<std::optional<Velocity>>& chosen,
+    const std::vector<std::optional<ChosenMotion>>& chosen,
     const std::vector<double>& durations, const Mask& is_doubtful,
     int first_stretch) {
   std::vector<RigPath::Place> places{{first_stretch, {}}};
@@ -231,12 +339,14 @@ std::vector<RigPath::Place> FollowMotion(
     RigPath::Place next = places.back();
     size_t following = k;
     while (following < chosen.size() && !chosen[following]) ++following;
-    std::optional<Velocity> velocity = chosen[k];
-    if (velocity) {
+    std::optional<Velocity> velocity;
+    if (chosen[k]) {
+      velocity = chosen[k]->velocity;
       previous = k;
     } else if (is_doubtful[k] && following < chosen.size() && previous &&
                following - *previous - 1 <= kMaxNumSkipped) {
-      velocity = Mean(*chosen[*previous], *chosen[following]);
+      velocity =
+          Mean(chosen[*previous]->velocity, chosen[following]->velocity);
     }
     if (velocity) {
       next.rig_from_start =
@@ -251,11 +361,15 @@ std::vector<RigPath::Place> FollowMotion(
 
 // Adds the places of one sequence. Returns the number of the next stretch.
 int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
-                   const std::vector<StepHypotheses>& steps, int first_stretch,
-                   RigPath* path) {
+                   const std::vector<StepHypotheses>& measured,
+                   int first_stretch, RigPath* path) {
   if (sequence.size() < 2) return first_stretch;
-  MGSFM_CHECK_EQ(steps.size() + 1, sequence.size());
-  const double median_step = MedianLength(steps);
+  MGSFM_CHECK_EQ(measured.size() + 1, sequence.size());
+  const double median_step = MedianLength(measured);
+  std::vector<StepHypotheses> steps;
+  for (const StepHypotheses& step : measured) {
+    steps.push_back(GroupFree(step, median_step));
+  }
   path->median_step = std::max(path->median_step, median_step);
   std::vector<double> durations;
   Mask has_rivals(steps.size(), false);
@@ -267,18 +381,28 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     path->is_contested[sequence[k + 1]] = true;
   }
   const Mask is_doubtful = FindDoubtful(has_rivals);
-  const auto chosen =
-      MotionSearch(steps, durations, is_doubtful, median_step).Solve();
+  auto chosen = MotionSearch(steps, durations, is_doubtful, median_step).Solve();
+  InterpolateDistances(durations, &chosen);
   const auto places =
       FollowMotion(chosen, durations, is_doubtful, first_stretch);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
-    path->is_interpolated[sequence[k]] = k > 0 && !chosen[k - 1];
+    path->is_interpolated[sequence[k]] =
+        k > 0 && (!chosen[k - 1] || !chosen[k - 1]->HasDistance());
   }
   return places.back().stretch + 1;
 }
 
 }  // namespace
+
+Rigid3 MotionHypothesis::ClosestTo(const Vector3d& center) const {
+  if (!free_direction) return later_from_earlier;
+  const Vector3d nearest = later_from_earlier.Center();
+  const double distance =
+      std::max(0.0, free_direction->dot(center - nearest));
+  return Rigid3::FromRotationAndCenter(later_from_earlier.rotation,
+                                       nearest + distance * *free_direction);
+}
 
 bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
   return Agree(a, b, median_step);

@@ -28,11 +28,13 @@ namespace mgsfm {
 //
 // with the velocity v and the angular velocity w in the frame of the rig, the
 // previous step k' with a hypothesis, and scales s of kRelativeChange of the
-// larger speed plus a minimum. A sequence may have a real jump, hence the
+// larger speed plus a minimum. A hypothesis without a distance continues with
+// the velocity that is closest to the previous one. A sequence may have a real jump, hence the
 // Cauchy loss, a = kLossScale. A step far from any whose hypotheses disagree
 // must have one: nothing questions it, and a camera in the hand is not smooth.
 //
-// Solver: dynamic programming, exact. Cost: linear in the steps.
+// Solver: dynamic programming, exact where distances are known. Distances that
+// are not are interpolated between those that are. Cost: linear in the steps.
 //
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.
@@ -43,6 +45,13 @@ struct MotionHypothesis {
   // earlier hypothesis.
   double share = 1.0;
   double own_share = 1.0;
+  // One camera does not measure how far it moved: any multiple of this unit
+  // vector, in the earlier rig frame, may be added to the centre of
+  // `later_from_earlier`.
+  std::optional<Eigen::Vector3d> free_direction = {};
+
+  // The motion of all multiples whose centre is closest to `center`.
+  [[nodiscard]] Rigid3 ClosestTo(const Eigen::Vector3d& center) const;
 };
 using StepHypotheses = std::vector<MotionHypothesis>;
 
@@ -56,7 +65,8 @@ struct RigPath {
   std::vector<std::optional<Place>> of_frame;
   // Per frame: hypotheses disagree about a step from or to it.
   Mask is_contested;
-  // Per frame: the step to it has no hypothesis that was chosen.
+  // Per frame: the step to it has no hypothesis that was chosen, or one without
+  // a distance.
   Mask is_interpolated;
   double median_step = 0.0;  // the longest of all sequences
 

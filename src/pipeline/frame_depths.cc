@@ -174,7 +174,7 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
                                  min_parallax_deg, context, PairRotation::kOwn);
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.images.size()), context,
-                    PairsOfEqualSensors(scene, index, view_graph));
+                    {PairsOfEqualSensors(scene, index, view_graph)});
   FrameDepths depths;
   depths.distances.resize(scene.images.size());
   const auto centers =

@@ -111,6 +111,7 @@ struct Measurements {
   const FramePairIndex& index;  // of the view graph
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
+  const LengthHints& length_hints;
   const ModelObserver& observer;
   StageStore* stage_store;  // may be null
 };
@@ -123,7 +124,8 @@ PositionInput PositionInputOf(const Measurements& measurements,
                       measurements.view_graph,
                       measurements.index,
                       rotations,
-                      tracks};
+                      tracks,
+                      measurements.length_hints};
   if (!measurements.observer) return input;
   input.observer = [&](const PositionEstimate& positions) {
     measurements.observer(JoinEstimates(measurements.scene, rotations,
@@ -263,10 +265,15 @@ void ReplacePairs(std::vector<std::optional<ImagePair>> pair_of_scene,
   }
 }
 
+struct RotationsOfScene {
+  EstimatedRotations rotation;
+  LengthHints length_hints;
+};
+
 // Rotations. In a sequence where objects move along with the rig, the matches
 // of the static scene replace those of the view graph, and rotations are
 // averaged again.
-EstimatedRotations EstimateRotationsOfScene(
+RotationsOfScene EstimateRotationsOfScene(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
     const ViewGraph& matches, const GravityPriors& gravity_priors,
     const MapperOptions& options, const Context& context,
@@ -281,25 +288,27 @@ EstimatedRotations EstimateRotationsOfScene(
           options.pair_filtering, context, pair_is_discontinuous);
     });
   };
-  EstimatedRotations rotation = average("first ", {});
+  RotationsOfScene result{average("first ", {}), {}};
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
-    return rotation;
+    return result;
   }
   const StageFolder stages{stage_store};
   MotionOfScene motion = Saved(stages, "moving objects", context, times, [&] {
     return FindMotionOfScene(
-        scene, bearings, index, *view_graph, matches, rotation.estimate,
+        scene, bearings, index, *view_graph, matches, result.rotation.estimate,
         options.translation_averaging.min_parallax_deg, options.view_graph,
         options.pair_filtering, context);
   });
-  if (motion.pair_is_discontinuous.empty()) return rotation;
+  if (motion.pair_is_discontinuous.empty()) return result;
   ReplacePairs(std::move(motion.pair_of_scene), view_graph);
   const size_t num_pairs = motion.pair_is_discontinuous.Count();
   context.Info(std::to_string(num_pairs) + " of " +
                std::to_string(view_graph->pairs.size()) +
                " image pairs contradict the motion of the rig, as those on "
                "vehicles that move along do; they are not used");
-  return average("second ", motion.pair_is_discontinuous);
+  result.rotation = average("second ", motion.pair_is_discontinuous);
+  result.length_hints.expected = std::move(motion.pair_length);
+  return result;
 }
 
 // The stages after the calibration of focal lengths, which replaces the cameras
@@ -338,7 +347,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  EstimatedRotations rotation = EstimateRotationsOfScene(
+  auto [rotation, length_hints] = EstimateRotationsOfScene(
       scene, bearings, index, view_graph, input.gravity_priors, options,
       context, input.stage_store, &verified.estimate, &result.times);
   result.rotation = std::move(rotation.summary);
@@ -347,8 +356,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
   const Measurements measurements{
-      scene,   bearings,       verified.estimate, index, input.position_priors,
-      gravity, input.observer, input.stage_store};
+      scene,   bearings,     verified.estimate, index, input.position_priors,
+      gravity, length_hints, input.observer,    input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

@@ -8,6 +8,9 @@
 #include <optional>
 #include <utility>
 #include <vector>
+#define DEBUGPATH
+#include <cstdlib>
+#include <fstream>
 
 #include "base/parallel.h"
 #include "base/random.h"
@@ -115,29 +118,40 @@ std::vector<std::optional<double>> AverageLengths(
 }
 
 // The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame.
-Rigid3 RigMotionOf(const MotionProblem& problem,
-                   const RotationEstimate& rotations, const ImagePair& pair,
-                   double length) {
+// the earlier to the later frame. nullopt without a direction of the baseline,
+// unless its length is known.
+std::optional<MotionHypothesis> RigMotionOf(
+    const MotionProblem& problem, const Rigid3& sensor_from_rig,
+    const ImagePair& pair, const std::optional<double>& length) {
   const Image& image1 = problem.scene.images[pair.image_idx1];
   const Image& image2 = problem.scene.images[pair.image_idx2];
-  const RelativePose& pose = *pair.relative_pose;
-  Rigid3 cam2_from_cam1{pose.cam2_from_cam1, Vector3d::Zero()};
-  if (pose.translation_direction) {
-    cam2_from_cam1.translation = length * *pose.translation_direction;
+  const bool is_reversed =
+      problem.index.order()->IsBefore(image2.frame_idx, image1.frame_idx);
+  const auto motion_of = [&](const Vector3d& translation) {
+    const Rigid3 motion =
+        sensor_from_rig.Inverse() *
+        Rigid3{pair.relative_pose->cam2_from_cam1, translation} *
+        sensor_from_rig;
+    return is_reversed ? motion.Inverse() : motion;
+  };
+  const auto& direction = pair.relative_pose->translation_direction;
+  MotionHypothesis hypothesis;
+  if (length) {
+    hypothesis.later_from_earlier =
+        motion_of(*length * direction.value_or(Vector3d::Zero()));
+    return hypothesis;
   }
-  const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
-                               Vector3d::Zero()};
-  const Rigid3 motion =
-      sensor_from_rig.Inverse() * cam2_from_cam1 * sensor_from_rig;
-  return problem.index.order()->IsBefore(image2.frame_idx, image1.frame_idx)
-             ? motion.Inverse()
-             : motion;
+  if (!direction) return std::nullopt;
+  hypothesis.later_from_earlier = motion_of(Vector3d::Zero());
+  hypothesis.free_direction =
+      motion_of(*direction).Center() - hypothesis.later_from_earlier.Center();
+  return hypothesis;
 }
 
-// The motions of one step by its pairs.
+// The motions of one step by its pairs of equal sensors. Without `lengths`,
+// their distances are free.
 StepHypotheses MotionsOfPairs(const MotionProblem& problem,
-                              const RotationEstimate& rotations,
+                              const std::vector<std::optional<Rigid3>>& sensors,
                               const std::vector<std::optional<double>>& lengths,
                               const FramePair& frames) {
   StepHypotheses step;
@@ -145,24 +159,29 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
   for (const size_t i : frames.pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
     const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
-    if (!lengths[i] || !rotations.sensor_from_rig[sensor_idx] ||
+    if (!pair.relative_pose || !sensors[sensor_idx] ||
+        (!lengths.empty() && !lengths[i]) ||
         sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
       continue;
     }
-    const auto share = static_cast<double>(pair.matches.size());
-    step.push_back(
-        {RigMotionOf(problem, rotations, pair, *lengths[i]), share, share});
-    num_matches += share;
+    auto hypothesis =
+        RigMotionOf(problem, *sensors[sensor_idx], pair,
+                    lengths.empty() ? std::nullopt : lengths[i]);
+    if (!hypothesis) continue;
+    hypothesis->share = static_cast<double>(pair.matches.size());
+    num_matches += hypothesis->share;
+    step.push_back(*hypothesis);
   }
   for (MotionHypothesis& hypothesis : step) {
     hypothesis.share /= num_matches;
-    hypothesis.own_share /= num_matches;
+    hypothesis.own_share = hypothesis.share;
   }
   return step;
 }
 
 Hypotheses FindHypothesesByPairs(
-    const MotionProblem& problem, const RotationEstimate& rotations,
+    const MotionProblem& problem,
+    const std::vector<std::optional<Rigid3>>& sensor_from_rig,
     const std::vector<std::optional<double>>& lengths) {
   Hypotheses hypotheses;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
@@ -172,7 +191,7 @@ Hypotheses FindHypothesesByPairs(
           problem.index.Find(sequence[k], sequence[k + 1]);
       if (frames == nullptr) continue;
       hypotheses.back()[k] =
-          MotionsOfPairs(problem, rotations, lengths, *frames);
+          MotionsOfPairs(problem, sensor_from_rig, lengths, *frames);
     }
   }
   return hypotheses;
@@ -497,6 +516,22 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
+// Of pairs that have a baseline on the path.
+std::vector<std::optional<double>> LengthsNearObjects(
+    const MotionProblem& problem, const Mask& is_near_object,
+    const std::vector<ExpectedPair>& expected) {
+  std::vector<std::optional<double>> lengths(problem.view_graph.pairs.size());
+  for (const ExpectedPair& e : expected) {
+    const FramePair& frames = problem.index.Of(e.pair_idx);
+    const double length = e.cam2_from_cam1.translation.norm();
+    if (length > 0.0 && (is_near_object[frames.frame_idx1] ||
+                         is_near_object[frames.frame_idx2])) {
+      lengths[e.pair_idx] = length;
+    }
+  }
+  return lengths;
+}
+
 // Estimates the pairs next to objects again, from matches that agree.
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
@@ -507,8 +542,10 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   const std::vector<ExpectedPair> expected =
       ExpectPairs(problem, path, is_near_object, context);
   const size_t num_pairs = problem.view_graph.pairs.size();
-  MotionOfScene motion{Mask(num_pairs, false), {}};
+  MotionOfScene motion;
+  motion.pair_is_discontinuous = Mask(num_pairs, false);
   motion.pair_of_scene.resize(num_pairs);
+  motion.pair_length = LengthsNearObjects(problem, is_near_object, expected);
   std::vector<ExpectedPair> judged =
       SelectDoubtful(problem, path, is_near_object, expected);
   // Pairs with too few matches for a second estimate stay if their own pose is
@@ -535,7 +572,8 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
                            const RotationEstimate& rotations,
                            const std::vector<std::optional<double>>& lengths) {
   const size_t num_pairs = problem.view_graph.pairs.size();
-  MotionOfScene motion{Mask(num_pairs, false), {}};
+  MotionOfScene motion;
+  motion.pair_is_discontinuous = Mask(num_pairs, false);
   for (size_t i = 0; i < num_pairs; ++i) {
     const FramePair& frames = problem.index.Of(i);
     const ImagePair& pair = problem.view_graph.pairs[i];
@@ -585,16 +623,48 @@ MotionOfScene FindMotionOfScene(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
   if (has_depths) {
-    const RigPath path = FindRigPath(*index.order(), index.num_frames(),
-                                     FindHypothesesByDepth(problem, context));
+    Hypotheses hypotheses = FindHypothesesByDepth(problem, context);
+    const Hypotheses of_pairs =
+        FindHypothesesByPairs(problem, depths.cam_from_rig, {});
+    for (size_t s = 0; s < hypotheses.size(); ++s) {
+      for (size_t k = 0; k < hypotheses[s].size(); ++k) {
+        hypotheses[s][k].insert(hypotheses[s][k].end(), of_pairs[s][k].begin(),
+                                of_pairs[s][k].end());
+      }
+    }
+    const RigPath path =
+        FindRigPath(*index.order(), index.num_frames(), hypotheses);
+#ifdef DEBUGPATH
+    if (const char* f = std::getenv("MGSFM_DEBUG_PATH")) {
+      std::ofstream out(f);
+      for (size_t s = 0; s < hypotheses.size(); ++s) {
+        const auto& sequence = index.order()->sequences()[s];
+        for (size_t k = 0; k < hypotheses[s].size(); ++k) {
+          const int a = sequence[k], b = sequence[k + 1];
+          out << "step " << s << " " << k << " " << a << " " << b << " " << path.is_contested[a] << path.is_contested[b] << " " << path.is_interpolated[b] << " " << path.IsComparable(a, b);
+          const auto print = [&](const Rigid3& m) { out << " c " << m.Center().transpose() << " w " << LogSO3(m.rotation).transpose() * 57.3; };
+          if (path.IsComparable(a, b)) print(path.Between(a, b));
+          for (const auto& h : hypotheses[s][k]) { out << (h.free_direction ? " # " : " | ") << h.share << " " << h.own_share; print(h.ClosestTo(h.free_direction.value_or(Eigen::Vector3d::Zero()) * path.median_step)); }
+          out << "\n";
+        }
+      }
+    }
+#endif
     return JudgeByMatches(problem, RefinePath(problem, path), verification,
                           context);
   }
   const auto lengths =
       AverageLengths(problem, rotations, min_parallax_deg, context);
+  std::vector<std::optional<Rigid3>> sensor_from_rig(scene.sensors.size());
+  for (size_t s = 0; s < sensor_from_rig.size(); ++s) {
+    if (rotations.sensor_from_rig[s]) {
+      sensor_from_rig[s] =
+          Rigid3{*rotations.sensor_from_rig[s], Vector3d::Zero()};
+    }
+  }
   const RigPath path =
       FindRigPath(*index.order(), index.num_frames(),
-                  FindHypothesesByPairs(problem, rotations, lengths));
+                  FindHypothesesByPairs(problem, sensor_from_rig, lengths));
   return JudgeByPoses(problem, path, rotations, lengths);
 }
 

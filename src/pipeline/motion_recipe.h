@@ -23,6 +23,9 @@ struct MotionOfScene {
   // Per pair: its matches on the static scene, and the relative pose they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
+  // Per pair next to an object: the length of its baseline on the path, in one
+  // unit.
+  std::vector<std::optional<double>> pair_length;
 };
 
 // Decides for neighbours in a sequence which matches show the static scene:

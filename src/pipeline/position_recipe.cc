@@ -151,7 +151,8 @@ PositionMeasurements MeasurePositions(const PositionInput& input,
   PairMeasurements pairs =
       MeasurePairs(input.scene, input.bearings, input.view_graph,
                    input.rotations.pair_is_inlier, problem,
-                   options.averaging.min_parallax_deg, context);
+                   options.averaging.min_parallax_deg, context,
+                   input.length_hints);
   return {std::move(problem), std::move(rays), std::move(pairs)};
 }
 

@@ -48,6 +48,8 @@ struct PositionInput {
   const FramePairIndex& index;  // of the view graph
   const RotationEstimate& rotations;
   const ObservationGroups& tracks;
+  // Lengths of the baselines of pairs, by the motion of the rig.
+  LengthHints length_hints = {};
   // Sees positions without points as they become better; may be null.
   std::function<void(const PositionEstimate&)> observer = {};
 };

@@ -31,6 +31,8 @@ constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
 // Of lengths that are equal if the cameras of the rig trigger simultaneously.
 constexpr double kEqualLengthSigma = 0.05;
+// Of expected lengths. Chosen: a tenth of the weight of a measured ratio.
+constexpr double kExpectedLengthSigma = 0.2;
 // A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;
 // Stopping rule on log(scale), far below kMinRatioSigma.
@@ -48,6 +50,7 @@ struct ScaleLink {
   int pair2;
   double log_ratio;  // log(scale2 / scale1)
   double sigma;
+  bool is_expected = false;  // by a hint
 
   double Residual(const Eigen::VectorXd& log_scale) const {
     return log_scale[pair2] - log_scale[pair1] - log_ratio;
@@ -150,6 +153,17 @@ void LinkEqualLengths(const std::vector<BaselineDirection>& baselines,
       if (first) links->push_back({*first, i, 0.0, kEqualLengthSigma});
       if (!first) first = i;
     }
+  }
+}
+
+// Links each pair with an expected length to a node for their unit.
+void LinkExpectedLengths(const std::vector<BaselineDirection>& baselines,
+                         const std::vector<std::optional<double>>& expected,
+                         int unit_node, std::vector<ScaleLink>* links) {
+  for (size_t i = 0; i < expected.size(); ++i) {
+    if (!expected[i] || baselines[i].kind != BaselineKind::kDirection) continue;
+    links->push_back({unit_node, static_cast<int>(i), std::log(*expected[i]),
+                      kExpectedLengthSigma, true});
   }
 }
 
@@ -266,16 +280,22 @@ Eigen::VectorXd AverageLinks(int num_pairs, const std::vector<ScaleLink>& links,
   return log_scale;
 }
 
-// Per pair, from the residuals of its links.
+// Per pair, from the residuals of its links by matches. Where only an expected
+// length links it, from its error.
 std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
                                 const Eigen::VectorXd& log_scale) {
   std::vector<std::vector<double>> errors(log_scale.size());
   for (const ScaleLink& link : links) {
+    if (link.is_expected) continue;
     const double error = std::abs(link.Residual(log_scale));
     errors[link.pair1].push_back(error);
     errors[link.pair2].push_back(error);
   }
   std::vector<double> sigmas(log_scale.size(), kMinScaleSigma);
+  for (const ScaleLink& link : links) {
+    if (!link.is_expected) continue;
+    sigmas[link.pair2] = kExpectedLengthSigma;
+  }
   for (size_t i = 0; i < sigmas.size(); ++i) {
     if (errors[i].empty()) continue;
     sigmas[i] = std::min(std::hypot(RobustSigma<1>(errors[i]), kMinScaleSigma),
@@ -370,11 +390,13 @@ PairScales ChooseUnits(const std::vector<BaselineDirection>& baselines,
 
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
-                         const std::vector<std::vector<int>>& equal_pairs) {
+                         const LengthHints& hints) {
   std::vector<ScaleLink> links =
       LinkPairs(baselines, num_images, context.num_threads);
-  const int num_nodes = static_cast<int>(baselines.size());
-  LinkEqualLengths(baselines, equal_pairs, &links);
+  const int unit_node = static_cast<int>(baselines.size());
+  const int num_nodes = unit_node + (hints.expected.empty() ? 0 : 1);
+  LinkEqualLengths(baselines, hints.equal_pairs, &links);
+  LinkExpectedLengths(baselines, hints.expected, unit_node, &links);
   const std::vector<GraphEdge> edges = EdgesOf(links);
   const Eigen::VectorXd log_scale =
       AverageLinks(num_nodes, links, edges, context.num_threads);

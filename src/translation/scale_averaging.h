@@ -28,6 +28,15 @@ struct PairScales {
   double typical_depth = 0.0;
 };
 
+// What is known of the lengths of baselines beside the depths of their matches.
+struct LengthHints {
+  // Sets of pairs of the same length, as two cameras of a rig have in all
+  // frames.
+  std::vector<std::vector<int>> equal_pairs = {};
+  // Per pair, in one unknown unit; empty if none is expected.
+  std::vector<std::optional<double>> expected = {};
+};
+
 // Two pairs (i, j) and (i, k) that share image i give, for each keypoint of i
 // that both match, the same depth in two units, hence
 //
@@ -40,13 +49,14 @@ struct PairScales {
 // with a Cauchy loss rho, by reweighted least squares from a maximum spanning
 // forest. Stops when no log s changes by more than 1e-4, or after 20 rounds.
 // Gauge: one factor per group; the unit is the median of `scale` in group 0.
-// Further links: the pairs of each set of `equal_pairs` have baselines of the
-// same length, as two cameras of a rig have in all frames.
+// Hints add links: between the pairs of each set of equal lengths, and from each
+// expected length to its unit. The latter are weak; they decide where matches
+// do not link pairs.
 // Cost: O(sum over images of (pairs of the image)^2 * matches) for the
 // edges, in parallel, and 20 sparse factorisations of a matrix with one row per
 // pair.
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
-                         const std::vector<std::vector<int>>& equal_pairs = {});
+                         const LengthHints& hints = {});
 
 }  // namespace mgsfm

@@ -68,13 +68,15 @@ PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
                               const ViewGraph& view_graph,
                               const Mask& pair_is_used,
                               const PositionProblem& problem,
-                              double min_parallax_deg, const Context& context) {
+                              double min_parallax_deg, const Context& context,
+                              const LengthHints& hints) {
   PairMeasurements pairs;
   pairs.baselines =
       EstimateBaselineDirections(scene, bearings, view_graph, pair_is_used,
                                  problem, min_parallax_deg, context);
-  pairs.scales = AverageScales(pairs.baselines,
-                               static_cast<int>(scene.images.size()), context);
+  pairs.scales =
+      AverageScales(pairs.baselines, static_cast<int>(scene.images.size()),
+                    context, hints);
   for (BaselineDirection& baseline : pairs.baselines) {
     for (auto& depths : baseline.depths) {
       std::vector<DepthSample>().swap(depths);

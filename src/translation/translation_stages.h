@@ -42,7 +42,8 @@ PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
                               const ViewGraph& view_graph,
                               const Mask& pair_is_used,
                               const PositionProblem& problem,
-                              double min_parallax_deg, const Context& context);
+                              double min_parallax_deg, const Context& context,
+                              const LengthHints& hints = {});
 
 // Counts the kinds of pairs and the groups of scales.
 void SummarizePairs(const PairMeasurements& pairs, const Mask& pair_is_used,
