@@ -22,16 +22,17 @@ namespace mgsfm {
 // hypotheses are rigid motions with the share of the matches that agree. Over a
 // choice of one hypothesis h for each step, or none,
 //
-//   min sum_k -log(share_kh) + sum_k C(k', k)
+//   min sum_k -w log(share_kh) + sum_k C(k', k)
 //       + kSkipCost * number of steps without a hypothesis,
 //   C = a log(1 + (|v_k - v_k'|^2 / s_v^2 + |w_k - w_k'|^2 / s_w^2) / a),
 //
 // with the velocity v and the angular velocity w in the frame of the rig, the
 // previous step k' with a hypothesis, and scales s of kRelativeChange of the
 // larger speed plus a minimum. A hypothesis without a distance continues with
-// the velocity that is closest to the previous one. A sequence may have a real jump, hence the
-// Cauchy loss, a = kLossScale. A step far from any whose hypotheses disagree
-// must have one: nothing questions it, and a camera in the hand is not smooth.
+// the velocity that is closest to the previous one. A sequence may have a real
+// jump, hence the Cauchy loss, a = kLossScale. A step far from any whose
+// hypotheses disagree must have one: nothing questions it, and a camera in the
+// hand is not smooth.
 //
 // Solver: dynamic programming, exact where distances are known. Distances that
 // are not are interpolated between those that are. Cost: linear in the steps.
@@ -45,9 +46,9 @@ struct MotionHypothesis {
   // earlier hypothesis.
   double share = 1.0;
   double own_share = 1.0;
-  // One camera does not measure how far it moved: any multiple of this unit
-  // vector, in the earlier rig frame, may be added to the centre of
-  // `later_from_earlier`.
+  // One camera does not measure how far it moved: any non-negative multiple of
+  // this vector, in the earlier rig frame, may be added to the centre of
+  // `later_from_earlier`. Zero: the camera saw no parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
 
   // The motion of all multiples whose centre is closest to `center`.

@@ -355,9 +355,15 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
 
-  const Measurements measurements{
-      scene,   bearings,     verified.estimate, index, input.position_priors,
-      gravity, length_hints, input.observer,    input.stage_store};
+  const Measurements measurements{scene,
+                                  bearings,
+                                  verified.estimate,
+                                  index,
+                                  input.position_priors,
+                                  gravity,
+                                  length_hints,
+                                  input.observer,
+                                  input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

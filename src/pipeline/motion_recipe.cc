@@ -8,17 +8,14 @@
 #include <optional>
 #include <utility>
 #include <vector>
-#define DEBUGPATH
-#include <cstdlib>
-#include <fstream>
 
 #include "base/parallel.h"
-#include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
 #include "pipeline/frame_depths.h"
+#include "pipeline/motion_hypotheses.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
 #include "translation/scale_averaging.h"
@@ -28,10 +25,7 @@ namespace {
 
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
-using Hypotheses = std::vector<std::vector<StepHypotheses>>;
 
-// Errors of depths add to those of keypoints.
-constexpr double kDepthErrorFactor = 2.0;
 // The path drifts by a random walk with this error per step, the median error
 // of interpolated steps on simulated drives.
 constexpr double kDriftPerStep_rad = 4e-3;
@@ -49,47 +43,6 @@ constexpr int kMinBalance = 2;
 constexpr double kMaxUnverifiedError = 0.1;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
-
-// The measurements, and the settings that all steps share.
-struct MotionProblem {
-  const Scene& scene;
-  const Bearings& bearings;
-  const FramePairIndex& index;  // of the view graph
-  const ViewGraph& view_graph;
-  const FramePairIndex& matches_index;
-  const ViewGraph& matches;
-  const FrameDepths& depths;
-  double max_error_px;
-  double max_relative_baseline_error;
-
-  FrameMatches MatchesOf(int earlier, const FramePair& frames) const {
-    return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
-  }
-};
-
-// The motions of all steps that correspondences with depth support.
-Hypotheses FindHypothesesByDepth(const MotionProblem& problem,
-                                 const Context& context) {
-  Hypotheses hypotheses;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    std::vector<StepHypotheses> steps(std::max<size_t>(sequence.size(), 1) - 1);
-    ParallelFor(steps.size(), context.num_threads, [&](size_t k) {
-      const FramePair* frames =
-          problem.matches_index.Find(sequence[k], sequence[k + 1]);
-      if (frames == nullptr) return;
-      for (const RigMotion& motion :
-           FindRigMotions(problem.MatchesOf(sequence[k], *frames),
-                          kDepthErrorFactor * problem.max_error_px,
-                          Random(context.random_seed,
-                                 static_cast<uint64_t>(sequence[k])))) {
-        steps[k].push_back(
-            {motion.later_from_earlier, motion.share, motion.own_share});
-      }
-    });
-    hypotheses.push_back(std::move(steps));
-  }
-  return hypotheses;
-}
 
 // Per pair: the length of its baseline by scale averaging; nullopt if unknown.
 std::vector<std::optional<double>> AverageLengths(
@@ -115,86 +68,6 @@ std::vector<std::optional<double>> AverageLengths(
     }
   }
   return lengths;
-}
-
-// The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame. nullopt without a direction of the baseline,
-// unless its length is known.
-std::optional<MotionHypothesis> RigMotionOf(
-    const MotionProblem& problem, const Rigid3& sensor_from_rig,
-    const ImagePair& pair, const std::optional<double>& length) {
-  const Image& image1 = problem.scene.images[pair.image_idx1];
-  const Image& image2 = problem.scene.images[pair.image_idx2];
-  const bool is_reversed =
-      problem.index.order()->IsBefore(image2.frame_idx, image1.frame_idx);
-  const auto motion_of = [&](const Vector3d& translation) {
-    const Rigid3 motion =
-        sensor_from_rig.Inverse() *
-        Rigid3{pair.relative_pose->cam2_from_cam1, translation} *
-        sensor_from_rig;
-    return is_reversed ? motion.Inverse() : motion;
-  };
-  const auto& direction = pair.relative_pose->translation_direction;
-  MotionHypothesis hypothesis;
-  if (length) {
-    hypothesis.later_from_earlier =
-        motion_of(*length * direction.value_or(Vector3d::Zero()));
-    return hypothesis;
-  }
-  if (!direction) return std::nullopt;
-  hypothesis.later_from_earlier = motion_of(Vector3d::Zero());
-  hypothesis.free_direction =
-      motion_of(*direction).Center() - hypothesis.later_from_earlier.Center();
-  return hypothesis;
-}
-
-// The motions of one step by its pairs of equal sensors. Without `lengths`,
-// their distances are free.
-StepHypotheses MotionsOfPairs(const MotionProblem& problem,
-                              const std::vector<std::optional<Rigid3>>& sensors,
-                              const std::vector<std::optional<double>>& lengths,
-                              const FramePair& frames) {
-  StepHypotheses step;
-  double num_matches = 0.0;
-  for (const size_t i : frames.pair_idxs) {
-    const ImagePair& pair = problem.view_graph.pairs[i];
-    const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
-    if (!pair.relative_pose || !sensors[sensor_idx] ||
-        (!lengths.empty() && !lengths[i]) ||
-        sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
-      continue;
-    }
-    auto hypothesis =
-        RigMotionOf(problem, *sensors[sensor_idx], pair,
-                    lengths.empty() ? std::nullopt : lengths[i]);
-    if (!hypothesis) continue;
-    hypothesis->share = static_cast<double>(pair.matches.size());
-    num_matches += hypothesis->share;
-    step.push_back(*hypothesis);
-  }
-  for (MotionHypothesis& hypothesis : step) {
-    hypothesis.share /= num_matches;
-    hypothesis.own_share = hypothesis.share;
-  }
-  return step;
-}
-
-Hypotheses FindHypothesesByPairs(
-    const MotionProblem& problem,
-    const std::vector<std::optional<Rigid3>>& sensor_from_rig,
-    const std::vector<std::optional<double>>& lengths) {
-  Hypotheses hypotheses;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      const FramePair* frames =
-          problem.index.Find(sequence[k], sequence[k + 1]);
-      if (frames == nullptr) continue;
-      hypotheses.back()[k] =
-          MotionsOfPairs(problem, sensor_from_rig, lengths, *frames);
-    }
-  }
-  return hypotheses;
 }
 
 // The motion between two frames near the path, if their correspondences support
@@ -623,33 +496,9 @@ MotionOfScene FindMotionOfScene(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
   if (has_depths) {
-    Hypotheses hypotheses = FindHypothesesByDepth(problem, context);
-    const Hypotheses of_pairs =
-        FindHypothesesByPairs(problem, depths.cam_from_rig, {});
-    for (size_t s = 0; s < hypotheses.size(); ++s) {
-      for (size_t k = 0; k < hypotheses[s].size(); ++k) {
-        hypotheses[s][k].insert(hypotheses[s][k].end(), of_pairs[s][k].begin(),
-                                of_pairs[s][k].end());
-      }
-    }
     const RigPath path =
-        FindRigPath(*index.order(), index.num_frames(), hypotheses);
-#ifdef DEBUGPATH
-    if (const char* f = std::getenv("MGSFM_DEBUG_PATH")) {
-      std::ofstream out(f);
-      for (size_t s = 0; s < hypotheses.size(); ++s) {
-        const auto& sequence = index.order()->sequences()[s];
-        for (size_t k = 0; k < hypotheses[s].size(); ++k) {
-          const int a = sequence[k], b = sequence[k + 1];
-          out << "step " << s << " " << k << " " << a << " " << b << " " << path.is_contested[a] << path.is_contested[b] << " " << path.is_interpolated[b] << " " << path.IsComparable(a, b);
-          const auto print = [&](const Rigid3& m) { out << " c " << m.Center().transpose() << " w " << LogSO3(m.rotation).transpose() * 57.3; };
-          if (path.IsComparable(a, b)) print(path.Between(a, b));
-          for (const auto& h : hypotheses[s][k]) { out << (h.free_direction ? " # " : " | ") << h.share << " " << h.own_share; print(h.ClosestTo(h.free_direction.value_or(Eigen::Vector3d::Zero()) * path.median_step)); }
-          out << "\n";
-        }
-      }
-    }
-#endif
+        FindRigPath(*index.order(), index.num_frames(),
+                    FindHypothesesWithDepths(problem, context));
     return JudgeByMatches(problem, RefinePath(problem, path), verification,
                           context);
   }

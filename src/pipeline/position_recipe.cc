@@ -148,11 +148,10 @@ PositionMeasurements MeasurePositions(const PositionInput& input,
   PositionProblem problem = MakePositionProblem(input.scene, input.rotations);
   TrackRays rays = ComputeTrackRays(problem, input.bearings, input.tracks,
                                     context.num_threads);
-  PairMeasurements pairs =
-      MeasurePairs(input.scene, input.bearings, input.view_graph,
-                   input.rotations.pair_is_inlier, problem,
-                   options.averaging.min_parallax_deg, context,
-                   input.length_hints);
+  PairMeasurements pairs = MeasurePairs(
+      input.scene, input.bearings, input.view_graph,
+      input.rotations.pair_is_inlier, problem,
+      options.averaging.min_parallax_deg, context, input.length_hints);
   return {std::move(problem), std::move(rays), std::move(pairs)};
 }
 

@@ -49,12 +49,11 @@ struct LengthHints {
 // with a Cauchy loss rho, by reweighted least squares from a maximum spanning
 // forest. Stops when no log s changes by more than 1e-4, or after 20 rounds.
 // Gauge: one factor per group; the unit is the median of `scale` in group 0.
-// Hints add links: between the pairs of each set of equal lengths, and from each
-// expected length to its unit. The latter are weak; they decide where matches
-// do not link pairs.
-// Cost: O(sum over images of (pairs of the image)^2 * matches) for the
-// edges, in parallel, and 20 sparse factorisations of a matrix with one row per
-// pair.
+// Hints add links: between the pairs of each set of equal lengths, and from
+// each expected length to its unit. The latter are weak; they decide where
+// matches do not link pairs. Cost: O(sum over images of (pairs of the image)^2
+// * matches) for the edges, in parallel, and 20 sparse factorisations of a
+// matrix with one row per pair.
 PairScales AverageScales(const std::vector<BaselineDirection>& baselines,
                          int num_images, const Context& context,
                          const LengthHints& hints = {});

@@ -74,9 +74,8 @@ PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
   pairs.baselines =
       EstimateBaselineDirections(scene, bearings, view_graph, pair_is_used,
                                  problem, min_parallax_deg, context);
-  pairs.scales =
-      AverageScales(pairs.baselines, static_cast<int>(scene.images.size()),
-                    context, hints);
+  pairs.scales = AverageScales(
+      pairs.baselines, static_cast<int>(scene.images.size()), context, hints);
   for (BaselineDirection& baseline : pairs.baselines) {
     for (auto& depths : baseline.depths) {
       std::vector<DepthSample>().swap(depths);

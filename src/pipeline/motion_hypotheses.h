@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/geometry/rigid3.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/motion_continuity.h"
+#include "pair_filtering/rig_motions.h"
+
+namespace mgsfm {
+
+// Hypotheses for the motion of a rig between consecutive frames of a sequence.
+//
+// Matches of keypoints with depth determine a motion with its distance, but
+// where a vehicle fills the overlapping views, few of them show the static
+// scene. Single cameras that look elsewhere still see it. Their relative poses
+// have the right rotation and direction, without a distance.
+
+// The measurements, and the settings that all steps share.
+struct MotionProblem {
+  const Scene& scene;
+  const Bearings& bearings;
+  const FramePairIndex& index;  // of the view graph
+  const ViewGraph& view_graph;
+  const FramePairIndex& matches_index;
+  const ViewGraph& matches;
+  const FrameDepths& depths;
+  double max_error_px;
+  double max_relative_baseline_error;
+
+  FrameMatches MatchesOf(int earlier,
+                         const FramePairIndex::FramePair& frames) const {
+    return {scene, bearings, matches, depths, earlier, frames.pair_idxs};
+  }
+};
+
+// Errors of depths add to those of keypoints.
+inline constexpr double kDepthErrorFactor = 2.0;
+
+// Per sequence of the order and step.
+using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
+
+// Motions that correspondences with depth support, and those of pairs of equal
+// sensors whose places in the rig are known, without distances.
+[[nodiscard]] SequenceHypotheses FindHypothesesWithDepths(
+    const MotionProblem& problem, const Context& context);
+
+// Motions of pairs of equal sensors, with the lengths of their baselines.
+// `sensor_from_rig` may lack translations if the rig turns little. Pairs
+// without a length are left out.
+[[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
+    const MotionProblem& problem,
+    const std::vector<std::optional<Rigid3>>& sensor_from_rig,
+    const std::vector<std::optional<double>>& lengths);
+
+}  // namespace mgsfm
