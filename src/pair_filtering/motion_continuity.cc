@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -40,6 +41,8 @@ constexpr double kLossScale = 30.0;
 // A step is contested if a hypothesis that explains this share of the matches,
 // and others than those before, differs from the one with the largest share.
 constexpr double kContestingShare = 0.15;
+// And if it goes on in a neighbouring step, within 95 % of the changes.
+constexpr double kMaxSquaredChange = 6.0;
 // Hypotheses agree within this share of the longer step, plus this share of the
 // median step, and within this angle.
 constexpr double kRelativeTolerance = 0.2;
@@ -86,6 +89,16 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
   return length * hypothesis.free_direction.value_or(Vector3d::Zero());
 }
 
+// A hypothesis, and the centres by matches with depth that agree with it if its
+// distance is free.
+struct Candidate : MotionHypothesis {
+  std::vector<Vector3d> measured_centers;
+
+  bool KnowsDistance() const {
+    return !free_direction || !measured_centers.empty();
+  }
+};
+
 // A pair without parallax.
 bool IsStill(const MotionHypothesis& hypothesis) {
   return hypothesis.free_direction && hypothesis.free_direction->isZero(0.0);
@@ -101,10 +114,12 @@ bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion,
 
 // The hypotheses with a distance, and the free ones, in groups that agree. A
 // group that agrees with a distance supports it, too.
-StepHypotheses GroupFree(const StepHypotheses& step, double median_step) {
-  StepHypotheses grouped, free;
+std::vector<Candidate> GroupFree(const StepHypotheses& step,
+                                 double median_step) {
+  std::vector<Candidate> grouped;
+  StepHypotheses free;
   for (const MotionHypothesis& h : step) {
-    if (!h.free_direction) grouped.push_back(h);
+    if (!h.free_direction) grouped.push_back({h, {}});
   }
   const size_t num_measured = grouped.size();
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
@@ -122,21 +137,22 @@ StepHypotheses GroupFree(const StepHypotheses& step, double median_step) {
         std::find_if(grouped.begin() + static_cast<long>(num_measured),
                      grouped.end(), [&](const auto& g) { return agree(g, h); });
     if (group == grouped.end()) {
-      grouped.push_back(h);
+      grouped.push_back({h, {}});
     } else {
       group->share += h.share;
       group->own_share += h.share;
     }
   }
   if (free.empty()) return grouped;
-  // Both kinds of evidence count alike. A group has no matches with depth.
+  // Both kinds of evidence count alike. A group has no matches with depth, but
+  // those that agree with it know its distance.
   for (size_t i = 0; i < num_measured; ++i) {
     double support = 0.0;
+    const Rigid3& motion = grouped[i].later_from_earlier;
     for (size_t j = num_measured; j < grouped.size(); ++j) {
-      if (SupportsDistance(grouped[j], grouped[i].later_from_earlier,
-                           median_step)) {
-        support += grouped[j].share;
-      }
+      if (!SupportsDistance(grouped[j], motion, median_step)) continue;
+      support += grouped[j].share;
+      grouped[j].measured_centers.push_back(motion.Center());
     }
     grouped[i].share = 0.5 * (grouped[i].share + std::min(support, 1.0));
   }
@@ -148,15 +164,81 @@ StepHypotheses GroupFree(const StepHypotheses& step, double median_step) {
   return grouped;
 }
 
-bool HasRivals(const StepHypotheses& step, double median_step) {
+// Squared, in standard deviations of changes within one step. `num_steps`:
+// since the speed of `a` was measured.
+double SquaredChange(const Velocity& a, const Velocity& b, double median_step,
+                     int num_steps = 1) {
+  const double scale =
+      kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
+      kMinChange * median_step;
+  const Vector3d change = b.linear - a.linear;
+  const double change_along = change.dot(a.linear.stableNormalized());
+  const double scale_rad =
+      kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
+      kMinTurnChange_rad;
+  return (change.squaredNorm() - change_along * change_along +
+          change_along * change_along / num_steps) /
+             (scale * scale) +
+         (a.angular_rad - b.angular_rad).squaredNorm() /
+             (scale_rad * scale_rad);
+}
+
+// The steps of one sequence, and how long each takes.
+struct Steps {
+  std::vector<std::vector<Candidate>> candidates;
+  std::vector<double> durations;
+  double median_step = 0.0;
+
+  size_t size() const { return candidates.size(); }
+
+  // The velocity of a candidate after a step with another one.
+  Velocity VelocityAfter(const Vector3d& linear, size_t k,
+                         const Candidate& candidate) const {
+    return VelocityOf(candidate.ClosestTo(durations[k] * linear), durations[k]);
+  }
+};
+
+double Loss(double squared) {
+  return kLossScale * std::log1p(squared / kLossScale);
+}
+
+// Whether a rival of the best motion goes on in a neighbouring step, better
+// than the best one does. Objects last; errors of depths do not.
+bool Continues(const Steps& steps, const Velocity& rival, const Velocity& best,
+               size_t neighbour) {
+  if (neighbour >= steps.size()) return false;
+  const std::vector<Candidate>& candidates = steps.candidates[neighbour];
+  const auto change = [&](const Velocity& from, const Candidate& to) {
+    return SquaredChange(from, steps.VelocityAfter(from.linear, neighbour, to),
+                         steps.median_step);
+  };
+  return std::any_of(candidates.begin(), candidates.end(),
+                     [&](const Candidate& candidate) {
+                       const double of_rival = change(rival, candidate);
+                       return of_rival <= kMaxSquaredChange &&
+                              of_rival < change(best, candidate);
+                     });
+}
+
+// Whether another motion than that with the largest share has support, and goes
+// on.
+bool HasRivals(const Steps& steps, size_t k) {
+  const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
   const auto best = std::max_element(
       step.begin(), step.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
-  const Rigid3 motion = best->ClosestTo(ForwardStep(*best, median_step));
-  return std::any_of(step.begin(), step.end(), [&](const auto& h) {
-    return h.own_share >= kContestingShare &&
-           !Agree(h.ClosestTo(motion.Center()), motion, median_step);
+  const Rigid3 motion = best->ClosestTo(ForwardStep(*best, steps.median_step));
+  const Velocity velocity = VelocityOf(motion, steps.durations[k]);
+  return std::any_of(step.begin(), step.end(), [&](const Candidate& h) {
+    const Rigid3 rival = h.ClosestTo(motion.Center());
+    if (h.own_share < kContestingShare ||
+        Agree(rival, motion, steps.median_step)) {
+      return false;
+    }
+    const Velocity rival_velocity = VelocityOf(rival, steps.durations[k]);
+    return Continues(steps, rival_velocity, velocity, k - 1) ||
+           Continues(steps, rival_velocity, velocity, k + 1);
   });
 }
 
@@ -182,16 +264,13 @@ struct ChosenMotion {
 // Chooses hypotheses by dynamic programming.
 class MotionSearch {
  public:
-  // `durations` are those of the steps.
-  MotionSearch(const std::vector<StepHypotheses>& steps,
-               const std::vector<double>& durations, const Mask& is_doubtful,
-               double median_step)
-      : steps_(steps), durations_(durations), median_step_(median_step) {
+  MotionSearch(const Steps& steps, const Mask& is_doubtful) : steps_(steps) {
     skip_cost_before_.push_back(0.0);
     for (size_t k = 0; k < steps.size(); ++k) {
-      skip_cost_before_.push_back(
-          skip_cost_before_.back() +
-          (is_doubtful[k] || steps[k].empty() ? kSkipCost : kNeverSkip));
+      skip_cost_before_.push_back(skip_cost_before_.back() +
+                                  (is_doubtful[k] || steps.candidates[k].empty()
+                                       ? kSkipCost
+                                       : kNeverSkip));
     }
   }
 
@@ -199,7 +278,7 @@ class MotionSearch {
   std::vector<std::optional<ChosenMotion>> Solve() {
     for (size_t k = 0; k < steps_.size(); ++k) {
       nodes_.emplace_back();
-      for (size_t h = 0; h < steps_[k].size(); ++h) {
+      for (size_t h = 0; h < steps_.candidates[k].size(); ++h) {
         nodes_.back().push_back(BestNode(k, h));
       }
     }
@@ -217,54 +296,46 @@ class MotionSearch {
     int num_free = 0;  // steps up to this one, since one with a distance
   };
 
-  // The velocity of a hypothesis after a step with another one.
-  Velocity VelocityAfter(const Vector3d& linear, size_t k, size_t h) const {
-    return VelocityOf(steps_[k][h].ClosestTo(durations_[k] * linear),
-                      durations_[k]);
-  }
-
   // Of the steps in [begin, end).
   double SkipCost(size_t begin, size_t end) const {
     return skip_cost_before_[end] - skip_cost_before_[begin];
   }
 
-  // `num_steps`: since the speed of `a` was measured.
-  double CostOfChange(const Velocity& a, const Velocity& b,
-                      int num_steps) const {
-    const double scale =
-        kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
-        kMinChange * median_step_;
-    const Vector3d change = b.linear - a.linear;
-    const double change_along = change.dot(a.linear.stableNormalized());
-    const double scale_rad =
-        kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
-        kMinTurnChange_rad;
-    const double cost =
-        (change.squaredNorm() - change_along * change_along +
-         change_along * change_along / num_steps) /
-            (scale * scale) +
-        (a.angular_rad - b.angular_rad).squaredNorm() / (scale_rad * scale_rad);
-    return kLossScale * std::log1p(cost / kLossScale);
+  // Of a free distance that differs from those by matches with depth.
+  static double CostOfDistance(const Candidate& candidate,
+                               const Vector3d& center) {
+    double lowest = candidate.measured_centers.empty()
+                        ? 0.0
+                        : std::numeric_limits<double>::infinity();
+    for (const Vector3d& measured : candidate.measured_centers) {
+      const double error =
+          (center - measured).norm() / (kRelativeTolerance * measured.norm());
+      lowest = std::min(lowest, error * error);
+    }
+    return Loss(lowest);
   }
 
   Node BestNode(size_t k, size_t h) const {
-    const MotionHypothesis& hypothesis = steps_[k][h];
+    const Candidate& hypothesis = steps_.candidates[k][h];
     Node best = AfterGap(k);
-    best.velocity =
-        VelocityOf(hypothesis.ClosestTo(ForwardStep(hypothesis, median_step_)),
-                   durations_[k]);
+    best.velocity = VelocityOf(
+        hypothesis.ClosestTo(ForwardStep(hypothesis, steps_.median_step)),
+        steps_.durations[k]);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
     for (size_t previous = first; previous < k; ++previous) {
-      for (size_t g = 0; g < steps_[previous].size(); ++g) {
+      for (size_t g = 0; g < steps_.candidates[previous].size(); ++g) {
         const Node& node = nodes_[previous][g];
-        const Velocity velocity = VelocityAfter(node.velocity.linear, k, h);
+        const Velocity velocity =
+            steps_.VelocityAfter(node.velocity.linear, k, hypothesis);
         const double cost =
             node.cost +
-            CostOfChange(node.velocity, velocity, 1 + node.num_free) +
+            Loss(SquaredChange(node.velocity, velocity, steps_.median_step,
+                               1 + node.num_free)) +
+            CostOfDistance(hypothesis, steps_.durations[k] * velocity.linear) +
             SkipCost(previous + 1, k);
         if (cost >= best.cost) continue;
         best = {cost, Position{previous, g}, velocity,
-                hypothesis.free_direction ? node.num_free + 1 : 0};
+                hypothesis.KnowsDistance() ? 0 : node.num_free + 1};
       }
     }
     best.cost -= kShareWeight * std::log(hypothesis.share);
@@ -278,9 +349,9 @@ class MotionSearch {
   Node AfterGap(size_t k) const {
     Node best{SkipCost(0, k), std::nullopt, {}, 0};
     size_t before = k;
-    while (before > 0 && steps_[before - 1].empty()) --before;
+    while (before > 0 && steps_.candidates[before - 1].empty()) --before;
     if (before == 0 || k - before <= kMaxNumSkipped) return best;
-    for (size_t g = 0; g < steps_[before - 1].size(); ++g) {
+    for (size_t g = 0; g < steps_.candidates[before - 1].size(); ++g) {
       const double cost = nodes_[before - 1][g].cost + SkipCost(before, k);
       if (cost < best.cost) best = {cost, Position{before - 1, g}, {}, 0};
     }
@@ -302,15 +373,13 @@ class MotionSearch {
     std::vector<std::optional<ChosenMotion>> chosen(steps_.size());
     while (position) {
       const auto [k, h] = *position;
-      chosen[k] = ChosenMotion{nodes_[k][h].velocity, steps_[k][h]};
+      chosen[k] = ChosenMotion{nodes_[k][h].velocity, steps_.candidates[k][h]};
       position = nodes_[k][h].previous;
     }
     return chosen;
   }
 
-  const std::vector<StepHypotheses>& steps_;
-  const std::vector<double>& durations_;
-  const double median_step_;
+  const Steps& steps_;
   std::vector<double> skip_cost_before_;  // sums over the steps before each
   std::vector<std::vector<Node>> nodes_;
 };
@@ -383,27 +452,25 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    int first_stretch, RigPath* path) {
   if (sequence.size() < 2) return first_stretch;
   MGSFM_CHECK_EQ(measured.size() + 1, sequence.size());
-  const double median_step = MedianLength(measured);
-  std::vector<StepHypotheses> steps;
-  for (const StepHypotheses& step : measured) {
-    steps.push_back(GroupFree(step, median_step));
+  Steps steps;
+  steps.median_step = MedianLength(measured);
+  for (size_t k = 0; k < measured.size(); ++k) {
+    steps.candidates.push_back(GroupFree(measured[k], steps.median_step));
+    steps.durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
   }
-  path->median_step = std::max(path->median_step, median_step);
-  std::vector<double> durations;
+  path->median_step = std::max(path->median_step, steps.median_step);
   Mask has_rivals(steps.size(), false);
   for (size_t k = 0; k < steps.size(); ++k) {
-    durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
-    has_rivals[k] = HasRivals(steps[k], median_step);
+    has_rivals[k] = HasRivals(steps, k);
     if (!has_rivals[k]) continue;
     path->is_contested[sequence[k]] = true;
     path->is_contested[sequence[k + 1]] = true;
   }
   const Mask is_doubtful = FindDoubtful(has_rivals);
-  auto chosen =
-      MotionSearch(steps, durations, is_doubtful, median_step).Solve();
-  InterpolateDistances(durations, &chosen);
+  auto chosen = MotionSearch(steps, is_doubtful).Solve();
+  InterpolateDistances(steps.durations, &chosen);
   const auto places =
-      FollowMotion(chosen, durations, is_doubtful, first_stretch);
+      FollowMotion(chosen, steps.durations, is_doubtful, first_stretch);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
     path->is_interpolated[sequence[k]] =
