@@ -107,6 +107,17 @@ class Drive {
     }
   }
 
+  // The motions of the world by one camera, which does not know distances.
+  void AddDirections(int begin, int end, double share) {
+    for (int k = begin; k < end; ++k) {
+      const Rigid3 motion = TrueMotion(k, k + 1);
+      steps_[k].push_back({{motion.rotation, Vector3d::Zero()},
+                           share,
+                           share,
+                           motion.Center().stableNormalized()});
+    }
+  }
+
   RigPath FindPath() const {
     return FindRigPath(TemporalOrder(scene_), kNumFrames, {steps_});
   }
@@ -157,6 +168,44 @@ TEST(MotionContinuityTest, TheWorldMayBeHiddenForSomeFrames) {
   drive.AddWorld(0, 28, 0.25);
   drive.AddWorld(32, kNumFrames - 1, 0.25);
   drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
+// One camera looks past the lorry that fills all views with depths. Distances
+// are interpolated, which is exact in a bend.
+TEST(MotionContinuityTest, ACameraThatSeesTheWorldExposesALorry) {
+  Drive drive(Bend);
+  drive.AddWorld(0, 15, 0.9);
+  drive.AddDirections(0, kNumFrames - 1, 0.25);
+  drive.AddObject(15, 45, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.9);
+  drive.AddWorld(45, kNumFrames - 1, 0.9);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
+// A direction fits any speed, but a measured one is better.
+TEST(MotionContinuityTest, DistancesCountWhereTheRigBrakes) {
+  Drive drive(Stop);
+  drive.AddWorld(0, kNumFrames - 1, 0.5);
+  drive.AddDirections(0, kNumFrames - 1, 1.0);
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, kNumFrames);
+  EXPECT_FALSE(path.is_contested.Any());
+}
+
+// Wrong depths of one camera look like another motion in each step.
+TEST(MotionContinuityTest, MotionsThatDoNotLastAreNoObjects) {
+  Random random(3);
+  Drive drive(Straight);
+  drive.AddWorld(0, kNumFrames - 1, 0.5);
+  for (int k = 0; k + 1 < kNumFrames; ++k) {
+    const double side = k % 2 == 0 ? 1.0 : -1.0;
+    drive.AddObject(
+        k, k + 1,
+        {Quaterniond::Identity(), {side, random.Uniform(-1.0, 1.0), -1.0}},
+        0.3);
+  }
+  const RigPath path = drive.FindPath();
+  drive.ExpectTruth(path, 0, kNumFrames);
+  EXPECT_FALSE(path.is_contested.Any());
 }
 
 TEST(MotionContinuityTest, AStopIsNoObject) {

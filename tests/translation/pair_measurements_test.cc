@@ -158,6 +158,36 @@ TEST(ScaleAveragingTest, NoiseAndMismatchesAreBearable) {
   EXPECT_LT(Median(logs), 0.05);
 }
 
+// Without depths, nothing links a pair to the others. Expected lengths do, in
+// whatever unit.
+TEST(ScaleAveragingTest, ExpectedLengthsLinkPairsWithoutDepths) {
+  const TranslationInput input = MakeTranslationInput(Curve());
+  auto baselines = Estimate(input);
+  LengthHints hints;
+  hints.expected.resize(baselines.size());
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    const double length = TrueBaseline(input, baselines[i]).norm();
+    if (length > 0.0) hints.expected[i] = 7.0 * length;
+    if (i % 5 > 0) continue;
+    for (auto& depths : baselines[i].depths) depths.clear();
+  }
+  const auto num_images =
+      static_cast<int>(input.simulation.scene.images.size());
+  EXPECT_GT(AverageScales(baselines, num_images, Context()).group_sizes.size(),
+            1u);
+  const PairScales scales =
+      AverageScales(baselines, num_images, Context(), hints);
+  ASSERT_EQ(scales.group_sizes.size(), 1u);
+  double unit = 0.0;
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (!scales.pairs[i]) continue;
+    const double ratio =
+        TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale;
+    if (unit == 0.0) unit = ratio;
+    EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
+  }
+}
+
 TEST(ScaleAveragingTest, NoPairsAtAll) {
   const PairScales scales = AverageScales({}, 0, Context());
   EXPECT_TRUE(scales.group_sizes.empty());
