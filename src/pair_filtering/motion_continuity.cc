@@ -93,10 +93,6 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
 // distance is free.
 struct Candidate : MotionHypothesis {
   std::vector<Vector3d> measured_centers;
-
-  bool KnowsDistance() const {
-    return !free_direction || !measured_centers.empty();
-  }
 };
 
 // A pair without parallax.
@@ -164,21 +160,15 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
   return grouped;
 }
 
-// Squared, in standard deviations of changes within one step. `num_steps`:
-// since the speed of `a` was measured.
-double SquaredChange(const Velocity& a, const Velocity& b, double median_step,
-                     int num_steps = 1) {
+// Squared, in standard deviations of changes within one step.
+double SquaredChange(const Velocity& a, const Velocity& b, double median_step) {
   const double scale =
       kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
       kMinChange * median_step;
-  const Vector3d change = b.linear - a.linear;
-  const double change_along = change.dot(a.linear.stableNormalized());
   const double scale_rad =
       kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
       kMinTurnChange_rad;
-  return (change.squaredNorm() - change_along * change_along +
-          change_along * change_along / num_steps) /
-             (scale * scale) +
+  return (a.linear - b.linear).squaredNorm() / (scale * scale) +
          (a.angular_rad - b.angular_rad).squaredNorm() /
              (scale_rad * scale_rad);
 }
@@ -293,7 +283,6 @@ class MotionSearch {
     double cost = 0.0;
     std::optional<Position> previous;
     Velocity velocity;
-    int num_free = 0;  // steps up to this one, since one with a distance
   };
 
   // Of the steps in [begin, end).
@@ -329,13 +318,11 @@ class MotionSearch {
             steps_.VelocityAfter(node.velocity.linear, k, hypothesis);
         const double cost =
             node.cost +
-            Loss(SquaredChange(node.velocity, velocity, steps_.median_step,
-                               1 + node.num_free)) +
+            Loss(SquaredChange(node.velocity, velocity, steps_.median_step)) +
             CostOfDistance(hypothesis, steps_.durations[k] * velocity.linear) +
             SkipCost(previous + 1, k);
         if (cost >= best.cost) continue;
-        best = {cost, Position{previous, g}, velocity,
-                hypothesis.KnowsDistance() ? 0 : node.num_free + 1};
+        best = {cost, Position{previous, g}, velocity};
       }
     }
     best.cost -= kShareWeight * std::log(hypothesis.share);
@@ -347,13 +334,13 @@ class MotionSearch {
   // hypothesis, the best node before them: velocities across such a gap are not
   // compared.
   Node AfterGap(size_t k) const {
-    Node best{SkipCost(0, k), std::nullopt, {}, 0};
+    Node best{SkipCost(0, k), std::nullopt, {}};
     size_t before = k;
     while (before > 0 && steps_.candidates[before - 1].empty()) --before;
     if (before == 0 || k - before <= kMaxNumSkipped) return best;
     for (size_t g = 0; g < steps_.candidates[before - 1].size(); ++g) {
       const double cost = nodes_[before - 1][g].cost + SkipCost(before, k);
-      if (cost < best.cost) best = {cost, Position{before - 1, g}, {}, 0};
+      if (cost < best.cost) best = {cost, Position{before - 1, g}, {}};
     }
     return best;
   }

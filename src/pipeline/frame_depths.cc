@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "geometry/so3.h"
+#include "math/spanning_tree.h"
 #include "math/statistics.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
@@ -39,10 +40,13 @@ std::vector<std::vector<int>> PairsOfEqualSensors(const Scene& scene,
   return sets;
 }
 
-// Per pair of sensors with pairs within frames: offsets of their centres, in
-// the axes of the rig.
-using SensorOffsetSamples =
-    std::map<std::pair<int, int>, std::vector<Vector3d>>;
+// Offsets of the centres of two sensors, in the axes of the rig, by the pairs
+// of their images within frames.
+struct SensorOffset {
+  std::vector<Vector3d> samples;
+  size_t num_matches = 0;
+};
+using SensorOffsets = std::map<std::pair<int, int>, SensorOffset>;
 
 Vector3d MedianVector(const std::vector<Vector3d>& samples) {
   Vector3d median;
@@ -54,58 +58,49 @@ Vector3d MedianVector(const std::vector<Vector3d>& samples) {
   return median;
 }
 
-// Per rig, its sensor with the most pairs, if any has one.
-std::vector<int> FindOrigins(const Scene& scene,
-                             const SensorOffsetSamples& samples) {
-  std::vector<size_t> num_pairs(scene.sensors.size(), 0);
-  for (const auto& [sensors, offsets] : samples) {
-    num_pairs[sensors.first] += offsets.size();
-    num_pairs[sensors.second] += offsets.size();
-  }
-  std::map<int, int> origin_of_rig;
-  for (int s = 0; s < static_cast<int>(scene.sensors.size()); ++s) {
-    if (num_pairs[s] == 0) continue;
-    const auto [origin, is_first] =
-        origin_of_rig.emplace(scene.sensors[s].rig_idx, s);
-    if (num_pairs[s] > num_pairs[origin->second]) origin->second = s;
-  }
-  std::vector<int> origins;
-  for (const auto& [rig_idx, sensor_idx] : origin_of_rig) {
-    origins.push_back(sensor_idx);
-  }
-  return origins;
-}
-
-// Centres of sensors in the axes of their rig, along the pairs of sensors.
+// Centres of sensors in the axes of their rig, along a spanning tree of the
+// pairs of sensors with the most matches. Few matches determine no direction.
+// The origin of each rig is one sensor of its strongest pair.
 std::vector<std::optional<Vector3d>> PlaceSensors(
-    const Scene& scene, const SensorOffsetSamples& samples) {
-  std::vector<std::optional<Vector3d>> centers(scene.sensors.size());
-  for (const int sensor_idx : FindOrigins(scene, samples)) {
-    centers[sensor_idx] = Vector3d::Zero();
+    const Scene& scene, const SensorOffsets& offsets) {
+  std::vector<GraphEdge> edges;
+  std::vector<const SensorOffset*> of_edge;
+  for (const auto& [sensors, offset] : offsets) {
+    edges.push_back({sensors.first, sensors.second,
+                     static_cast<double>(offset.num_matches)});
+    of_edge.push_back(&offset);
   }
-  bool has_changed = true;
-  while (has_changed) {
-    has_changed = false;
-    for (const auto& [sensors, offsets] : samples) {
-      const auto [s1, s2] = sensors;
-      if (centers[s1].has_value() == centers[s2].has_value()) continue;
-      const Vector3d offset = MedianVector(offsets);
-      if (centers[s1]) {
-        centers[s2] = *centers[s1] + offset;
-      } else {
-        centers[s1] = *centers[s2] - offset;
-      }
-      has_changed = true;
+  const auto num_sensors = static_cast<int>(scene.sensors.size());
+  std::vector<std::optional<Vector3d>> centers(num_sensors);
+  const auto forest = MaximumSpanningForest(num_sensors, edges);
+  for (const ForestStep& step : WalkForest(num_sensors, edges, forest)) {
+    if (!step.from) {
+      centers[step.node] = Vector3d::Zero();
+      continue;
     }
+    const GraphEdge& edge = edges[step.from->edge];
+    const Vector3d offset = MedianVector(of_edge[step.from->edge]->samples);
+    centers[step.node] = *centers[step.from->parent] +
+                         (edge.node2 == step.node ? offset : Vector3d(-offset));
+  }
+  // A sensor without pairs is the root of its own tree.
+  Mask has_pairs(scene.sensors.size(), false);
+  for (const GraphEdge& edge : edges) {
+    has_pairs[edge.node1] = true;
+    has_pairs[edge.node2] = true;
+  }
+  for (int s = 0; s < num_sensors; ++s) {
+    if (!has_pairs[s]) centers[s].reset();
   }
   return centers;
 }
 
 // The offsets that the pairs within frames measure.
-SensorOffsetSamples MeasureOffsets(
-    const Scene& scene, const RotationEstimate& rotations,
-    const std::vector<BaselineDirection>& measured, const PairScales& scales) {
-  SensorOffsetSamples samples;
+SensorOffsets MeasureOffsets(const Scene& scene, const ViewGraph& view_graph,
+                             const RotationEstimate& rotations,
+                             const std::vector<BaselineDirection>& measured,
+                             const PairScales& scales) {
+  SensorOffsets offsets;
   for (size_t i = 0; i < measured.size(); ++i) {
     if (!scales.pairs[i] || scales.pairs[i]->group != 0) continue;
     const Image& image1 = scene.images[measured[i].image_idx1];
@@ -115,10 +110,12 @@ SensorOffsetSamples MeasureOffsets(
     const Vector3d offset =
         *rig_from_world * measured[i].direction * scales.pairs[i]->scale;
     const bool is_ordered = image1.sensor_idx < image2.sensor_idx;
-    samples[std::minmax(image1.sensor_idx, image2.sensor_idx)].push_back(
-        is_ordered ? offset : Vector3d(-offset));
+    SensorOffset& of_sensors =
+        offsets[std::minmax(image1.sensor_idx, image2.sensor_idx)];
+    of_sensors.samples.push_back(is_ordered ? offset : Vector3d(-offset));
+    of_sensors.num_matches += view_graph.pairs[i].matches.size();
   }
-  return samples;
+  return offsets;
 }
 
 // Intersects the matching rays of two images of one frame.
@@ -177,8 +174,8 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
                     {PairsOfEqualSensors(scene, index, view_graph)});
   FrameDepths depths;
   depths.distances.resize(scene.images.size());
-  const auto centers =
-      PlaceSensors(scene, MeasureOffsets(scene, rotations, measured, scales));
+  const auto centers = PlaceSensors(
+      scene, MeasureOffsets(scene, view_graph, rotations, measured, scales));
   depths.cam_from_rig.resize(scene.sensors.size());
   for (size_t s = 0; s < centers.size(); ++s) {
     if (!centers[s] || !rotations.sensor_from_rig[s]) continue;

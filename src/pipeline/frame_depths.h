@@ -13,8 +13,8 @@ namespace mgsfm {
 // Depths of keypoints by pairs within frames, whose baselines have the same
 // length in all frames (links of scale averaging,
 // translation/scale_averaging.h) and the centres of the sensors that these
-// pairs connect. The unit of length is arbitrary; the origin of a rig is its
-// sensor with the most pairs. Pairs are measured with their own rotations.
+// pairs connect. The unit of length is arbitrary; the origin of a rig is one of
+// these sensors. Pairs are measured with their own rotations.
 // Without overlapping views nothing is known.
 [[nodiscard]] FrameDepths MeasureFrameDepths(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
