@@ -322,9 +322,9 @@ void FaultTest::RunWithFault(const FaultCase& command, const FaultPlan& plan) {
     const bool is_complete = VisibleFiles(Sandbox()) == new_;
     // An image that cannot be read is left out with a warning; the next run
     // adds it.
-    may_lack_images =
-        KindOfFaultyCall() == CallKind::kRead && !command.is_atomic &&
-        output.err.find("warning") != std::string::npos;
+    may_lack_images = KindOfFaultyCall() == CallKind::kRead &&
+                      !command.is_atomic &&
+                      output.err.find("warning") != std::string::npos;
     EXPECT_TRUE(is_complete || may_lack_images) << "success, not complete";
     if (is_complete && !HasHiddenFiles(Sandbox())) return;
     // Only the removal of old files can fail without consequence.
