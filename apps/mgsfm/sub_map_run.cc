@@ -121,16 +121,6 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
   return pairs;
 }
 
-ObservationGroups GroupTracks(const Reconstruction& model) {
-  ObservationGroups groups;
-  for (const Point3D& point : model.points) {
-    groups.observations.insert(groups.observations.end(), point.track.begin(),
-                               point.track.end());
-    groups.FinishGroup();
-  }
-  return groups;
-}
-
 BundleSummary Adjust(const SubMapRun& run, const Context& context,
                      SceneModel* model) {
   BundleResult result = RefineReconstruction(

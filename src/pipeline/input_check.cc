@@ -27,6 +27,7 @@ constexpr int kMinNumImagesOfCamera = 3;
 // this show no share.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
+// Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
 // An estimated focal length this close to the given one confirms it.
 constexpr double kMaxConfirmedChange = 0.02;

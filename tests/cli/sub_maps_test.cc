@@ -3,7 +3,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "cli/program_runs.h"
+#include "cli/shared_drive.h"
 
 namespace mgsfm {
 namespace {
@@ -12,25 +12,9 @@ namespace fs = std::filesystem;
 using testing::HasSubstr;
 using Json = nlohmann::json;
 
-class SubMapCommands : public testing::Test {
+class SubMapCommands : public SharedDriveTest {
  protected:
-  static void SetUpTestSuite() {
-    shared_ = new TempDir();
-    const CommandOutput output = RunMgsfm(
-        "simulate --rig stereo --path loop --num_frames 60 --max_num_features "
-        "150 --num_points_per_frame 60 --pixel_noise 0.3 --output_path " +
-        In());
-    ASSERT_EQ(output.exit_code, 0) << output.err;
-  }
-  static void TearDownTestSuite() {
-    delete shared_;
-    shared_ = nullptr;
-  }
-  static std::string In() { return (shared_->path() / "in").string(); }
-  static std::string Database() { return In() + "/database.db"; }
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
+  static void SetUpTestSuite() { SimulateLoop(); }
   CommandOutput Run(const std::string& arguments) const {
     const CommandOutput output = RunMgsfm(arguments);
     EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
@@ -71,9 +55,6 @@ class SubMapCommands : public testing::Test {
         "/truth --json " + Path("errors.json"));
     return Json::parse(ReadTextFile(Path("errors.json")));
   }
-
-  static inline TempDir* shared_ = nullptr;
-  const TempDir dir_;
 };
 
 TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
