@@ -61,8 +61,8 @@ int RunMatcher(
     const std::function<void(MatchingInput*)>& match,
     const std::function<ImagePairList(const MatchingInput&)>& select);
 
-// Warns of fisheyes whose camera model is perspective. The verified matches show
-// them, so the check follows matching.
+// Warns of fisheyes whose camera model is perspective. The verified matches
+// show them, so the check follows matching.
 void WarnOfFisheyes(const MatchingInput& input,
                     const PairMatchingOptions& options, const Context& context);
 

@@ -28,8 +28,9 @@ struct ReferenceSource {
 
 // Finds the positions of the images of a model by their names. The origin of
 // GPS positions in a database is that of the mapper, the first of all images by
-// name, so that all models of a database have the same world. Throws Error, naming the file and the image, if the
-// database lacks an image of the model, and for bad values.
+// name, so that all models of a database have the same world. Throws Error,
+// naming the file and the image, if the database lacks an image of the model,
+// and for bad values.
 ReferencePositions ReadReference(const ReferenceSource& source,
                                  const Scene& scene, const Context& context);
 
