@@ -1,146 +1,27 @@
 // SPDX-License-Identifier: BSD-3-Clause
+// What users see of a folder.
 #pragma once
 
-// What a command leaves behind: rows of databases and files that users see.
-
-#include <gtest/gtest.h>
-#include <sqlite3.h>
-
 #include <filesystem>
-#include <memory>
-#include <sstream>
-#include <string>
 
 #include "cli/program_runs.h"
-#include "io/files/model_files.h"
-#include "support/temp_dir.h"
 
 namespace mgsfm {
 
-namespace fs = std::filesystem;
-
-struct Closer {
-  void operator()(sqlite3* db) const { sqlite3_close(db); }
-};
-
-inline std::string Column(sqlite3_stmt* row, int column) {
-  const void* data = sqlite3_column_blob(row, column);
-  return std::string(static_cast<const char*>(data),
-                     static_cast<size_t>(sqlite3_column_bytes(row, column)));
-}
-
-inline constexpr char kDamaged[] = "damaged";
-
-// The rows that each query selects; kDamaged if SQLite finds a fault.
-class DatabaseRows {
- public:
-  explicit DatabaseRows(const fs::path& path) {
-    sqlite3* opened = nullptr;
-    sqlite3_open(path.c_str(), &opened);
-    db_.reset(opened);
-  }
-  std::string Select(const std::string& sql) const {
-    std::string rows;
-    sqlite3_stmt* row = nullptr;
-    bool is_damaged = sqlite3_prepare_v2(db_.get(), sql.c_str(), -1, &row,
-                                         nullptr) != SQLITE_OK;
-    int result = SQLITE_DONE;
-    while (!is_damaged && (result = sqlite3_step(row)) == SQLITE_ROW) {
-      for (int i = 0; i < sqlite3_column_count(row); ++i) {
-        rows += Column(row, i) + '\n';
-      }
-    }
-    is_damaged = is_damaged || result != SQLITE_DONE;
-    sqlite3_finalize(row);
-    return is_damaged ? std::string(kDamaged) : rows;
-  }
-
- private:
-  std::unique_ptr<sqlite3, Closer> db_;
-};
-
-// The rows of all tables; kDamaged if SQLite finds a fault.
-inline std::string DumpDatabase(const fs::path& path) {
-  const DatabaseRows db(path);
-  if (db.Select("PRAGMA integrity_check") != "ok\n") return kDamaged;
-  std::istringstream tables(
-      db.Select("SELECT name FROM sqlite_master WHERE type = 'table' AND name "
-                "!= 'sqlite_sequence' ORDER BY name"));
-  std::string dump;
-  for (std::string table; std::getline(tables, table);) {
-    const std::string rows = db.Select("SELECT * FROM " + table);
-    if (rows == kDamaged) return rows;
-    dump += table + ":\n" + rows;
-  }
-  return dump;
-}
+constexpr char kDamaged[] = "damaged";
 
 // The features of all images by name. An image that one run leaves out and the
 // next one adds gets another id than in a run without faults.
-inline std::string FeaturesByName(const fs::path& path) {
-  return DatabaseRows(path).Select(
-      "SELECT images.name, cameras.*, keypoints.rows, keypoints.cols, "
-      "keypoints.data, descriptors.rows, descriptors.cols, descriptors.data "
-      "FROM images JOIN cameras USING (camera_id) "
-      "JOIN keypoints USING (image_id) JOIN descriptors USING (image_id) "
-      "ORDER BY images.name");
-}
-
-inline void ExecuteSql(const fs::path& path, const std::string& sql) {
-  sqlite3* opened = nullptr;
-  sqlite3_open(path.c_str(), &opened);
-  const std::unique_ptr<sqlite3, Closer> db(opened);
-  ASSERT_EQ(sqlite3_exec(opened, sql.c_str(), nullptr, nullptr, nullptr),
-            SQLITE_OK);
-}
-
-inline bool IsHidden(const fs::path& relative) {
-  for (const fs::path& part : relative) {
-    if (part.string().front() == '.') return true;
-  }
-  return false;
-}
-
-inline bool IsReport(const fs::path& name) {
-  return name.filename() == kReportFileName || name.filename() == "report.html";
-}
+std::string FeaturesByName(const std::filesystem::path& path);
 
 // Contents of the files that users see. Databases count by their rows, which
-// opening them first restores; reports, which hold times, by their presence.
-inline Files VisibleFiles(const fs::path& folder) {
-  Files files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    const fs::path name = fs::relative(entry.path(), folder);
-    if (IsHidden(name) || !entry.is_regular_file()) continue;
-    if (name.extension() == ".db") {
-      files[name] = DumpDatabase(entry.path());
-    } else if (name.extension() == ".db-journal") {
-      continue;
-    } else {
-      files[name] = IsReport(name) ? "" : ReadTextFile(entry.path());
-    }
-  }
-  return files;
-}
+// opening them first restores, or as kDamaged; reports, which hold times, by
+// their end.
+Files VisibleFiles(const std::filesystem::path& folder);
 
 // Names of files that only one side has or that differ.
-inline std::string Differences(const Files& a, const Files& b) {
-  std::string names;
-  for (const auto& [name, content] : a) {
-    const auto found = b.find(name);
-    if (found == b.end() || found->second != content) names += name + " ";
-  }
-  for (const auto& [name, content] : b) {
-    if (a.count(name) == 0) names += name + " ";
-  }
-  return names;
-}
+std::string Differences(const Files& a, const Files& b);
 
-inline bool HasHiddenFiles(const fs::path& folder) {
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (IsHidden(fs::relative(entry.path(), folder))) return true;
-  }
-  return false;
-}
+bool HasHiddenFiles(const std::filesystem::path& folder);
 
 }  // namespace mgsfm
