@@ -145,23 +145,27 @@ Vector2d ForwardPx(const DrawnSensor& sensor, const Panel& panel) {
   return 30.0 * panel.axes.Project(sensor.forward);
 }
 
+// The field of view, as a wedge that hints at the direction; empty if the
+// camera looks along the view.
+std::vector<Vector2d> Wedge(const DrawnSensor& sensor, const Panel& panel) {
+  const Vector2d center = panel.ToPage(sensor.center);
+  const Vector2d forward = ForwardPx(sensor, panel);
+  if (!(forward.norm() > 4.0)) return {};
+  const Vector2d side = 0.45 * Vector2d(-forward.y(), forward.x());
+  return {center, center + forward + side, center + forward - side, center};
+}
+
 void DrawSensor(const DrawnSensor& sensor, const Panel& panel,
                 SvgDrawing* drawing) {
   const std::string color = SensorColor(sensor.sensor_idx);
   const std::string stroke = "stroke='" + color + "' stroke-width='2'";
   DrawUncertainty(sensor, panel, color, drawing);
   const Vector2d center = panel.ToPage(sensor.center);
-  const Vector2d forward = ForwardPx(sensor, panel);
   drawing->Line(
       panel.middle_px + panel.px_per_unit * panel.axes.Project(-panel.middle),
       center, "stroke='#888' stroke-dasharray='3 3'");
-  if (forward.norm() > 4.0) {
-    // The field of view, as a wedge that hints at the direction.
-    const Vector2d side = 0.45 * Vector2d(-forward.y(), forward.x());
-    drawing->Path(
-        {center, center + forward + side, center + forward - side, center},
-        stroke);
-  }
+  const std::vector<Vector2d> wedge = Wedge(sensor, panel);
+  if (!wedge.empty()) drawing->Path(wedge, stroke);
   drawing->Dot(center, 4.0, "fill='" + color + "'");
 }
 
@@ -173,9 +177,9 @@ void DrawLabels(const PageModel& model, const std::vector<DrawnSensor>& sensors,
   const Vector2d half(7.0, 7.0);
   for (const DrawnSensor& sensor : sensors) {
     const Vector2d center = panel.ToPage(sensor.center);
-    const Vector2d symbol = center + 0.6 * ForwardPx(sensor, panel);
-    placement.Avoid({center - half, center + half});
-    placement.Avoid({symbol - half, symbol + half});
+    Eigen::AlignedBox2d symbol(center - half, center + half);
+    for (const Vector2d& corner : Wedge(sensor, panel)) symbol.extend(corner);
+    placement.Avoid(symbol);
   }
   for (const DrawnSensor& sensor : sensors) {
     const Vector2d center = panel.ToPage(sensor.center);
@@ -207,7 +211,9 @@ void DrawScaleBar(const Panel& panel, const Vector2d& corner,
   drawing->Line(corner, corner + Vector2d(length * panel.px_per_unit, 0.0),
                 "stroke='#888' stroke-width='2'");
   drawing->Text(corner + Vector2d(0.0, 16.0),
-                FormatNumber(length, ticks.digits) + " " + unit, kTextStyle);
+                FormatNumber(length, ticks.digits) + " " +
+                    (length == 1.0 && unit == "units" ? "unit" : unit),
+                kTextStyle);
 }
 
 void DrawRig(const PageModel& model, const Rig& rig, double top,
