@@ -2,6 +2,7 @@
 #include "report_page/label_placement.h"
 
 #include <algorithm>
+#include <iterator>
 
 namespace mgsfm {
 namespace {
@@ -12,7 +13,7 @@ using Eigen::Vector2d;
 // Sans-serif fonts of 12 px have a mean advance of 6 to 6.8 px.
 constexpr double kCharWidthPx = 6.8;
 constexpr double kLineHeightPx = 14.0;
-// Directions to the label, the ones beside a point first.
+// Directions to the label: below, above, beside, and between them.
 const Vector2d kDirections[] = {{0.0, 1.0},  {0.0, -1.0}, {1.0, 0.0},
                                 {-1.0, 0.0}, {1.0, 1.0},  {-1.0, 1.0},
                                 {1.0, -1.0}, {-1.0, -1.0}};
@@ -53,17 +54,22 @@ Vector2d LabelPlacement::Place(const Vector2d& point, const Vector2d& preferred,
   const Vector2d size = SizeOf(text);
   Vector2d best = preferred;
   double least = Overlap(BoxAround(preferred, size));
-  for (double distance = 16.0; distance <= 96.0; distance += 10.0) {
-    for (const Vector2d& direction : kDirections) {
-      const Vector2d reach(0.5 * size.x() + distance - 8.0, distance);
-      const Vector2d middle = point + direction.cwiseProduct(reach);
-      const double overlap = Overlap(BoxAround(middle, size));
-      if (overlap >= least) continue;
-      best = middle;
-      least = overlap;
+  const auto search = [&](size_t num_directions, double max_distance) {
+    for (double distance = 16.0; distance <= max_distance; distance += 10.0) {
+      for (size_t k = 0; k < num_directions; ++k) {
+        const Vector2d reach(0.5 * size.x() + distance - 8.0, distance);
+        const Vector2d middle = point + kDirections[k].cwiseProduct(reach);
+        const double overlap = Overlap(BoxAround(middle, size));
+        if (overlap >= least) continue;
+        best = middle;
+        least = overlap;
+      }
+      if (least == 0.0) return;
     }
-    if (least == 0.0) break;
-  }
+  };
+  // A label below or above a point is hardly taken for that of another.
+  if (least > 0.0) search(2, 36.0);
+  if (least > 0.0) search(std::size(kDirections), 96.0);
   Avoid(BoxAround(best, size));
   return best;
 }
