@@ -241,6 +241,49 @@ TEST(Exchange, KalibrsChainLeadsToAllCameras) {
   }
 }
 
+TEST(Exchange, SensorsOfEurocHaveTheirPoseInTheRig) {
+  const Simulation drive = Drive(RigPreset::kKitti360);
+  const std::vector<ExportedFile> files = Export("euroc_sensor", drive);
+  ASSERT_EQ(files.size(), drive.scene.sensors.size());
+  for (const ExportedFile& exported : files) {
+    const auto sensor =
+        std::find_if(drive.scene.sensors.begin(), drive.scene.sensors.end(),
+                     [&](const Sensor& s) {
+                       return exported.suffix == "/" + s.name + "/sensor.yaml";
+                     });
+    ASSERT_NE(sensor, drive.scene.sensors.end()) << exported.suffix;
+    const Camera& camera = drive.ground_truth.cameras[sensor->camera_idx];
+    const bool is_pinhole = camera.model == CameraModelId::kPinhole;
+    const cv::FileStorage file = OpenYaml(exported.content);
+    EXPECT_EQ(file["sensor_type"].string(), "camera");
+    EXPECT_EQ(file["camera_model"].string(), "pinhole");
+    const std::vector<double> k = Values(file["intrinsics"]);
+    ASSERT_EQ(k.size(), 4u);
+    ExpectIntrinsics(k[0], k[1], k[2], k[3], camera);
+    EXPECT_EQ(
+        Values(file["resolution"]),
+        (std::vector<double>{1.0 * camera.width_px, 1.0 * camera.height_px}));
+    EXPECT_EQ(file["distortion_model"].string(),
+              is_pinhole ? "radial-tangential" : "equidistant");
+    EXPECT_EQ(Values(file["distortion_coefficients"]),
+              is_pinhole ? std::vector<double>(4, 0.0)
+                         : std::vector<double>(camera.params.begin() + 4,
+                                               camera.params.end()));
+    const std::vector<double> pose = Values(file["T_BS"]["data"]);
+    ASSERT_EQ(pose.size(), 16u);
+    const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> matrix(
+        pose.data());
+    EXPECT_EQ(matrix.row(3), Eigen::RowVector4d(0, 0, 0, 1));
+    const Rigid3 rig_from_cam{
+        Eigen::Quaterniond(Eigen::Matrix3d(matrix.topLeftCorner<3, 3>())),
+        matrix.topRightCorner<3, 1>()};
+    ExpectPose(rig_from_cam,
+               drive.ground_truth
+                   .sensor_from_rig[sensor - drive.scene.sensors.begin()]
+                   ->Inverse());
+  }
+}
+
 TEST(Exchange, CameraInfoHoldsTheIntrinsics) {
   const Simulation drive = Drive(RigPreset::kKitti360);
   const std::vector<ExportedFile> files = Export("camera_info", drive);
@@ -337,7 +380,8 @@ TEST(Exchange, CamerasThatAFormatCannotRepresentAreNamed) {
     camera.model = CameraModelId::kEquirectangular;
     camera.params = {1000.0, 500.0};
   }
-  for (const char* format : {"nvm", "bundler", "kalibr", "camera_info"}) {
+  for (const char* format :
+       {"nvm", "bundler", "kalibr", "euroc_sensor", "camera_info"}) {
     ExpectRefused(format, drive,
                   AllOf(HasSubstr("'cam0'"), HasSubstr("EQUIRECTANGULAR")));
   }

@@ -131,6 +131,21 @@ TEST(ReportPage, StatesWarningsOfTheReportFirst) {
   EXPECT_THAT(Page(drive), HasSubstr("No warning"));
 }
 
+TEST(ReportPage, LengthsHaveTheUnitOfTheSummary) {
+  const Simulation drive = SmallDrive();
+  const auto page = [&](const std::string& unit) {
+    return Page(drive, R"({"summary": {"models": [{"unit_of_length": ")" +
+                           unit + R"("}]}})");
+  };
+  EXPECT_THAT(page("metric, that of the known rig"),
+              AllOf(HasSubstr("centre in the rig [m]"),
+                    Not(HasSubstr("centre in the rig [units]"))));
+  for (const std::string& arbitrary : {page("arbitrary scale"), Page(drive)}) {
+    EXPECT_THAT(arbitrary, AllOf(HasSubstr("centre in the rig [units]"),
+                                 Not(HasSubstr("in the rig [m]"))));
+  }
+}
+
 TEST(ReportPage, IgnoresReportsOfOtherKinds) {
   const Simulation drive = SmallDrive();
   int num_warnings = 0;

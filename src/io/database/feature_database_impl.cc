@@ -173,16 +173,23 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> covariance =
       prior.covariance.value_or(Eigen::Matrix3d::Constant(kNaN));
-  const Eigen::Vector3d no_gravity = Eigen::Vector3d::Constant(kNaN);
+  const Eigen::Vector3d gravity =
+      prior.gravity.value_or(Eigen::Vector3d::Constant(kNaN));
+  if (prior.gravity && !HasPriorColumn("gravity")) {
+    file().Execute("ALTER TABLE pose_priors ADD COLUMN gravity BLOB");
+    prior_columns_.insert("gravity");
+  }
   const bool is_version4 = HasPriorColumn("corr_data_id");
   std::string sql = "INSERT OR REPLACE INTO pose_priors (position, ";
   sql += HasPriorColumn("position_covariance") ? "position_covariance, " : "";
+  sql += HasPriorColumn("gravity") ? "gravity, " : "";
   sql += is_version4 ? "pose_prior_id, corr_data_id, corr_sensor_id, "
-                       "corr_sensor_type, gravity, "
+                       "corr_sensor_type, "
                      : "image_id, ";
   sql += "coordinate_system) VALUES (?2, ";
   sql += HasPriorColumn("position_covariance") ? "?3, " : "";
-  sql += is_version4 ? "?1, ?1, ?5, ?6, ?7, ?4)" : "?1, ?4)";
+  sql += HasPriorColumn("gravity") ? "?7, " : "";
+  sql += is_version4 ? "?1, ?1, ?5, ?6, ?4)" : "?1, ?4)";
   SqliteStatement row = file().Prepare(sql);
   row.BindInt(1, prior.image_id.value());
   row.BindBlob(2, prior.position.data(), 3 * sizeof(double));
@@ -193,7 +200,9 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   if (is_version4) {
     row.BindInt(5, CameraOfImage(prior.image_id));
     row.BindInt(6, kCameraSensorType);
-    row.BindBlob(7, no_gravity.data(), 3 * sizeof(double));
+  }
+  if (HasPriorColumn("gravity")) {
+    row.BindBlob(7, gravity.data(), 3 * sizeof(double));
   }
   row.Run();
   if (!images_have_priors_) return;
