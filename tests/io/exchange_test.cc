@@ -258,11 +258,9 @@ TEST(Exchange, SensorsOfEurocHaveTheirPoseInTheRig) {
     EXPECT_EQ(file["sensor_type"].string(), "camera");
     EXPECT_EQ(file["camera_model"].string(), "pinhole");
     const std::vector<double> k = Values(file["intrinsics"]);
-    ASSERT_EQ(k.size(), 4u);
-    ExpectIntrinsics(k[0], k[1], k[2], k[3], camera);
-    EXPECT_EQ(
-        Values(file["resolution"]),
-        (std::vector<double>{1.0 * camera.width_px, 1.0 * camera.height_px}));
+    ExpectIntrinsics(k.at(0), k.at(1), k.at(2), k.at(3), camera);
+    EXPECT_EQ(Values(file["resolution"]).at(0), camera.width_px);
+    EXPECT_EQ(Values(file["resolution"]).at(1), camera.height_px);
     EXPECT_EQ(file["distortion_model"].string(),
               is_pinhole ? "radial-tangential" : "equidistant");
     EXPECT_EQ(Values(file["distortion_coefficients"]),
@@ -274,13 +272,10 @@ TEST(Exchange, SensorsOfEurocHaveTheirPoseInTheRig) {
     const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> matrix(
         pose.data());
     EXPECT_EQ(matrix.row(3), Eigen::RowVector4d(0, 0, 0, 1));
-    const Rigid3 rig_from_cam{
-        Eigen::Quaterniond(Eigen::Matrix3d(matrix.topLeftCorner<3, 3>())),
-        matrix.topRightCorner<3, 1>()};
-    ExpectPose(rig_from_cam,
-               drive.ground_truth
-                   .sensor_from_rig[sensor - drive.scene.sensors.begin()]
-                   ->Inverse());
+    const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
+    const auto& truth = drive.ground_truth.sensor_from_rig;
+    ExpectPose({Eigen::Quaterniond(rotation), matrix.topRightCorner<3, 1>()},
+               truth[sensor - drive.scene.sensors.begin()]->Inverse());
   }
 }
 
