@@ -13,9 +13,11 @@
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
+#include "join_memory.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
+#include "mgsfm/bundle/block_adjustment.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "partition_run.h"
 
@@ -131,12 +133,29 @@ ObservationGroups GroupTracks(const Reconstruction& model) {
   return groups;
 }
 
-BundleSummary Adjust(const SubMapRun& run, const Context& context,
-                     SceneModel* model) {
-  BundleResult result = RefineReconstruction(
-      model->scene, FixedCandidates(GroupTracks(model->reconstruction)),
-      model->reconstruction, run.bundle_adjustment, context);
-  model->reconstruction = std::move(result.estimate);
+// A model, and the sub-map of each of its frames.
+struct JoinedModel {
+  SceneModel& model;
+  const FrameBlocks& blocks;
+};
+
+BundleSummary Adjust(const SubMapRun& run, const JoinedModel& joined,
+                     const Context& context) {
+  const Scene& scene = joined.model.scene;
+  Reconstruction& model = joined.model.reconstruction;
+  const CandidateSource candidates = FixedCandidates(GroupTracks(model));
+  const bool uses_blocks =
+      NeedsBlocks(joined.model, joined.blocks, run.max_memory_mib);
+  if (uses_blocks) {
+    context.Info("the adjustment is done sub-map by sub-map");
+  }
+  BundleResult result =
+      uses_blocks
+          ? RefineInBlocks(scene, candidates, joined.blocks, std::move(model),
+                           run.bundle_adjustment, context)
+          : RefineReconstruction(scene, candidates, model,
+                                 run.bundle_adjustment, context);
+  model = std::move(result.estimate);
   return std::move(result.summary);
 }
 
@@ -262,7 +281,9 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
   for (size_t i = 0; i < joined.models.size(); ++i) {
     SceneModel& model = joined.models[i];
     std::optional<BundleSummary> bundle;
-    if (run.adjusts) bundle = Adjust(run, context, &model);
+    if (run.adjusts) {
+      bundle = Adjust(run, {model, joined.frame_blocks[i]}, context);
+    }
     WriteModelFolder(model, run.output_format,
                      output.StagingDir() / std::to_string(i), context);
     report["models"].push_back(
