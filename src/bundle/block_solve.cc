@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "bundle/block_solve.h"
 
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,7 +11,6 @@
 #include "bundle/solve.h"
 #include "least_squares/levenberg_marquardt.h"
 #include "least_squares/residuals.h"
-#include "math/sparse_solver.h"
 
 namespace mgsfm {
 namespace {
@@ -20,10 +18,8 @@ namespace {
 // Before Linearize() has set another one; that of the trust-region loop.
 constexpr double kInitialLambda = 1e-4;
 
-struct Block {
-  std::vector<int> point_idxs;
-  bool has_shared_frame = false;
-};
+// The points of a block.
+using Block = std::vector<int>;
 
 // Distributes the points.
 std::vector<Block> MakeBlocks(const Scene& scene, const FrameBlocks& block_of,
@@ -38,112 +34,56 @@ std::vector<Block> MakeBlocks(const Scene& scene, const FrameBlocks& block_of,
       block = std::min(block, block_of[scene.images[o.image_idx].frame_idx]);
     }
     if (block < num_blocks) {
-      blocks[block].point_idxs.push_back(static_cast<int>(i));
+      blocks[block].push_back(static_cast<int>(i));
     }
   }
-  blocks.erase(std::remove_if(
-                   blocks.begin(), blocks.end(),
-                   [](const Block& block) { return block.point_idxs.empty(); }),
+  blocks.erase(std::remove_if(blocks.begin(), blocks.end(),
+                              [](const Block& block) { return block.empty(); }),
                blocks.end());
   return blocks;
 }
 
-// The blocks that observe each frame, as far as they matter.
-constexpr int kNone = -1, kSeveral = -2;
-
-std::vector<int> BlocksOfFrames(const Scene& scene, const Reconstruction& model,
-                                const std::vector<Block>& blocks) {
-  std::vector<int> block_of(scene.frames.size(), kNone);
-  for (size_t b = 0; b < blocks.size(); ++b) {
-    for (const int point_idx : blocks[b].point_idxs) {
-      for (const Observation& o : model.points[point_idx].track) {
-        if (!model.IsRegistered(scene, o.image_idx)) continue;
-        int& of_frame = block_of[scene.images[o.image_idx].frame_idx];
-        const int block = static_cast<int>(b);
-        if (of_frame == kNone) of_frame = block;
-        if (of_frame != block) of_frame = kSeveral;
-      }
-    }
-  }
-  return block_of;
-}
-
-void MarkSharedFrames(const Scene& scene, const Reconstruction& model,
-                      const std::vector<int>& block_of_frame,
-                      std::vector<Block>* blocks) {
-  for (Block& block : *blocks) {
-    for (const int point_idx : block.point_idxs) {
-      for (const Observation& o : model.points[point_idx].track) {
-        block.has_shared_frame |=
-            block_of_frame[scene.images[o.image_idx].frame_idx] == kSeveral;
-      }
-    }
-  }
-}
-
-SharedUnknowns NumberShared(const Scene& scene,
-                            const std::vector<int>& block_of_frame) {
-  SharedUnknowns shared;
-  const auto take = [&](size_t count) {
-    const int first = shared.num_unknowns;
-    shared.num_unknowns += static_cast<int>(count);
-    return first;
-  };
-  for (const int block : block_of_frame) {
-    shared.first_of_frame.push_back(block == kSeveral ? take(6) : -1);
-  }
-  for (size_t i = 0; i < scene.sensors.size(); ++i) {
-    shared.first_of_sensor.push_back(take(6));
-  }
-  for (const Camera& camera : scene.cameras) {
-    shared.first_of_camera.push_back(take(camera.params.size()));
-  }
-  return shared;
-}
-
-// The unknowns that fix the gauge, by FixGauge() of a problem that has only the
-// shared frames.
+// The unknowns that fix the gauge, by FixGauge() of a problem that has all
+// frames and no observations.
 Mask FindHeldUnknowns(const Scene& scene, const Reconstruction& model,
                       const BundleAdjustmentOptions& options,
-                      const SharedUnknowns& shared) {
-  Mask is_held(shared.num_unknowns, false);
+                      const ModelUnknowns& unknowns) {
   BundleProblem problem;
   BundleState state;
-  std::vector<int> first;
-  std::vector<int> number_of_frame(scene.frames.size(), -1);
+  std::vector<int> first, number_of_frame;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    if (shared.first_of_frame[i] < 0) continue;
+    number_of_frame.push_back(static_cast<int>(state.frames.size()));
+    if (!model.rig_from_world[i]) continue;
     const Rigid3& pose = *model.rig_from_world[i];
-    number_of_frame[i] = static_cast<int>(state.frames.size());
     state.frames.push_back({pose.rotation, pose.Center()});
     problem.frame_masks.push_back(PoseMask::Ones());
-    first.push_back(shared.first_of_frame[i]);
+    first.push_back(unknowns.first_of_frame[i]);
   }
-  if (state.frames.empty()) return is_held;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     state.sensors.push_back(model.sensor_from_rig[i].value_or(Rigid3()));
     RefinedSensor refined = RefineSensor(scene, static_cast<int>(i), options);
     problem.sensor_masks.push_back(refined.mask);
     if (refined.prior) problem.sensor_priors.push_back(*refined.prior);
+    first.push_back(unknowns.first_of_sensor[i]);
   }
-  for (const Image& image : scene.images) {
-    const int frame = number_of_frame[image.frame_idx];
-    if (frame < 0 || !model.sensor_from_rig[image.sensor_idx]) continue;
-    problem.images.push_back({frame, image.sensor_idx, image.camera_idx});
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    if (!model.IsRegistered(scene, static_cast<int>(i))) continue;
+    problem.images.push_back(
+        {number_of_frame[image.frame_idx], image.sensor_idx, image.camera_idx});
   }
-  const std::vector<PoseMask> sensor_masks = problem.sensor_masks;
+  std::vector<PoseMask> before = problem.frame_masks;
+  before.insert(before.end(), problem.sensor_masks.begin(),
+                problem.sensor_masks.end());
   FixGauge(state, &problem);
-  const auto hold = [&](const PoseMask& before, const PoseMask& after,
-                        int first_unknown) {
-    for (int k = 0; k < 6; ++k) {
-      if (before[k] != after[k]) is_held[first_unknown + k] = true;
-    }
-  };
+  std::vector<PoseMask> after = problem.frame_masks;
+  after.insert(after.end(), problem.sensor_masks.begin(),
+               problem.sensor_masks.end());
+  Mask is_held(unknowns.num_unknowns, false);
   for (size_t i = 0; i < first.size(); ++i) {
-    hold(PoseMask::Ones(), problem.frame_masks[i], first[i]);
-  }
-  for (size_t i = 0; i < sensor_masks.size(); ++i) {
-    hold(sensor_masks[i], problem.sensor_masks[i], shared.first_of_sensor[i]);
+    for (int k = 0; k < 6; ++k) {
+      if (before[i][k] != after[i][k]) is_held[first[i] + k] = true;
+    }
   }
   return is_held;
 }
@@ -167,11 +107,8 @@ class BlockedProblem : public DampedProblem {
         context_(context),
         model_(*model),
         blocks_(MakeBlocks(scene, block_of, *model)) {
-    const std::vector<int> block_of_frame =
-        BlocksOfFrames(scene, model_, blocks_);
-    MarkSharedFrames(scene, model_, block_of_frame, &blocks_);
-    shared_ = NumberShared(scene, block_of_frame);
-    is_held_ = FindHeldUnknowns(scene, model_, options, shared_);
+    unknowns_ = NumberUnknowns(scene, model_);
+    is_held_ = FindHeldUnknowns(scene, model_, options, unknowns_);
     trial_.points.resize(model_.points.size());
   }
 
@@ -183,7 +120,10 @@ class BlockedProblem : public DampedProblem {
     return true;
   }
 
-  bool Solve() override;
+  bool Solve() override {
+    return SummedSystem(reduced_, is_held_)
+        .Solve(lambda_, reduced_lambda_, context_.num_threads, &step_);
+  }
 
   TrialStep TryStep(double) override { return VisitAll(&step_); }
 
@@ -194,8 +134,8 @@ class BlockedProblem : public DampedProblem {
  private:
   TrialStep VisitAll(const Eigen::VectorXd* step);
   bool Visit(size_t b, const Eigen::VectorXd* step, TrialStep* sum);
-  bool Step(const Eigen::VectorXd* step, const BuiltProblem& built,
-            RigEquations<PixelResidual>* equations, TrialStep* sum) const;
+  bool Step(const Eigen::VectorXd* step, const std::vector<int>& unknowns,
+            RigEquationsBase* equations, TrialStep* sum) const;
   BuiltProblem BuildBlock(size_t b, Reconstruction* part);
   void KeepTrial(size_t b, const BuiltProblem& built,
                  const Reconstruction& part);
@@ -206,7 +146,7 @@ class BlockedProblem : public DampedProblem {
   const Context& context_;
   Reconstruction& model_;
   std::vector<Block> blocks_;
-  SharedUnknowns shared_;
+  ModelUnknowns unknowns_;
   Mask is_held_;
   Mask has_prior_;  // sensors, then cameras whose priors a block has
   std::vector<ReducedBlock> reduced_;
@@ -222,13 +162,12 @@ class BlockedProblem : public DampedProblem {
 // earlier block has.
 BuiltProblem BlockedProblem::BuildBlock(size_t b, Reconstruction* part) {
   *part = PosesOf(model_);
-  part->points.reserve(blocks_[b].point_idxs.size());
-  for (const int i : blocks_[b].point_idxs) {
+  part->points.reserve(blocks_[b].size());
+  for (const int i : blocks_[b]) {
     part->points.push_back(model_.points[i]);
   }
   BuiltProblem built = BuildFreeProblem(scene_, *part, options_, parts_);
   BundleProblem& problem = built.problem;
-  if (!blocks_[b].has_shared_frame) FixGauge(built.state, &problem);
   const auto sensor_is_taken = [&](const SensorPrior& prior) {
     return has_prior_[built.sensor_idxs[prior.sensor]];
   };
@@ -251,19 +190,18 @@ BuiltProblem BlockedProblem::BuildBlock(size_t b, Reconstruction* part) {
 
 // Moves the block by the step, if there is one, and adds its cost.
 bool BlockedProblem::Step(const Eigen::VectorXd* step,
-                          const BuiltProblem& built,
-                          RigEquations<PixelResidual>* equations,
-                          TrialStep* sum) const {
+                          const std::vector<int>& unknowns,
+                          RigEquationsBase* equations, TrialStep* sum) const {
   if (step == nullptr) {
     sum->new_cost += equations->Cost();
     return std::isfinite(sum->new_cost);
   }
   if (!equations->Linearize(lambda_)) return false;
-  {
-    const SplitSystem system(built, shared_, *equations, context_.num_threads);
-    if (!system.IsUsable()) return false;
-    equations->SetStep(system.CompleteStep(*step));
+  Eigen::VectorXd of_block(static_cast<Eigen::Index>(unknowns.size()));
+  for (Eigen::Index i = 0; i < of_block.size(); ++i) {
+    of_block[i] = (*step)[unknowns[static_cast<size_t>(i)]];
   }
+  equations->SetStep(of_block);
   const TrialStep trial = equations->TryStep(1.0);
   equations->AcceptStep();
   sum->new_cost += trial.new_cost;
@@ -284,8 +222,8 @@ void BlockedProblem::KeepTrial(size_t b, const BuiltProblem& built,
   for (const int i : built.camera_idxs) {
     trial_.poses.cameras[i] = part.cameras[i];
   }
-  for (size_t k = 0; k < blocks_[b].point_idxs.size(); ++k) {
-    trial_.points[blocks_[b].point_idxs[k]] = part.points[k].point_in_world;
+  for (size_t k = 0; k < blocks_[b].size(); ++k) {
+    trial_.points[blocks_[b][k]] = part.points[k].point_in_world;
   }
 }
 
@@ -298,11 +236,11 @@ bool BlockedProblem::Visit(size_t b, const Eigen::VectorXd* step,
   RigEquations<PixelResidual> equations(built.problem, ReducedSolver::kDirect,
                                         context_);
   equations.SetState(built.state);
-  if (!Step(step, built, &equations, sum)) return false;
+  std::vector<int> unknowns =
+      FindUnknowns(built, unknowns_, equations.structure());
+  if (!Step(step, unknowns, &equations, sum)) return false;
   if (!equations.Linearize(lambda_)) return false;
-  const SplitSystem system(built, shared_, equations, context_.num_threads);
-  if (!system.IsUsable()) return false;
-  trial_.reduced.push_back(system.Reduce());
+  trial_.reduced.push_back(ReduceBlock(std::move(unknowns), equations));
   equations.GetState(&built.state);
   WriteBack(built, &part);
   KeepTrial(b, built, part);
@@ -325,44 +263,6 @@ TrialStep BlockedProblem::VisitAll(const Eigen::VectorXd* step) {
     break;
   }
   return sum;
-}
-
-// The sum of the reduced blocks. Their damping is that of the last visit.
-bool BlockedProblem::Solve() {
-  const int size = shared_.num_unknowns;
-  std::vector<Eigen::Triplet<double>> triplets;
-  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(size);
-  Eigen::VectorXd damping = Eigen::VectorXd::Zero(size);
-  for (const ReducedBlock& block : reduced_) {
-    for (size_t k = 0; k < block.unknowns.size(); ++k) {
-      const int column = block.unknowns[k];
-      if (is_held_[column]) continue;
-      const auto c = static_cast<Eigen::Index>(k);
-      rhs[column] += block.rhs[c];
-      damping[column] += block.damping[c];
-      for (size_t i = k; i < block.unknowns.size(); ++i) {
-        const int row = block.unknowns[i];
-        const double value = block.matrix(static_cast<Eigen::Index>(i), c);
-        if (is_held_[row] || value == 0.0) continue;
-        triplets.emplace_back(std::max(row, column), std::min(row, column),
-                              value);
-      }
-    }
-  }
-  for (int i = 0; i < size; ++i) {
-    const double value =
-        damping[i] > 0.0 ? (lambda_ - reduced_lambda_) * damping[i] : 1.0;
-    triplets.emplace_back(i, i, value);
-    if (damping[i] == 0.0) rhs[i] = 0.0;
-  }
-  Eigen::SparseMatrix<double> matrix(size, size);
-  matrix.setFromTriplets(triplets.begin(), triplets.end());
-  SparseCholesky solver(context_.num_threads);
-  solver.Analyze(matrix);
-  if (!solver.Factorize(matrix)) return false;
-  step_.resize(size);
-  solver.Solve(rhs, step_);
-  return step_.allFinite();
 }
 
 void BlockedProblem::AcceptStep() {

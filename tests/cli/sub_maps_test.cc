@@ -61,11 +61,12 @@ class SubMapCommands : public testing::Test {
               Path("maps/" + std::to_string(first) + "/0"));
     }
   }
-  CommandOutput Join() const {
-    return Run("model_merger --graph 1 --cluster_path " + Path("clusters") +
-               " --input_path " + Path("maps") + " --database_path " +
-               Database() + " --output_path " + Path("joined"));
+  std::string JoinTo(const std::string& name) const {
+    return "model_merger --graph 1 --cluster_path " + Path("clusters") +
+           " --input_path " + Path("maps") + " --database_path " + Database() +
+           " --output_path " + Path(name);
   }
+  CommandOutput Join() const { return Run(JoinTo("joined")); }
   Json Evaluate(const std::string& model) const {
     Run("model_evaluator --input_path " + model + " --gt_path " + In() +
         "/truth --json " + Path("errors.json"));
@@ -91,6 +92,35 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
   EXPECT_EQ(report["sub_maps"].size(), 3u);
   EXPECT_TRUE(report["missing_clusters"].empty());
+}
+
+double FinalCost(const std::string& folder) {
+  const Json report = Json::parse(ReadTextFile(folder + "/report.json"));
+  return report["models"][0]["adjustment"].back()["final_cost"];
+}
+
+// The least memory that the message of a refused join names.
+std::string NeededMemory(const std::string& message) {
+  const size_t begin = message.find("about ") + 6;
+  return message.substr(begin, message.find(" MiB") - begin);
+}
+
+TEST_F(SubMapCommands, LittleMemoryDoesNotChangeTheJoinedModel) {
+  MapAll(Partition(3));
+  const CommandOutput refused = RunMgsfm(JoinTo("joined") + " --max_memory 1");
+  EXPECT_EQ(refused.exit_code, 1);
+  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 1; cut the "
+                                           "drive into more clusters"));
+  EXPECT_FALSE(fs::exists(Path("joined")));
+  Join();
+  const CommandOutput blocked = Run(JoinTo("blocked") + " --max_memory " +
+                                    NeededMemory(LastWord(refused)));
+  EXPECT_THAT(blocked.err, HasSubstr("sub-map by sub-map"));
+  const double cost = FinalCost(Path("joined"));
+  EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
+  EXPECT_LT(
+      Evaluate(Path("blocked/0"))["position_m"]["mean"].get<double>(),
+      1.1 * Evaluate(Path("joined/0"))["position_m"]["mean"].get<double>());
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
