@@ -4,18 +4,21 @@
 #include <algorithm>
 #include <utility>
 
+#include "base/fingerprint.h"
 #include "least_squares/damping.h"
-#include "math/sparse_solver.h"
 
 namespace mgsfm {
 namespace {
 
-using Triplets = std::vector<Eigen::Triplet<double>>;
-
-void AddTriplets(const Triplets& triplets, Eigen::SparseMatrix<double>* sum) {
-  Eigen::SparseMatrix<double> part(sum->rows(), sum->cols());
-  part.setFromTriplets(triplets.begin(), triplets.end());
-  *sum = Eigen::SparseMatrix<double>(*sum + part);
+std::string FingerprintOf(const Eigen::SparseMatrix<double>& matrix) {
+  Fingerprint fingerprint;
+  for (Eigen::Index i = 0; i <= matrix.outerSize(); ++i) {
+    fingerprint.Add(matrix.outerIndexPtr()[i]);
+  }
+  for (Eigen::Index i = 0; i < matrix.nonZeros(); ++i) {
+    fingerprint.Add(matrix.innerIndexPtr()[i]);
+  }
+  return fingerprint.ToString();
 }
 
 }  // namespace
@@ -67,59 +70,81 @@ std::vector<int> FindUnknowns(const BuiltProblem& built,
   return found;
 }
 
-ReducedBlock ReduceBlock(std::vector<int> unknowns,
-                         const RigEquationsBase& equations) {
-  ReducedBlock reduced{std::move(unknowns), equations.matrix(),
-                       equations.RightHandSide(), equations.diagonal()};
-  for (double& value : reduced.damping) {
-    if (value > 0.0) value = ClampDiagonal(value);
-  }
-  return reduced;
+void SummedSystem::Start(int num_unknowns, double lambda) {
+  if (matrix_.rows() != num_unknowns)
+    matrix_.resize(num_unknowns, num_unknowns);
+  std::fill_n(matrix_.valuePtr(), matrix_.nonZeros(), 0.0);
+  rhs_.setZero(num_unknowns);
+  damping_.setZero(num_unknowns);
+  lambda_ = lambda;
 }
 
-SummedSystem::SummedSystem(const std::vector<ReducedBlock>& blocks,
-                           const Mask& is_held) {
-  const auto size = static_cast<int>(is_held.size());
-  rhs_ = damping_ = Eigen::VectorXd::Zero(size);
-  matrix_.resize(size, size);
-  for (const ReducedBlock& block : blocks) {
-    Triplets triplets;
-    triplets.reserve(static_cast<size_t>(block.matrix.nonZeros()));
-    for (int k = 0; k < block.matrix.cols(); ++k) {
-      const int column = block.unknowns[k];
-      if (is_held[column]) continue;
-      // Of a held coordinate of the block, the row has nothing but a diagonal.
-      if (block.damping[k] == 0.0) continue;
-      rhs_[column] += block.rhs[k];
-      damping_[column] += block.damping[k];
-      for (Eigen::SparseMatrix<double>::InnerIterator it(block.matrix, k); it;
-           ++it) {
-        const int row = block.unknowns[it.row()];
-        if (it.row() < k || is_held[row]) continue;
-        triplets.emplace_back(std::max(row, column), std::min(row, column),
-                              it.value());
-      }
+// Entries that the pattern lacks are collected.
+void SummedSystem::AddEntry(int row, int column, double value,
+                            Triplets* missing) {
+  const int* begin = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column];
+  const int* end =
+      matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column + 1];
+  const int* found = std::lower_bound(begin, end, row);
+  if (found == end || *found != row) {
+    missing->emplace_back(row, column, value);
+  } else {
+    matrix_.valuePtr()[found - matrix_.innerIndexPtr()] += value;
+  }
+}
+
+void SummedSystem::AddMissing(const Triplets& missing) {
+  if (missing.empty()) return;
+  Eigen::SparseMatrix<double> part(matrix_.rows(), matrix_.cols());
+  part.setFromTriplets(missing.begin(), missing.end());
+  matrix_ = Eigen::SparseMatrix<double>(matrix_ + part);
+}
+
+void SummedSystem::Add(const std::vector<int>& unknowns,
+                       const RigEquationsBase& equations, const Mask& is_held) {
+  const Eigen::SparseMatrix<double>& block = equations.matrix();
+  const Eigen::VectorXd block_rhs = equations.RightHandSide();
+  Triplets missing;
+  for (int k = 0; k < block.cols(); ++k) {
+    const int column = unknowns[k];
+    const double diagonal = equations.diagonal()[k];
+    // A coordinate that the block holds has nothing but a one on the diagonal.
+    if (is_held[column] || diagonal == 0.0) continue;
+    rhs_[column] += block_rhs[k];
+    damping_[column] += ClampDiagonal(diagonal);
+    for (Eigen::SparseMatrix<double>::InnerIterator it(block, k); it; ++it) {
+      const int row = unknowns[it.row()];
+      if (it.row() < k || is_held[row]) continue;
+      AddEntry(std::max(row, column), std::min(row, column), it.value(),
+               &missing);
     }
-    AddTriplets(triplets, &matrix_);
   }
-  Triplets unmoved;
-  for (int i = 0; i < size; ++i) {
-    if (damping_[i] == 0.0) unmoved.emplace_back(i, i, 1.0);
-  }
-  AddTriplets(unmoved, &matrix_);
+  AddMissing(missing);
 }
 
-bool SummedSystem::Solve(double lambda, double reduced_lambda, int num_threads,
-                         Eigen::VectorXd* step) const {
-  Eigen::SparseMatrix<double> matrix = matrix_;
-  for (Eigen::Index i = 0; i < damping_.size(); ++i) {
-    matrix.coeffRef(i, i) += (lambda - reduced_lambda) * damping_[i];
+void SummedSystem::Finish() {
+  Triplets missing;
+  for (int i = 0; i < static_cast<int>(damping_.size()); ++i) {
+    if (damping_[i] == 0.0) AddEntry(i, i, 1.0, &missing);
   }
-  SparseCholesky solver(num_threads);
-  solver.Analyze(matrix);
-  if (!solver.Factorize(matrix)) return false;
-  step->resize(rhs_.size());
-  solver.Solve(rhs_, *step);
+  AddMissing(missing);
+}
+
+void SummedSystem::Damp(double lambda) {
+  for (Eigen::Index i = 0; i < damping_.size(); ++i) {
+    matrix_.coeffRef(i, i) += (lambda - lambda_) * damping_[i];
+  }
+  lambda_ = lambda;
+}
+
+bool SummedSystemSolver::Solve(const SummedSystem& system,
+                               Eigen::VectorXd* step) {
+  std::string pattern = FingerprintOf(system.matrix());
+  if (pattern_ != pattern) solver_.Analyze(system.matrix());
+  pattern_ = std::move(pattern);
+  if (!solver_.Factorize(system.matrix())) return false;
+  step->resize(system.rhs().size());
+  solver_.Solve(system.rhs(), *step);
   return step->allFinite();
 }
 

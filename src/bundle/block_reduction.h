@@ -3,10 +3,13 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <string>
 #include <vector>
 
 #include "bundle/problem_builder.h"
 #include "least_squares/rig_equations.h"
+#include "math/sparse_solver.h"
+#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 
@@ -25,30 +28,45 @@ std::vector<int> FindUnknowns(const BuiltProblem& built,
                               const ModelUnknowns& unknowns,
                               const RigStructure& structure);
 
-// The equations of a block after Linearize(), for the unknowns of the model.
-struct ReducedBlock {
-  std::vector<int> unknowns;           // per row
-  Eigen::SparseMatrix<double> matrix;  // lower triangle
-  Eigen::VectorXd rhs;
-  Eigen::VectorXd damping;  // of a unit lambda; 0 for held coordinates
-};
-
-ReducedBlock ReduceBlock(std::vector<int> unknowns,
-                         const RigEquationsBase& equations);
-
-// The sum of blocks that were reduced with `reduced_lambda`, damped by lambda.
-// Unknowns that are held, or that no block has, do not move.
+// The sum of the equations of blocks for the unknowns of the model. Unknowns
+// that are held, or that no block has, do not move.
 class SummedSystem {
  public:
-  SummedSystem(const std::vector<ReducedBlock>& blocks, const Mask& is_held);
+  // Sets everything to zero, but keeps the pattern of the matrix.
+  void Start(int num_unknowns, double lambda);
+  // Adds the equations of a block after Linearize(lambda).
+  void Add(const std::vector<int>& unknowns, const RigEquationsBase& equations,
+           const Mask& is_held);
+  // After the last block.
+  void Finish();
+  // Changes lambda.
+  void Damp(double lambda);
 
-  // False if the matrix is not positive definite.
-  bool Solve(double lambda, double reduced_lambda, int num_threads,
-             Eigen::VectorXd* step) const;
+  const Eigen::SparseMatrix<double>& matrix() const { return matrix_; }
+  const Eigen::VectorXd& rhs() const { return rhs_; }
 
  private:
+  using Triplets = std::vector<Eigen::Triplet<double>>;
+  void AddEntry(int row, int column, double value, Triplets* missing);
+  void AddMissing(const Triplets& missing);
+
   Eigen::SparseMatrix<double> matrix_;  // lower triangle
-  Eigen::VectorXd rhs_, damping_;
+  Eigen::VectorXd rhs_;
+  Eigen::VectorXd damping_;  // of a unit lambda; 0 for unknowns that stay
+  double lambda_ = 0.0;
+};
+
+// Solves systems, most of which have the pattern of the one before.
+class SummedSystemSolver {
+ public:
+  explicit SummedSystemSolver(int num_threads) : solver_(num_threads) {}
+
+  // False if the matrix is not positive definite.
+  bool Solve(const SummedSystem& system, Eigen::VectorXd* step);
+
+ private:
+  SparseCholesky solver_;
+  std::string pattern_;  // a fingerprint
 };
 
 }  // namespace mgsfm

@@ -92,8 +92,6 @@ Mask FindHeldUnknowns(const Scene& scene, const Reconstruction& model,
 struct BlockStates {
   Reconstruction poses;  // without points
   std::vector<Eigen::Vector3d> points;
-  std::vector<ReducedBlock> reduced;
-  double lambda = kInitialLambda;  // of `reduced`
 };
 
 class BlockedProblem : public DampedProblem {
@@ -106,7 +104,8 @@ class BlockedProblem : public DampedProblem {
         parts_(parts),
         context_(context),
         model_(*model),
-        blocks_(MakeBlocks(scene, block_of, *model)) {
+        blocks_(MakeBlocks(scene, block_of, *model)),
+        solver_(context.num_threads) {
     unknowns_ = NumberUnknowns(scene, model_);
     is_held_ = FindHeldUnknowns(scene, model_, options, unknowns_);
     trial_.points.resize(model_.points.size());
@@ -121,8 +120,8 @@ class BlockedProblem : public DampedProblem {
   }
 
   bool Solve() override {
-    return SummedSystem(reduced_, is_held_)
-        .Solve(lambda_, reduced_lambda_, context_.num_threads, &step_);
+    system_.Damp(lambda_);
+    return solver_.Solve(system_, &step_);
   }
 
   TrialStep TryStep(double) override { return VisitAll(&step_); }
@@ -149,9 +148,9 @@ class BlockedProblem : public DampedProblem {
   ModelUnknowns unknowns_;
   Mask is_held_;
   Mask has_prior_;  // sensors, then cameras whose priors a block has
-  std::vector<ReducedBlock> reduced_;
-  double reduced_lambda_ = kInitialLambda;
   BlockStates trial_;
+  SummedSystem system_, trial_system_;
+  SummedSystemSolver solver_;
   Eigen::VectorXd step_;
   double lambda_ = kInitialLambda;
   bool is_linearized_ = false;
@@ -236,11 +235,11 @@ bool BlockedProblem::Visit(size_t b, const Eigen::VectorXd* step,
   RigEquations<PixelResidual> equations(built.problem, ReducedSolver::kDirect,
                                         context_);
   equations.SetState(built.state);
-  std::vector<int> unknowns =
+  const std::vector<int> unknowns =
       FindUnknowns(built, unknowns_, equations.structure());
   if (!Step(step, unknowns, &equations, sum)) return false;
   if (!equations.Linearize(lambda_)) return false;
-  trial_.reduced.push_back(ReduceBlock(std::move(unknowns), equations));
+  trial_system_.Add(unknowns, equations, is_held_);
   equations.GetState(&built.state);
   WriteBack(built, &part);
   KeepTrial(b, built, part);
@@ -254,14 +253,14 @@ TrialStep BlockedProblem::VisitAll(const Eigen::VectorXd* step) {
   for (size_t i = 0; i < model_.points.size(); ++i) {
     trial_.points[i] = model_.points[i].point_in_world;
   }
-  trial_.reduced.clear();
-  trial_.lambda = lambda_;
+  trial_system_.Start(unknowns_.num_unknowns, lambda_);
   TrialStep sum;
   for (size_t b = 0; b < blocks_.size(); ++b) {
     if (Visit(b, step, &sum)) continue;
     sum.new_cost = std::numeric_limits<double>::infinity();
     break;
   }
+  trial_system_.Finish();
   return sum;
 }
 
@@ -272,8 +271,7 @@ void BlockedProblem::AcceptStep() {
   for (size_t i = 0; i < model_.points.size(); ++i) {
     model_.points[i].point_in_world = trial_.points[i];
   }
-  std::swap(reduced_, trial_.reduced);
-  reduced_lambda_ = trial_.lambda;
+  std::swap(system_, trial_system_);
   is_linearized_ = true;
 }
 
