@@ -13,7 +13,6 @@
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
-#include "join_memory.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -144,13 +143,8 @@ BundleSummary Adjust(const SubMapRun& run, const JoinedModel& joined,
   const Scene& scene = joined.model.scene;
   Reconstruction& model = joined.model.reconstruction;
   const CandidateSource candidates = FixedCandidates(GroupTracks(model));
-  const bool uses_blocks =
-      NeedsBlocks(joined.model, joined.blocks, run.max_memory_mib);
-  if (uses_blocks) {
-    context.Info("the adjustment is done sub-map by sub-map");
-  }
   BundleResult result =
-      uses_blocks
+      run.adjusts_in_blocks
           ? RefineInBlocks(scene, candidates, joined.blocks, std::move(model),
                            run.bundle_adjustment, context)
           : RefineReconstruction(scene, candidates, model,

@@ -99,28 +99,17 @@ double FinalCost(const std::string& folder) {
   return report["models"][0]["adjustment"].back()["final_cost"];
 }
 
-// The least memory that the message of a refused join names.
-std::string NeededMemory(const std::string& message) {
-  const size_t begin = message.find("about ") + 6;
-  return message.substr(begin, message.find(" MiB") - begin);
-}
-
-TEST_F(SubMapCommands, LittleMemoryDoesNotChangeTheJoinedModel) {
+TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
   MapAll(Partition(3));
-  const CommandOutput refused = RunMgsfm(JoinTo("joined") + " --max_memory 1");
-  EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 1; cut the "
-                                           "drive into more clusters"));
-  EXPECT_FALSE(fs::exists(Path("joined")));
   Join();
-  const CommandOutput blocked = Run(JoinTo("blocked") + " --max_memory " +
-                                    NeededMemory(LastWord(refused)));
-  EXPECT_THAT(blocked.err, HasSubstr("sub-map by sub-map"));
+  Run(JoinTo("blocked") + " --refine_in_blocks 1");
   const double cost = FinalCost(Path("joined"));
   EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
-  EXPECT_LT(
-      Evaluate(Path("blocked/0"))["position_m"]["mean"].get<double>(),
-      1.1 * Evaluate(Path("joined/0"))["position_m"]["mean"].get<double>());
+  const Json whole = Evaluate(Path("joined/0"));
+  const Json blocked = Evaluate(Path("blocked/0"));
+  EXPECT_EQ(blocked["num_registered"], whole["num_registered"]);
+  EXPECT_LT(blocked["position_m"]["mean"].get<double>(),
+            1.1 * whole["position_m"]["mean"].get<double>());
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
