@@ -88,8 +88,8 @@ Mask FindHeldUnknowns(const Scene& scene, const Reconstruction& model,
   return is_held;
 }
 
-// A state, or a trial one, of all blocks.
-struct BlockStates {
+// The trial state.
+struct TrialState {
   Reconstruction poses;  // without points
   std::vector<Eigen::Vector3d> points;
 };
@@ -148,7 +148,7 @@ class BlockedProblem : public DampedProblem {
   ModelUnknowns unknowns_;
   Mask is_held_;
   Mask has_prior_;  // sensors, then cameras whose priors a block has
-  BlockStates trial_;
+  TrialState trial_;
   SummedSystem system_, trial_system_;
   SummedSystemSolver solver_;
   Eigen::VectorXd step_;

@@ -10,21 +10,19 @@
 
 namespace mgsfm {
 
-// Bundle adjustment of a model whose equations do not fit the memory.
+// Bundle adjustment with the points of one block of frames at a time in the
+// equations.
 //
-// The frames are divided into blocks. A point belongs to the first block that
-// has a frame which observes it. Frames with points of several blocks are
-// shared, and so are rig extrinsics and intrinsics.
+// A point belongs to the first block that has a frame which observes it. Its
+// elimination leaves equations for frames, sensors and cameras. Those of all
+// blocks are added and solved; the step of the points follows block by block.
+// Cost, steps and stopping criteria are those of Levenberg-Marquardt on the
+// whole model, therefore both have the same minimum
+// (docs/maths/bundle.md#blocks). Each iteration visits every block once and
+// linearises it twice.
 //
-// One block at a time is in memory. Its points are eliminated, then its inner
-// frames, so that a small system of the shared unknowns remains. These systems
-// are added and solved; the step of the inner frames and points follows block
-// by block. Cost, steps and stopping criteria are those of Levenberg-Marquardt
-// on the whole model, therefore both have the same minimum. Each iteration
-// visits every block once and linearises it twice.
-//
-// Memory: the model, the equations of the largest block, and for each block the
-// square of its number of shared unknowns.
+// Memory: the model, the equations of the largest block, and twice the sparse
+// system of all frames with its factor.
 using FrameBlocks = std::vector<int>;  // per frame of the scene, from 0
 
 // AdjustBundle() by blocks.
