@@ -45,11 +45,12 @@ class SubMapCommands : public SharedDriveTest {
               Path("maps/" + std::to_string(first) + "/0"));
     }
   }
-  CommandOutput Join() const {
-    return Run("model_merger --graph 1 --cluster_path " + Path("clusters") +
-               " --input_path " + Path("maps") + " --database_path " +
-               Database() + " --output_path " + Path("joined"));
+  std::string JoinTo(const std::string& name) const {
+    return "model_merger --graph 1 --cluster_path " + Path("clusters") +
+           " --input_path " + Path("maps") + " --database_path " + Database() +
+           " --output_path " + Path(name);
   }
+  CommandOutput Join() const { return Run(JoinTo("joined")); }
   Json Evaluate(const std::string& model) const {
     Run("model_evaluator --input_path " + model + " --gt_path " + In() +
         "/truth --json " + Path("errors.json"));
@@ -72,6 +73,24 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
   EXPECT_EQ(report["sub_maps"].size(), 3u);
   EXPECT_TRUE(report["missing_clusters"].empty());
+}
+
+double FinalCost(const std::string& folder) {
+  const Json report = Json::parse(ReadTextFile(folder + "/report.json"));
+  return report["models"][0]["adjustment"].back()["final_cost"];
+}
+
+TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
+  MapAll(Partition(3));
+  Join();
+  Run(JoinTo("blocked") + " --refine_in_blocks 1");
+  const double cost = FinalCost(Path("joined"));
+  EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
+  const Json whole = Evaluate(Path("joined/0"));
+  const Json blocked = Evaluate(Path("blocked/0"));
+  EXPECT_EQ(blocked["num_registered"], whole["num_registered"]);
+  EXPECT_LT(blocked["position_m"]["mean"].get<double>(),
+            1.1 * whole["position_m"]["mean"].get<double>());
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
