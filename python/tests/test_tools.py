@@ -190,8 +190,13 @@ def test_sample_videos(tmp_path):
     videos = [tmp_path / "front_left.avi", tmp_path / "front_right.avi"]
     for path in videos:
         write_video(path, sorted((RENDERED / "images" / path.stem).iterdir()))
-    pymgsfm.sample_videos(videos, tmp_path / "out",
-                          {"sampling": "rate", "rate": 5})
+    try:
+        pymgsfm.sample_videos(videos, tmp_path / "out",
+                              {"sampling": "rate", "rate": 5})
+    except pymgsfm.InputError as error:
+        if "this build cannot read videos" in str(error):
+            pytest.skip("built without FFmpeg")
+        raise
     num_images = len(list((RENDERED / "images" / "front_left").iterdir()))
     for path in videos:
         images = list((tmp_path / "out" / "images" / path.stem).iterdir())
