@@ -26,7 +26,7 @@ if(MGSFM_microhttpd_LIBRARY AND MGSFM_microhttpd_INCLUDE_DIR)
   target_link_libraries(mgsfm_microhttpd INTERFACE
     ${MGSFM_microhttpd_LIBRARY})
 else()
-  message(STATUS "no libmicrohttpd (libmicrohttpd-dev): --live_port is left out")
+  message(STATUS "no libmicrohttpd (libmicrohttpd-dev): --live_port is an error")
 endif()
 
 if(MGSFM_BUILD_TESTS)

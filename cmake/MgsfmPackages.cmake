@@ -43,6 +43,10 @@ string(JOIN ", " CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
 if(TARGET mgsfm_hdf5)
   string(APPEND CPACK_DEBIAN_DEV_PACKAGE_DEPENDS ", libhdf5-dev")
 endif()
+if(TARGET mgsfm_av)
+  string(APPEND CPACK_DEBIAN_DEV_PACKAGE_DEPENDS
+    ", libavformat-dev, libavcodec-dev, libswscale-dev, libavutil-dev")
+endif()
 
 set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME ${package_of_python})
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)

@@ -41,12 +41,18 @@ target_compile_options(mgsfm_test_flags INTERFACE
   $<$<CONFIG:Release,RelWithDebInfo>:-O1>)
 
 # mgsfm_add_test(NAME SOURCES ... DEPENDS modules... [LINK packages...]
-#                [LABELS ...])
-# One GoogleTest program mgsfm_NAME_test, run by CTest as one test.
+#                [LABELS ...] [ALONE sources...])
+# One GoogleTest program mgsfm_NAME_test, run by CTest as one test. Names in the
+# files ALONE clash with those of the others: MGSFM_UNITY_TESTS leaves them out.
 function(mgsfm_add_test name)
-  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK;LABELS" ${ARGN})
+  cmake_parse_arguments(arg "" "" "SOURCES;DEPENDS;LINK;LABELS;ALONE" ${ARGN})
   set(target mgsfm_${name}_test)
   add_executable(${target} ${arg_SOURCES})
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ${MGSFM_UNITY_TESTS})
+  if(arg_ALONE)
+    set_source_files_properties(${arg_ALONE} PROPERTIES
+      SKIP_UNITY_BUILD_INCLUSION ON)
+  endif()
   target_include_directories(${target} PRIVATE
     ${PROJECT_SOURCE_DIR}/src ${PROJECT_SOURCE_DIR}/tests)
   target_compile_definitions(${target} PRIVATE

@@ -30,7 +30,7 @@ video: base io
 eval: base math geometry scene
 priors: base math geometry scene
 model_tools: base math geometry scene eval
-report_page: base math geometry scene eval
+report_page: base math geometry scene eval io
 pair_filtering: base math geometry scene
 view_graph: base math geometry scene
 rotation: base math geometry scene priors

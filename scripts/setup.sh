@@ -22,7 +22,7 @@ packages=(
   libmicrohttpd-dev
 )
 python_packages=(pybind11-dev python3-dev python3-numpy)
-test_packages=(libgtest-dev libgmock-dev libbenchmark-dev python3)
+test_packages=(libgtest-dev libgmock-dev libbenchmark-dev locales python3)
 package_packages=(
   debootstrap dpkg-dev file git
   python3-build python3-setuptools python3-venv python3-wheel

@@ -17,6 +17,7 @@
 #include "mgsfm/io/models/model_scene.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "pipeline/covariance_report.h"
+#include "tool_model.h"
 
 namespace mgsfm {
 namespace {
@@ -111,16 +112,6 @@ std::string WhyNotAdjustable(const ModelScene& input,
     return "";
   }
   return "the options fix all parameters";
-}
-
-ObservationGroups GroupTracks(const Reconstruction& model) {
-  ObservationGroups groups;
-  for (const Point3D& point : model.points) {
-    groups.observations.insert(groups.observations.end(), point.track.begin(),
-                               point.track.end());
-    groups.FinishGroup();
-  }
-  return groups;
 }
 
 BundleResult Adjust(const ModelScene& input,

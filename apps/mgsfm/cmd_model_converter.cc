@@ -42,8 +42,8 @@ struct ModelConverterOptions {
   Option<std::string> output_type{
       "output_type", "bin",
       "bin, txt (COLMAP); ply, nvm, bundler; tum, kitti, euroc (trajectories); "
-      "kalibr, ros_tf, ros_launch, camera_info, rig_config (calibration); "
-      "geojson, kml (georeferenced trajectories)."};
+      "kalibr, euroc_sensor, ros_tf, ros_launch, camera_info, rig_config "
+      "(calibration); geojson, kml (georeferenced trajectories)."};
   Option<TrajectoryPoses> poses{
       "poses", TrajectoryPoses::kFrame,
       "Poses of a trajectory. frame: those of the reference camera of the rig. "
@@ -142,7 +142,7 @@ void WriteFiles(const std::vector<ExportedFile>& files,
   FileOperations operations;
   for (size_t i = 0; i < files.size(); ++i) {
     const bool is_in_folder = files[i].suffix.find('/') != std::string::npos;
-    if (is_in_folder) fs::create_directories(output_path);
+    if (is_in_folder) fs::create_directories(fs::path(paths[i]).parent_path());
     ReplaceFile(paths[i], files[i].content, &operations);
     context.Info("written: " + paths[i]);
   }

@@ -9,8 +9,8 @@
 #include "commands.h"
 #include "extension/model_placement.h"
 #include "figure_files.h"
+#include "io/files/file_operations.h"
 #include "io/files/model_files.h"
-#include "io/files/output_file.h"
 #include "mapper_run.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/model_scene.h"
@@ -209,10 +209,10 @@ int RunReportCommand(const ReportCommandOptions& options,
   if (options.side_files) {
     limits.write_side_file = [&output](const std::string& name,
                                        const std::string& content) {
-      WriteFile(output.parent_path() / name, content);
+      ReplaceFile(output.parent_path() / name, content);
     };
   }
-  WriteFile(*options.output_path, MakeReportPage(page, limits, context));
+  ReplaceFile(*options.output_path, MakeReportPage(page, limits, context));
   if (!options.figures->empty()) WriteFigures(*options.figures, page, context);
   context.Info("open " + *options.output_path + " in a browser");
   return kExitSuccess;

@@ -9,19 +9,25 @@ namespace {
 using Table = std::map<std::string, std::string>;
 
 const Table& Commands() {
+  static const char* const kDense =
+      "use image_undistorter, then this command of COLMAP";
   static const Table kTable = {
       {"color_extractor", "use mapper or point_triangulator with --image_path"},
       {"database_creator", "feature_extractor creates the database"},
+      {"delaunay_mesher", kDense},
       {"global_mapper", "use mapper"},
       {"gui", "use report, which makes a page to open in a browser"},
-      {"hierarchical_mapper", "use mapper"},
+      {"hierarchical_mapper", "use mapper, for large drives with --partition"},
       {"image_registrator", "use mapper --input_path MODEL"},
       {"model_comparer", "use report --compare_path MODEL"},
+      {"patch_match_stereo", kDense},
       {"point_filtering", "bundle_adjuster removes inaccurate points"},
+      {"poisson_mesher", kDense},
       {"pose_prior_mapper", "use mapper --use_prior_position"},
       {"reconstruct", "use automatic_reconstructor"},
       {"rig_bundle_adjuster", "use bundle_adjuster"},
       {"rotation_averager", "use mapper"},
+      {"stereo_fusion", kDense},
       {"transitive_matcher", "use exhaustive_matcher or vocab_tree_matcher"},
       {"view_graph_calibrator", "mapper calibrates focal lengths itself"}};
   return kTable;

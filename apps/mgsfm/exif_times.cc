@@ -7,7 +7,7 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "features/image_file.h"
-#include "io/files/output_file.h"
+#include "io/files/file_operations.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 
@@ -45,7 +45,7 @@ void UseExifTimes(const std::string& image_path,
                 "' exists, but does not hold the times of the EXIF tags; set "
                 "image_timestamps_path to use it, or remove it");
   }
-  WriteFile(output_path, lines);
+  ReplaceFile(output_path, lines);
   context.Info("the times of EXIF tags are in " + output_path.string());
   loading->image_timestamps_path = output_path.string();
 }

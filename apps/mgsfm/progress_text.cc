@@ -47,8 +47,10 @@ std::optional<std::string> ProgressText::Update(const Progress& progress,
   const double per_second = num_new / std::max(1e-9, now_s - stage_start_s_);
   const auto num_left = static_cast<double>(progress.total - progress.done);
   char numbers[96];
-  std::snprintf(numbers, sizeof(numbers), ": %zu of %zu, %.3g/s, ",
-                progress.done, progress.total, per_second);
+  std::snprintf(
+      numbers, sizeof(numbers),
+      per_second < 1000.0 ? ": %zu of %zu, %.3g/s, " : ": %zu of %zu, %.0f/s, ",
+      progress.done, progress.total, per_second);
   return stage_ + numbers + FormatHoursMinutes(num_left / per_second) + " left";
 }
 

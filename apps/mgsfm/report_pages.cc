@@ -5,8 +5,8 @@
 #include <system_error>
 #include <utility>
 
+#include "io/files/file_operations.h"
 #include "io/files/model_files.h"
-#include "io/files/output_file.h"
 #include "mgsfm/report_page/report_page.h"
 
 namespace mgsfm {
@@ -51,7 +51,7 @@ std::string WriteReportPages(const fs::path& output_path,
     try {
       std::string page = MakePage(folder.string(), image_path, input, result, i,
                                   report_json, context);
-      WriteFile(path, page);
+      ReplaceFile(path, page);
       if (i == 0) first_page = std::move(page);
     } catch (const std::exception& error) {
       std::error_code ignored;

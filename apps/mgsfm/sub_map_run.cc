@@ -16,6 +16,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
+#include "mgsfm/bundle/block_adjustment.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "partition_run.h"
 
@@ -121,22 +122,24 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
   return pairs;
 }
 
-ObservationGroups GroupTracks(const Reconstruction& model) {
-  ObservationGroups groups;
-  for (const Point3D& point : model.points) {
-    groups.observations.insert(groups.observations.end(), point.track.begin(),
-                               point.track.end());
-    groups.FinishGroup();
-  }
-  return groups;
-}
+// A model, and the sub-map of each of its frames.
+struct JoinedModel {
+  SceneModel& model;
+  const FrameBlocks& blocks;
+};
 
-BundleSummary Adjust(const SubMapRun& run, const Context& context,
-                     SceneModel* model) {
-  BundleResult result = RefineReconstruction(
-      model->scene, FixedCandidates(GroupTracks(model->reconstruction)),
-      model->reconstruction, run.bundle_adjustment, context);
-  model->reconstruction = std::move(result.estimate);
+BundleSummary Adjust(const SubMapRun& run, const JoinedModel& joined,
+                     const Context& context) {
+  const Scene& scene = joined.model.scene;
+  Reconstruction& model = joined.model.reconstruction;
+  const CandidateSource candidates = FixedCandidates(GroupTracks(model));
+  BundleResult result =
+      run.adjusts_in_blocks
+          ? RefineInBlocks(scene, candidates, joined.blocks, std::move(model),
+                           run.bundle_adjustment, context)
+          : RefineReconstruction(scene, candidates, model,
+                                 run.bundle_adjustment, context);
+  model = std::move(result.estimate);
   return std::move(result.summary);
 }
 
@@ -262,7 +265,9 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
   for (size_t i = 0; i < joined.models.size(); ++i) {
     SceneModel& model = joined.models[i];
     std::optional<BundleSummary> bundle;
-    if (run.adjusts) bundle = Adjust(run, context, &model);
+    if (run.adjusts) {
+      bundle = Adjust(run, {model, joined.frame_blocks[i]}, context);
+    }
     WriteModelFolder(model, run.output_format,
                      output.StagingDir() / std::to_string(i), context);
     report["models"].push_back(

@@ -60,6 +60,16 @@ void WriteToolModel(const ToolModel& model, ModelFormat format,
   output->Commit();
 }
 
+ObservationGroups GroupTracks(const Reconstruction& model) {
+  ObservationGroups groups;
+  for (const Point3D& point : model.points) {
+    groups.observations.insert(groups.observations.end(), point.track.begin(),
+                               point.track.end());
+    groups.FinishGroup();
+  }
+  return groups;
+}
+
 std::string DescribeSize(const SceneModel& model) {
   const ModelStatistics statistics = AnalyzeModel(model);
   return std::to_string(statistics.num_frames) + " frames, " +

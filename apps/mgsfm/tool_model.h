@@ -10,6 +10,7 @@
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/models/model_io.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "mgsfm/scene/estimates.h"
 
 namespace mgsfm {
 
@@ -48,6 +49,9 @@ ToolModel MakeToolModel(const Model& model, const std::string& path,
 // Writes the model, rig_config.json and geo_origin.json, and commits them.
 void WriteToolModel(const ToolModel& model, ModelFormat format,
                     const Context& context, StagedOutput* output);
+
+// The observations of each point, as candidates for an adjustment.
+ObservationGroups GroupTracks(const Reconstruction& model);
 
 // "12 frames, 48 images and 3600 points", for messages.
 std::string DescribeSize(const SceneModel& model);

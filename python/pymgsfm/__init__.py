@@ -15,11 +15,12 @@ from ._core import commit as __commit__
 from ._core import version as __version__
 from .averaging import (ONE_CAMERA, Rotations, SensorState, Translations,
                         ViewGraph, average_rotations, average_translations)
-from .commands import (automatic_reconstruction, bundle_adjustment,
-                       configure_rigs, evaluate, extend, extract_features,
-                       global_mapping, import_features, import_matches,
-                       match_exhaustive, match_sequential, match_spatial,
-                       match_vocab_tree, report, run, simulate, split_images,
+from .commands import (automatic_reconstruction, build_vocab_tree,
+                       bundle_adjustment, configure_rigs, evaluate, extend,
+                       extract_features, global_mapping, import_features,
+                       import_matches, match_exhaustive, match_sequential,
+                       match_spatial, match_vocab_tree, partition, report, run,
+                       sample_videos, simulate, split_images,
                        triangulate_points, verify_matches)
 from .errors import InputError, InternalError, NotSolvableError
 from .geometry import Rigid3d, Rotation3d
@@ -28,8 +29,8 @@ from .reconstruction import (INVALID_POINT3D_ID, Camera, Frame, Image, Point2D,
                              Point3D, Points2D, Points3D, Reconstruction, Rig,
                              Track, TrackElement)
 from .tools import (align_model, analyze_model, clean_database, convert_model,
-                    crop_model, delete_images, merge_databases, merge_models,
-                    undistort)
+                    crop_model, delete_images, join_models, merge_databases,
+                    merge_models, split_model, undistort)
 
 __all__ = [
     "__commit__", "__version__",
@@ -39,12 +40,12 @@ __all__ = [
     "Reconstruction", "Rig", "Rigid3d", "Rotation3d", "Rotations",
     "SensorState", "Track", "TrackElement", "Translations", "ViewGraph",
     "align_model", "analyze_model", "automatic_reconstruction",
-    "average_rotations", "average_translations", "bundle_adjustment",
-    "clean_database", "configure_rigs", "convert_model", "crop_model",
-    "delete_images", "evaluate", "extend", "extract_features",
-    "global_mapping", "import_features", "import_matches",
+    "average_rotations", "average_translations", "build_vocab_tree",
+    "bundle_adjustment", "clean_database", "configure_rigs", "convert_model",
+    "crop_model", "delete_images", "evaluate", "extend", "extract_features",
+    "global_mapping", "import_features", "import_matches", "join_models",
     "match_exhaustive", "match_sequential", "match_spatial",
-    "match_vocab_tree", "merge_databases", "merge_models", "report", "run",
-    "simulate", "split_images", "triangulate_points", "undistort",
-    "verify_matches",
+    "match_vocab_tree", "merge_databases", "merge_models", "partition",
+    "report", "run", "sample_videos", "simulate", "split_images",
+    "split_model", "triangulate_points", "undistort", "verify_matches",
 ]

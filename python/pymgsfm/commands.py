@@ -26,7 +26,7 @@ import logging
 import os
 import tempfile
 from pathlib import Path
-from typing import Any, Callable, Dict, Optional, Union
+from typing import Any, Callable, Dict, Optional, Sequence, Union
 
 from . import _core
 from .errors import NotSolvableError
@@ -94,6 +94,19 @@ def split_images(image_path: PathLike, output_path: PathLike,
         image_path=image_path, output_path=output_path)
 
 
+def sample_videos(video_path: Union[PathLike, Sequence[PathLike]],
+                  output_path: PathLike, options: OptionsLike = None, *,
+                  log: Optional[Log] = None,
+                  progress: Optional[Progress] = None) -> None:
+    """Extracts images of videos, one video per camera of a rig.
+
+    Writes the folder images and the file timestamps.txt to output_path. Call
+    extract_features and configure_rigs with them next.
+    """
+    run("video_sampler", options, log=log, progress=progress,
+        video_path=video_path, output_path=output_path)
+
+
 def configure_rigs(database_path: PathLike, options: OptionsLike = None, *,
                    log: Optional[Log] = None) -> None:
     """Writes rigs and frames to a database, replacing those it has."""
@@ -132,6 +145,19 @@ def match_vocab_tree(database_path: PathLike, options: OptionsLike = None, *,
         database_path=database_path)
 
 
+def build_vocab_tree(database_path: PathLike, vocab_tree_path: PathLike,
+                     options: OptionsLike = None, *,
+                     log: Optional[Log] = None,
+                     progress: Optional[Progress] = None) -> None:
+    """Trains a vocabulary tree on the features of a database.
+
+    The option VocabTree.vocab_tree_path of match_sequential and
+    match_vocab_tree reads it.
+    """
+    run("vocab_tree_builder", options, log=log, progress=progress,
+        database_path=database_path, vocab_tree_path=vocab_tree_path)
+
+
 def import_matches(database_path: PathLike, match_list_path: PathLike,
                    options: OptionsLike = None, *, log: Optional[Log] = None,
                    progress: Optional[Progress] = None) -> None:
@@ -166,7 +192,7 @@ def global_mapping(database_path: PathLike, image_path: Optional[PathLike],
     run("mapper", options, log=log, progress=progress,
         database_path=database_path, image_path=image_path,
         output_path=output_path)
-    return _read_models(output_path)
+    return read_models(output_path)
 
 
 def extend(database_path: PathLike, image_path: Optional[PathLike],
@@ -180,18 +206,46 @@ def extend(database_path: PathLike, image_path: Optional[PathLike],
     run("mapper", options, log=log, progress=progress,
         database_path=database_path, image_path=image_path,
         input_path=input_path, output_path=output_path)
-    return _read_models(output_path)[0]
+    return read_models(output_path)[0]
 
 
-def automatic_reconstruction(workspace_path: PathLike, image_path: PathLike,
+def partition(database_path: PathLike, output_path: PathLike,
+              num_clusters: int, options: OptionsLike = None, *,
+              log: Optional[Log] = None,
+              progress: Optional[Progress] = None) -> Dict[str, Any]:
+    """Cuts a drive into overlapping clusters of frames, to be mapped one by one.
+
+    Args:
+      database_path: COLMAP database; it is only read.
+      output_path: Folder for the lists of images 0.txt, 1.txt, ...: pass one as
+        option image_list_path of global_mapping. join_models joins the models.
+      num_clusters: Desired number; there are fewer if cuts would be weak.
+      options: Of the command mapper.
+
+    Returns the content of clusters.json (docs/guides/sub_maps.md).
+    """
+    run("mapper", options, log=log, progress=progress,
+        database_path=database_path, output_path=output_path,
+        partition=num_clusters)
+    text = (Path(output_path) / "clusters.json").read_text(encoding="utf-8")
+    clusters: Dict[str, Any] = json.loads(text)
+    return clusters
+
+
+def automatic_reconstruction(workspace_path: PathLike,
+                             image_path: Optional[PathLike],
                              options: OptionsLike = None, *,
                              log: Optional[Log] = None,
                              progress: Optional[Progress] = None
                              ) -> Dict[int, Reconstruction]:
-    """Extracts features, matches and maps; models are in workspace/sparse."""
+    """Extracts features, matches and maps; models are in workspace/sparse.
+
+    Args:
+      image_path: Folder of the images; None with the option video_path.
+    """
     run("automatic_reconstructor", options, log=log, progress=progress,
         workspace_path=workspace_path, image_path=image_path)
-    return _read_models(Path(workspace_path) / "sparse")
+    return read_models(Path(workspace_path) / "sparse")
 
 
 def bundle_adjustment(model: Union[PathLike, Reconstruction],
@@ -259,7 +313,8 @@ def report(input_path: PathLike, output_path: PathLike,
         output_path=output_path)
 
 
-def _read_models(folder: PathLike) -> Dict[int, Reconstruction]:
+def read_models(folder: PathLike) -> Dict[int, Reconstruction]:
+    """The models 0, 1, ... in a folder."""
     numbers = sorted(int(path.name) for path in Path(folder).iterdir()
                      if path.is_dir() and path.name.isdecimal())
     return {number: Reconstruction(Path(folder) / str(number))

@@ -7,9 +7,9 @@ messages are those of the other commands.
 
 from __future__ import annotations
 
-from typing import Optional, Sequence, Union
+from typing import Dict, Optional, Sequence, Union
 
-from .commands import Log, PathLike, Progress, run
+from .commands import Log, PathLike, Progress, read_models, run
 from .options import OptionsLike
 from .reconstruction import Reconstruction
 
@@ -47,6 +47,38 @@ def merge_models(input_path1: PathLike, input_path2: PathLike,
     return Reconstruction(output_path)
 
 
+def split_model(input_path: PathLike, output_path: PathLike,
+                options: OptionsLike = None, *, log: Optional[Log] = None,
+                progress: Optional[Progress] = None
+                ) -> Dict[int, Reconstruction]:
+    """Splits a model into overlapping ones of whole frames (model_splitter).
+
+    Writes the folders 0, 1, ... of output_path, and returns their models.
+    """
+    run("model_splitter", options, log=log, progress=progress,
+        input_path=input_path, output_path=output_path)
+    return read_models(output_path)
+
+
+def join_models(input_path: PathLike, output_path: PathLike,
+                options: OptionsLike = None, *, log: Optional[Log] = None,
+                progress: Optional[Progress] = None
+                ) -> Dict[int, Reconstruction]:
+    """Joins the models of the clusters of a drive, and adjusts the result
+    (model_merger with the option graph).
+
+    Args:
+      input_path: Folder with an output folder of global_mapping for each
+        cluster, named 0, 1, ..., or the output of split_model.
+      output_path: Folder for the models 0, 1, ...: one if all are connected.
+      options: Such as cluster_path, the output of partition, and
+        database_path, to close loops between clusters.
+    """
+    run("model_merger", options, log=log, progress=progress, graph=True,
+        input_path=input_path, output_path=output_path)
+    return read_models(output_path)
+
+
 def crop_model(input_path: PathLike, output_path: PathLike,
                boundary: Union[str, Sequence[float]],
                options: OptionsLike = None, *,
@@ -76,10 +108,17 @@ def delete_images(input_path: PathLike, output_path: PathLike,
 
 
 def convert_model(input_path: PathLike, output_path: PathLike,
-                  output_type: str, options: OptionsLike = None, *,
+                  output_type: str = "bin", options: OptionsLike = None, *,
                   log: Optional[Log] = None) -> None:
-    """Writes a model in another format, such as "txt", "ply", "nvm", "tum"
-    (model_converter; docs/reference/exchange.md lists all formats)."""
+    """Converts a model from or to another format (model_converter;
+    docs/reference/exchange.md lists all formats).
+
+    Args:
+      input_path: Folder of a model, or a file of another program; the option
+        input_type names its format if its extension does not.
+      output_path: File or folder to write.
+      output_type: Such as "bin", "txt", "ply", "nvm", "tum".
+    """
     run("model_converter", options, log=log, input_path=input_path,
         output_path=output_path, output_type=output_type)
 
@@ -90,20 +129,30 @@ def analyze_model(path: PathLike, options: OptionsLike = None, *,
     return str(run("model_analyzer", options, log=log, path=path))
 
 
-def merge_databases(database_path1: PathLike, database_path2: PathLike,
-                    merged_database_path: PathLike, *,
-                    log: Optional[Log] = None) -> None:
-    """Merges two databases without common images (database_merger)."""
-    run("database_merger", log=log, database_path1=database_path1,
-        database_path2=database_path2,
+def merge_databases(database_paths: Union[PathLike, Sequence[PathLike], None],
+                    merged_database_path: PathLike,
+                    options: OptionsLike = None, *,
+                    log: Optional[Log] = None,
+                    progress: Optional[Progress] = None) -> None:
+    """Merges shards, or databases of different images (database_merger).
+
+    Args:
+      database_paths: In any order; None with the option database_list_path.
+      merged_database_path: Database to write; it must not exist.
+      options: Such as image_prefix and vehicle, lists with a value per database.
+    """
+    run("database_merger", options, log=log, progress=progress,
+        database_path=database_paths,
         merged_database_path=merged_database_path)
 
 
-def clean_database(database_path: PathLike, type: str, *,
+def clean_database(database_path: PathLike, type: str,
+                   options: OptionsLike = None, *,
                    log: Optional[Log] = None) -> None:
     """Deletes rows of a database (database_cleaner).
 
     Args:
       type: "matches", "features", "images" or "all".
     """
-    run("database_cleaner", log=log, database_path=database_path, type=type)
+    run("database_cleaner", options, log=log, database_path=database_path,
+        type=type)

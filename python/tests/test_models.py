@@ -2,8 +2,11 @@
 """Models in memory against a parser of their own, from COLMAP's documentation
 of the format."""
 
+import os
 import pickle
+import shutil
 import struct
+import subprocess
 import sys
 import types
 
@@ -201,6 +204,36 @@ def test_to_pycolmap_hands_over_a_folder(model, monkeypatch):
     fake.Reconstruction = pymgsfm.Reconstruction
     monkeypatch.setitem(sys.modules, "pycolmap", fake)
     assert (model.to_pycolmap().points3D.xyz == model.points3D.xyz).all()
+
+
+@pytest.mark.skipif(not shutil.which("colmap"), reason="no colmap")
+def test_colmap_reads_what_to_pycolmap_hands_over(model, tmp_path, monkeypatch):
+    """pycolmap reads folders by the code of COLMAP."""
+    def convert(folder):
+        subprocess.run(["colmap", "model_converter", "--input_path", folder,
+                        "--output_path", str(tmp_path), "--output_type", "TXT"],
+                       check=True, stdout=subprocess.DEVNULL,
+                       env={**os.environ, "QT_QPA_PLATFORM": "offscreen"})
+
+    fake = types.ModuleType("pycolmap")
+    fake.Reconstruction = convert
+    monkeypatch.setitem(sys.modules, "pycolmap", fake)
+    model.to_pycolmap()
+    rows = [line.split() for line in
+            (tmp_path / "points3D.txt").read_text().splitlines()
+            if not line.startswith("#")]
+    assert len(rows) == model.num_points3D()
+    for row in rows:
+        np.testing.assert_allclose(np.array(row[1:4], dtype=float),
+                                   model.points3D[int(row[0])].xyz, rtol=1e-9)
+    lines = [line for line in (tmp_path / "images.txt").read_text().splitlines()
+             if not line.startswith("#")][::2]
+    assert len(lines) == model.num_reg_images()
+    for line in lines:
+        words = line.split()
+        pose = model.images[int(words[0])].cam_from_world()
+        np.testing.assert_allclose(np.array(words[5:8], dtype=float),
+                                   pose.translation, atol=1e-9)
 
 
 class TestTransforms:

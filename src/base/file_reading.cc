@@ -56,7 +56,8 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
   while (num_read < max_size) {
     if (num_read == content.size()) {
       const auto size = static_cast<size_t>(std::max<off_t>(0, status.st_size));
-      content.resize(std::max({size + 1, num_read + kMinChunk, 2 * num_read}));
+      content.resize(std::min(
+          max_size, std::max({size + 1, num_read + kMinChunk, 2 * num_read})));
     }
     const ssize_t result =
         read(file.get(), content.data() + num_read, content.size() - num_read);
@@ -65,7 +66,7 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
     if (result < 0) ThrowReadError(path, what, errno);
     num_read += static_cast<size_t>(result);
   }
-  content.resize(std::min(num_read, max_size));
+  content.resize(num_read);
   return content;
 }
 

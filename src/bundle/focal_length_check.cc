@@ -12,8 +12,11 @@
 namespace mgsfm {
 namespace {
 
-// A larger factor means that the initial value or the estimate is wrong.
+// A larger factor means that the initial value or the estimate is wrong, unless
+// the initial value is a guess.
 constexpr double kMaxChange = 2.0;
+// The focal length of a guess, in larger image sides.
+constexpr double kAssumedRatio = 1.2;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
@@ -22,6 +25,12 @@ const CameraModelInfo& InfoOf(const Camera& camera) {
 std::string Number(double value) {
   char text[32];
   std::snprintf(text, sizeof(text), "%.3g", value);
+  return text;
+}
+
+std::string Pixels(double value) {
+  char text[32];
+  std::snprintf(text, sizeof(text), "%.1f px", value);
   return text;
 }
 
@@ -61,7 +70,9 @@ std::string DescribeImplausible(const Camera& initial, const Camera& camera,
       return "it is " + Number(ratio) +
              " times the larger image side, which is implausible";
     }
-    if (!(change <= kMaxChange && change >= 1.0 / kMaxChange)) {
+    const bool is_guess = !initial.has_prior_focal_length &&
+                          IsAssumedFocalLength(initial, initial.params[i]);
+    if (!is_guess && !(change <= kMaxChange && change >= 1.0 / kMaxChange)) {
       return "it changed by a factor of " + Number(change);
     }
   }
@@ -85,6 +96,11 @@ std::string DescribeUncertain(double sigma, double rotation_deg,
 }
 
 }  // namespace
+
+bool IsAssumedFocalLength(const Camera& camera, double focal_length_px) {
+  const double side = std::max(camera.width_px, camera.height_px);
+  return std::abs(focal_length_px / side - kAssumedRatio) < 1e-3;
+}
 
 std::vector<FocalLengthCheck> CheckFocalLengths(
     const Scene& scene, const Reconstruction& model,
@@ -124,8 +140,8 @@ std::vector<FocalLengthCheck> CheckFocalLengths(
     }
     if (problem.empty()) continue;
     check.message = "focal length of " + CameraLabel(scene, check.camera_idx) +
-                    ", refined from " + Number(check.prior_px) + " to " +
-                    Number(check.estimated_px) + " px: " + problem;
+                    ", refined from " + Pixels(check.prior_px) + " to " +
+                    Pixels(check.estimated_px) + ": " + problem;
   }
   return checks;
 }

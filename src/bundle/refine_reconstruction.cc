@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "bundle/block_solve.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
@@ -28,6 +29,7 @@ struct RefinementInput {
   const Context& context;
   const BundlePriors& priors;
   const FixedPoses& fixed;
+  const FrameBlocks& blocks;  // empty: one solve for all frames
 };
 
 // Counts the iterations of all solves, supposing that those to come take as
@@ -56,9 +58,13 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
+  const Context context = ContextOfSolve(input, summary);
   const bool is_usable =
-      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                function_tolerance, ContextOfSolve(input, summary), result);
+      input.blocks.empty()
+          ? SolveOnce(input.scene, input.priors, input.fixed, options, parts,
+                      function_tolerance, context, result)
+          : SolveInBlocks(input.scene, input.blocks, options, parts,
+                          function_tolerance, context, result);
   const SolveSummary& solve = summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),
@@ -194,6 +200,19 @@ bool SolveAndTriangulate(const RefinementInput& input,
   return true;
 }
 
+BundleResult Refine(const RefinementInput& input, Reconstruction start,
+                    const RefinementStore& store) {
+  BundleResult result;
+  result.estimate = std::move(start);
+  if (SolveAndTriangulate(input, store, &result)) {
+    FilterFinalPoints(input, &result);
+    DropFramesWithoutObservations(input, &result);
+  }
+  ComputePointErrors(input.scene, input.context.num_threads, &result.estimate);
+  FinishSummary(input.scene, input.initial, input.options, &result);
+  return result;
+}
+
 }  // namespace
 
 BundleResult RefineReconstruction(
@@ -201,17 +220,23 @@ BundleResult RefineReconstruction(
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
     const RefinementStore& store) {
-  const RefinementInput input{scene,   candidates, initial, options,
-                              context, priors,     fixed};
-  BundleResult result;
-  result.estimate = initial;
-  if (SolveAndTriangulate(input, store, &result)) {
-    FilterFinalPoints(input, &result);
-    DropFramesWithoutObservations(input, &result);
-  }
-  ComputePointErrors(scene, context.num_threads, &result.estimate);
-  FinishSummary(scene, initial, options, &result);
-  return result;
+  const FrameBlocks blocks;
+  return Refine(
+      {scene, candidates, initial, options, context, priors, fixed, blocks},
+      initial, store);
+}
+
+BundleResult RefineInBlocks(const Scene& scene,
+                            const CandidateSource& candidates,
+                            const FrameBlocks& blocks, Reconstruction initial,
+                            const BundleAdjustmentOptions& options,
+                            const Context& context) {
+  const BundlePriors priors;
+  const FixedPoses fixed;
+  const Reconstruction poses = PosesOf(initial);
+  return Refine(
+      {scene, candidates, poses, options, context, priors, fixed, blocks},
+      std::move(initial), {});
 }
 
 Reconstruction TriangulateCandidates(const Scene& scene,

@@ -32,6 +32,7 @@ constexpr double kTruncationRad = DegToRad(5.0);
 constexpr double kMinErrorRatio = 1.5;
 constexpr double kMinErrorDropRad = DegToRad(0.05);
 constexpr double kMinShareBetter = 0.75;
+// Without a lag, the best of ten lags exceeds this in 1 of 3000.
 constexpr double kMinShareInSigmas = 4.0;
 constexpr double kMinForeignErrorInSigmas = 6.0;
 constexpr double kMinMotionInSigmas = 5.0;

@@ -9,7 +9,7 @@
 #include "base/file_reading.h"
 #include "geometry/geodetic.h"
 #include "io/database/sqlite_snapshot.h"
-#include "io/files/output_file.h"
+#include "io/files/file_operations.h"
 #include "matching/database_words.h"
 #include "matching/match_list.h"
 #include "matching/pair_lists.h"
@@ -150,7 +150,7 @@ void WritePairList(const ImagePairList& pairs, const Scene& scene,
     text += scene.images[pair.image_idx1].name + ' ' +
             scene.images[pair.image_idx2].name + '\n';
   }
-  WriteFile(list_path, text);
+  ReplaceFile(list_path, text);
 }
 
 ImagePairList SelectMatched(const FeatureDatabase& database,

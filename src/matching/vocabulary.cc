@@ -11,7 +11,7 @@
 #include "base/file_reading.h"
 #include "base/parallel.h"
 #include "base/random.h"
-#include "io/files/output_file.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -285,7 +285,7 @@ void Vocabulary::Write(const std::string& path) const {
     AppendBytes(node, 3, &bytes);
     AppendBytes(centers_.data() + i * kDim, kDim, &bytes);
   }
-  WriteFile(path, bytes);
+  ReplaceFile(path, bytes);
 }
 
 Vocabulary Vocabulary::Read(const std::string& path) {

@@ -52,7 +52,7 @@ class ModelMerger {
     } else {
       Align(options.min_common_images);
     }
-    AddRigs();
+    AddRigsOrNone();
     AddFrames();
     AddImages();
     AddPoints();
@@ -64,6 +64,7 @@ class ModelMerger {
  private:
   std::vector<ImagePoses> CommonPoses();
   void Align(int min_common_images);
+  void AddRigsOrNone();
   void AddRigs();
   void AddRig(int rig_idx);
   int AddCamera(int camera_idx);
@@ -82,6 +83,7 @@ class ModelMerger {
   Reconstruction& in_b_;
   SceneModel* first_;
   std::map<int, int> camera_of_second_;
+  Mask is_common_;  // per image of the result: both models have it
   MergeSummary summary_;
 };
 
@@ -227,6 +229,25 @@ void ModelMerger::AddRigs() {
   }
 }
 
+// Leaves the first model as it was if a rig contradicts it.
+void ModelMerger::AddRigsOrNone() {
+  const std::vector<Rig> rigs = a_.rigs;
+  const std::vector<Sensor> sensors = a_.sensors;
+  const std::vector<Camera> cameras = a_.cameras;
+  const std::vector<Camera> estimated_cameras = in_a_.cameras;
+  const std::vector<std::optional<Rigid3>> poses = in_a_.sensor_from_rig;
+  try {
+    AddRigs();
+  } catch (...) {
+    a_.rigs = rigs;
+    a_.sensors = sensors;
+    a_.cameras = cameras;
+    in_a_.cameras = estimated_cameras;
+    in_a_.sensor_from_rig = poses;
+    throw;
+  }
+}
+
 // The pose of a frame follows from its image of the reference sensor, else from
 // its first one.
 void ModelMerger::AddFrames() {
@@ -252,8 +273,12 @@ void ModelMerger::AddFrames() {
 
 void ModelMerger::AddImages() {
   FreeIds<ImageId> ids(a_.images);
+  is_common_.assign(a_.images.size(), false);
   for (size_t i = 0; i < b_.images.size(); ++i) {
-    if (union_.first_image[i]) continue;
+    if (union_.first_image[i]) {
+      is_common_[*union_.first_image[i]] = true;
+      continue;
+    }
     Image image = b_.images[i];
     image.id = ids.Take(image.id);
     image.sensor_idx = *union_.first_sensor[image.sensor_idx];
@@ -263,6 +288,7 @@ void ModelMerger::AddImages() {
     union_.first_image[i] = new_idx;
     a_.frames[image.frame_idx].image_idxs.push_back(new_idx);
     a_.images.push_back(std::move(image));
+    is_common_.push_back(false);
     ++summary_.num_new_images;
   }
 }
@@ -282,7 +308,7 @@ void ModelMerger::AddPoint(Point3D point,
   if (same.empty()) {
     std::sort(point.track.begin(), point.track.end());
     for (const Observation& o : point.track) {
-      point_of->emplace(o, in_a_.points.size());
+      if (is_common_[o.image_idx]) point_of->emplace(o, in_a_.points.size());
     }
     in_a_.points.push_back(std::move(point));
     return;
@@ -290,7 +316,9 @@ void ModelMerger::AddPoint(Point3D point,
   ++summary_.num_merged_points;
   std::vector<Observation>& track = in_a_.points[*same.begin()].track;
   for (const Observation& o : point.track) {
-    if (point_of->emplace(o, *same.begin()).second) track.push_back(o);
+    const bool is_new =
+        !is_common_[o.image_idx] || point_of->emplace(o, *same.begin()).second;
+    if (is_new) track.push_back(o);
   }
   std::sort(track.begin(), track.end());
 }
@@ -298,7 +326,9 @@ void ModelMerger::AddPoint(Point3D point,
 void ModelMerger::AddPoints() {
   std::map<Observation, size_t> point_of;
   for (size_t i = 0; i < in_a_.points.size(); ++i) {
-    for (const Observation& o : in_a_.points[i].track) point_of.emplace(o, i);
+    for (const Observation& o : in_a_.points[i].track) {
+      if (is_common_[o.image_idx]) point_of.emplace(o, i);
+    }
   }
   for (Point3D& point : in_b_.points) AddPoint(std::move(point), &point_of);
 }

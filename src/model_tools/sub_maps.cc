@@ -156,31 +156,33 @@ class SubMapJoiner {
     SceneModel model = std::move(sub_maps_[component.front()]);
     TransformWorld(world_from_[component.front()], &model.reconstruction);
     std::vector<int> merged = {component.front()};
+    std::vector<int> blocks(model.scene.frames.size(), 0);
     for (size_t i = 1; i < component.size(); ++i) {
       const int m = component[i];
       MergeOptions options;
       options.first_from_second = world_from_[m];
-      // MergeModels may change the first before it finds a contradiction.
-      SceneModel attempt = model;
       try {
-        (void)MergeModels(sub_maps_[m], options, &attempt);
+        (void)MergeModels(sub_maps_[m], options, &model);
       } catch (const Error& error) {
         joined_.conflicts[m] = error.what();
-        Add(std::move(sub_maps_[m]), {m});
+        std::vector<int> block(sub_maps_[m].scene.frames.size(), 0);
+        Add(std::move(sub_maps_[m]), {m}, std::move(block));
         continue;
       }
-      model = std::move(attempt);
       sub_maps_[m] = SceneModel();
+      blocks.resize(model.scene.frames.size(), static_cast<int>(merged.size()));
       merged.push_back(m);
     }
     joined_.num_loop_points += MergePointsOfMatches(pairs_, &model);
     std::sort(merged.begin(), merged.end());
-    Add(std::move(model), std::move(merged));
+    Add(std::move(model), std::move(merged), std::move(blocks));
   }
 
-  void Add(SceneModel model, std::vector<int> sub_maps) {
+  void Add(SceneModel model, std::vector<int> sub_maps,
+           std::vector<int> frame_blocks) {
     joined_.models.push_back(std::move(model));
     joined_.sub_maps.push_back(std::move(sub_maps));
+    joined_.frame_blocks.push_back(std::move(frame_blocks));
   }
 
   void SortModels() {
@@ -193,9 +195,11 @@ class SubMapJoiner {
     for (const size_t i : order) {
       sorted.models.push_back(std::move(joined_.models[i]));
       sorted.sub_maps.push_back(std::move(joined_.sub_maps[i]));
+      sorted.frame_blocks.push_back(std::move(joined_.frame_blocks[i]));
     }
     joined_.models = std::move(sorted.models);
     joined_.sub_maps = std::move(sorted.sub_maps);
+    joined_.frame_blocks = std::move(sorted.frame_blocks);
   }
 
   std::vector<SceneModel> sub_maps_;

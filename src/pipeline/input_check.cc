@@ -27,11 +27,10 @@ constexpr int kMinNumImagesOfCamera = 3;
 // this show no share.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
+// Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
 // An estimated focal length this close to the given one confirms it.
 constexpr double kMaxConfirmedChange = 0.02;
-// The focal length that COLMAP assumes without knowledge, in larger sides.
-constexpr double kAssumedRatio = 1.2;
 
 void Append(std::vector<Finding> from, std::vector<Finding>* to) {
   to->insert(to->end(), std::make_move_iterator(from.begin()),
@@ -215,11 +214,6 @@ std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   return causes;
 }
 
-bool IsAssumed(const Camera& camera, double focal_length_px) {
-  const double side = std::max(camera.width_px, camera.height_px);
-  return std::abs(focal_length_px / side - kAssumedRatio) < 1e-3;
-}
-
 }  // namespace
 
 void CheckInput(const Scene& scene, const ViewGraph& matches,
@@ -272,7 +266,8 @@ void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
       const bool is_confirmed =
           std::abs(std::log(check.estimated_px / check.prior_px)) <
               kMaxConfirmedChange &&
-          !IsAssumed(scene.cameras[check.camera_idx], check.prior_px);
+          !IsAssumedFocalLength(scene.cameras[check.camera_idx],
+                                check.prior_px);
       if (check.message.empty() || is_confirmed || is_named[check.camera_idx]) {
         continue;
       }
@@ -285,7 +280,7 @@ void AddUncertainFocalLengths(const Scene& scene, MapperResult* result) {
             {"estimated_px", check.estimated_px},
             {"relative_sigma", check.relative_sigma.value_or(0.0)}},
            check.message,
-           "provide its focal length"});
+           "provide it if the model must be accurate"});
     }
   }
 }

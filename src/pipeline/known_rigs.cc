@@ -28,6 +28,12 @@ constexpr double kMaxDirectionDeg = 45.0;
 constexpr size_t kMinNumMotions = 10;
 constexpr double kMinRotationDeg = 5.0;
 constexpr double kMaxAxisError = 0.25;  // sine of half of the angle
+// Two cameras of a rig rotate by equal angles, whatever their poses in it.
+// Wrong pairs do not, and on a straight drive all large rotations are those of
+// wrong pairs.
+constexpr double kMaxAngleDifference = 0.1;  // relative, and
+constexpr double kMaxAngleDifferenceDeg = 1.0;
+constexpr double kMinEqualShare = 0.5;
 
 constexpr const char* kRemedy =
     "; correct it (poses are cam_from_rig, not rig_from_cam), or remove the "
@@ -39,6 +45,12 @@ using SensorPair = std::pair<int, int>;
 struct FrameSamples {
   std::vector<double> rotation_errors_deg;
   std::vector<Vector3d> directions;  // of cam2_from_cam1
+};
+
+// Rotations of two sensors between the same frames.
+struct MotionSamples {
+  size_t num_compared = 0;
+  std::vector<double> axis_errors;  // of those with equal angles
 };
 
 // The rotation of one sensor from one frame to another.
@@ -60,8 +72,8 @@ double LowerQuartile(std::vector<double> values) {
 
 // Deviations of the measurements from the known poses, per pair of sensors.
 struct RigDeviations {
-  std::map<SensorPair, FrameSamples> frame_samples;       // within frames
-  std::map<SensorPair, std::vector<double>> axis_errors;  // between frames
+  std::map<SensorPair, FrameSamples> frame_samples;    // within frames
+  std::map<SensorPair, MotionSamples> motion_samples;  // between frames
 };
 
 // Whether two different sensors of one rig both have known poses.
@@ -95,6 +107,11 @@ SensorMotion MotionOf(const Image& image1, const Image& image2,
           is_forward ? pose.cam2_from_cam1 : pose.cam2_from_cam1.conjugate()};
 }
 
+bool AreEqualAngles(double a, double b) {
+  return std::abs(a - b) <= kMaxAngleDifference * std::max(a, b) +
+                                DegToRad(kMaxAngleDifferenceDeg);
+}
+
 // Compares the motions of every two known sensors between the same frames. The
 // angle between two rotations, relative to twice their angle, is the sine of
 // half of the angle between their axes.
@@ -107,13 +124,20 @@ void CompareMotions(const Scene& scene, std::vector<SensorMotion> motions,
             });
   for (auto a = motions.begin(); a != motions.end(); ++a) {
     const double angle = AngleBetween(a->rotation, Quaterniond::Identity());
-    if (angle < DegToRad(kMinRotationDeg)) continue;
     for (auto b = a + 1; b != motions.end() && b->Frames() == a->Frames();
          ++b) {
-      if (!AreKnown(scene, a->sensor, b->sensor)) continue;
+      const double other_angle =
+          AngleBetween(b->rotation, Quaterniond::Identity());
+      if (!AreKnown(scene, a->sensor, b->sensor) ||
+          std::max(angle, other_angle) < DegToRad(kMinRotationDeg)) {
+        continue;
+      }
       const SensorPair sensors(a->sensor, b->sensor);
+      MotionSamples& samples = deviations->motion_samples[sensors];
+      ++samples.num_compared;
+      if (!AreEqualAngles(angle, other_angle)) continue;
       const Quaterniond b_from_a = KnownRelativePose(scene, sensors).rotation;
-      deviations->axis_errors[sensors].push_back(
+      samples.axis_errors.push_back(
           AngleBetween(b_from_a * a->rotation * b_from_a.conjugate(),
                        b->rotation) /
           (2.0 * angle));
@@ -183,8 +207,13 @@ void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph) {
     }
     CheckDirections(scene, sensors, samples.directions);
   }
-  for (const auto& [sensors, errors] : deviations.axis_errors) {
-    if (errors.size() < kMinNumMotions) continue;
+  for (const auto& [sensors, samples] : deviations.motion_samples) {
+    const std::vector<double>& errors = samples.axis_errors;
+    if (errors.size() < kMinNumMotions ||
+        static_cast<double>(errors.size()) <
+            kMinEqualShare * static_cast<double>(samples.num_compared)) {
+      continue;
+    }
     const double error = LowerQuartile(errors);
     if (error > kMaxAxisError) {
       ThrowContradiction(scene, sensors, "rotation",

@@ -417,9 +417,13 @@ void DoubtFocalLengths(const Scene& scene,
       check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
                                       estimate.sigma.value_or(0.0));
       if (!check.message.empty()) continue;
-      check.message = "the refined focal length of " +
+      char estimated[40];
+      std::snprintf(estimated, sizeof(estimated), "%.0f px",
+                    check.estimated_px);
+      check.message = "the focal length of " +
                       CameraLabel(scene, check.camera_idx) +
-                      " is not reliable: " + estimate.message;
+                      " is estimated as " + estimated +
+                      ", but not exactly: " + estimate.message;
     }
   }
 }

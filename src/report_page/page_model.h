@@ -71,4 +71,15 @@ inline std::optional<double> GetNumber(const nlohmann::ordered_json& object,
   return value.get<double>();
 }
 
+// "m" if the report states that the model is metric, else "units".
+inline std::string LengthUnit(const PageModel& model) {
+  const nlohmann::ordered_json& models =
+      GetArray(Get(model.report, "summary"), "models");
+  const size_t i = model.input.model_idx;
+  const bool is_metric =
+      i < models.size() &&
+      GetText(models[i], "unit_of_length").compare(0, 6, "metric") == 0;
+  return is_metric ? "m" : "units";
+}
+
 }  // namespace mgsfm

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
 #include "report_page/encoding.h"
+#include "report_page/label_placement.h"
 
 namespace mgsfm {
 namespace {
@@ -138,42 +140,80 @@ void DrawUncertainty(const DrawnSensor& sensor, const Panel& panel,
       "fill='" + color + "' fill-opacity='0.25' stroke='" + color + "'");
 }
 
-void DrawSensor(const PageModel& model, const DrawnSensor& sensor, size_t order,
-                const Panel& panel, SvgDrawing* drawing) {
+// The optical axis, of the length of the symbol.
+Vector2d ForwardPx(const DrawnSensor& sensor, const Panel& panel) {
+  return 30.0 * panel.axes.Project(sensor.forward);
+}
+
+// The field of view, as a wedge that hints at the direction; empty if the
+// camera looks along the view.
+std::vector<Vector2d> Wedge(const DrawnSensor& sensor, const Panel& panel) {
+  const Vector2d center = panel.ToPage(sensor.center);
+  const Vector2d forward = ForwardPx(sensor, panel);
+  if (!(forward.norm() > 4.0)) return {};
+  const Vector2d side = 0.45 * Vector2d(-forward.y(), forward.x());
+  return {center, center + forward + side, center + forward - side, center};
+}
+
+void DrawSensor(const DrawnSensor& sensor, const Panel& panel,
+                SvgDrawing* drawing) {
   const std::string color = SensorColor(sensor.sensor_idx);
   const std::string stroke = "stroke='" + color + "' stroke-width='2'";
   DrawUncertainty(sensor, panel, color, drawing);
   const Vector2d center = panel.ToPage(sensor.center);
-  const Vector2d forward = 30.0 * panel.axes.Project(sensor.forward);
   drawing->Line(
       panel.middle_px + panel.px_per_unit * panel.axes.Project(-panel.middle),
       center, "stroke='#888' stroke-dasharray='3 3'");
-  if (forward.norm() > 4.0) {
-    // The field of view, as a wedge that hints at the direction.
-    const Vector2d side = 0.45 * Vector2d(-forward.y(), forward.x());
-    drawing->Path(
-        {center, center + forward + side, center + forward - side, center},
-        stroke);
-  }
+  const std::vector<Vector2d> wedge = Wedge(sensor, panel);
+  if (!wedge.empty()) drawing->Path(wedge, stroke);
   drawing->Dot(center, 4.0, "fill='" + color + "'");
-  const std::string name = model.input.scene.sensors[sensor.sensor_idx].name;
-  // The label is behind the camera, or below one that looks along the view.
-  Vector2d label = 16.0 * (forward.norm() > 4.0
-                               ? Vector2d(-forward.normalized())
-                               : Vector2d(0.0, order % 2 == 0 ? 1.0 : -1.0));
-  label.x() *= 2.5;
-  drawing->Text(center + label + Vector2d(0.0, 4.0),
-                name.empty() ? "images" : Shorten(name, 24), kCenterStyle);
+}
+
+// The labels avoid the cameras and each other; a line leads to one that is not
+// beside its camera.
+void DrawLabels(const PageModel& model, const std::vector<DrawnSensor>& sensors,
+                const Panel& panel, LabelPlacement placement,
+                SvgDrawing* drawing) {
+  const Vector2d half(7.0, 7.0);
+  for (const DrawnSensor& sensor : sensors) {
+    const Vector2d center = panel.ToPage(sensor.center);
+    Eigen::AlignedBox2d symbol(center - half, center + half);
+    for (const Vector2d& corner : Wedge(sensor, panel)) symbol.extend(corner);
+    placement.Avoid(symbol);
+  }
+  for (const DrawnSensor& sensor : sensors) {
+    const Vector2d center = panel.ToPage(sensor.center);
+    const Vector2d forward = ForwardPx(sensor, panel);
+    const std::string name = model.input.scene.sensors[sensor.sensor_idx].name;
+    const std::string text = name.empty() ? "images" : Shorten(name, 24);
+    const Vector2d size = LabelPlacement::SizeOf(text);
+    // Behind the camera, or below one that looks along the view.
+    const Vector2d behind = forward.norm() > 4.0
+                                ? Vector2d(-forward.normalized())
+                                : Vector2d(0.0, 1.0);
+    const Vector2d preferred =
+        center + behind.cwiseProduct(Vector2d(0.5 * size.x() + 10.0, 16.0));
+    const Vector2d label = placement.Place(center, preferred, text);
+    const Vector2d nearest =
+        center.cwiseMax(label - 0.5 * size).cwiseMin(label + 0.5 * size);
+    if ((nearest - center).norm() > 14.0) {
+      drawing->Line(center, nearest,
+                    "stroke='" + SensorColor(sensor.sensor_idx) + "'");
+    }
+    drawing->Text(label + Vector2d(0.0, 4.0), text, kCenterStyle);
+  }
 }
 
 void DrawScaleBar(const Panel& panel, const Vector2d& corner,
-                  SvgDrawing* drawing) {
+                  const std::string& unit, SvgDrawing* drawing) {
   const Ticks ticks = MakeTicks(0.0, 120.0 / panel.px_per_unit, 1);
   const double length = ticks.step;
   drawing->Line(corner, corner + Vector2d(length * panel.px_per_unit, 0.0),
                 "stroke='#888' stroke-width='2'");
   drawing->Text(corner + Vector2d(0.0, 16.0),
-                FormatNumber(length, ticks.digits), kTextStyle);
+                FormatNumber(length, ticks.digits) + " " +
+                    (length == 1.0 && unit == "units" ? "unit" : unit),
+                kTextStyle);
 }
 
 void DrawRig(const PageModel& model, const Rig& rig, double top,
@@ -197,10 +237,17 @@ void DrawRig(const PageModel& model, const Rig& rig, double top,
                       middle, px_per_unit, factor};
     drawing->Frame(corner, {kPanelWidth, kPanelHeight - 16.0}, kGridStyle);
     drawing->Text(corner + Vector2d(10.0, 20.0), views[k].title, kMutedStyle);
-    for (size_t i = 0; i < sensors.size(); ++i) {
-      DrawSensor(model, sensors[i], i, panel, drawing);
+    for (const DrawnSensor& sensor : sensors) {
+      DrawSensor(sensor, panel, drawing);
     }
-    DrawScaleBar(panel, corner + Vector2d(12.0, kPanelHeight - 46.0), drawing);
+    const Vector2d scale_bar = corner + Vector2d(12.0, kPanelHeight - 46.0);
+    DrawScaleBar(panel, scale_bar, LengthUnit(model), drawing);
+    LabelPlacement placement(
+        {corner + Vector2d(2.0, 28.0),
+         corner + Vector2d(kPanelWidth - 2.0, kPanelHeight - 18.0)});
+    placement.Avoid(
+        {scale_bar - Vector2d(0.0, 4.0), scale_bar + Vector2d(150.0, 22.0)});
+    DrawLabels(model, sensors, panel, std::move(placement), drawing);
     if (max_radius_px > 0.0 && k == 1) {
       drawing->Text(corner + Vector2d(kPanelWidth - 10.0, 20.0),
                     "ellipses: standard deviation x " + FormatNumber(factor, 4),

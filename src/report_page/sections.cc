@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "eval/error_statistics.h"
 #include "eval/evaluation_plot.h"
 #include "eval/svg.h"
 #include "geometry/so3.h"
@@ -127,9 +128,10 @@ std::string Cards(const PageModel& model) {
                  "images per point");
   }
   if (model.input.truth && model.input.truth->evaluation.position_m) {
-    html +=
-        Card(Number(model.input.truth->evaluation.position_m->median, 4, "m"),
-             "median error against the truth");
+    const Evaluation& evaluation = model.input.truth->evaluation;
+    html += Card(
+        Number(evaluation.position_m->median, 4, LengthUnitName(evaluation)),
+        "median error against the truth");
   }
   return html + "</div>\n";
 }
@@ -296,7 +298,8 @@ std::string SeamTable(const PageModel& model) {
                     Number(GetNumber(seam, "sigma_rotation_deg"), 3)});
   }
   return Table({"seam", "frames before", "frames after", "pairs", "tracks",
-                "sigma of position", "sigma of rotation [deg]"},
+                "sigma of position [" + LengthUnit(model) + "]",
+                "sigma of rotation [deg]"},
                rows);
 }
 
@@ -346,8 +349,9 @@ std::string RigTable(const PageModel& model) {
                       Triple(Get(sigma, "rotations_deg"), 4)});
     }
   }
-  return Table({"rig", "camera", "centre in the rig", "rotation [deg]",
-                "sigma of translation", "sigma of rotation [deg]"},
+  const std::string unit = " [" + LengthUnit(model) + "]";
+  return Table({"rig", "camera", "centre in the rig" + unit, "rotation [deg]",
+                "sigma of translation" + unit, "sigma of rotation [deg]"},
                rows);
 }
 
@@ -376,8 +380,8 @@ std::string StatisticsRow(const char* name,
          Number(errors->max, digits) + "</td></tr>\n";
 }
 
-std::string ErrorTable(const Evaluation& evaluation, const char* unit) {
-  const std::string position = std::string("position [") + unit + "]";
+std::string ErrorTable(const Evaluation& evaluation, const std::string& unit) {
+  const std::string position = "position [" + unit + "]";
   return "<div class=\"scroll\"><table><thead><tr><th></th><th>median</th>"
          "<th>mean</th><th>largest</th></tr></thead><tbody>\n" +
          StatisticsRow(position.c_str(), evaluation.position_m, 4) +
@@ -389,6 +393,9 @@ std::string TruthContent(const PageModel& model) {
   if (!model.input.truth) return "";
   const PoseComparison& truth = *model.input.truth;
   const Evaluation& evaluation = truth.evaluation;
+  EvaluationLabels labels;
+  labels.length_unit = LengthUnitName(evaluation);
+  const std::string& unit = labels.length_unit;
   std::vector<Row> rows;
   for (const SensorErrors& sensor : evaluation.sensors) {
     rows.push_back({Text(sensor.name), Number(sensor.rotation_deg, 4),
@@ -398,26 +405,28 @@ std::string TruthContent(const PageModel& model) {
   return "<p>Truth: " + Text(truth.label) + "; " +
          Share(static_cast<size_t>(evaluation.num_registered),
                static_cast<size_t>(evaluation.num_images)) +
-         " of its images are registered.</p>\n" + ErrorTable(evaluation, "m") +
+         " of its images are registered.</p>\n" + ErrorTable(evaluation, unit) +
          Table({"camera in the rig", "rotation error [deg]",
-                "direction error [deg]", "distance [m]", "true distance [m]"},
+                "direction error [deg]", "distance [" + unit + "]",
+                "true distance [" + unit + "]"},
                rows) +
-         ThemedChart(EvaluationToSvg(truth.images, evaluation),
+         ThemedChart(EvaluationToSvg(truth.images, evaluation, labels),
                      "path and errors against the truth");
 }
 
 std::string ComparisonContent(const PageModel& model) {
   if (!model.input.other) return "";
   const Evaluation& evaluation = model.input.other->evaluation;
+  const std::string unit = LengthUnit(model);
   return "<p>Other model: " + Text(model.input.other->label) + "; it has " +
          Share(static_cast<size_t>(evaluation.num_registered),
                static_cast<size_t>(evaluation.num_images)) +
          " images of this one. Differences after similarity alignment, in "
          "the unit of this model:</p>\n" +
-         ErrorTable(evaluation, "unit") +
+         ErrorTable(evaluation, unit) +
          ThemedChart(
              EvaluationToSvg(model.input.other->images, evaluation,
-                             {"this model", "other", "difference", "unit"}),
+                             {"this model", "other", "difference", unit}),
              "path and differences of both models");
 }
 

@@ -7,7 +7,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "base/file_reading.h"
 #include "base/parallel.h"
+#include "io/files/image_reading.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
@@ -32,9 +35,11 @@ std::string MakeJpeg(const std::filesystem::path& path, const Camera& camera) {
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored)) return {};
   try {
-    const cv::Mat image = cv::imread(
-        path.string(), ReadingMode(camera) | cv::IMREAD_IGNORE_ORIENTATION);
-    if (image.empty()) return {};
+    const cv::Mat image =
+        DecodeImage(ReadFile(path),
+                    ReadingMode(camera) | cv::IMREAD_IGNORE_ORIENTATION,
+                    kDefaultMaxNumPixels)
+            .pixels;
     const int height_px =
         std::max(1, image.rows * kWidthPx / std::max(image.cols, 1));
     cv::Mat small;
@@ -43,7 +48,7 @@ std::string MakeJpeg(const std::filesystem::path& path, const Camera& camera) {
     std::vector<uint8_t> file;
     cv::imencode(".jpg", small, file, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
     return {file.begin(), file.end()};
-  } catch (const cv::Exception&) {
+  } catch (const Error&) {
     return {};
   }
 }
@@ -72,8 +77,7 @@ std::vector<Thumbnail> MakeThumbnails(const Scene& scene,
   const std::vector<int> chosen =
       ChooseImages(scene, std::min(max_bytes / kTypicalBytes, kMaxThumbnails));
   std::vector<Thumbnail> all(chosen.size());
-  const int num_cv_threads = cv::getNumThreads();
-  cv::setNumThreads(1);
+  const QuietImageLibraries quiet;
   ParallelFor(
       chosen.size(), context.num_threads,
       [&](size_t i) {
@@ -83,7 +87,6 @@ std::vector<Thumbnail> MakeThumbnails(const Scene& scene,
                            scene.cameras[image.camera_idx])};
       },
       1, [&](size_t) { context.CheckInterrupted(); });
-  cv::setNumThreads(num_cv_threads);
   std::vector<Thumbnail> thumbnails;
   size_t num_bytes = 0;
   for (Thumbnail& thumbnail : all) {

@@ -212,7 +212,8 @@ std::string TrajectoryChart(const PageModel& model) {
   drawing.EndClip();
   DrawAxes(plot, &drawing);
   drawing.Text({kLeft + 0.5 * plot.size().x(), bottom + 38.0},
-               "from above; unit of the model; dots mark starts", kCenterStyle);
+               "from above [" + LengthUnit(model) + "]; dots mark starts",
+               kCenterStyle);
   order = 0;
   for (const auto& [name, path] : paths) {
     if (order == static_cast<int>(num_rows)) break;

@@ -23,16 +23,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Files are on the disk before they get their names, as a later run takes those
-// with content for complete. Names wait for the end of the run: a lost file is
-// only written again.
-class ImageFileOperations : public FileOperations {
- public:
-  void Sync(const fs::path& path) override {
-    if (!fs::is_directory(path)) FileOperations::Sync(path);
-  }
-};
-
 bool IsComplete(const fs::path& path) {
   std::error_code ignored;
   return fs::is_regular_file(path, ignored) && fs::file_size(path, ignored) > 0;
@@ -137,7 +127,7 @@ class ImageRun {
     const std::vector<View>& views = views_of_camera_[task.camera_idx];
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
-    ImageFileOperations operations;
+    ManyFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
     const cv::Mat image = Decode(file, Colours(), camera);
     std::shared_ptr<const ViewRenderer> renderer;
@@ -257,8 +247,7 @@ void ContinueOrBegin(const fs::path& output_path, const std::string& settings) {
                 "; remove them or choose another folder");
   }
   fs::create_directories(output_path);
-  FileOperations operations;
-  ReplaceFile(path, settings, &operations);
+  ReplaceFile(path, settings);
 }
 
 ImageRunSummary WriteViews(

@@ -11,8 +11,8 @@
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "geometry/so3.h"
+#include "io/files/file_operations.h"
 #include "io/files/image_reading.h"
-#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/io/rigs/rig_config.h"
@@ -283,9 +283,9 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
                   !input.mask_path.empty(), options.jpeg_quality, true},
                  context);
   if (is_panorama) {
-    WriteFile(input.output_path / "cameras.txt", camera_file);
-    WriteRigConfig((input.output_path / "rig_config.json").string(),
-                   MakeRigs(plan));
+    ReplaceFile(input.output_path / "cameras.txt", camera_file);
+    ReplaceFile(input.output_path / "rig_config.json",
+                RigConfigsToJson(MakeRigs(plan)));
   }
   return summary;
 }

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "io/files/output_file.h"
+#include "io/files/file_operations.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
@@ -64,8 +64,8 @@ void WriteStereoFolder(const fs::path& folder, const Scene& scene) {
       fs::create_directories((folder / result / image.name).parent_path());
     }
   }
-  WriteFile(folder / "patch-match.cfg", patch_match);
-  WriteFile(folder / "fusion.cfg", fusion);
+  ReplaceFile(folder / "patch-match.cfg", patch_match);
+  ReplaceFile(folder / "fusion.cfg", fusion);
 }
 
 }  // namespace mgsfm

@@ -119,8 +119,7 @@ void WritePlan(const fs::path& output_path, const std::string& settings,
   fs::create_directories(output_path);
   const Json json = {{"settings", Json::parse(settings)},
                      {"plan", ToJson(plan)}};
-  FileOperations operations;
-  ReplaceFile(output_path / kPlanName, json.dump(1) + "\n", &operations);
+  ReplaceFile(output_path / kPlanName, json.dump(1) + "\n");
 }
 
 }  // namespace mgsfm

@@ -12,7 +12,6 @@
 
 #include "base/text.h"
 #include "io/files/file_operations.h"
-#include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "video/frame_selection.h"
@@ -28,12 +27,6 @@ namespace fs = std::filesystem;
 constexpr double kNanoseconds = 1e9;
 // Sharpness needs more pixels than motion; larger images tell nothing more.
 constexpr int kAnalysisSizePx = 640;
-
-// Does not wait for the disk, as a lost image is only written again.
-class FastFileOperations : public FileOperations {
- public:
-  void Sync(const fs::path& /*path*/) override {}
-};
 
 std::vector<std::string> SplitList(const std::string& list) {
   std::vector<std::string> items;
@@ -284,13 +277,15 @@ class Extractor {
   }
   bool HasImage(size_t frame_idx, size_t video_idx) const {
     std::error_code ignored;
-    return fs::is_regular_file(ImagePath(frame_idx, video_idx), ignored);
+    const fs::path path = ImagePath(frame_idx, video_idx);
+    return fs::is_regular_file(path, ignored) &&
+           fs::file_size(path, ignored) > 0;
   }
   void Write(const fs::path& path, const cv::Mat& image) const {
     std::vector<uint8_t> file;
     cv::imencode(path.extension().string(), image, file,
                  {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
-    FastFileOperations operations;
+    ManyFileOperations operations;
     ReplaceFile(path, std::string(file.begin(), file.end()), &operations);
   }
 
@@ -313,7 +308,8 @@ void Extractor::Extract(size_t video_idx, const fs::path& path,
     }
   }
   if (frame_of_time.empty()) return;
-  fs::create_directories(output_path_ / "images" / plan_.folders[video_idx]);
+  const fs::path folder = output_path_ / "images" / plan_.folders[video_idx];
+  fs::create_directories(folder);
   VideoDecoder decoder(path, context.num_threads);
   const std::string stage = "extracting '" + plan_.folders[video_idx] + "'";
   const size_t num_images = frame_of_time.size();
@@ -326,6 +322,10 @@ void Extractor::Extract(size_t video_idx, const fs::path& path,
     frame_of_time.erase(found);
     ++summary->num_written;
   }
+  FileOperations operations;
+  operations.Sync(folder);
+  operations.Sync(folder.parent_path());
+  operations.Sync(output_path_);
   if (!frame_of_time.empty()) {
     context.Warning("video '" + path.string() +
                     "' is damaged: " + std::to_string(frame_of_time.size()) +
@@ -376,7 +376,7 @@ VideoSamplingSummary SampleVideos(const std::vector<fs::path>& paths,
   for (size_t i = 0; i < paths.size(); ++i) {
     extractor.Extract(i, paths[i], context, &summary);
   }
-  WriteFile(output_path / "timestamps.txt", extractor.Timestamps());
+  ReplaceFile(output_path / "timestamps.txt", extractor.Timestamps());
   summary.seconds = timer.Seconds();
   return summary;
 }

@@ -79,6 +79,15 @@ TEST(Doubles, IgnoreTheLocale) {
   std::locale::global(before);
 }
 
+// A database may be larger than the memory.
+TEST(ReadFile, ReadsTheBeginningOfAHugeFile) {
+  const TempDir dir;
+  const auto path = dir.path() / "file";
+  std::ofstream(path) << "begin";
+  std::filesystem::resize_file(path, uintmax_t{1} << 42);  // has no blocks
+  EXPECT_EQ(ReadFile(path, "", 5), "begin");
+}
+
 TEST(ReadFile, ReadsFilesOfAnySize) {
   const TempDir dir;
   for (const size_t size : {0u, 1u, 65536u, 1000003u}) {

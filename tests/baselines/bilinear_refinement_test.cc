@@ -11,6 +11,7 @@
 #include "baselines/bilinear_costs.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "support/threads.h"
 #include "support/translation_input.h"
 #include "translation/position_initialization.h"
 #include "translation/position_problem.h"
@@ -20,12 +21,6 @@ namespace mgsfm {
 namespace {
 
 constexpr double kMinParallaxDeg = 0.3;
-
-Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
 
 // The results of the stages before the refinements.
 struct Stages {

@@ -9,6 +9,7 @@ namespace mgsfm {
 namespace {
 
 using testing::HasSubstr;
+using testing::Not;
 
 // Focal lengths are `factor` times too long and are not priors.
 Simulation WithoutPriors(RigPreset rig, PathPreset path, double factor,
@@ -96,6 +97,12 @@ TEST(FocalLengthCheckTest, ImplausibleOnesAreReported) {
   EXPECT_THAT(message(), HasSubstr("larger image side"));
   params[0] = params[1] = 2.5 * initial[0];
   EXPECT_THAT(message(), HasSubstr("by a factor of 2.5"));
+  // A guess says nothing about the estimate.
+  Camera& guess = simulation.scene.cameras[0];
+  guess.params[0] = guess.params[1] =
+      1.2 * std::max(guess.width_px, guess.height_px);
+  params[0] = params[1] = 0.45 * guess.params[0];
+  EXPECT_THAT(message(), Not(HasSubstr("factor")));
 }
 
 // An unobservable focal length stays at its initial value, and the term has no

@@ -366,6 +366,30 @@ TEST_F(BadInput, NamesWithControlCharacters) {
                      "'cam0/   x.png' has a control character", kExtractAgain);
 }
 
+// Refused before the reconstruction, not when its result is written.
+TEST_F(BadInput, NamesThatTextCannotHold) {
+  OpenDatabase(Database())
+      .Execute("UPDATE images SET name = 'cam0/a b.png'" +
+               std::string(kOfImage));
+  ExpectRefused(MapperCall(Database(), Out()) + "--output_format txt",
+                AllOf(HasSubstr("'cam0/a b.png' has a blank"),
+                      HasSubstr("write the model as binary")));
+  EXPECT_THAT(Map("--output_format txt").err, Not(HasSubstr("registered")));
+  EXPECT_EQ(Map().exit_code, 0);
+}
+
+// A rule that an engine with backtracking would never finish.
+TEST_F(BadInput, LongNamesAndNestedRepetition) {
+  OpenDatabase(Database())
+      .Execute("UPDATE images SET name = name || '/' || hex(zeroblob(2000))");
+  ExpectRefused(MapperCall(Database(), Out()) +
+                    "--rig_name_rule '(?<camera>cam.)(?<frame>((0+)+)+)x'",
+                AllOf(HasSubstr("rig_name_rule"), HasSubstr("does not match")));
+  OpenDatabase(Database())
+      .Execute("UPDATE images SET name = hex(zeroblob(25000)) || image_id");
+  ExpectDatabaseRefused("is longer than 4096 bytes", "");
+}
+
 TEST_F(BadInput, PathsMustBeUsable) {
   ExpectRefused(MapperCall(Path("a\xff.db"), Out()),
                 HasSubstr("option database_path: "));

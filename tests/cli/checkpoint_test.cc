@@ -6,6 +6,7 @@
 
 #include "base/random.h"
 #include "cli/running_program.h"
+#include "cli/shared_drive.h"
 
 namespace mgsfm {
 namespace {
@@ -13,28 +14,13 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-class CheckpointTest : public testing::Test {
+class CheckpointTest : public SharedDriveTest {
  protected:
-  static void SetUpTestSuite() {
-    shared_ = new TempDir();
-    const CommandOutput output = RunMgsfm(
-        "simulate --rig stereo --path loop --num_frames 60 --max_num_features "
-        "150 --num_points_per_frame 60 --pixel_noise 0.3 --output_path " +
-        In());
-    ASSERT_EQ(output.exit_code, 0) << output.err;
-  }
-  static void TearDownTestSuite() {
-    delete shared_;
-    shared_ = nullptr;
-  }
-  static std::string In() { return (shared_->path() / "in").string(); }
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
+  static void SetUpTestSuite() { SimulateLoop(); }
   std::vector<std::string> Mapper(const std::string& out) const {
     return {"mapper",
             "--database_path",
-            In() + "/database.db",
+            Database(),
             "--output_path",
             Path(out),
             "--write_report",
@@ -56,9 +42,6 @@ class CheckpointTest : public testing::Test {
     RunningProgram program(std::move(arguments));
     return program.End();
   }
-
-  static inline TempDir* shared_ = nullptr;
-  const TempDir dir_;
 };
 
 // The models; times and memory in the report differ from run to run.

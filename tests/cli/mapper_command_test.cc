@@ -2,7 +2,7 @@
 // The mapper command: its input, output, messages, and files that it must keep.
 #include <nlohmann/json.hpp>
 
-#include "cli/program_runs.h"
+#include "cli/shared_drive.h"
 
 namespace mgsfm {
 namespace {
@@ -12,27 +12,12 @@ using testing::AllOf;
 using testing::HasSubstr;
 using Json = nlohmann::json;
 
-// A folder `in` with a simulated drive, made once for all tests, and a new
-// folder for the output of each.
-class MapperCommand : public testing::Test {
+class MapperCommand : public SharedDriveTest {
  protected:
   static void SetUpTestSuite() {
-    shared_ = new TempDir();
-    const CommandOutput output = RunMgsfm(
-        "simulate --rig kitti360 --num_frames 12 --max_num_features 150 "
-        "--pixel_noise 0.3 --output_path " +
-        In());
-    ASSERT_EQ(output.exit_code, 0) << output.err;
-  }
-  static void TearDownTestSuite() {
-    delete shared_;
-    shared_ = nullptr;
-  }
-  static std::string In() { return (shared_->path() / "in").string(); }
-  static std::string Database() { return In() + "/database.db"; }
-
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
+    Simulate(
+        "--rig kitti360 --num_frames 12 --max_num_features 150 "
+        "--pixel_noise 0.3");
   }
   std::string Out() const { return Path("out"); }
   CommandOutput Map(const std::string& more_flags = "") const {
@@ -69,9 +54,6 @@ class MapperCommand : public testing::Test {
     EXPECT_THAT(LastWord(output), HasSubstr(message)) << output.err;
     EXPECT_TRUE(FilesIn(dir_.path()) == before) << message;
   }
-
-  static inline TempDir* shared_ = nullptr;
-  const TempDir dir_;
 };
 
 TEST_F(MapperCommand, ModelOfASmallDriveAgreesWithTheTruth) {

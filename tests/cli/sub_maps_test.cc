@@ -3,7 +3,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "cli/program_runs.h"
+#include "cli/shared_drive.h"
 
 namespace mgsfm {
 namespace {
@@ -12,25 +12,9 @@ namespace fs = std::filesystem;
 using testing::HasSubstr;
 using Json = nlohmann::json;
 
-class SubMapCommands : public testing::Test {
+class SubMapCommands : public SharedDriveTest {
  protected:
-  static void SetUpTestSuite() {
-    shared_ = new TempDir();
-    const CommandOutput output = RunMgsfm(
-        "simulate --rig stereo --path loop --num_frames 60 --max_num_features "
-        "150 --num_points_per_frame 60 --pixel_noise 0.3 --output_path " +
-        In());
-    ASSERT_EQ(output.exit_code, 0) << output.err;
-  }
-  static void TearDownTestSuite() {
-    delete shared_;
-    shared_ = nullptr;
-  }
-  static std::string In() { return (shared_->path() / "in").string(); }
-  static std::string Database() { return In() + "/database.db"; }
-  std::string Path(const std::string& name) const {
-    return (dir_.path() / name).string();
-  }
+  static void SetUpTestSuite() { SimulateLoop(); }
   CommandOutput Run(const std::string& arguments) const {
     const CommandOutput output = RunMgsfm(arguments);
     EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
@@ -61,19 +45,17 @@ class SubMapCommands : public testing::Test {
               Path("maps/" + std::to_string(first) + "/0"));
     }
   }
-  CommandOutput Join() const {
-    return Run("model_merger --graph 1 --cluster_path " + Path("clusters") +
-               " --input_path " + Path("maps") + " --database_path " +
-               Database() + " --output_path " + Path("joined"));
+  std::string JoinTo(const std::string& name) const {
+    return "model_merger --graph 1 --cluster_path " + Path("clusters") +
+           " --input_path " + Path("maps") + " --database_path " + Database() +
+           " --output_path " + Path(name);
   }
+  CommandOutput Join() const { return Run(JoinTo("joined")); }
   Json Evaluate(const std::string& model) const {
     Run("model_evaluator --input_path " + model + " --gt_path " + In() +
         "/truth --json " + Path("errors.json"));
     return Json::parse(ReadTextFile(Path("errors.json")));
   }
-
-  static inline TempDir* shared_ = nullptr;
-  const TempDir dir_;
 };
 
 TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
@@ -91,6 +73,24 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
   EXPECT_EQ(report["sub_maps"].size(), 3u);
   EXPECT_TRUE(report["missing_clusters"].empty());
+}
+
+double FinalCost(const std::string& folder) {
+  const Json report = Json::parse(ReadTextFile(folder + "/report.json"));
+  return report["models"][0]["adjustment"].back()["final_cost"];
+}
+
+TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
+  MapAll(Partition(3));
+  Join();
+  Run(JoinTo("blocked") + " --refine_in_blocks 1");
+  const double cost = FinalCost(Path("joined"));
+  EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
+  const Json whole = Evaluate(Path("joined/0"));
+  const Json blocked = Evaluate(Path("blocked/0"));
+  EXPECT_EQ(blocked["num_registered"], whole["num_registered"]);
+  EXPECT_LT(blocked["position_m"]["mean"].get<double>(),
+            1.1 * whole["position_m"]["mean"].get<double>());
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {

@@ -40,6 +40,13 @@ TEST(ProgressText, SaysRateAndRemainingTime) {
   EXPECT_DOUBLE_EQ(text.Share(), 0.25);
 }
 
+TEST(ProgressText, HighRatesHaveNoExponent) {
+  ProgressText text(1.0);
+  text.Update({"stage", 0, 90000}, 0.0);
+  EXPECT_THAT(text.Update({"stage", 30000, 90000}, 2.0),
+              Optional(Eq("stage: 30000 of 90000, 15000/s, 0:01 left")));
+}
+
 TEST(ProgressText, OneLinePerInterval) {
   ProgressText text(60.0);
   int num_lines = 0;

@@ -354,6 +354,14 @@ TEST_F(BadImagesTest, MessagesOfDecodersBecomeOneWarning) {
       << warnings_[0];
 }
 
+// Some decoders of OpenCV print their exceptions.
+TEST_F(BadImagesTest, ExceptionsOfDecodersBecomeOneWarning) {
+  WriteTextFile(ImagePath("bad.ppm"), "P6 30 20 255\n123");
+  testing::internal::CaptureStderr();
+  ExpectRejected("bad.ppm", "is damaged");
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
 TEST_F(BadImagesTest, NamesThatNoDatabaseHolds) {
   WriteBlobs("bad\xff.png", 2);
   ExpectRejected("bad\xff.png", "is not valid UTF-8; rename the file");

@@ -55,38 +55,47 @@ inline std::vector<std::string> ReadModelFiles(
   return files;
 }
 
-// Reads the five files of a model. If they make a scene, the model that is
-// written of it must read back identically.
-inline void FuzzModel(const std::string& input, ModelFormat format) {
+// If a model makes a scene, the model that is written of it must read back
+// identically. `source` is the path in messages.
+inline void FuzzCheckReadsBack(const Model& model,
+                               const std::filesystem::path& source,
+                               ModelFormat format) {
   namespace fs = std::filesystem;
   const std::string extension = format == ModelFormat::kText ? ".txt" : ".bin";
-  const fs::path folders[] = {FuzzFolder() / "in", FuzzFolder() / "out",
-                              FuzzFolder() / "again"};
+  const fs::path folders[] = {FuzzFolder() / "out", FuzzFolder() / "again"};
   for (const fs::path& folder : folders) fs::create_directories(folder);
-  const std::vector<std::string> files = SplitFiles(input, 5);
-  for (size_t i = 0; i < files.size(); ++i) {
-    // Models of COLMAP before 3.12 lack the last two.
-    const fs::path path = folders[0] / (kModelStems[i] + extension);
-    fs::remove(path);
-    if (i < 3 || !files[i].empty()) WriteTextFile(path, files[i]);
-  }
-  Model model;
-  Accepts([&] { return ReadModelPoses(folders[0]); });
-  if (!Accepts([&] { model = ReadModel(folders[0]); })) return;
   FuzzCheckFinite(model);
-
   ModelScene scene;
-  if (!Accepts([&] { scene = MakeModelScene(model, folders[0], {}, {}); }) ||
+  if (!Accepts([&] { scene = MakeModelScene(model, source, {}, {}); }) ||
       !Accepts([&] {
-        WriteModel(folders[1], scene.scene, scene.reconstruction, format);
+        WriteModel(folders[0], scene.scene, scene.reconstruction, format);
       })) {
     return;
   }
   CheckConsistent(scene.scene);
-  const ModelScene again = LoadModelScene(folders[1], {}, {});
-  WriteModel(folders[2], again.scene, again.reconstruction, format);
-  FUZZ_CHECK(ReadModelFiles(folders[1], extension) ==
-             ReadModelFiles(folders[2], extension));
+  const ModelScene again = LoadModelScene(folders[0], {}, {});
+  WriteModel(folders[1], again.scene, again.reconstruction, format);
+  FUZZ_CHECK(ReadModelFiles(folders[0], extension) ==
+             ReadModelFiles(folders[1], extension));
+}
+
+// Reads the five files of a model.
+inline void FuzzModel(const std::string& input, ModelFormat format) {
+  namespace fs = std::filesystem;
+  const std::string extension = format == ModelFormat::kText ? ".txt" : ".bin";
+  const fs::path folder = FuzzFolder() / "in";
+  fs::create_directories(folder);
+  const std::vector<std::string> files = SplitFiles(input, 5);
+  for (size_t i = 0; i < files.size(); ++i) {
+    // Models of COLMAP before 3.12 lack the last two.
+    const fs::path path = folder / (kModelStems[i] + extension);
+    fs::remove(path);
+    if (i < 3 || !files[i].empty()) WriteTextFile(path, files[i]);
+  }
+  Model model;
+  Accepts([&] { return ReadModelPoses(folder); });
+  if (!Accepts([&] { model = ReadModel(folder); })) return;
+  FuzzCheckReadsBack(model, folder, format);
 }
 
 }  // namespace mgsfm

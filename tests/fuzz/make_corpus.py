@@ -133,6 +133,14 @@ def exif_jpeg():
             segment + b"\xff\xd9")
 
 
+def vocabulary():
+    """A root with two words."""
+    nodes = [(1, 2, 0, 50), (0, 0, 0, 10), (0, 0, 1, 90)]
+    return b"mgsfm vocabulary tree 1\n" + struct.pack("<i", len(nodes)) + b"".join(
+        struct.pack("<3i128h", first, children, word, *[value] * 128)
+        for first, children, word, value in nodes)
+
+
 def main():
     write("binary_model", "with_rigs", model(True))
     write("binary_model", "without_rigs", model(False))
@@ -148,6 +156,8 @@ def main():
           database(1, patches=struct.pack("<HBHBHB", 600, 7, 1100, 255, 40, 1)))
     write("exif", "tiff", exif_tiff())
     write("exif", "jpeg", exif_jpeg())
+    write("vocabulary", "two_words", vocabulary())
+    write("vocabulary", "truncated", vocabulary()[:-1])
 
 
 if __name__ == "__main__":

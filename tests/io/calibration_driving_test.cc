@@ -9,9 +9,6 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-using Cameras = std::vector<CalibratedCamera>;
-using Params = std::vector<double>;
-
 constexpr const char* kKittiOdometry =
     "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n"
     "P1: 700 0 600 -378 0 700 180 0 0 0 1 0\n"

@@ -15,6 +15,9 @@
 
 namespace mgsfm {
 
+using Cameras = std::vector<CalibratedCamera>;
+using Params = std::vector<double>;
+
 // As `kalibr_calibrate_cameras` and `kalibr_calibrate_imu_camera` write it.
 inline constexpr const char* kKalibr = R"(cam0:
   cam_overlaps: [1, 2]
@@ -99,8 +102,7 @@ class CalibrationTest : public testing::Test {
   const TempDir dir_;
 };
 
-inline Rigid3 CamFromFirst(const std::vector<CalibratedCamera>& cameras,
-                           size_t k) {
+inline Rigid3 CamFromFirst(const Cameras& cameras, size_t k) {
   return cameras[k].cam_from_base.value() *
          cameras[0].cam_from_base.value().Inverse();
 }

@@ -9,9 +9,6 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-using Cameras = std::vector<CalibratedCamera>;
-using Params = std::vector<double>;
-
 TEST_F(CalibrationTest, Kalibr) {
   const Cameras cameras = ReadCalibration(Write("camchain.yaml", kKalibr));
   ASSERT_EQ(cameras.size(), 3u);

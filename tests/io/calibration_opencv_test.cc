@@ -9,9 +9,6 @@ using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-using Cameras = std::vector<CalibratedCamera>;
-using Params = std::vector<double>;
-
 // EuRoC's sensor.yaml of a camera, with the header of OpenCV.
 constexpr const char* kEuroc = R"(%YAML:1.0
 # General sensor definitions.

@@ -11,8 +11,6 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 
-using Cameras = std::vector<CalibratedCamera>;
-
 class CalibrationRigsTest : public CalibrationTest {
  protected:
   CalibrationRigsTest() {

@@ -5,13 +5,17 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <set>
 
 #include "io/database/database_cleaning.h"
 #include "io/database/sqlite_database.h"
 #include "io/test_database.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/io/database/feature_database.h"
+#include "mgsfm/io/models/scene_loading.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "support/database_rows.h"
 #include "support/subprocess.h"
 
@@ -26,6 +30,12 @@ class DatabaseMerging : public testing::Test {
  protected:
   std::string Path(const std::string& name) const {
     return (dir_.path() / name).string();
+  }
+
+  // Not of all images.
+  static std::optional<Eigen::Vector3d> GravityOf(ImageId id) {
+    if (id.value() % 2 == 0) return std::nullopt;
+    return Eigen::Vector3d(0.1 * id.value(), 1.0, 0.0);
   }
 
   // Stereo images of a sequence with everything that a database can hold.
@@ -59,7 +69,8 @@ class DatabaseMerging : public testing::Test {
       database.WritePosePrior({image.id,
                                PosePriorRow::CoordinateSystem::kWgs84,
                                {47.0, 8.0, 1.0 * image.id.value()},
-                               Eigen::Matrix3d::Identity()});
+                               Eigen::Matrix3d::Identity(),
+                               GravityOf(image.id)});
     }
     return contents;
   }
@@ -168,7 +179,42 @@ TEST_F(DatabaseMerging, KeepsEverythingOfBoth) {
     const DatabaseContents& part = name.substr(0, 4) == "seq1" ? a : b;
     EXPECT_EQ(prior.position.z(), ImageOf(part, name).id.value());
     EXPECT_EQ(prior.coordinate_system, PosePriorRow::CoordinateSystem::kWgs84);
+    EXPECT_EQ(prior.gravity, GravityOf(ImageOf(part, name).id));
   }
+}
+
+TEST_F(DatabaseMerging, KeepsGravityWithoutPositions) {
+  MakeDatabase("a.db", "seq1");
+  const DatabaseContents b = MakeDatabase("b.db", "seq2");
+  const Eigen::Vector3d gravity(0.0, 3.0, 4.0);
+  const auto set_gravity = [&](const Eigen::Vector3d& direction) {
+    FeatureDatabase database(Path("b.db"),
+                             FeatureDatabase::OpenMode::kExisting);
+    PosePriorRow prior;
+    prior.image_id = b.images[1].id;
+    prior.position.setConstant(std::numeric_limits<double>::quiet_NaN());
+    prior.gravity = direction;
+    database.WritePosePrior(prior);
+  };
+  set_gravity(gravity);
+  Merge("merged.db");
+  const LoadedScene loaded = LoadScene(Path("merged.db"), {}, Context());
+  PosePriorOptions options;
+  options.use_prior_gravity = true;
+  const GravityPriors priors =
+      ReadGravity(loaded.scene, Path("merged.db"), options);
+  ASSERT_EQ(priors.images.size(), 8u);
+  for (size_t i = 0; i < priors.images.size(); ++i) {
+    if (loaded.scene.images[i].name == b.images[1].name) {
+      EXPECT_TRUE(priors.images[i]->isApprox(gravity.normalized()));
+    }
+  }
+  // Another direction for the same image.
+  fs::copy_file(Path("b.db"), Path("a.db"),
+                fs::copy_options::overwrite_existing);
+  set_gravity(-gravity);
+  fs::remove(Path("merged.db"));
+  EXPECT_THROW(Merge("merged.db"), Error);
 }
 
 TEST_F(DatabaseMerging, EqualInputGivesEqualFiles) {

@@ -241,6 +241,44 @@ TEST(Exchange, KalibrsChainLeadsToAllCameras) {
   }
 }
 
+TEST(Exchange, SensorsOfEurocHaveTheirPoseInTheRig) {
+  const Simulation drive = Drive(RigPreset::kKitti360);
+  const std::vector<ExportedFile> files = Export("euroc_sensor", drive);
+  ASSERT_EQ(files.size(), drive.scene.sensors.size());
+  for (const ExportedFile& exported : files) {
+    const auto sensor =
+        std::find_if(drive.scene.sensors.begin(), drive.scene.sensors.end(),
+                     [&](const Sensor& s) {
+                       return exported.suffix == "/" + s.name + "/sensor.yaml";
+                     });
+    ASSERT_NE(sensor, drive.scene.sensors.end()) << exported.suffix;
+    const Camera& camera = drive.ground_truth.cameras[sensor->camera_idx];
+    const bool is_pinhole = camera.model == CameraModelId::kPinhole;
+    const cv::FileStorage file = OpenYaml(exported.content);
+    EXPECT_EQ(file["sensor_type"].string(), "camera");
+    EXPECT_EQ(file["camera_model"].string(), "pinhole");
+    const std::vector<double> k = Values(file["intrinsics"]);
+    ExpectIntrinsics(k.at(0), k.at(1), k.at(2), k.at(3), camera);
+    EXPECT_EQ(Values(file["resolution"]).at(0), camera.width_px);
+    EXPECT_EQ(Values(file["resolution"]).at(1), camera.height_px);
+    EXPECT_EQ(file["distortion_model"].string(),
+              is_pinhole ? "radial-tangential" : "equidistant");
+    EXPECT_EQ(Values(file["distortion_coefficients"]),
+              is_pinhole ? std::vector<double>(4, 0.0)
+                         : std::vector<double>(camera.params.begin() + 4,
+                                               camera.params.end()));
+    const std::vector<double> pose = Values(file["T_BS"]["data"]);
+    ASSERT_EQ(pose.size(), 16u);
+    const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> matrix(
+        pose.data());
+    EXPECT_EQ(matrix.row(3), Eigen::RowVector4d(0, 0, 0, 1));
+    const Eigen::Matrix3d rotation = matrix.topLeftCorner<3, 3>();
+    const auto& truth = drive.ground_truth.sensor_from_rig;
+    ExpectPose({Eigen::Quaterniond(rotation), matrix.topRightCorner<3, 1>()},
+               truth[sensor - drive.scene.sensors.begin()]->Inverse());
+  }
+}
+
 TEST(Exchange, CameraInfoHoldsTheIntrinsics) {
   const Simulation drive = Drive(RigPreset::kKitti360);
   const std::vector<ExportedFile> files = Export("camera_info", drive);
@@ -337,7 +375,8 @@ TEST(Exchange, CamerasThatAFormatCannotRepresentAreNamed) {
     camera.model = CameraModelId::kEquirectangular;
     camera.params = {1000.0, 500.0};
   }
-  for (const char* format : {"nvm", "bundler", "kalibr", "camera_info"}) {
+  for (const char* format :
+       {"nvm", "bundler", "kalibr", "euroc_sensor", "camera_info"}) {
     ExpectRefused(format, drive,
                   AllOf(HasSubstr("'cam0'"), HasSubstr("EQUIRECTANGULAR")));
   }

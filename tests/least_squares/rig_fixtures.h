@@ -10,15 +10,9 @@
 #include "geometry/so3.h"
 #include "geometry/test_cameras.h"
 #include "least_squares/rig_problem.h"
-#include "mgsfm/base/context.h"
+#include "support/threads.h"
 
 namespace mgsfm {
-
-inline Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
 
 inline Eigen::Vector3d RandomVector(double size, Random* random) {
   return size *

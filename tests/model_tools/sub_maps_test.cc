@@ -123,6 +123,21 @@ TEST(SubMaps, MissingPartLeavesTwoModels) {
   EXPECT_THAT(joined.sub_maps[1], testing::ElementsAre(0));
 }
 
+TEST(SubMaps, PartWithAnotherRigStaysSeparate) {
+  const SceneModel drive = Drive();
+  std::vector<SceneModel> parts = Parts(drive, 4);
+  Rigid3& pose = *parts[0].reconstruction.sensor_from_rig[1];
+  pose.rotation = ExpSO3({0.0, DegToRad(20.0), 0.0}) * pose.rotation;
+  const JoinedMaps joined = JoinSubMaps(parts, {}, {}, {});
+  ASSERT_EQ(joined.models.size(), 2u);
+  EXPECT_THAT(joined.sub_maps[0], testing::ElementsAre(1, 2, 3));
+  EXPECT_THAT(joined.sub_maps[1], testing::ElementsAre(0));
+  EXPECT_THAT(joined.conflicts[0], testing::HasSubstr("the rig has changed"));
+  const SceneModel& model = joined.models[0];
+  EXPECT_LT(LargestError(model, drive), 1e-6);
+  EXPECT_EQ(joined.frame_blocks[0].size(), model.scene.frames.size());
+}
+
 // The first and the last part have no common frame, but matches.
 TEST(SubMaps, MatchesCloseALoop) {
   const SceneModel drive = Drive();

@@ -4,13 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <numeric>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
 
-#include "base/random.h"
+#include "support/orders.h"
 
 namespace mgsfm {
 namespace {
@@ -18,28 +17,13 @@ namespace {
 constexpr int kNumFrames = 80;
 constexpr int kPartSize = 20;
 
-std::vector<int> InOrder() {
-  std::vector<int> order(kNumFrames);
-  std::iota(order.begin(), order.end(), 0);
-  return order;
-}
-
-std::vector<int> Shuffled() {
-  std::vector<int> order = InOrder();
-  Random random(1);
-  for (size_t i = order.size(); i > 1; --i) {
-    std::swap(order[i - 1], order[random.Index(static_cast<uint32_t>(i))]);
-  }
-  return order;
-}
-
 enum class Verdict { kUsed, kDiscontinuous, kUnused };
 
 // The frame of rank k in time has the index order[k]. Neighbours are connected
 // within each of four parts A, B, C, D of kPartSize frames.
 class Drive {
  public:
-  explicit Drive(std::vector<int> order = InOrder())
+  explicit Drive(std::vector<int> order = InOrder(kNumFrames))
       : order_(std::move(order)) {
     scene_.rigs.push_back({RigId(1), 0, {0}});
     std::vector<int> rank_of_frame(kNumFrames);
@@ -94,7 +78,8 @@ void ContestTwoCuts(Drive* drive) {
 }
 
 TEST(ContestedCutsTest, LoopsAcrossThemAreFound) {
-  for (const std::vector<int>& order : {InOrder(), Shuffled()}) {
+  for (const std::vector<int>& order :
+       {InOrder(kNumFrames), Shuffled(kNumFrames)}) {
     Drive drive(order);
     ContestTwoCuts(&drive);
     const std::vector<size_t> across = {

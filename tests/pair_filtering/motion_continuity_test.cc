@@ -6,13 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "base/random.h"
 #include "geometry/so3.h"
+#include "support/orders.h"
 
 namespace mgsfm {
 namespace {
@@ -21,21 +21,6 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr int kNumFrames = 60;
-
-std::vector<int> InOrder() {
-  std::vector<int> order(kNumFrames);
-  std::iota(order.begin(), order.end(), 0);
-  return order;
-}
-
-std::vector<int> Shuffled() {
-  std::vector<int> order = InOrder();
-  Random random(1);
-  for (size_t i = order.size(); i > 1; --i) {
-    std::swap(order[i - 1], order[random.Index(static_cast<uint32_t>(i))]);
-  }
-  return order;
-}
 
 std::vector<double> Regular() {
   std::vector<double> times_s(kNumFrames);
@@ -72,7 +57,7 @@ class Drive {
   using RigFromWorld = std::function<Rigid3(double time)>;
 
   explicit Drive(const RigFromWorld& rig_from_world,
-                 std::vector<int> order = InOrder(),
+                 std::vector<int> order = InOrder(kNumFrames),
                  const std::vector<double>& times_s = Regular())
       : order_(std::move(order)), steps_(kNumFrames - 1) {
     scene_.rigs.push_back({RigId(1), 0, {0}});
@@ -147,7 +132,8 @@ class Drive {
 };
 
 TEST(MotionContinuityTest, ALorryThatKeepsItsDistanceIsExposed) {
-  for (const std::vector<int>& order : {InOrder(), Shuffled()}) {
+  for (const std::vector<int>& order :
+       {InOrder(kNumFrames), Shuffled(kNumFrames)}) {
     Drive drive(Bend, order);
     drive.AddWorld(0, 15, 0.9);
     drive.AddObject(15, 45, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.7);
@@ -253,7 +239,7 @@ TEST(MotionContinuityTest, JerkyMotionIsAcceptedIfNothingContradictsIt) {
 TEST(MotionContinuityTest, SpeedsFollowCaptureTimes) {
   std::vector<double> times_s = Regular();
   for (int k = 30; k < kNumFrames; ++k) times_s[k] += 0.2;
-  Drive drive(Straight, Shuffled(), times_s);
+  Drive drive(Straight, Shuffled(kNumFrames), times_s);
   drive.AddWorld(0, kNumFrames - 1, 0.3);
   drive.AddObject(29, 30, drive.TrueMotion(0, 1), 0.6);
   drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);

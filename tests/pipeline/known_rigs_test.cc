@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pipeline/mapper.h"
@@ -48,6 +49,27 @@ TEST(KnownRigsTest, TrueRigsPass) {
       EXPECT_EQ(ErrorOf(DriveWithKnownRig(rig, path)), "");
     }
   }
+}
+
+// All large rotations between the frames of a straight drive are wrong.
+TEST(KnownRigsTest, WrongPairsOfAStraightDriveAreNoContradiction) {
+  Simulation simulation =
+      DriveWithKnownRig(RigPreset::kStereo, PathPreset::kStraight);
+  EXPECT_EQ(ErrorOf(simulation), "");
+  Random random(1, 0);
+  size_t num_wrong = 0;
+  for (ImagePair& pair : simulation.view_graph.pairs) {
+    const Image& image1 = simulation.scene.images[pair.image_idx1];
+    const Image& image2 = simulation.scene.images[pair.image_idx2];
+    if (image1.sensor_idx != image2.sensor_idx || !pair.relative_pose) continue;
+    Eigen::Vector3d turn;
+    for (int k = 0; k < 3; ++k) turn[k] = random.Uniform(-1.0, 1.0);
+    pair.relative_pose->cam2_from_cam1 =
+        ExpSO3(turn) * pair.relative_pose->cam2_from_cam1;
+    ++num_wrong;
+  }
+  EXPECT_GT(num_wrong, 40u);
+  EXPECT_EQ(ErrorOf(simulation), "");
 }
 
 TEST(KnownRigsTest, UnknownPosesAreNotJudged) {

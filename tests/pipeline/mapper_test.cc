@@ -9,15 +9,10 @@
 #include "mgsfm/synthetic/simulation.h"
 #include "support/model_comparison.h"
 #include "support/permuted_ids.h"
+#include "support/threads.h"
 
 namespace mgsfm {
 namespace {
-
-Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
 
 SimulationOptions NoisyDrive(RigPreset rig, PathPreset path) {
   SimulationOptions options;

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import select
+import signal
 import subprocess
 import tempfile
 import time
@@ -25,7 +26,7 @@ class Browser:
     """A browser; at the end of the `with` block it is closed."""
 
     def __init__(self, program="chromium", width=1280, height=900):
-        self.folder = tempfile.TemporaryDirectory()
+        self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         read_end, self.to_browser = os.pipe()
         self.from_browser, write_end = os.pipe()
 
@@ -41,7 +42,7 @@ class Browser:
             [program, *FLAGS, f"--window-size={width},{height}",
              f"--user-data-dir={self.folder.name}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            preexec_fn=connect, close_fds=False)
+            preexec_fn=connect, close_fds=False, start_new_session=True)
         os.close(read_end)
         os.close(write_end)
         self.received = b""
@@ -52,7 +53,8 @@ class Browser:
         return self
 
     def __exit__(self, *_):
-        self.process.kill()
+        # With its children, which would go on writing to the folder.
+        os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
         os.close(self.to_browser)
         os.close(self.from_browser)

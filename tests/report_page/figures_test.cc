@@ -11,6 +11,7 @@
 #include "eval/svg.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "report_page/chart_parts.h"
+#include "report_page/label_placement.h"
 #include "report_page/svg_raster.h"
 
 namespace mgsfm {
@@ -172,6 +173,56 @@ TEST_F(Figures, OfAnEmptyModelDoNotExist) {
     EXPECT_NE(figure.name, "trajectory");
     EXPECT_NE(figure.name, "residuals");
   }
+}
+
+// The boxes of the texts in a drawing, by text.
+std::vector<std::pair<std::string, Eigen::AlignedBox2d>> TextBoxes(
+    const std::string& svg) {
+  const std::regex element("<text x='([^']*)' y='([^']*)'[^>]*>([^<]*)</text>");
+  std::vector<std::pair<std::string, Eigen::AlignedBox2d>> boxes;
+  for (auto found = std::sregex_iterator(svg.begin(), svg.end(), element);
+       found != std::sregex_iterator(); ++found) {
+    const Eigen::Vector2d middle(std::stod((*found)[1]),
+                                 std::stod((*found)[2]) - 4.0);
+    const Eigen::Vector2d size = LabelPlacement::SizeOf((*found)[3]);
+    boxes.emplace_back(
+        (*found)[3],
+        Eigen::AlignedBox2d(middle - 0.5 * size + Eigen::Vector2d(0.1, 0.1),
+                            middle + 0.5 * size - Eigen::Vector2d(0.1, 0.1)));
+  }
+  return boxes;
+}
+
+// Cameras of a helmet: close together, and one behind the other from above.
+TEST(RigFigure, LabelsDoNotOverlap) {
+  SimulationOptions options;
+  options.num_frames = 4;
+  options.rig = RigPreset::kKitti360;
+  Simulation drive = Simulate(options);
+  for (size_t i = 0; i < drive.scene.sensors.size(); ++i) {
+    drive.scene.sensors[i].name = "camera_number_" + std::to_string(i);
+    auto& pose = drive.ground_truth.sensor_from_rig[i];
+    const Eigen::Vector3d center(0.02 * static_cast<double>(i), 0.0, 0.0);
+    pose = Rigid3::FromRotationAndCenter(pose->rotation, center);
+  }
+  for (const Figure& figure :
+       MakeFigures({"", drive.scene, drive.ground_truth}, {})) {
+    if (figure.name != "rig") continue;
+    std::vector<Eigen::AlignedBox2d> labels;
+    for (const auto& [text, box] : TextBoxes(figure.svg)) {
+      if (text.find("camera_number") == 0) labels.push_back(box);
+    }
+    ASSERT_EQ(labels.size(), 2 * drive.scene.sensors.size());
+    for (size_t i = 0; i < labels.size(); ++i) {
+      for (size_t k = 0; k < i; ++k) {
+        EXPECT_FALSE(labels[i].intersects(labels[k])) << i << " " << k;
+      }
+    }
+    // The report does not state a unit.
+    EXPECT_THAT(figure.svg, HasSubstr(" unit"));
+    return;
+  }
+  ADD_FAILURE() << "no figure of the rig";
 }
 
 }  // namespace

@@ -9,6 +9,8 @@
 
 #include "mgsfm/synthetic/simulation.h"
 #include "report_page/statistics.h"
+#include "report_page/thumbnails.h"
+#include "support/temp_dir.h"
 
 namespace mgsfm {
 namespace {
@@ -38,6 +40,31 @@ Json Header(const std::string& page) {
   const std::string begin = "id=\"header\">";
   const size_t at = page.find(begin) + begin.size();
   return Json::parse(page.substr(at, page.find("</script>", at) - at));
+}
+
+// A small file that states 4 billion pixels is not decoded, and decoders print
+// nothing.
+TEST(Thumbnails, HaveABudgetOfPixels) {
+  const TempDir dir;
+  Simulation drive = SmallDrive();
+  drive.scene.images.erase(drive.scene.images.begin() + 3,
+                           drive.scene.images.end());
+  drive.scene.frames.erase(drive.scene.frames.begin() + 1,
+                           drive.scene.frames.end());
+  drive.scene.frames[0].image_idxs = {0, 1, 2};
+  const std::string files[] = {"P5 64 48 255\n" + std::string(64 * 48, 'a'),
+                               "P5 65536 65536 255\n123", "P5 64 48 255\n1"};
+  for (int i = 0; i < 3; ++i) {
+    drive.scene.images[i].name = std::to_string(i) + ".pgm";
+    WriteTextFile(dir.path() / drive.scene.images[i].name, files[i]);
+  }
+  testing::internal::CaptureStderr();
+  const std::vector<Thumbnail> thumbnails =
+      MakeThumbnails(drive.scene, dir.path().string(), 100'000, {});
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  ASSERT_EQ(thumbnails.size(), 1u);
+  EXPECT_EQ(thumbnails[0].image_idx, 0);
+  EXPECT_EQ(thumbnails[0].jpeg.substr(0, 2), "\xff\xd8");
 }
 
 TEST(Statistics, AreThoseOfProjectionsOneByOne) {
@@ -102,6 +129,21 @@ TEST(ReportPage, StatesWarningsOfTheReportFirst) {
                     HasSubstr("f&lt;/td&gt;"), Not(HasSubstr("No warning"))));
   EXPECT_LT(page.find("too dark"), page.find("id=\"view\""));
   EXPECT_THAT(Page(drive), HasSubstr("No warning"));
+}
+
+TEST(ReportPage, LengthsHaveTheUnitOfTheSummary) {
+  const Simulation drive = SmallDrive();
+  const auto page = [&](const std::string& unit) {
+    return Page(drive, R"({"summary": {"models": [{"unit_of_length": ")" +
+                           unit + R"("}]}})");
+  };
+  EXPECT_THAT(page("metric, that of the known rig"),
+              AllOf(HasSubstr("centre in the rig [m]"),
+                    Not(HasSubstr("centre in the rig [units]"))));
+  for (const std::string& arbitrary : {page("arbitrary scale"), Page(drive)}) {
+    EXPECT_THAT(arbitrary, AllOf(HasSubstr("centre in the rig [units]"),
+                                 Not(HasSubstr("in the rig [m]"))));
+  }
 }
 
 TEST(ReportPage, IgnoresReportsOfOtherKinds) {

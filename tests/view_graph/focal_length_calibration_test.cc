@@ -6,16 +6,11 @@
 #include <cmath>
 
 #include "mgsfm/synthetic/simulation.h"
+#include "support/threads.h"
 #include "view_graph/focal_pair.h"
 
 namespace mgsfm {
 namespace {
-
-Context Threads(int num_threads) {
-  Context context;
-  context.num_threads = num_threads;
-  return context;
-}
 
 Simulation Drive(RigPreset rig, PathPreset path) {
   SimulationOptions options;

@@ -25,21 +25,26 @@ folder=$(mktemp -d /tmp/mgsfm_workflow.XXXXXX)
 snakemake_pid=
 killer_pid=
 end() {
-  for pid in $killer_pid $snakemake_pid; do kill "$pid" 2>/dev/null || true; done
+  for pid in $killer_pid $(cat "$folder"/*_work.pid 2>/dev/null); do
+    kill "$pid" 2>/dev/null || true
+  done
   [ ! -e "$folder/slurm" ] || stop_slurm "$folder/slurm"
   rm -rf "$folder"
 }
 trap end EXIT
 
-# run_workflow PROFILE WORK [FLAG ...]
+# run_workflow PROFILE WORK [FLAG ...]. WORK.pid has the process id of Snakemake
+# while it runs.
 run_workflow() {
-  local profile=$1 work=$2
+  local profile=$1 work=$2 result=0
   shift 2
-  (cd "$folder" && exec snakemake \
+  (cd "$folder" && echo "$BASHPID" >"$work.pid" && exec snakemake \
     --snakefile "$source_folder/workflow/Snakefile" \
     --profile "$source_folder/workflow/profiles/$profile" --nolock "$@" \
     --config mgsfm="$mgsfm" images="$images" work="$work" \
-    "${settings[@]}" >>"$work.log" 2>&1)
+    "${settings[@]}" >>"$work.log" 2>&1) || result=$?
+  rm -f "$work.pid"
+  return $result
 }
 settings=(threads=1 images_per_shard=20 images_per_match_shard=30 num_clusters=1
   "rig_options=--rig_config_path $source_folder/data/rendered_rig/rig_config.json"
@@ -54,7 +59,7 @@ kill_jobs() {
     [ ${#pids[@]} -gt 0 ] || continue
     kill -KILL "${pids[RANDOM % ${#pids[@]}]}" 2>/dev/null || continue
     echo x >>"$folder/kills"
-    [ "$(wc -l <"$folder/kills")" -lt "${MAX_KILLS:-6}" ] || return 0
+    [ "$(wc -l <"$folder/kills")" -lt "${MAX_KILLS:-10}" ] || return 0
   done
 }
 
@@ -80,7 +85,7 @@ until [ -e "$folder/slurm_work/features.db" ] ||
   kill -0 $snakemake_pid 2>/dev/null || fail "Snakemake ended early"
   sleep 0.2
 done
-kill -KILL $snakemake_pid 2>/dev/null || true
+kill -KILL "$(cat "$folder/slurm_work.pid")" 2>/dev/null || true
 wait $snakemake_pid 2>/dev/null || true
 # Jobs of the killed Snakemake may still run; it would start them twice.
 scancel --user="$(id -un)"

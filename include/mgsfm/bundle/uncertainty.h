@@ -87,6 +87,11 @@ struct FocalLengthCheck {
   std::string message;
 };
 
+// Whether this is the focal length that feature extraction assumes without
+// knowledge, 1.2 times the larger image side, as COLMAP does.
+[[nodiscard]] bool IsAssumedFocalLength(const Camera& camera,
+                                        double focal_length_px);
+
 // Checks each camera with observations whose focal length is refined. `scene`
 // has the values before refinement; `options` and `priors` are those of the
 // adjustment. Computes nothing if no focal length is refined.

@@ -89,7 +89,8 @@ struct MergeSummary {
 //
 // Throws Error, naming images or cameras, if there are too few common images,
 // or if the models contradict each other: in rigs, frames, camera models,
-// keypoints, or sensor poses by more than 5 degrees.
+// keypoints, or sensor poses by more than 5 degrees. The first is as it was
+// then.
 MergeSummary MergeModels(SceneModel second, const MergeOptions& options,
                          SceneModel* first);
 

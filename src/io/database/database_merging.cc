@@ -71,7 +71,9 @@ bool AreEqual(const TwoViewGeometryRow& a, const TwoViewGeometryRow& b) {
 
 bool AreEqual(const PosePriorRow& a, const PosePriorRow& b) {
   return a.coordinate_system == b.coordinate_system &&
-         a.position == b.position && a.covariance == b.covariance;
+         (a.position == b.position ||
+          (!a.position.allFinite() && !b.position.allFinite())) &&
+         a.covariance == b.covariance && a.gravity == b.gravity;
 }
 
 // ------------------------------------------------------------------- pairs
@@ -210,7 +212,6 @@ class DatabaseCopier {
   void CopyKeypoints();
   void CopyDescriptors();
   void CopyPriors();
-  void WarnOfGravity() const;
   // nullptr for rows left behind by an image that was deleted.
   const ImageRow* Find(int64_t id) const {
     const auto found = positions_->find(id);
@@ -275,29 +276,16 @@ void DatabaseCopier::CopyPriors() {
   while (row.Step()) {
     PosePriorRow prior = DecodePosePrior(row);
     const ImageRow* image = Find(prior.image_id.value());
-    if (image == nullptr || !prior.position.allFinite()) continue;
+    const bool is_empty = !prior.position.allFinite() && !prior.gravity;
+    if (image == nullptr || is_empty) continue;
     prior.image_id = image->id;
     if (structure_.has_common_images) {
       const auto [other, is_new] = priors_.emplace(image->id, prior);
       if (!is_new && !AreEqual(other->second, prior)) {
-        ThrowDifferent("the position priors", *image);
+        ThrowDifferent("the pose priors", *image);
       }
     }
     output_.WritePosePrior(prior);
-  }
-  WarnOfGravity();
-}
-
-void DatabaseCopier::WarnOfGravity() const {
-  const std::string query = PriorGravityQuery(*database_);
-  if (query.empty()) return;
-  SqliteStatement gravity = database_->Prepare(query);
-  while (gravity.Step()) {
-    const auto direction = DecodeVector3(gravity.Blob(1));
-    if (!direction || !direction->allFinite()) continue;
-    context_.Warning("the directions of gravity in '" + database_->path() +
-                     "' are not copied; provide them as a file (gravity_path)");
-    return;
   }
 }
 

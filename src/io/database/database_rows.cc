@@ -97,13 +97,15 @@ std::string PosePriorQuery(const SqliteDatabase& database) {
   const std::set<std::string> columns = database.Columns("pose_priors");
   const std::string covariance =
       columns.count("position_covariance") > 0 ? "position_covariance" : "NULL";
+  const std::string gravity = columns.count("gravity") > 0 ? "gravity" : "NULL";
   if (columns.count("corr_data_id") > 0) {
     return "SELECT corr_data_id, position, " + covariance +
-           ", coordinate_system FROM pose_priors WHERE corr_sensor_type = " +
+           ", coordinate_system, " + gravity +
+           " FROM pose_priors WHERE corr_sensor_type = " +
            std::to_string(kCameraSensorType) + " ORDER BY corr_data_id";
   }
-  return "SELECT image_id, position, " + covariance +
-         ", coordinate_system FROM pose_priors ORDER BY image_id";
+  return "SELECT image_id, position, " + covariance + ", coordinate_system, " +
+         gravity + " FROM pose_priors ORDER BY image_id";
 }
 
 std::string PriorGravityQuery(const SqliteDatabase& database) {
@@ -137,6 +139,8 @@ PosePriorRow DecodePosePrior(const SqliteStatement& row) {
   }
   prior.coordinate_system =
       static_cast<PosePriorRow::CoordinateSystem>(row.Int(3));
+  const auto gravity = DecodeVector3(row.Blob(4));
+  if (gravity && gravity->allFinite()) prior.gravity = gravity;
   return prior;
 }
 

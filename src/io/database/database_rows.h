@@ -49,13 +49,14 @@ std::string TwoViewGeometryQuery(const SqliteDatabase& database,
 void DecodeTwoViewGeometry(const SqliteStatement& row, const std::string& path,
                            const std::string& name, TwoViewGeometryRow* pair);
 
-// "SELECT image, position, covariance, coordinate system FROM pose_priors", for
-// all layouts of the table; that of 3.8 is in `images` and is not read.
+// "SELECT image, position, covariance, coordinate system, gravity FROM
+// pose_priors", for all layouts of the table; that of 3.8 is in `images` and is
+// not read.
 std::string PosePriorQuery(const SqliteDatabase& database);
 // "SELECT image, gravity FROM pose_priors", likewise; "" if it has none.
 std::string PriorGravityQuery(const SqliteDatabase& database);
 std::optional<Eigen::Vector3d> DecodeVector3(const BlobView& blob);
-// The position is not finite if the row has none.
+// The position is not finite if the row has none; gravity is finite or none.
 PosePriorRow DecodePosePrior(const SqliteStatement& row);
 
 // ---------------------------------------------------------------- writing

@@ -85,11 +85,7 @@ std::optional<ImportedImage> ReadImage(const std::string& name,
 // Pixels count from the centre of the image, with y up.
 ImportedPoint ReadPoint(const PlaceOfCamera& place_of_camera,
                         const ImportedModel& model, ImportText* text) {
-  ImportedPoint point;
-  for (double& x : point.point_in_world) {
-    x = text->Number("a coordinate of a point");
-  }
-  for (uint8_t& c : point.color) c = text->Color("a colour from 0 to 255");
+  ImportedPoint point = ReadPositionAndColor(text);
   const uint64_t num_observations = text->Count("a number of observations");
   for (uint64_t i = 0; i < num_observations; ++i) {
     const uint64_t camera = text->Count("the index of a camera");

@@ -22,6 +22,7 @@ constexpr ExchangeFormat kFormats[] = {
     {"kitti", WriteKitti},
     {"euroc", WriteEuroc},
     {"kalibr", WriteKalibr},
+    {"euroc_sensor", WriteEurocSensors},
     {"ros_tf", WriteRosTransforms},
     {"ros_launch", WriteRosLaunch},
     {"camera_info", WriteCameraInfo},

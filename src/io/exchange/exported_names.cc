@@ -17,6 +17,14 @@ std::string Digits(double value) {
   return {digits, std::to_chars(digits, digits + sizeof(digits), printed).ptr};
 }
 
+std::string NumberList(const std::vector<double>& values) {
+  std::string text = "[";
+  for (size_t i = 0; i < values.size(); ++i) {
+    text += (i > 0 ? ", " : "") + Digits(values[i]);
+  }
+  return text + "]";
+}
+
 std::vector<std::string> PlainSensorNames(const Scene& scene) {
   std::vector<std::string> names;
   std::set<std::string> taken;

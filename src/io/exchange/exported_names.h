@@ -11,6 +11,8 @@ namespace mgsfm {
 
 // The shortest number that reads back as this value, in any locale.
 std::string Digits(double value);
+// "[1.5, 2]", as in YAML.
+std::string NumberList(const std::vector<double>& values);
 
 // Names of sensors that serve as file names and as frames of ROS: letters,
 // digits, '_' and '-'; all different.

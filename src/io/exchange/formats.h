@@ -24,6 +24,7 @@ std::vector<ExportedFile> WriteEuroc(const ExportInput& input);
 // Calibrations of the only rig. Pixels count from the centre of the first one
 // there.
 std::vector<ExportedFile> WriteKalibr(const ExportInput& input);
+std::vector<ExportedFile> WriteEurocSensors(const ExportInput& input);
 std::vector<ExportedFile> WriteCameraInfo(const ExportInput& input);
 std::vector<ExportedFile> WriteRosTransforms(const ExportInput& input);
 std::vector<ExportedFile> WriteRosLaunch(const ExportInput& input);

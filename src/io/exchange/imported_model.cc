@@ -137,6 +137,15 @@ Camera MakeRadialCamera(double focal_length_px,
   return camera;
 }
 
+ImportedPoint ReadPositionAndColor(ImportText* text) {
+  ImportedPoint point;
+  for (double& x : point.point_in_world) {
+    x = text->Number("a coordinate of a point");
+  }
+  for (uint8_t& c : point.color) c = text->Color("a colour from 0 to 255");
+  return point;
+}
+
 Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                                 const std::string& image_name,
                                 const fs::path& path) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "io/exchange/import_text.h"
 #include "mgsfm/io/models/model_io.h"
 
 namespace mgsfm {
@@ -47,6 +48,10 @@ Model MakeModel(ImportedModel imported, const std::filesystem::path& path);
 Camera MakeRadialCamera(double focal_length_px,
                         const Eigen::Vector2d& principal_point_px, double k1,
                         double k2, const Eigen::Vector2i& size_px);
+
+// The next words of a file: coordinates and colour of a point, whose track is
+// still empty.
+ImportedPoint ReadPositionAndColor(ImportText* text);
 
 // The size of an image from its file. Throws Error, naming the image and
 // `path`, the file that lacks the size, if image_path is empty or has no such

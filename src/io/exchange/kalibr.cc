@@ -8,21 +8,13 @@
 namespace mgsfm {
 namespace {
 
-std::string List(const std::vector<double>& values) {
-  std::string text = "[";
-  for (size_t i = 0; i < values.size(); ++i) {
-    text += (i > 0 ? ", " : "") + Digits(values[i]);
-  }
-  return text + "]";
-}
-
 std::string Matrix(const Rigid3& b_from_a) {
   const Eigen::Matrix3d rotation = b_from_a.rotation.toRotationMatrix();
   std::string text;
   for (int row = 0; row < 3; ++row) {
     text += "    - " +
-            List({rotation(row, 0), rotation(row, 1), rotation(row, 2),
-                  b_from_a.translation[row]}) +
+            NumberList({rotation(row, 0), rotation(row, 1), rotation(row, 2),
+                        b_from_a.translation[row]}) +
             "\n";
   }
   return text + "    - [0.0, 0.0, 0.0, 1.0]\n";
@@ -38,7 +30,8 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
        OpenCvDistortion::kFieldOfView, OpenCvDistortion::kUnified});
   const std::vector<double>& c = opencv.coefficients;
   std::vector<double> intrinsics = {opencv.fx, opencv.fy, opencv.cx, opencv.cy};
-  std::string model = "pinhole", distortion = "radtan", coefficients = List(c);
+  std::string model = "pinhole", distortion = "radtan",
+              coefficients = NumberList(c);
   if (opencv.distortion == OpenCvDistortion::kEquidistant) {
     distortion = "equidistant";
   } else if (opencv.distortion == OpenCvDistortion::kFieldOfView) {
@@ -51,7 +44,7 @@ std::string CameraText(const ExportInput& input, int sensor_idx,
   }
   return "  camera_model: " + model + "\n  distortion_coeffs: " + coefficients +
          "\n  distortion_model: " + distortion +
-         "\n  intrinsics: " + List(intrinsics) + "\n  resolution: [" +
+         "\n  intrinsics: " + NumberList(intrinsics) + "\n  resolution: [" +
          std::to_string(camera.width_px) + ", " +
          std::to_string(camera.height_px) + "]\n  rostopic: /" + name +
          "/image_raw\n";

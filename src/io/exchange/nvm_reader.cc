@@ -111,11 +111,7 @@ ImportedImage ReadImage(const std::optional<FixedCalibration>& fixed,
 }
 
 ImportedPoint ReadPoint(size_t num_images, ImportText* text) {
-  ImportedPoint point;
-  for (double& x : point.point_in_world) {
-    x = text->Number("a coordinate of a point");
-  }
-  for (uint8_t& c : point.color) c = text->Color("a colour from 0 to 255");
+  ImportedPoint point = ReadPositionAndColor(text);
   const uint64_t num_observations = text->Count("a number of observations");
   for (uint64_t i = 0; i < num_observations; ++i) {
     ImportedObservation observation;

@@ -59,12 +59,9 @@ std::string TransformLaunch(const StaticTransform& transform) {
 
 std::string MatrixYaml(const std::string& name, int rows, int cols,
                        const std::vector<double>& values) {
-  std::string text = name + ":\n  rows: " + std::to_string(rows) +
-                     "\n  cols: " + std::to_string(cols) + "\n  data: [";
-  for (size_t i = 0; i < values.size(); ++i) {
-    text += (i > 0 ? ", " : "") + Digits(values[i]);
-  }
-  return text + "]\n";
+  return name + ":\n  rows: " + std::to_string(rows) +
+         "\n  cols: " + std::to_string(cols) +
+         "\n  data: " + NumberList(values) + "\n";
 }
 
 std::string CameraInfoYaml(const ExportInput& input, int sensor_idx,

@@ -98,6 +98,15 @@ void FileOperations::Sync(const fs::path& path) {
   }
 }
 
+void ManyFileOperations::Sync(const fs::path& path) {
+  if (!fs::is_directory(path)) FileOperations::Sync(path);
+}
+
+void ReplaceFile(const fs::path& path, const std::string& content) {
+  FileOperations operations;
+  ReplaceFile(path, content, &operations);
+}
+
 void ReplaceFile(const fs::path& path, const std::string& content,
                  FileOperations* operations) {
   std::error_code ignored;

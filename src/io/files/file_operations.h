@@ -30,10 +30,19 @@ class FileOperations {
   virtual void Sync(const std::filesystem::path& path);
 };
 
+// For many files, each of which a later run can write again. The content is on
+// the disk before a file gets its name, as a later run takes it for complete;
+// names wait for the caller to sync the folders.
+class ManyFileOperations : public FileOperations {
+ public:
+  void Sync(const std::filesystem::path& path) override;
+};
+
 // Writes a file. An earlier one stays as it is until the new one is complete,
 // unless it is no regular file, such as a pipe. Throws Error on failure.
 void ReplaceFile(const std::filesystem::path& path, const std::string& content,
                  FileOperations* operations);
+void ReplaceFile(const std::filesystem::path& path, const std::string& content);
 
 // Removes a folder with everything in it, one Remove per entry.
 void RemoveTree(const std::filesystem::path& folder,

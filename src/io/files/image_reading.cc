@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iostream>
 #include <limits>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -193,17 +194,45 @@ std::optional<ImageSize> ReadSize(const Bytes& file) {
 // Where this thread's messages to stderr go while it decodes.
 thread_local std::string* decoder_messages = nullptr;
 
-// Called by the C library for what is printed to stderr.
-ssize_t WriteMessage(void* terminal, const char* text, size_t size) {
+// Returns false if this thread decodes no image.
+bool KeepMessage(const char* text, size_t size) {
   constexpr size_t kMaxSize = 200;  // reserved below
-  if (decoder_messages == nullptr) {
-    return static_cast<ssize_t>(
-        std::fwrite(text, 1, size, static_cast<std::FILE*>(terminal)));
-  }
+  if (decoder_messages == nullptr) return false;
   decoder_messages->append(text,
                            std::min(size, kMaxSize - decoder_messages->size()));
-  return static_cast<ssize_t>(size);
+  return true;
 }
+
+// Called by the C library for what is printed to stderr.
+ssize_t WriteMessage(void* terminal, const char* text, size_t size) {
+  if (KeepMessage(text, size)) return static_cast<ssize_t>(size);
+  return static_cast<ssize_t>(
+      std::fwrite(text, 1, size, static_cast<std::FILE*>(terminal)));
+}
+
+// The same for C++; some decoders of OpenCV print their exceptions. Without a
+// buffer, so that threads do not disturb each other.
+class ErrorStream : public std::streambuf {
+ public:
+  explicit ErrorStream(std::streambuf* terminal) : terminal_(terminal) {}
+
+ protected:
+  std::streamsize xsputn(const char* text, std::streamsize size) override {
+    if (KeepMessage(text, static_cast<size_t>(size))) return size;
+    return terminal_->sputn(text, size);
+  }
+  int overflow(int character) override {
+    if (character == traits_type::eof()) return 0;
+    const char text = traits_type::to_char_type(character);
+    return xsputn(&text, 1) == 1 ? character : traits_type::eof();
+  }
+  int sync() override {
+    return decoder_messages == nullptr ? terminal_->pubsync() : 0;
+  }
+
+ private:
+  std::streambuf* terminal_;
+};
 
 class MessageCapture {
  public:
@@ -273,7 +302,9 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
 QuietImageLibraries::QuietImageLibraries()
     : num_threads_(cv::getNumThreads()),
       log_level_(cv::utils::logging::getLogLevel()),
-      terminal_(stderr) {
+      terminal_(stderr),
+      error_stream_(std::make_unique<ErrorStream>(std::cerr.rdbuf())),
+      terminal_stream_(std::cerr.rdbuf(error_stream_.get())) {
   cv::setNumThreads(1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   // libjpeg and libpng print to stderr, unless OpenCV asked them not to.
@@ -290,6 +321,7 @@ QuietImageLibraries::~QuietImageLibraries() {
     std::fclose(stderr);
     stderr = terminal_;
   }
+  std::cerr.rdbuf(terminal_stream_);
   cv::setNumThreads(num_threads_);
   cv::utils::logging::setLogLevel(
       static_cast<cv::utils::logging::LogLevel>(log_level_));

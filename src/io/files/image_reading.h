@@ -3,8 +3,10 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <streambuf>
 #include <string>
 
 namespace mgsfm {
@@ -40,7 +42,7 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
 
 // During its lifetime, the libraries that decode images use one thread, and
 // what they print goes into DecodedImage::warning. Messages that others print
-// to stderr are passed on. One object at a time.
+// to stderr or std::cerr are passed on. One object at a time.
 class QuietImageLibraries {
  public:
   QuietImageLibraries();
@@ -52,6 +54,8 @@ class QuietImageLibraries {
   int num_threads_;
   int log_level_;
   std::FILE* terminal_;
+  std::unique_ptr<std::streambuf> error_stream_;
+  std::streambuf* terminal_stream_;
 };
 
 }  // namespace mgsfm

@@ -41,7 +41,8 @@ struct FeatureKeypoint {
 using DescriptorMatrix =
     Eigen::Matrix<uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Measured position of a camera at the time of an image.
+// Measured position of a camera, and direction of gravity in its frame, at the
+// time of an image.
 struct PosePriorRow {
   enum class CoordinateSystem : int {
     kUndefined = -1,
@@ -52,6 +53,7 @@ struct PosePriorRow {
   CoordinateSystem coordinate_system = CoordinateSystem::kUndefined;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   std::optional<Eigen::Matrix3d> covariance;
+  std::optional<Eigen::Vector3d> gravity = {};  // only COLMAP 4 has a column
 };
 
 // A pair with a row, and the number of matches in it, which may be zero.

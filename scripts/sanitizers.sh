@@ -1,0 +1,27 @@
+#!/bin/bash
+# SPDX-License-Identifier: BSD-3-Clause
+# Runs tests under the address and undefined-behaviour sanitizers.
+#   scripts/sanitizers.sh          the tests of all modules
+#   scripts/sanitizers.sh --short  those of code that reads and writes files, and
+#                                  of the geometry below it: the part of .ci/run
+# Further arguments are those of ctest.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+if [ "${1:-}" != --short ]; then
+  scripts/build.sh asan-ubsan
+  exec ctest --preset asan-ubsan -j2 "$@"
+fi
+shift
+
+# mgsfm_NAME_test of tests/base, geometry, scene, io, features, matching, fuzz.
+tests=(base geometry scene
+  calibration database database_merging exchange frames_by_time
+  image_timestamps import model_io point_colors pose_priors rig_config
+  rig_configuration scene_loading staged_output trajectory_io
+  feature_extraction feature_import image_tags sift matching fuzz_corpus)
+targets=("${tests[@]/#/mgsfm_}")
+targets=("${targets[@]/%/_test}")
+scripts/build.sh asan-ubsan --target "${targets[@]}"
+names=$(IFS='|'; echo "${tests[*]}")
+ctest --preset asan-ubsan -j2 -R "^($names)\$" "$@"

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "bundle/problem_builder.h"
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle/block_adjustment.h"
+
+namespace mgsfm {
+
+// The model without its points.
+Reconstruction PosesOf(const Reconstruction& model);
+
+// SolveOnce() by blocks (mgsfm/bundle/block_adjustment.h).
+bool SolveInBlocks(const Scene& scene, const FrameBlocks& blocks,
+                   const BundleAdjustmentOptions& options, RefinedParts parts,
+                   double function_tolerance, const Context& context,
+                   BundleResult* result);
+
+}  // namespace mgsfm
