@@ -10,6 +10,7 @@ namespace mgsfm {
 
 FrameCuts::FrameCuts(int num_frames, const std::vector<GraphEdge>& edges)
     : parent_(num_frames),
+      cut_above_(num_frames),
       depth_(num_frames, 0),
       root_(num_frames),
       enter_(num_frames, 0),
@@ -36,7 +37,9 @@ FrameCuts::FrameCuts(int num_frames, const std::vector<GraphEdge>& edges)
     order_[enter_[frame]] = frame;
   }
   for (const int frame : order_) {
-    if (parent_[frame] != frame) cuts_.push_back({frame, parent_[frame]});
+    if (parent_[frame] == frame) continue;
+    cut_above_[frame] = cuts_.size();
+    cuts_.push_back({frame, parent_[frame]});
   }
 }
 
@@ -77,6 +80,23 @@ std::vector<double> FrameCuts::SmallestToCore(
     const auto& [below, above] = cuts_[k];
     if (CoreIsAbove(k)) {
       smallest[below] = std::min(smallest[above], value_of_cut[k]);
+    }
+  }
+  return smallest;
+}
+
+std::optional<size_t> FrameCuts::SmallestBetween(
+    int frame_idx1, int frame_idx2,
+    const std::vector<double>& value_of_cut) const {
+  if (root_[frame_idx1] != root_[frame_idx2]) return std::nullopt;
+  const int ancestor = CommonAncestor(frame_idx1, frame_idx2);
+  std::optional<size_t> smallest;
+  for (const int end : {frame_idx1, frame_idx2}) {
+    for (int frame = end; frame != ancestor; frame = parent_[frame]) {
+      const size_t cut = *cut_above_[frame];
+      if (!smallest || value_of_cut[cut] < value_of_cut[*smallest]) {
+        smallest = cut;
+      }
     }
   }
   return smallest;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -34,6 +35,12 @@ class FrameCuts {
   std::vector<double> SmallestToCore(
       const std::vector<double>& value_of_cut) const;
 
+  // The cut with the smallest value of those that separate two frames; nullopt
+  // if they are equal or of different trees.
+  std::optional<size_t> SmallestBetween(
+      int frame_idx1, int frame_idx2,
+      const std::vector<double>& value_of_cut) const;
+
   // Adds amounts to all cuts that separate two frames. Frames of different
   // trees do not count.
   class Sums {
@@ -58,7 +65,8 @@ class FrameCuts {
 
   std::vector<Cut> cuts_;  // in depth-first order of frame_below
   // Per frame.
-  std::vector<int> parent_;  // itself for roots
+  std::vector<int> parent_;                       // itself for roots
+  std::vector<std::optional<size_t>> cut_above_;  // nullopt for roots
   std::vector<int> depth_;
   std::vector<int> root_;
   std::vector<int>

@@ -54,14 +54,21 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
   return num_confirmed;
 }
 
-FrameCuts FindCuts(const FramePairIndex& index,
+// Pairs without a confirmed match only join parts that no others join.
+FrameCuts FindCuts(const ConfidenceInput& input,
                    const std::vector<int>& num_confirmed) {
+  const FramePairIndex& index = input.index;
+  const auto is_registered = [&](int frame_idx) {
+    return input.reconstruction.rig_from_world[frame_idx].has_value();
+  };
   std::vector<GraphEdge> edges;
   for (const FramePair& frames : index.frame_pairs()) {
-    if (!frames.IsBetweenFrames()) continue;
+    if (!frames.IsBetweenFrames() || !is_registered(frames.frame_idx1) ||
+        !is_registered(frames.frame_idx2)) {
+      continue;
+    }
     double weight = 0.0;
     for (const size_t i : frames.pair_idxs) weight += num_confirmed[i];
-    if (weight == 0.0) continue;
     edges.push_back({frames.frame_idx1, frames.frame_idx2, weight});
   }
   return {index.num_frames(), edges};
@@ -146,6 +153,18 @@ CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
   return evidence;
 }
 
+// The weakest cut of each jump.
+Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
+               const CutEvidence& evidence) {
+  Mask is_jump(cuts.cuts().size(), false);
+  for (const auto& [frame1, frame2] : input.jumps) {
+    const auto cut =
+        cuts.SmallestBetween(frame1, frame2, evidence.num_confirmed);
+    if (cut) is_jump[*cut] = true;
+  }
+  return is_jump;
+}
+
 std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
                                    const ConfidenceOptions& options) {
   if (evidence.num_tracks[cut_idx] < options.min_num_tracks) {
@@ -186,13 +205,15 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
   MGSFM_CHECK_EQ(input.index.num_pairs(), input.view_graph.pairs.size());
   MGSFM_CHECK_EQ(input.pair_is_used.size(), input.view_graph.pairs.size());
   const std::vector<int> num_confirmed = CountConfirmed(input);
-  const FrameCuts cuts = FindCuts(input.index, num_confirmed);
+  const FrameCuts cuts = FindCuts(input, num_confirmed);
   const CutEvidence evidence = CollectEvidence(input, cuts, num_confirmed);
+  const Mask is_jump = FindJumps(input, cuts, evidence);
   std::vector<double> confidences;
   std::vector<std::pair<double, Seam>> seams;
   for (size_t k = 0; k < cuts.cuts().size(); ++k) {
-    confidences.push_back(evidence.ConfidenceOf(k));
-    if (const auto reason = ReasonOf(evidence, k, options)) {
+    confidences.push_back(is_jump[k] ? 0.0 : evidence.ConfidenceOf(k));
+    if (const auto reason =
+            is_jump[k] ? SeamReason::kJump : ReasonOf(evidence, k, options)) {
       seams.emplace_back(confidences.back(),
                          MakeSeam(input, cuts, evidence, k, *reason));
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/mask.h"
@@ -20,6 +21,8 @@ struct ConfidenceInput {
   const Mask& pair_is_used;  // those whose matches made tracks
   const std::vector<RejectedGroup>& rejected_groups;
   const Reconstruction& reconstruction;
+  // Neighbours in time whose distance contradicts the motion of the rig.
+  std::vector<std::pair<int, int>> jumps = {};
 };
 
 // See mgsfm/confidence/confidence.h. Cost: linear in matches and observations,

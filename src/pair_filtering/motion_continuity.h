@@ -22,14 +22,16 @@ namespace mgsfm {
 // hypotheses are rigid motions with the share of the matches that agree. Over a
 // choice of one hypothesis h for each step, or none,
 //
-//   min sum_k -w log(share_kh) + sum_k C(k', k)
+//   min sum_k (-w log(share_kh) + D_kh) + sum_k C(k', k)
 //       + kSkipCost * number of steps without a hypothesis,
 //   C = a log(1 + (|v_k - v_k'|^2 / s_v^2 + |w_k - w_k'|^2 / s_w^2) / a),
 //
 // with the velocity v and the angular velocity w in the frame of the rig, the
 // previous step k' with a hypothesis, and scales s of kRelativeChange of the
 // larger speed plus a minimum. A hypothesis without a distance continues with
-// the velocity that is closest to the previous one. A sequence may have a real
+// the velocity that is closest to the previous one; D is what that costs: a
+// constant, and a loss of its difference from the measured distances that agree
+// with its direction. A sequence may have a real
 // jump, hence the Cauchy loss, a = kLossScale. A step far from any whose
 // hypotheses disagree must have one: nothing questions it, and a camera in the
 // hand is not smooth.

@@ -16,6 +16,7 @@
 #include "pipeline/metric_scale.h"
 #include "pipeline/model_adjustment.h"
 #include "pipeline/model_extension.h"
+#include "pipeline/motion_jumps.h"
 #include "pipeline/motion_recipe.h"
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
@@ -178,7 +179,10 @@ std::vector<MapperModel> ReconstructComponent(
   AdjustModel(input, options, context, std::move(initial), &model);
   model.confidence =
       EstimateConfidence({scene, index, view_graph, input.pair_is_used,
-                          model.rejected_groups, model.reconstruction},
+                          model.rejected_groups, model.reconstruction,
+                          FindMotionJumps(scene, index, view_graph,
+                                          measurements.length_hints.expected,
+                                          model.reconstruction)},
                          options.confidence);
   if (options.weak_seams == WeakSeams::kSplit &&
       !model.confidence.seams.empty()) {

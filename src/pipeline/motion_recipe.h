@@ -32,7 +32,7 @@ struct MotionOfScene {
 //
 //   depths      of keypoints by pairs within frames (frame_depths.h)
 //   motions     of the rig between consecutive frames that the matches support
-//               (pair_filtering/rig_motions.h)
+//               (motion_hypotheses.h)
 //   path        the smoothest choice (pair_filtering/motion_continuity.h)
 //   pairs       of frames at most kMaxSequentialGap apart, where motions
 //               compete: matches that agree with the path, by the epipolar

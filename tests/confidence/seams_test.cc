@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/synthetic/simulation.h"
@@ -20,6 +21,7 @@ struct Drive {
   Simulation simulation;
   Mask pair_is_used;
   std::vector<RejectedGroup> rejected_groups;
+  std::vector<std::pair<int, int>> jumps;
 
   Drive() {
     SimulationOptions options;
@@ -81,7 +83,7 @@ struct Drive {
     const FramePairIndex index = Index();
     return EstimateConfidence(
         {simulation.scene, index, simulation.view_graph, pair_is_used,
-         rejected_groups, simulation.ground_truth},
+         rejected_groups, simulation.ground_truth, jumps},
         {});
   }
 };
@@ -128,6 +130,31 @@ TEST(Seams, AreWhereManyPairsDisagree) {
   EXPECT_EQ(seam.reason, SeamReason::kContradicted);
   EXPECT_EQ(seam.frame_idxs_beyond, FramesBeyond());
   EXPECT_GT(seam.num_against, seam.num_confirmed);
+}
+
+TEST(Seams, AreWhereNoPointCrosses) {
+  Drive drive;
+  drive.KeepCrossingPoints(0);
+  const Confidence confidence = drive.Estimate();
+  ASSERT_FALSE(confidence.seams.empty());
+  EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTracks);
+  EXPECT_EQ(confidence.seams[0].num_tracks, 0);
+  EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  EXPECT_FALSE(confidence.seams[0].sigma_position.has_value());
+}
+
+// Though many points cross the cut, the rig cannot have moved that way.
+TEST(Seams, AreWhereNeighboursJump) {
+  Drive drive;
+  drive.KeepCrossingPoints(80);
+  drive.jumps = {{kFirstBeyond - 1, kFirstBeyond}};
+  const Confidence confidence = drive.Estimate();
+  ASSERT_EQ(confidence.seams.size(), 1u);
+  EXPECT_EQ(confidence.seams[0].reason, SeamReason::kJump);
+  EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  for (int i = 0; i < kNumFrames; ++i) {
+    EXPECT_EQ(*confidence.of_frame[i] == 0.0, i >= kFirstBeyond) << i;
+  }
 }
 
 TEST(Seams, LeaveUnregisteredFramesWithoutConfidence) {

@@ -48,7 +48,7 @@ TEST_P(MovingObjectsTest, LorriesThatKeepTheirDistanceDoNotStopTheRig) {
 
 INSTANTIATE_TEST_SUITE_P(RigsAndSeeds, MovingObjectsTest,
                          testing::Values(std::pair(RigPreset::kStereo, 0),
-                                         std::pair(RigPreset::kStereo, 1),
+                                         std::pair(RigPreset::kKitti360, 1),
                                          std::pair(RigPreset::kKitti360, 2)));
 
 }  // namespace

@@ -31,7 +31,9 @@ namespace mgsfm {
 // and that of a frame is the smallest of the cuts between it and the core, the
 // frame that no cut separates from most others. A cut is a seam if few tracks
 // cross it or if the share against it is large. Wrong models break at seams:
-// robust averaging decides there by a few votes.
+// robust averaging decides there by a few votes. In a sequence, a jump between
+// neighbours in time contradicts the motion of the rig; the weakest cut between
+// them is a seam, too, with confidence 0.
 //
 // The uncertainty of a seam is that of a rigid motion of one side against the
 // other, with both sides and the noise of keypoints fixed and the points that
@@ -55,13 +57,15 @@ struct ConfidenceOptions {
 enum class SeamReason {
   kFewTracks,     // few observations tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
+  kJump,          // neighbours in time are not where the rig moved
 };
 
 template <>
 struct EnumTable<SeamReason> {
   static constexpr std::pair<std::string_view, SeamReason> kNames[] = {
       {"few_tracks", SeamReason::kFewTracks},
-      {"contradicted", SeamReason::kContradicted}};
+      {"contradicted", SeamReason::kContradicted},
+      {"jump", SeamReason::kJump}};
 };
 
 struct Seam {

@@ -38,9 +38,8 @@ namespace mgsfm {
 //    two components is rejected if it has no triplet support and other pairs
 //    contradict it. The components then stay apart.
 // 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
-// object
-//    that moves along with the rig imply that it stands still. Of the motions
-//    that matches support, the smoothest choice exposes them.
+//    object that moves along with the rig imply that it stands still. Of the
+//    motions that matches support, the smoothest choice exposes them.
 // 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate.
