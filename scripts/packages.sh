@@ -84,7 +84,7 @@ test_packages() {
   make_chroot
   echo "== install and run"
   local start=$SECONDS downloaded
-  # As docs/guides/install.md says, with what the dependencies recommend.
+  # This is the command of docs/guides/install.md, with recommended packages.
   local install='cd /packages && apt-get install -qq \
     ./mgsfm_*.deb ./python3-mgsfm_*.deb >/var/log/install.log'
   in_chroot "${install/install -qq/install -qq --download-only}"

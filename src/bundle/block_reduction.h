@@ -37,7 +37,7 @@ class SummedSystem {
   // Adds the equations of a block after Linearize(lambda).
   void Add(const std::vector<int>& unknowns, const RigEquationsBase& equations,
            const Mask& is_held);
-  // After the last block.
+  // Ends the reduction after the last block.
   void Finish();
   // Changes lambda.
   void Damp(double lambda);

@@ -15,7 +15,8 @@
 namespace mgsfm {
 namespace {
 
-// Before Linearize() has set another one; that of the trust-region loop.
+// The trust-region loop starts with this value, before Linearize() sets
+// another.
 constexpr double kInitialLambda = 1e-4;
 
 // The points of a block.

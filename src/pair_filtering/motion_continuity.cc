@@ -290,7 +290,7 @@ class MotionSearch {
     return skip_cost_before_[end] - skip_cost_before_[begin];
   }
 
-  // Of a free distance that differs from those by matches with depth.
+  // The cost of a free distance that differs from those by matches with depth.
   static double CostOfDistance(const Candidate& candidate,
                                const Vector3d& center) {
     double lowest = candidate.measured_centers.empty()

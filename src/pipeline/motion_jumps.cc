@@ -10,7 +10,7 @@
 namespace mgsfm {
 namespace {
 
-// As for the baselines of pairs (pair_filtering.h).
+// The bound on the baselines of pairs (pair_filtering.h).
 constexpr double kMaxRelativeError = 0.5;
 // The expected motion is less certain where a rig brakes: with 0.2, the end of
 // a sound drive was a jump.

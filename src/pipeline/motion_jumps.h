@@ -12,10 +12,10 @@
 
 namespace mgsfm {
 
-// Where a model contradicts the motion of the rig: neighbours in time whose
-// distance differs from the expected one by more than half of the larger of
-// both, and by more than a typical step. A cut that few correct
-// pairs cross can leave the distance open, and a wrong pair decides it.
+// Finds where a model contradicts the motion of the rig: neighbours in time
+// whose distance differs from the expected one by more than half of the larger
+// of both, and by more than a typical step. A cut that few correct pairs cross
+// can leave the distance open, and a wrong pair decides it.
 //
 // `expected_length` per pair of the view graph, in one unit, which is the
 // median ratio of distances in the model and expected ones. Of the image pairs

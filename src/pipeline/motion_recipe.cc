@@ -389,7 +389,7 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// Of pairs that have a baseline on the path.
+// The lengths of pairs that have a baseline on the path.
 std::vector<std::optional<double>> LengthsNearObjects(
     const MotionProblem& problem, const Mask& is_near_object,
     const std::vector<ExpectedPair>& expected) {

@@ -31,7 +31,8 @@ constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
 // Of lengths that are equal if the cameras of the rig trigger simultaneously.
 constexpr double kEqualLengthSigma = 0.05;
-// Of expected lengths. Chosen: a tenth of the weight of a measured ratio.
+// The error of expected lengths. Chosen: links by matches have 40 times the
+// weight.
 constexpr double kExpectedLengthSigma = 0.2;
 // A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;

@@ -28,7 +28,7 @@ struct PairScales {
   double typical_depth = 0.0;
 };
 
-// What is known of the lengths of baselines beside the depths of their matches.
+// Knowledge of the lengths of baselines beside the depths of their matches.
 struct LengthHints {
   // Sets of pairs of the same length, as two cameras of a rig have in all
   // frames.

@@ -16,7 +16,7 @@ namespace mgsfm {
 // Simulate.
 class SharedDriveTest : public testing::Test {
  protected:
-  // With arguments of `mgsfm simulate`.
+  // Simulates a drive; `arguments` are those of `mgsfm simulate`.
   static void Simulate(const std::string& arguments) {
     shared_ = std::make_unique<TempDir>();
     const CommandOutput output =

@@ -11,15 +11,15 @@
 namespace mgsfm {
 
 constexpr int kManyRuns = 6;
-// For commands whose steps are mostly those of others; scripts/faults.sh sweeps
-// over all calls.
+// The steps of some commands are mostly those of others. scripts/faults.sh
+// sweeps over all calls.
 constexpr int kFewRuns = 1;
 
 struct FaultCase {
   std::string name;
   std::string arguments;  // in the folder in which it runs
-  // What is written is complete at every instant, or not there. Otherwise the
-  // next run continues with what is there.
+  // The output is complete at every instant, or not there. Otherwise the next
+  // run continues with what is there.
   bool is_atomic = true;
   bool is_in_place = false;  // the output is the input
   int max_runs = kManyRuns;  // per kind of fault

@@ -112,6 +112,21 @@ TEST(BaselineDirectionsTest, ThreadsDoNotMatter) {
   }
 }
 
+// All scales are the true lengths in one unit, which it returns.
+double ExpectTrueLengths(const TranslationInput& input,
+                         const std::vector<BaselineDirection>& baselines,
+                         const PairScales& scales) {
+  double unit = 0.0;
+  for (size_t i = 0; i < baselines.size(); ++i) {
+    if (!scales.pairs[i]) continue;
+    const double ratio =
+        TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale;
+    if (unit == 0.0) unit = ratio;
+    EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
+  }
+  return unit;
+}
+
 TEST(ScaleAveragingTest, ExactDepthsGiveTheLengths) {
   for (const PathPreset path : {PathPreset::kCurve, PathPreset::kStraight}) {
     SimulationOptions options = Curve();
@@ -123,14 +138,7 @@ TEST(ScaleAveragingTest, ExactDepthsGiveTheLengths) {
         baselines, static_cast<int>(input.simulation.scene.images.size()),
         Context());
     ASSERT_EQ(scales.group_sizes.size(), 1u);
-    double unit = 0.0;
-    for (size_t i = 0; i < baselines.size(); ++i) {
-      if (!scales.pairs[i]) continue;
-      const double ratio =
-          TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale;
-      if (unit == 0.0) unit = ratio;
-      EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
-    }
+    const double unit = ExpectTrueLengths(input, baselines, scales);
     EXPECT_GT(scales.typical_depth * unit, 2.0);
     EXPECT_LT(scales.typical_depth * unit, 30.0);
   }
@@ -178,14 +186,7 @@ TEST(ScaleAveragingTest, ExpectedLengthsLinkPairsWithoutDepths) {
   const PairScales scales =
       AverageScales(baselines, num_images, Context(), hints);
   ASSERT_EQ(scales.group_sizes.size(), 1u);
-  double unit = 0.0;
-  for (size_t i = 0; i < baselines.size(); ++i) {
-    if (!scales.pairs[i]) continue;
-    const double ratio =
-        TrueBaseline(input, baselines[i]).norm() / scales.pairs[i]->scale;
-    if (unit == 0.0) unit = ratio;
-    EXPECT_NEAR(ratio / unit, 1.0, 1e-6);
-  }
+  ExpectTrueLengths(input, baselines, scales);
 }
 
 TEST(ScaleAveragingTest, NoPairsAtAll) {

@@ -30,9 +30,9 @@ class FileOperations {
   virtual void Sync(const std::filesystem::path& path);
 };
 
-// For many files, each of which a later run can write again. The content is on
-// the disk before a file gets its name, as a later run takes it for complete;
-// names wait for the caller to sync the folders.
+// Writes many files, each of which a later run can write again. The content is
+// on the disk before a file gets its name, as a later run takes it for
+// complete; names wait for the caller to sync the folders.
 class ManyFileOperations : public FileOperations {
  public:
   void Sync(const std::filesystem::path& path) override;
