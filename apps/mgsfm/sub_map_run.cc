@@ -219,8 +219,8 @@ void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
 }
 
 void LogMissing(const SubMapFiles& files, const Context& context) {
-  for (size_t i = 0; i < files.missing.size(); ++i) {
-    context.Warning("there is no model in '" + files.missing[i] +
+  for (const std::string& folder : files.missing) {
+    context.Warning("there is no model in '" + folder +
                     "'; frames of this cluster that no other has are missing");
   }
 }

@@ -57,7 +57,7 @@ Mask FindHeldUnknowns(const Scene& scene, const Reconstruction& model,
     if (!model.rig_from_world[i]) continue;
     const Rigid3& pose = *model.rig_from_world[i];
     state.frames.push_back({pose.rotation, pose.Center()});
-    problem.frame_masks.push_back(PoseMask::Ones());
+    problem.frame_masks.emplace_back(PoseMask::Ones());
     first.push_back(unknowns.first_of_frame[i]);
   }
   for (size_t i = 0; i < scene.sensors.size(); ++i) {

@@ -115,7 +115,7 @@ CheckedMotions CheckCycles(const Motions& motions) {
 std::vector<std::pair<int, int>> SelectMotions(const Motions& motions) {
   std::vector<std::pair<double, std::pair<int, int>>> order;
   for (const auto& [frames, motion] : motions) {
-    order.push_back({-motion.rotation.norm(), frames});
+    order.emplace_back(-motion.rotation.norm(), frames);
   }
   std::sort(order.begin(), order.end());
   order.resize(std::min(order.size(), kMaxNumMotions));
