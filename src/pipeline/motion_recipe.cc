@@ -78,7 +78,7 @@ std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
   const FramePair* frames = problem.matches_index.Find(earlier, later);
   if (frames == nullptr) return std::nullopt;
   const Rigid3 expected = path.Between(earlier, later);
-  const auto refined =
+  auto refined =
       RefineRigMotion(problem.MatchesOf(earlier, *frames),
                       kDepthErrorFactor * problem.max_error_px, expected);
   if (!refined || !path.AreSimilar(*refined, expected)) return std::nullopt;
