@@ -31,7 +31,7 @@ constexpr int kMaxNumTrials = 300;
 // wrong by about a degree.
 constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0, 1.0};
 // Loss scale, relative to the bound: that of RANSAC (geometry/absolute_pose.h).
-constexpr double kLossScale = 0.5;
+constexpr double kRefinementLossScale = 0.5;
 const double kLogDepthTolerance = std::log(1.5);
 
 // One image pair, from the image with the points to that with the rays.
@@ -199,7 +199,7 @@ std::optional<Rigid3> RefineRigMotion(const FrameMatches& matches,
     std::vector<CameraPoints> near = all.cameras;
     KeepRays(pose, bound, /*keep_agreeing=*/true, &near);
     if (CountRays(near) < kMinNumAgreeing) return std::nullopt;
-    RefineAbsolutePose(near, kLossScale * bound, &pose);
+    RefineAbsolutePose(near, kRefinementLossScale * bound, &pose);
   }
   if (ScoreAbsolutePose(all.cameras, pose).num_inliers <
       static_cast<int>(kMinNumAgreeing)) {
