@@ -18,7 +18,7 @@ namespace mgsfm {
 namespace {
 
 // Errors of two-view points; see sub_map_graph.cc.
-constexpr double kMaxRelativePointError = 0.05;
+constexpr double kMaxRelativeDistance = 0.05;
 
 size_t NumFrames(const SceneModel& model) {
   const auto& poses = model.reconstruction.rig_from_world;
@@ -78,7 +78,7 @@ bool AreClose(const SceneModel& model, const Point3D& a, const Point3D& b) {
       model.reconstruction.CamFromWorld(model.scene, a.track.front().image_idx)
           ->Center();
   return (a.point_in_world - b.point_in_world).norm() <=
-         kMaxRelativePointError * (a.point_in_world - camera).norm();
+         kMaxRelativeDistance * (a.point_in_world - camera).norm();
 }
 
 bool ShareAnImage(const Point3D& a, const Point3D& b) {

@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 // Containers that hold their own data. Play lists could name other files.
 constexpr char kContainers[] =
     "mov,mp4,matroska,webm,avi,mpegts,mpeg,asf,flv,ogg,mxf,nut";
-constexpr AVRational kNanoseconds = {1, 1'000'000'000};
+constexpr AVRational kNanosecondTimeBase = {1, 1'000'000'000};
 
 struct Deleter {
   void operator()(AVFormatContext* context) const {
@@ -98,7 +98,7 @@ class VideoFile {
   }
 
   int64_t ToNs(int64_t time) const {
-    return av_rescale_q(time, stream_->time_base, kNanoseconds);
+    return av_rescale_q(time, stream_->time_base, kNanosecondTimeBase);
   }
 
   [[noreturn]] void ThrowDamaged(const std::string& reason) const {

@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kNanoseconds = 1e9;
+constexpr double kSecondInNanoseconds = 1e9;
 // Sharpness needs more pixels than motion; larger images tell nothing more.
 constexpr int kAnalysisSizePx = 640;
 
@@ -38,7 +38,7 @@ std::vector<std::string> SplitList(const std::string& list) {
 }
 
 std::string SecondsText(int64_t time_ns) {
-  return FormatDouble(static_cast<double>(time_ns) / kNanoseconds,
+  return FormatDouble(static_cast<double>(time_ns) / kSecondInNanoseconds,
                       std::chars_format::fixed, 3);
 }
 
@@ -85,7 +85,7 @@ std::vector<int64_t> ParseOffsets(const std::string& list, size_t num_videos) {
     if (!offset_s || std::abs(*offset_s) > 1e9) {
       throw Error("time_offsets: '" + word + "' is not a number of seconds");
     }
-    offsets_ns.push_back(std::llround(*offset_s * kNanoseconds));
+    offsets_ns.push_back(std::llround(*offset_s * kSecondInNanoseconds));
   }
   if (offsets_ns.empty()) offsets_ns.resize(num_videos, 0);
   if (offsets_ns.size() != num_videos) {
@@ -155,7 +155,7 @@ void SuggestCreationTimes(const std::vector<Video>& videos,
 int64_t MaxDifferenceNs(const Video& a, const Video& b,
                         const VideoSamplingOptions& options) {
   if (options.max_time_difference_s > 0.0) {
-    return std::llround(options.max_time_difference_s * kNanoseconds);
+    return std::llround(options.max_time_difference_s * kSecondInNanoseconds);
   }
   return std::max(MedianInterval(a.index.times_ns).value_or(0),
                   MedianInterval(b.index.times_ns).value_or(0)) /
@@ -341,7 +341,8 @@ std::string Extractor::Timestamps() const {
       const auto& time_ns = plan_.frames[i].times_ns[v];
       if (!time_ns || !HasImage(i, v)) continue;
       const double time_s =
-          static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNanoseconds;
+          static_cast<double>(*time_ns + plan_.offsets_ns[v]) /
+          kSecondInNanoseconds;
       lines += ImageName(i, v) + ' ' +
                FormatDouble(time_s, std::chars_format::fixed, 6) + '\n';
     }
