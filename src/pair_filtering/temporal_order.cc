@@ -15,7 +15,7 @@ namespace {
 
 // One frame may be missing or blurred.
 constexpr int kMaxNeighbourGap = 2;
-// In a random order of n frames, this share would be about 4 / n.
+// A random order of n frames would have a share of about 4 / n.
 constexpr double kMinShareOfNeighbours = 0.75;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {

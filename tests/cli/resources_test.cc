@@ -139,7 +139,7 @@ TEST_F(Resources, FilesDoNotDependOnTheLocale) {
   const Files expected = FilesOfAllCommands(Path("classic"));
   const std::locale before =
       std::locale::global(std::locale(std::locale(), new CommaPunctuation));
-  // Where it cannot be made, the locale of C++ is tested alone.
+  // The locale of C++ is tested alone if localedef cannot make this one.
   if (RunShell("localedef -i de_DE -f UTF-8 " + Path("de_DE.UTF-8"))
           .exit_code == 0) {
     setenv("LOCPATH", dir_.path().c_str(), 1);

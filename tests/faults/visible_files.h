@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What users see of a folder.
+// The files of a folder that users see.
 #pragma once
 
 #include <filesystem>
