@@ -70,8 +70,86 @@ std::vector<std::optional<double>> AverageLengths(
   return lengths;
 }
 
-// The motion between two frames near the path, if their correspondences support
-// one there.
+// What the path expects of a pair.
+struct ExpectedPair {
+  size_t pair_idx = 0;
+  Rigid3 cam2_from_cam1;
+  double drift_rad = 0.0;
+};
+
+// The relative pose of a pair by the motion from frame 1 to frame 2 of its
+// frames, if the places of its sensors in the rig are known.
+std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
+                                     size_t pair_idx,
+                                     const Rigid3& rig2_from_rig1) {
+  const ImagePair& pair = problem.view_graph.pairs[pair_idx];
+  const Image& image1 = problem.scene.images[pair.image_idx1];
+  const Image& image2 = problem.scene.images[pair.image_idx2];
+  const auto& cam1_from_rig = problem.depths.cam_from_rig[image1.sensor_idx];
+  const auto& cam2_from_rig = problem.depths.cam_from_rig[image2.sensor_idx];
+  if (!cam1_from_rig || !cam2_from_rig) return std::nullopt;
+  const bool is_swapped =
+      image1.frame_idx != problem.index.Of(pair_idx).frame_idx1;
+  const Rigid3 motion = is_swapped ? rig2_from_rig1.Inverse() : rig2_from_rig1;
+  return *cam2_from_rig * motion * cam1_from_rig->Inverse();
+}
+
+// Whether a relative pose agrees with the path. The length of its baseline
+// counts if it is known.
+bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
+                    const RelativePose& pose, const ExpectedPair& expected,
+                    const std::optional<double>& length = std::nullopt) {
+  if (AngleBetween(pose.cam2_from_cam1, expected.cam2_from_cam1.rotation) >
+      kMaxRotationError_rad + expected.drift_rad) {
+    return false;
+  }
+  const double min_error = kMinDisplacement * path.median_step;
+  const Vector3d& translation = expected.cam2_from_cam1.translation;
+  const Vector3d direction =
+      pose.translation_direction.value_or(Vector3d::Zero());
+  if (!length &&
+      (!pose.translation_direction || translation.norm() < min_error)) {
+    return true;
+  }
+  const double measured = length.value_or(translation.norm());
+  return (measured * direction - translation).norm() <=
+         std::max(min_error, problem.max_relative_baseline_error *
+                                 std::max(measured, translation.norm()));
+}
+
+// Pairs that are not verified again must be closer to the path.
+MotionProblem Strict(const MotionProblem& problem) {
+  MotionProblem strict = problem;
+  strict.max_relative_baseline_error = kMaxUnverifiedError;
+  return strict;
+}
+
+// The number of matches of pairs whose own poses agree with a motion between
+// two frames.
+size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
+                      int earlier, int later,
+                      const Rigid3& later_from_earlier) {
+  const FramePair* frames = problem.index.Find(earlier, later);
+  if (frames == nullptr) return 0;
+  const Rigid3 motion = frames->frame_idx1 == earlier
+                            ? later_from_earlier
+                            : later_from_earlier.Inverse();
+  const MotionProblem strict = Strict(problem);
+  size_t num_matches = 0;
+  for (const size_t i : frames->pair_idxs) {
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    const auto cam2_from_cam1 = RelativePoseBy(problem, i, motion);
+    if (cam2_from_cam1 && AgreesWithPath(strict, path, *pair.relative_pose,
+                                         {i, *cam2_from_cam1})) {
+      num_matches += pair.matches.size();
+    }
+  }
+  return num_matches;
+}
+
+// The motion between two frames near the path that their correspondences
+// support, if there is one and image pairs do not support the path more: few
+// correspondences with inexact depths can turn the motion by a degree.
 std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
                                    const RigPath& path, int earlier,
                                    int later) {
@@ -81,7 +159,11 @@ std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
   auto refined =
       RefineRigMotion(problem.MatchesOf(earlier, *frames),
                       kDepthErrorFactor * problem.max_error_px, expected);
-  if (!refined || !path.AreSimilar(*refined, expected)) return std::nullopt;
+  if (!refined || !path.AreSimilar(*refined, expected) ||
+      SupportByPairs(problem, path, earlier, later, *refined) <
+          SupportByPairs(problem, path, earlier, later, expected)) {
+    return std::nullopt;
+  }
   return refined;
 }
 
@@ -141,13 +223,6 @@ std::vector<std::optional<PlacedFrames>> PlaceFrames(
   return placed;
 }
 
-// What the path expects of a pair.
-struct ExpectedPair {
-  size_t pair_idx = 0;
-  Rigid3 cam2_from_cam1;
-  double drift_rad = 0.0;
-};
-
 // Of pairs of sensors whose places in the rig are known.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
                                       const RigPath& path,
@@ -158,49 +233,16 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
   for (size_t f = 0; f < placed.size(); ++f) {
     if (!placed[f]) continue;
     for (const size_t i : problem.index.frame_pairs()[f].pair_idxs) {
-      const ImagePair& pair = problem.view_graph.pairs[i];
-      const Image& image1 = problem.scene.images[pair.image_idx1];
-      const Image& image2 = problem.scene.images[pair.image_idx2];
-      const auto& cam1_from_rig =
-          problem.depths.cam_from_rig[image1.sensor_idx];
-      const auto& cam2_from_rig =
-          problem.depths.cam_from_rig[image2.sensor_idx];
-      if (!cam1_from_rig || !cam2_from_rig) continue;
-      const bool is_swapped =
-          image1.frame_idx != problem.index.frame_pairs()[f].frame_idx1;
-      const Rigid3 motion = is_swapped ? placed[f]->rig2_from_rig1.Inverse()
-                                       : placed[f]->rig2_from_rig1;
-      expected.push_back({i, *cam2_from_rig * motion * cam1_from_rig->Inverse(),
-                          placed[f]->drift_rad});
+      const auto cam2_from_cam1 =
+          RelativePoseBy(problem, i, placed[f]->rig2_from_rig1);
+      if (!cam2_from_cam1) continue;
+      expected.push_back({i, *cam2_from_cam1, placed[f]->drift_rad});
     }
   }
   std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
     return a.pair_idx < b.pair_idx;
   });
   return expected;
-}
-
-// Whether a relative pose agrees with the path. The length of its baseline
-// counts if it is known.
-bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
-                    const RelativePose& pose, const ExpectedPair& expected,
-                    const std::optional<double>& length = std::nullopt) {
-  if (AngleBetween(pose.cam2_from_cam1, expected.cam2_from_cam1.rotation) >
-      kMaxRotationError_rad + expected.drift_rad) {
-    return false;
-  }
-  const double min_error = kMinDisplacement * path.median_step;
-  const Vector3d& translation = expected.cam2_from_cam1.translation;
-  const Vector3d direction =
-      pose.translation_direction.value_or(Vector3d::Zero());
-  if (!length &&
-      (!pose.translation_direction || translation.norm() < min_error)) {
-    return true;
-  }
-  const double measured = length.value_or(translation.norm());
-  return (measured * direction - translation).norm() <=
-         std::max(min_error, problem.max_relative_baseline_error *
-                                 std::max(measured, translation.norm()));
 }
 
 // The frames next to objects: motions compete there, or a pair contradicts the
@@ -423,8 +465,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
       SelectDoubtful(problem, path, is_near_object, expected);
   // Pairs with too few matches for a second estimate stay if their own pose is
   // close to the path.
-  MotionProblem strict = problem;
-  strict.max_relative_baseline_error = kMaxUnverifiedError;
+  const MotionProblem strict = Strict(problem);
   for (const ExpectedPair& e : judged) {
     motion.pair_is_discontinuous[e.pair_idx] = !AgreesWithPath(
         strict, path, *problem.view_graph.pairs[e.pair_idx].relative_pose, e);
