@@ -18,9 +18,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// Chosen: equal keypoints that were extracted twice are closer, others are not.
 constexpr double kMaxKeypointDistancePx = 1.0;
+// Chosen: two calibrations of one rig differ less. The shift is relative to the
+// size of the rig.
 constexpr double kMaxGivenRotationDeg = 1.0;
 constexpr double kMaxGivenShift = 0.05;
+// Rounding in double precision.
 constexpr double kRigidTolerance = 1e-6;
 
 std::string DescribeCamera(const Camera& camera) {

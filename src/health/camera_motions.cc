@@ -20,26 +20,43 @@ namespace {
 
 using Eigen::Vector3d;
 
+// Bounds the cost, which grows with the number of lags.
 constexpr int kMaxLag = 5;
-constexpr int kMaxGap = 3;  // frames of a motion
+// Frames of a motion: the smallest gap with several cycles of three frames.
+constexpr int kMaxGap = 3;
 // The largest motions tell most; bounds the cost.
 constexpr size_t kMaxNumMotions = 400;
+// A rotation has three unknowns; four times as many motions.
 constexpr int kMinNumMotions = 12;
 // Normal errors of a cycle, with three components, exceed this in 1 of 2000.
 constexpr double kMaxCycleErrorInSigmas = 4.2;
+// The error of a wrong pair counts at most this much. Chosen.
 constexpr double kTruncationRad = DegToRad(5.0);
-// Healthy rigs: see docs/results/input_check.md.
+// On sound drives the best lag is 0, so that the ratio is 1; a lag of one frame
+// raises the error 4.1 times or more (docs/results/input_check.md).
 constexpr double kMinErrorRatio = 1.5;
+// Chosen: a smaller difference is no evidence, however precise.
 constexpr double kMinErrorDropRad = DegToRad(0.05);
+// The middle between no lag, 0.5, and a lag that all motions show.
 constexpr double kMinShareBetter = 0.75;
 // Without a lag, the best of ten lags exceeds this in 1 of 3000.
 constexpr double kMinShareInSigmas = 4.0;
-constexpr double kMinForeignErrorInSigmas = 6.0;
-constexpr double kMinMotionInSigmas = 5.0;
+// Errors of sound cameras reach 0.44 of the motion, at 2.1 standard deviations;
+// those of a foreign one are at least 0.79, at 65
+// (docs/results/input_check.md).
 constexpr double kMaxForeignShare = 0.5;
+constexpr double kMinForeignErrorInSigmas = 6.0;
+// The direction of a motion of this size is accurate to 1 / 5 rad.
+constexpr double kMinMotionInSigmas = 5.0;
+// Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
+// Chosen.
 constexpr double kMinVerticalShare = 0.8;
-constexpr double kMaxUncertaintyRad = DegToRad(10.0);
+// Chosen: directions are opposite if they differ by more than 134 degrees, and
+// the rotation between the cameras must be far more certain than that.
 constexpr double kOppositeCosine = -0.7;
+constexpr double kMaxUncertaintyRad = DegToRad(10.0);
+// Chosen: the pairs between two cameras agree if their median deviates less;
+// those of mirrored images deviate by any angle.
 constexpr double kMaxDeviationRad = DegToRad(5.0);
 
 // A motion of one sensor between two frames.

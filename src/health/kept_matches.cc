@@ -15,6 +15,7 @@ namespace {
 constexpr double kMinShare = 0.6;
 // Frames with fewer matches show nothing.
 constexpr size_t kMinNumMatches = 100;
+// A median of five tolerates two outliers.
 constexpr size_t kMinNumFrames = 5;
 // Chosen between the 98 % of matches that healthy simulated drives keep and the
 // 56 % that remain if a focal length is 30 % wrong.

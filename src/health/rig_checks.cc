@@ -18,20 +18,27 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// A median of five tolerates two outliers.
 constexpr size_t kMinNumFrames = 5;
 // Residuals beyond this are wrong pairs, not moves of a rig.
 constexpr double kMaxResidualRad = DegToRad(20.0);
-// Healthy rigs: see docs/results/input_check.md.
+// Steps of sound rigs reach 3.6 standard deviations, and the weakest real one
+// 24 (docs/results/input_check.md).
 constexpr double kMinStepInSigmas = 6.0;
 // Vehicles alongside disturb the pairs of a side camera for some frames.
 constexpr double kMinStretchShare = 0.05;
+// Steps of sound rigs reach 0.54 degrees, at 1.6 standard deviations
+// (docs/results/input_check.md).
 constexpr double kMinStepRad = DegToRad(0.5);
+// Chosen: twice kMinStepRad, as a known rotation has an error of its own.
 constexpr double kMinKnownErrorRad = DegToRad(1.0);
+// Normal noise in three dimensions exceeds this with a probability of 1.1e-3.
 constexpr double kMinKnownErrorInSigmas = 4.0;
-// Of samples that agree with a pose, for swapped cameras.
+// Of samples that agree with a pose, for swapped cameras. Chosen: directions of
+// swapped cameras are opposite, and those of short baselines scatter most.
 constexpr double kMaxPoseErrorRad = DegToRad(15.0);
 constexpr double kMaxDirectionErrorRad = DegToRad(45.0);
-// Of all samples, by one pose or the other.
+// Of all samples, by one pose or the other. Chosen: 30 % may be wrong pairs.
 constexpr double kMinExplainedShare = 0.7;
 
 std::string Number(const char* format, double value) {

@@ -22,6 +22,44 @@ constexpr int kMaxNumConjugateGradients = 500;
 // Of the values of the reduced matrix; chunks are merged to several at a time.
 constexpr size_t kNumSections = 32;
 
+void SetZero(int num_threads, Eigen::SparseMatrix<double>* matrix) {
+  const auto num_values = static_cast<size_t>(matrix->nonZeros());
+  ParallelFor(
+      kNumSections, num_threads,
+      [&](size_t section) {
+        std::fill(
+            matrix->valuePtr() + section * num_values / kNumSections,
+            matrix->valuePtr() + (section + 1) * num_values / kNumSections,
+            0.0);
+      },
+      1);
+}
+
+// The part of a pose block of z; zero if the block is constant.
+PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
+                    int block) {
+  PoseVector part = PoseVector::Zero();
+  if (block >= 0) {
+    part.tail(structure.pose_size) =
+        z.segment(structure.block_first[block], structure.pose_size);
+  }
+  return part;
+}
+
+// Of the poses that are not constant.
+double SquaredLength(const RigStructure& structure, const RigState& state) {
+  double length = 0.0;
+  for (size_t i = 0; i < state.frames.size(); ++i) {
+    if (structure.frame_block[i] < 0) continue;
+    length += 1.0 + state.frames[i].center.squaredNorm();
+  }
+  for (size_t i = 0; i < state.sensors.size(); ++i) {
+    if (structure.sensor_block[i] < 0) continue;
+    length += 1.0 + state.sensors[i].translation.squaredNorm();
+  }
+  return length;
+}
+
 }  // namespace
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
@@ -99,7 +137,7 @@ double RigEquationsBase::Cost() {
 
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
-  ClearMatrix();
+  SetZero(context_.num_threads, &matrix_);
   gradient_.setZero();
   correction_.setZero();
   diagonal_.setZero();
@@ -124,20 +162,8 @@ bool RigEquationsBase::Linearize(double lambda) {
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
 
-void RigEquationsBase::ClearMatrix() {
-  const auto num_values = static_cast<size_t>(matrix_.nonZeros());
-  ParallelFor(
-      kNumSections, context_.num_threads,
-      [&](size_t section) {
-        std::fill(
-            matrix_.valuePtr() + section * num_values / kNumSections,
-            matrix_.valuePtr() + (section + 1) * num_values / kNumSections,
-            0.0);
-      },
-      1);
-}
-
-// A section are the pairs that begin in some part of the values; pairs ascend.
+// A section consists of the pairs that begin in one part of the values; pairs
+// are in ascending order.
 void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
                                    const ChunkWorkspace& w) {
   const auto num_values = static_cast<size_t>(matrix_.nonZeros());
@@ -239,26 +265,16 @@ void RigEquationsBase::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
   MultiplyPosePriors(problem_, structure_, state_, x, y);
 }
 
-PoseVector RigEquationsBase::PosePart(const Eigen::VectorXd& z,
-                                      int block) const {
-  PoseVector part = PoseVector::Zero();
-  if (block >= 0) {
-    part.tail(structure_.pose_size) =
-        z.segment(structure_.block_first[block], structure_.pose_size);
-  }
-  return part;
-}
-
 PoseVector RigEquationsBase::PoseStep(int block) const {
-  return PosePart(step_, block);
+  return PosePart(structure_, step_, block);
 }
 
 void RigEquationsBase::SetImageSteps(const Eigen::VectorXd& z) {
   for (size_t i = 0; i < poses_.size(); ++i) {
     const RigProblemBase::Image& image = problem_.images[i];
     steps_.twists[i] = ComputeImageTwist(
-        poses_[i], PosePart(z, structure_.frame_block[image.frame]),
-        PosePart(z, structure_.sensor_block[image.sensor]));
+        poses_[i], PosePart(structure_, z, structure_.frame_block[image.frame]),
+        PosePart(structure_, z, structure_.sensor_block[image.sensor]));
   }
   for (size_t i = 0; i < steps_.params.size(); ++i) {
     const int block = structure_.camera_block[i];
@@ -303,19 +319,6 @@ void RigEquationsBase::MoveBlocks() {
   }
 }
 
-double RigEquationsBase::SquaredStateLength() const {
-  double length = 0.0;
-  for (size_t i = 0; i < state_.frames.size(); ++i) {
-    if (structure_.frame_block[i] < 0) continue;
-    length += 1.0 + state_.frames[i].center.squaredNorm();
-  }
-  for (size_t i = 0; i < state_.sensors.size(); ++i) {
-    if (structure_.sensor_block[i] < 0) continue;
-    length += 1.0 + state_.sensors[i].translation.squaredNorm();
-  }
-  return length;
-}
-
 TrialStep RigEquationsBase::TryStep(double length) {
   step_length_ = length;
   SetImageSteps(step_);
@@ -339,7 +342,7 @@ TrialStep RigEquationsBase::TryStep(double length) {
     decrease += step_[i] * (lambda_ * ClampDiagonal(diagonal_[i]) * step_[i] -
                             gradient_[i]);
   }
-  double squared_state = SquaredStateLength();
+  double squared_state = SquaredLength(structure_, state_);
   double squared_step = length * length * step_.squaredNorm();
   for (const StepSums& sums : chunk_sums_) {
     step.new_cost += sums.cost;

@@ -98,7 +98,6 @@ class RigEquationsBase : public DampedProblem {
   ImageSteps steps_;
 
  private:
-  void ClearMatrix();
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const ChunkWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
@@ -106,9 +105,7 @@ class RigEquationsBase : public DampedProblem {
   bool SolveByConjugateGradients();
   void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
   void SetImageSteps(const Eigen::VectorXd& z);
-  PoseVector PosePart(const Eigen::VectorXd& z, int block) const;
   void MoveBlocks();
-  double SquaredStateLength() const;
   TermInput Terms() const { return {problem_, structure_, poses_}; }
   TermInput TrialTerms() const { return {problem_, structure_, trial_poses_}; }
 

@@ -4,7 +4,6 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <optional>
 #include <utility>
 
@@ -81,6 +80,103 @@ Eigen::Matrix3d HomographyInPixels(const Eigen::Matrix3d& H,
   return (K2 * H * K1.inverse()).normalized();
 }
 
+bool IsCalibrated(const Camera& camera1, const Camera& camera2) {
+  const bool is_trusted =
+      camera1.has_prior_focal_length && camera2.has_prior_focal_length;
+  return is_trusted || !IsPerspective(camera1) || !IsPerspective(camera2);
+}
+
+bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
+                      const std::vector<size_t>& homography_inliers) {
+  return static_cast<double>(rotation_inliers.size()) >=
+         kMinRotationRatio * static_cast<double>(homography_inliers.size());
+}
+
+// The rays of a pair's matches, and which of them agree with a model.
+struct MatchedRays {
+  RayMatches rays;
+  std::vector<size_t> match_idxs;  // of the rays among all matches
+  double max_error_rad = 0.0;
+
+  template <class Test>
+  std::vector<size_t> Inliers(const Test& is_inlier) const {
+    std::vector<size_t> inliers;
+    for (size_t i = 0; i < rays.size(); ++i) {
+      if (is_inlier(rays.rays1[i], rays.rays2[i])) inliers.push_back(i);
+    }
+    return inliers;
+  }
+
+  std::vector<size_t> InliersOf(const Rigid3& pose) const {
+    return Inliers([&](const auto& ray1, const auto& ray2) {
+      return IsInlier(pose, ray1, ray2, max_error_rad);
+    });
+  }
+
+  std::vector<size_t> InliersOf(const Eigen::Quaterniond& rotation) const {
+    return Inliers([&](const auto& ray1, const auto& ray2) {
+      return IsRotationInlier(rotation, ray1, ray2, max_error_rad);
+    });
+  }
+
+  RayMatches Select(const std::vector<size_t>& inliers) const {
+    RayMatches selected;
+    selected.Reserve(inliers.size());
+    for (const size_t i : inliers) selected.Add(rays.rays1[i], rays.rays2[i]);
+    return selected;
+  }
+};
+
+// Rays without distortion of uncalibrated cameras; otherwise those of the
+// matches whose keypoints have one.
+MatchedRays GatherRays(const VerificationView& view1,
+                       const VerificationView& view2,
+                       const std::vector<Match>& matches, double max_error_rad,
+                       bool is_calibrated) {
+  const Eigen::Matrix3d inverse_K1 = LinearPart(*view1.camera).inverse();
+  const Eigen::Matrix3d inverse_K2 = LinearPart(*view2.camera).inverse();
+  const auto linear_ray = [](const Eigen::Matrix3d& inverse_K,
+                             const Eigen::Vector2f& point) {
+    return Eigen::Vector3d(inverse_K * point.cast<double>().homogeneous())
+        .normalized();
+  };
+  MatchedRays result;
+  result.max_error_rad = max_error_rad;
+  result.rays.Reserve(matches.size());
+  result.match_idxs.reserve(matches.size());
+  for (size_t i = 0; i < matches.size(); ++i) {
+    const auto [idx1, idx2] = matches[i];
+    if (!is_calibrated) {
+      result.rays.Add(linear_ray(inverse_K1, (*view1.keypoints_px)[idx1]),
+                      linear_ray(inverse_K2, (*view2.keypoints_px)[idx2]));
+    } else if ((*view1.rays)[idx1] && (*view2.rays)[idx2]) {
+      result.rays.Add(*(*view1.rays)[idx1], *(*view2.rays)[idx2]);
+    } else {
+      continue;
+    }
+    result.match_idxs.push_back(i);
+  }
+  return result;
+}
+
+// Refines the pose on its inliers; keeps the result if it has as many.
+void RefinePose(const MatchedRays& rays, Rigid3* pose,
+                std::vector<size_t>* inliers) {
+  PoseRefinementOptions refinement;
+  refinement.loss_scale_rad = 0.25 * rays.max_error_rad;
+  refinement.max_num_iterations = kNumRefinementIterations;
+  refinement.relative_cost_tolerance = kRefinementCostTolerance;
+  Rigid3 refined = *pose;
+  if (!RefineRelativePose(rays.Select(*inliers), refinement, &refined)
+           .IsUsable()) {
+    return;
+  }
+  std::vector<size_t> refined_inliers = rays.InliersOf(refined);
+  if (refined_inliers.size() < inliers->size()) return;
+  *pose = refined;
+  *inliers = std::move(refined_inliers);
+}
+
 class PairVerifier {
  public:
   PairVerifier(const VerificationView& view1, const VerificationView& view2,
@@ -93,19 +189,20 @@ class PairVerifier {
         random_(random),
         K1_(LinearPart(*view1.camera)),
         K2_(LinearPart(*view2.camera)),
-        max_error_(options.max_error *
-                   RadiansPerPixel(*view1.camera, *view2.camera)) {
-    ransac_.max_error_rad = max_error_;
+        is_calibrated_(IsCalibrated(*view1.camera, *view2.camera)),
+        rays_(GatherRays(
+            view1, view2, matches,
+            options.max_error * RadiansPerPixel(*view1.camera, *view2.camera),
+            is_calibrated_)) {
+    ransac_.max_error_rad = rays_.max_error_rad;
     ransac_.confidence = options.confidence;
   }
 
   ImagePair Verify() {
     pair_.config = TwoViewConfig::kDegenerate;
-    const bool is_calibrated = IsCalibrated();
-    GatherRays(is_calibrated);
-    if (HasEnough(rays_.size())) {
+    if (HasEnough(rays_.rays.size())) {
       LimitTrials();
-      is_calibrated ? VerifyCalibrated() : VerifyUncalibrated();
+      is_calibrated_ ? VerifyCalibrated() : VerifyUncalibrated();
     }
     if (pair_.config != TwoViewConfig::kDegenerate &&
         options_.detect_watermark &&
@@ -117,44 +214,6 @@ class PairVerifier {
   }
 
  private:
-  bool IsCalibrated() const {
-    const Camera& camera1 = *view1_.camera;
-    const Camera& camera2 = *view2_.camera;
-    const bool is_trusted =
-        camera1.has_prior_focal_length && camera2.has_prior_focal_length;
-    return is_trusted || !IsPerspective(camera1) || !IsPerspective(camera2);
-  }
-
-  void GatherRays(bool is_calibrated) {
-    const Eigen::Matrix3d inverse_K1 = K1_.inverse();
-    const Eigen::Matrix3d inverse_K2 = K2_.inverse();
-    const auto linear_ray = [](const Eigen::Matrix3d& inverse_K,
-                               const Eigen::Vector2f& point) {
-      return Eigen::Vector3d(inverse_K * point.cast<double>().homogeneous())
-          .normalized();
-    };
-    rays_.Reserve(matches_.size());
-    match_idxs_.reserve(matches_.size());
-    for (size_t i = 0; i < matches_.size(); ++i) {
-      const auto [idx1, idx2] = matches_[i];
-      if (!is_calibrated) {
-        rays_.Add(linear_ray(inverse_K1, (*view1_.keypoints_px)[idx1]),
-                  linear_ray(inverse_K2, (*view2_.keypoints_px)[idx2]));
-      } else if ((*view1_.rays)[idx1] && (*view2_.rays)[idx2]) {
-        rays_.Add(*(*view1_.rays)[idx1], *(*view2_.rays)[idx2]);
-      } else {
-        continue;
-      }
-      match_idxs_.push_back(i);
-    }
-  }
-
-  double MinInlierRatio() const {
-    return std::max(*options_.min_inlier_ratio,
-                    options_.min_num_inliers /
-                        std::max(1.0, static_cast<double>(matches_.size())));
-  }
-
   bool HasEnough(size_t num_inliers) const {
     return num_inliers >= static_cast<size_t>(options_.min_num_inliers) &&
            static_cast<double>(num_inliers) >=
@@ -163,74 +222,31 @@ class PairVerifier {
 
   // Pairs with a smaller inlier ratio are rejected anyway.
   void LimitTrials() {
+    const double num_matches = static_cast<double>(matches_.size());
+    const double min_ratio_of_matches =
+        std::max(*options_.min_inlier_ratio,
+                 options_.min_num_inliers / std::max(1.0, num_matches));
     const double min_ratio =
-        std::min(1.0, MinInlierRatio() * static_cast<double>(matches_.size()) /
-                          static_cast<double>(rays_.size()));
-    const int sample_size = IsCalibrated() ? 5 : 7;
+        std::min(1.0, min_ratio_of_matches * num_matches /
+                          static_cast<double>(rays_.rays.size()));
+    const int sample_size = is_calibrated_ ? 5 : 7;
     ransac_.max_num_trials = options_.max_num_trials;
     ransac_.max_num_trials = RequiredNumTrials(ransac_, min_ratio, sample_size);
-  }
-
-  using InlierTest =
-      std::function<bool(const Eigen::Vector3d&, const Eigen::Vector3d&)>;
-
-  std::vector<size_t> Inliers(const InlierTest& is_inlier) const {
-    std::vector<size_t> inliers;
-    for (size_t i = 0; i < rays_.size(); ++i) {
-      if (is_inlier(rays_.rays1[i], rays_.rays2[i])) inliers.push_back(i);
-    }
-    return inliers;
-  }
-
-  RayMatches RaysOf(const std::vector<size_t>& inliers) const {
-    RayMatches rays;
-    rays.Reserve(inliers.size());
-    for (const size_t i : inliers) rays.Add(rays_.rays1[i], rays_.rays2[i]);
-    return rays;
   }
 
   void Accept(TwoViewConfig config, const std::vector<size_t>& inliers) {
     pair_.config = config;
     pair_.matches.reserve(inliers.size());
     for (const size_t i : inliers) {
-      pair_.matches.push_back(matches_[match_idxs_[i]]);
+      pair_.matches.push_back(matches_[rays_.match_idxs[i]]);
     }
-  }
-
-  std::vector<size_t> InliersOf(const Rigid3& pose) const {
-    return Inliers([&](const auto& ray1, const auto& ray2) {
-      return IsInlier(pose, ray1, ray2, max_error_);
-    });
-  }
-
-  std::vector<size_t> InliersOfRotation(const Eigen::Quaterniond& rotation) {
-    return Inliers([&](const auto& ray1, const auto& ray2) {
-      return IsRotationInlier(rotation, ray1, ray2, max_error_);
-    });
   }
 
   std::optional<Eigen::Quaterniond> EstimateRotationOnly() {
     RansacOptions ransac = ransac_;
     ransac.max_num_trials =
         std::min(ransac_.max_num_trials, kMaxNumRotationTrials);
-    return EstimateRotation(rays_, ransac, random_);
-  }
-
-  // Refines the pose on its inliers; keeps the result if it has as many.
-  void RefinePose(Rigid3* pose, std::vector<size_t>* inliers) const {
-    PoseRefinementOptions refinement;
-    refinement.loss_scale_rad = 0.25 * max_error_;
-    refinement.max_num_iterations = kNumRefinementIterations;
-    refinement.relative_cost_tolerance = kRefinementCostTolerance;
-    Rigid3 refined = *pose;
-    if (!RefineRelativePose(RaysOf(*inliers), refinement, &refined)
-             .IsUsable()) {
-      return;
-    }
-    std::vector<size_t> refined_inliers = InliersOf(refined);
-    if (refined_inliers.size() < inliers->size()) return;
-    *pose = refined;
-    *inliers = std::move(refined_inliers);
+    return EstimateRotation(rays_.rays, ransac, random_);
   }
 
   // The homography is estimated on inliers only, so few trials find one that
@@ -247,11 +263,12 @@ class PairVerifier {
         sample[i] = inliers[i * inliers.size() / sample.size()];
       }
     }
-    *H = internal::EstimateHomography(RaysOf(sample), ransac, random_);
+    *H = internal::EstimateHomography(rays_.Select(sample), ransac, random_);
     if (!*H) return {};
     const internal::HomographyTest test(**H);
-    return Inliers([&](const auto& ray1, const auto& ray2) {
-      return test.SquaredError(ray1, ray2) <= max_error_ * max_error_;
+    return rays_.Inliers([&](const auto& ray1, const auto& ray2) {
+      return test.SquaredError(ray1, ray2) <=
+             rays_.max_error_rad * rays_.max_error_rad;
     });
   }
 
@@ -263,10 +280,10 @@ class PairVerifier {
 
   void VerifyCalibrated() {
     std::vector<size_t> inliers;
-    auto pose = EstimateRelativePose(rays_, ransac_, random_);
+    auto pose = EstimateRelativePose(rays_.rays, ransac_, random_);
     if (pose) {
-      inliers = InliersOf(*pose);
-      RefinePose(&*pose, &inliers);
+      inliers = rays_.InliersOf(*pose);
+      RefinePose(rays_, &*pose, &inliers);
     }
     // Without parallax, five-point samples are degenerate.
     std::optional<Eigen::Quaterniond> rotation;
@@ -274,7 +291,7 @@ class PairVerifier {
       rotation = EstimateRotationOnly();
       if (!rotation) return;
       pose.reset();
-      inliers = InliersOfRotation(*rotation);
+      inliers = rays_.InliersOf(*rotation);
       if (!HasEnough(inliers.size())) return;
     }
     std::optional<Eigen::Matrix3d> H;
@@ -282,7 +299,7 @@ class PairVerifier {
         InliersOfHomography(inliers, &H);
     const bool has_homography = Explains(homography_inliers, inliers);
     if (has_homography && !rotation) rotation = EstimateRotationOnly();
-    if (rotation && (!pose || IsRotationEnough(InliersOfRotation(*rotation),
+    if (rotation && (!pose || IsRotationEnough(rays_.InliersOf(*rotation),
                                                homography_inliers))) {
       Accept(TwoViewConfig::kPanoramic, inliers);
       pair_.relative_pose = RelativePose{*rotation, std::nullopt};
@@ -298,18 +315,13 @@ class PairVerifier {
     if (has_homography) pair_.H = HomographyInPixels(*H, K1_, K2_);
   }
 
-  static bool IsRotationEnough(const std::vector<size_t>& rotation_inliers,
-                               const std::vector<size_t>& homography_inliers) {
-    return static_cast<double>(rotation_inliers.size()) >=
-           kMinRotationRatio * static_cast<double>(homography_inliers.size());
-  }
-
   void VerifyUncalibrated() {
-    const auto F = internal::EstimateFundamental(rays_, ransac_, random_);
+    const auto F = internal::EstimateFundamental(rays_.rays, ransac_, random_);
     std::vector<size_t> inliers;
     if (F) {
-      inliers = Inliers([&](const auto& ray1, const auto& ray2) {
-        return internal::IsFundamentalInlier(*F, ray1, ray2, max_error_);
+      inliers = rays_.Inliers([&](const auto& ray1, const auto& ray2) {
+        return internal::IsFundamentalInlier(*F, ray1, ray2,
+                                             rays_.max_error_rad);
       });
     }
     if (!HasEnough(inliers.size())) return;
@@ -331,10 +343,9 @@ class PairVerifier {
   Random* random_;
   const Eigen::Matrix3d K1_;
   const Eigen::Matrix3d K2_;
-  const double max_error_;  // in radians
+  const bool is_calibrated_;
+  const MatchedRays rays_;
   RansacOptions ransac_;
-  RayMatches rays_;
-  std::vector<size_t> match_idxs_;  // of rays_ in matches_
   ImagePair pair_;
 };
 

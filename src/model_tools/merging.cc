@@ -35,6 +35,135 @@ class FreeIds {
   std::set<uint32_t> taken_;
 };
 
+// Adds the rigs of the second model, with their sensors and cameras, to the
+// first.
+class RigMerger {
+ public:
+  // All arguments must outlive this object.
+  RigMerger(const SceneModel& second, SceneModel* first, ModelUnion* common)
+      : union_(common),
+        a_(&first->scene),
+        b_(second.scene),
+        in_a_(&first->reconstruction),
+        in_b_(second.reconstruction) {}
+
+  void Merge();
+
+ private:
+  void AddRig(int rig_idx);
+  int AddCamera(int camera_idx);
+  void AddSensors(int rig_idx);
+  void AddSensor(int sensor_idx, const std::optional<Rigid3>& pose);
+  void CheckSensor(int sensor_idx, int common_idx) const;
+
+  ModelUnion* union_;
+  Scene* a_;
+  const Scene& b_;
+  Reconstruction* in_a_;
+  const Reconstruction& in_b_;
+  std::map<int, int> camera_of_second_;
+};
+
+int RigMerger::AddCamera(int camera_idx) {
+  const auto [known, is_new] = camera_of_second_.emplace(
+      camera_idx, static_cast<int>(a_->cameras.size()));
+  if (!is_new) return known->second;
+  Camera camera = in_b_.cameras[camera_idx];
+  camera.id = FreeIds<CameraId>(a_->cameras).Take(camera.id);
+  a_->cameras.push_back(camera);
+  in_a_->cameras.push_back(camera);
+  return known->second;
+}
+
+void RigMerger::AddSensor(int sensor_idx, const std::optional<Rigid3>& pose) {
+  Sensor sensor = b_.sensors[sensor_idx];
+  const auto new_idx = static_cast<int>(a_->sensors.size());
+  const int rig_idx = *union_->first_rig[sensor.rig_idx];
+  sensor.rig_idx = rig_idx;
+  sensor.camera_idx = AddCamera(sensor.camera_idx);
+  sensor.sensor_from_rig.reset();
+  a_->rigs[rig_idx].sensor_idxs.push_back(new_idx);
+  a_->sensors.push_back(sensor);
+  in_a_->sensor_from_rig.push_back(pose);
+  union_->first_sensor[sensor_idx] = new_idx;
+}
+
+void RigMerger::AddRig(int rig_idx) {
+  const Rig& rig = b_.rigs[rig_idx];
+  union_->first_rig[rig_idx] = static_cast<int>(a_->rigs.size());
+  a_->rigs.push_back({FreeIds<RigId>(a_->rigs).Take(rig.id), 0, {}});
+  for (const int sensor_idx : rig.sensor_idxs) {
+    AddSensor(sensor_idx, in_b_.sensor_from_rig[sensor_idx]);
+  }
+  const int ref_sensor_idx = *union_->first_sensor[rig.ref_sensor_idx];
+  a_->rigs.back().ref_sensor_idx = ref_sensor_idx;
+  a_->sensors[ref_sensor_idx].sensor_from_rig = Rigid3();
+}
+
+void RigMerger::CheckSensor(int sensor_idx, int common_idx) const {
+  const int first = *union_->first_sensor[sensor_idx];
+  const int first_common = *union_->first_sensor[common_idx];
+  if (!in_a_->sensor_from_rig[first] || !in_b_.sensor_from_rig[sensor_idx]) {
+    return;
+  }
+  const Rigid3 in_a = *in_a_->sensor_from_rig[first] *
+                      in_a_->sensor_from_rig[first_common]->Inverse();
+  const Rigid3 in_b = *in_b_.sensor_from_rig[sensor_idx] *
+                      in_b_.sensor_from_rig[common_idx]->Inverse();
+  if (RadToDeg(AngleBetween(in_a.rotation, in_b.rotation)) <=
+      kMaxSensorRotationDeg) {
+    return;
+  }
+  throw Error("the rotation between cameras '" + b_.sensors[sensor_idx].name +
+              "' and '" + b_.sensors[common_idx].name +
+              "' differs between the models by more than 5 degrees; the rig "
+              "has changed, so give the images of one model other folders");
+}
+
+// Relates the sensors of a common rig to one that is posed in both models.
+void RigMerger::AddSensors(int rig_idx) {
+  const std::vector<int>& sensor_idxs = b_.rigs[rig_idx].sensor_idxs;
+  const auto common =
+      std::find_if(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
+        const auto first = union_->first_sensor[sensor_idx];
+        return first && in_a_->sensor_from_rig[*first] &&
+               in_b_.sensor_from_rig[sensor_idx];
+      });
+  if (common == sensor_idxs.end()) {
+    throw Error(
+        "no camera of the rig of '" +
+        b_.sensors[b_.rigs[rig_idx].ref_sensor_idx].name +
+        "' has a pose in both models; merge models that share a camera");
+  }
+  const Rigid3 rig_a_from_rig_b =
+      in_a_->sensor_from_rig[*union_->first_sensor[*common]]->Inverse() *
+      *in_b_.sensor_from_rig[*common];
+  for (const int sensor_idx : sensor_idxs) {
+    const std::optional<Rigid3>& in_b = in_b_.sensor_from_rig[sensor_idx];
+    std::optional<Rigid3> pose;
+    if (in_b) pose = *in_b * rig_a_from_rig_b.Inverse();
+    const auto first = union_->first_sensor[sensor_idx];
+    if (!first) {
+      AddSensor(sensor_idx, pose);
+    } else if (!in_a_->sensor_from_rig[*first]) {
+      in_a_->sensor_from_rig[*first] = pose;
+    } else {
+      CheckSensor(sensor_idx, *common);
+    }
+  }
+}
+
+void RigMerger::Merge() {
+  for (size_t i = 0; i < b_.rigs.size(); ++i) {
+    const int rig_idx = static_cast<int>(i);
+    if (union_->first_rig[i]) {
+      AddSensors(rig_idx);
+    } else {
+      AddRig(rig_idx);
+    }
+  }
+}
+
 class ModelMerger {
  public:
   ModelMerger(SceneModel* second, SceneModel* first)
@@ -43,7 +172,8 @@ class ModelMerger {
         b_(second->scene),
         in_a_(first->reconstruction),
         in_b_(second->reconstruction),
-        first_(first) {}
+        first_(first),
+        second_(second) {}
 
   MergeSummary Run(const MergeOptions& options) {
     if (options.first_from_second) {
@@ -65,12 +195,6 @@ class ModelMerger {
   std::vector<ImagePoses> CommonPoses();
   void Align(int min_common_images);
   void AddRigsOrNone();
-  void AddRigs();
-  void AddRig(int rig_idx);
-  int AddCamera(int camera_idx);
-  void AddSensors(int rig_idx);
-  void AddSensor(int sensor_idx, const std::optional<Rigid3>& pose);
-  void CheckSensor(int sensor_idx, int common_idx) const;
   void AddFrames();
   void AddImages();
   void AddPoints();
@@ -82,7 +206,7 @@ class ModelMerger {
   Reconstruction& in_a_;
   Reconstruction& in_b_;
   SceneModel* first_;
-  std::map<int, int> camera_of_second_;
+  const SceneModel* second_;
   Mask is_common_;  // per image of the result: both models have it
   MergeSummary summary_;
 };
@@ -129,106 +253,6 @@ void ModelMerger::Align(int min_common_images) {
   TransformWorld(summary_.first_from_second, &in_b_);
 }
 
-int ModelMerger::AddCamera(int camera_idx) {
-  const auto [known, is_new] = camera_of_second_.emplace(
-      camera_idx, static_cast<int>(a_.cameras.size()));
-  if (!is_new) return known->second;
-  Camera camera = in_b_.cameras[camera_idx];
-  camera.id = FreeIds<CameraId>(a_.cameras).Take(camera.id);
-  a_.cameras.push_back(camera);
-  in_a_.cameras.push_back(camera);
-  return known->second;
-}
-
-void ModelMerger::AddSensor(int sensor_idx, const std::optional<Rigid3>& pose) {
-  Sensor sensor = b_.sensors[sensor_idx];
-  const auto new_idx = static_cast<int>(a_.sensors.size());
-  const int rig_idx = *union_.first_rig[sensor.rig_idx];
-  sensor.rig_idx = rig_idx;
-  sensor.camera_idx = AddCamera(sensor.camera_idx);
-  sensor.sensor_from_rig.reset();
-  a_.rigs[rig_idx].sensor_idxs.push_back(new_idx);
-  a_.sensors.push_back(sensor);
-  in_a_.sensor_from_rig.push_back(pose);
-  union_.first_sensor[sensor_idx] = new_idx;
-}
-
-void ModelMerger::AddRig(int rig_idx) {
-  const Rig& rig = b_.rigs[rig_idx];
-  union_.first_rig[rig_idx] = static_cast<int>(a_.rigs.size());
-  a_.rigs.push_back({FreeIds<RigId>(a_.rigs).Take(rig.id), 0, {}});
-  for (const int sensor_idx : rig.sensor_idxs) {
-    AddSensor(sensor_idx, in_b_.sensor_from_rig[sensor_idx]);
-  }
-  const int ref_sensor_idx = *union_.first_sensor[rig.ref_sensor_idx];
-  a_.rigs.back().ref_sensor_idx = ref_sensor_idx;
-  a_.sensors[ref_sensor_idx].sensor_from_rig = Rigid3();
-}
-
-void ModelMerger::CheckSensor(int sensor_idx, int common_idx) const {
-  const int first = *union_.first_sensor[sensor_idx];
-  const int first_common = *union_.first_sensor[common_idx];
-  if (!in_a_.sensor_from_rig[first] || !in_b_.sensor_from_rig[sensor_idx]) {
-    return;
-  }
-  const Rigid3 in_a = *in_a_.sensor_from_rig[first] *
-                      in_a_.sensor_from_rig[first_common]->Inverse();
-  const Rigid3 in_b = *in_b_.sensor_from_rig[sensor_idx] *
-                      in_b_.sensor_from_rig[common_idx]->Inverse();
-  if (RadToDeg(AngleBetween(in_a.rotation, in_b.rotation)) <=
-      kMaxSensorRotationDeg) {
-    return;
-  }
-  throw Error("the rotation between cameras '" + b_.sensors[sensor_idx].name +
-              "' and '" + b_.sensors[common_idx].name +
-              "' differs between the models by more than 5 degrees; the rig "
-              "has changed, so give the images of one model other folders");
-}
-
-// Relates the sensors of a common rig to one that is posed in both models.
-void ModelMerger::AddSensors(int rig_idx) {
-  const std::vector<int>& sensor_idxs = b_.rigs[rig_idx].sensor_idxs;
-  const auto common =
-      std::find_if(sensor_idxs.begin(), sensor_idxs.end(), [&](int sensor_idx) {
-        const auto first = union_.first_sensor[sensor_idx];
-        return first && in_a_.sensor_from_rig[*first] &&
-               in_b_.sensor_from_rig[sensor_idx];
-      });
-  if (common == sensor_idxs.end()) {
-    throw Error(
-        "no camera of the rig of '" +
-        b_.sensors[b_.rigs[rig_idx].ref_sensor_idx].name +
-        "' has a pose in both models; merge models that share a camera");
-  }
-  const Rigid3 rig_a_from_rig_b =
-      in_a_.sensor_from_rig[*union_.first_sensor[*common]]->Inverse() *
-      *in_b_.sensor_from_rig[*common];
-  for (const int sensor_idx : sensor_idxs) {
-    const std::optional<Rigid3>& in_b = in_b_.sensor_from_rig[sensor_idx];
-    std::optional<Rigid3> pose;
-    if (in_b) pose = *in_b * rig_a_from_rig_b.Inverse();
-    const auto first = union_.first_sensor[sensor_idx];
-    if (!first) {
-      AddSensor(sensor_idx, pose);
-    } else if (!in_a_.sensor_from_rig[*first]) {
-      in_a_.sensor_from_rig[*first] = pose;
-    } else {
-      CheckSensor(sensor_idx, *common);
-    }
-  }
-}
-
-void ModelMerger::AddRigs() {
-  for (size_t i = 0; i < b_.rigs.size(); ++i) {
-    const int rig_idx = static_cast<int>(i);
-    if (union_.first_rig[i]) {
-      AddSensors(rig_idx);
-    } else {
-      AddRig(rig_idx);
-    }
-  }
-}
-
 // Leaves the first model as it was if a rig contradicts it.
 void ModelMerger::AddRigsOrNone() {
   const std::vector<Rig> rigs = a_.rigs;
@@ -237,7 +261,7 @@ void ModelMerger::AddRigsOrNone() {
   const std::vector<Camera> estimated_cameras = in_a_.cameras;
   const std::vector<std::optional<Rigid3>> poses = in_a_.sensor_from_rig;
   try {
-    AddRigs();
+    RigMerger(*second_, first_, &union_).Merge();
   } catch (...) {
     a_.rigs = rigs;
     a_.sensors = sensors;

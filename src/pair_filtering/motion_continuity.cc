@@ -18,6 +18,9 @@ namespace {
 
 using Eigen::Vector3d;
 
+// The thresholds of this file at half and twice their values are compared in
+// docs/results/constants.md.
+//
 // Of the larger speed, per step: a car that brakes hard from 14 m/s loses 0.1
 // of its speed in 0.3 s.
 constexpr double kRelativeChange = 0.1;
@@ -34,9 +37,13 @@ constexpr double kShareWeight = 0.5;
 // A step without a distance: it fits any speed, so that one with a distance
 // that continues the motion must be preferred.
 constexpr double kFreeDistanceCost = 1.0;
+// Bounds the cost, which is linear in it. Half or twice as many change no error
+// (docs/results/constants.md).
 constexpr size_t kMaxNumSkipped = 7;
 // More than any jumps that skipping a step could avoid.
 constexpr double kNeverSkip = 1e4;
+// Of the squared change of the motion. Chosen; half or twice the value changes
+// no error (docs/results/constants.md).
 constexpr double kLossScale = 30.0;
 // A step is contested if a hypothesis that explains this share of the matches,
 // and others than those before, differs from the one with the largest share.

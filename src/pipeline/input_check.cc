@@ -21,7 +21,9 @@
 namespace mgsfm {
 namespace {
 
+// Chosen; docs/guides/warnings.md states it.
 constexpr double kMinRegisteredShare = 0.9;
+// Chosen: a camera with one or two images shows no share.
 constexpr int kMinNumImagesOfCamera = 3;
 // More wrong than right priors of two are wrong by chance; fewer priors than
 // this show no share.
@@ -29,7 +31,7 @@ constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
 // Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
-// An estimated focal length this close to the given one confirms it.
+// An estimated focal length this close to the given one confirms it. Chosen.
 constexpr double kMaxConfirmedChange = 0.02;
 
 void Append(std::vector<Finding> from, std::vector<Finding>* to) {

@@ -26,6 +26,8 @@ namespace {
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
 
+// docs/results/constants.md shows the sensitivity to these thresholds.
+//
 // The path drifts by a random walk with this error per step, the median error
 // of interpolated steps on simulated drives.
 constexpr double kDriftPerStep_rad = 4e-3;

@@ -130,6 +130,19 @@ std::string DecodeBase64(const std::string& text) {
   return bytes;
 }
 
+int ToFixed(double value) {
+  return static_cast<int>(std::lround(value * (1 << kShift)));
+}
+
+cv::Point ToFixed(const cv::Point2d& p) {
+  return {ToFixed(p.x - 0.5), ToFixed(p.y - 0.5)};
+}
+
+int Thickness(const Attributes& a, double scale) {
+  return std::max(
+      1, static_cast<int>(std::lround(Number(a, "stroke-width", 1.0) * scale)));
+}
+
 class Raster {
  public:
   Raster(double width, double height, double pixels_per_unit)
@@ -160,12 +173,6 @@ class Raster {
   cv::Point2d ToCanvas(double x, double y) const {
     return {x * scale_ - clip_.x, y * scale_ - clip_.y};
   }
-  static cv::Point Fixed(const cv::Point2d& p) {
-    const auto round = [](double value) {
-      return static_cast<int>(std::lround(value * (1 << kShift)));
-    };
-    return {round(p.x - 0.5), round(p.y - 0.5)};
-  }
   cv::Rect RectOf(const Attributes& a) const {
     const double x = Number(a, "x", 0.0) * scale_;
     const double y = Number(a, "y", 0.0) * scale_;
@@ -175,12 +182,6 @@ class Raster {
     return {from, cv::Point(std::max(cvRound(right), from.x + 1),
                             std::max(cvRound(bottom), from.y + 1))};
   }
-  int ThicknessOf(const Attributes& a) const {
-    return std::max(
-        1,
-        static_cast<int>(std::lround(Number(a, "stroke-width", 1.0) * scale_)));
-  }
-
   // Draws with an opacity; `draw` gets the part that is not clipped.
   template <class Function>
   void Blend(double opacity, const Function& draw) {
@@ -234,7 +235,7 @@ void Raster::DrawLines(const std::vector<cv::Point2d>& points,
                        const Attributes& a) {
   const std::optional<cv::Scalar> stroke = ColorOf(a, "stroke", "none");
   if (!stroke) return;
-  const int thickness = ThicknessOf(a);
+  const int thickness = Thickness(a, scale_);
   const auto dash = a.find("stroke-dasharray");
   Blend(Number(a, "opacity", 1.0), [&](cv::Mat* part) {
     if (dash != a.end()) {
@@ -242,13 +243,13 @@ void Raster::DrawLines(const std::vector<cv::Point2d>& points,
       if (lengths.size() != 2) return;
       for (const auto& [from, to] :
            Dashes(points, scale_ * lengths[0], scale_ * lengths[1])) {
-        cv::line(*part, Fixed(from), Fixed(to), *stroke, thickness, cv::LINE_AA,
-                 kShift);
+        cv::line(*part, ToFixed(from), ToFixed(to), *stroke, thickness,
+                 cv::LINE_AA, kShift);
       }
       return;
     }
     std::vector<cv::Point> fixed;
-    for (const cv::Point2d& p : points) fixed.push_back(Fixed(p));
+    for (const cv::Point2d& p : points) fixed.push_back(ToFixed(p));
     cv::polylines(*part, fixed, false, *stroke, thickness, cv::LINE_AA, kShift);
   });
 }
@@ -260,27 +261,24 @@ void Raster::DrawRectangle(const Attributes& a) {
       cv::rectangle(*part, rect, *fill, cv::FILLED);
     }
     if (const auto stroke = ColorOf(a, "stroke", "none")) {
-      cv::rectangle(*part, rect, *stroke, ThicknessOf(a));
+      cv::rectangle(*part, rect, *stroke, Thickness(a, scale_));
     }
   });
 }
 
 void Raster::DrawEllipse(const cv::Point2d& center, const cv::Size2d& radii,
                          double angle_deg, const Attributes& a) {
-  const auto fixed = [](double value) {
-    return static_cast<int>(std::lround(value * (1 << kShift)));
-  };
-  const cv::Size axes(fixed(radii.width), fixed(radii.height));
+  const cv::Size axes(ToFixed(radii.width), ToFixed(radii.height));
   if (const auto fill = ColorOf(a, "fill", "#222")) {
     Blend(Number(a, "fill-opacity", 1.0), [&](cv::Mat* part) {
-      cv::ellipse(*part, Fixed(center), axes, angle_deg, 0.0, 360.0, *fill,
+      cv::ellipse(*part, ToFixed(center), axes, angle_deg, 0.0, 360.0, *fill,
                   cv::FILLED, cv::LINE_AA, kShift);
     });
   }
   if (const auto stroke = ColorOf(a, "stroke", "none")) {
     Blend(1.0, [&](cv::Mat* part) {
-      cv::ellipse(*part, Fixed(center), axes, angle_deg, 0.0, 360.0, *stroke,
-                  ThicknessOf(a), cv::LINE_AA, kShift);
+      cv::ellipse(*part, ToFixed(center), axes, angle_deg, 0.0, 360.0, *stroke,
+                  Thickness(a, scale_), cv::LINE_AA, kShift);
     });
   }
 }

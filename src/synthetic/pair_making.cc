@@ -31,6 +31,108 @@ Rigid3 WithUnitBaseline(const Rigid3& cam2_from_cam1) {
   return {cam2_from_cam1.rotation, cam2_from_cam1.translation.normalized()};
 }
 
+// The relative pose consistent with the matches: the true one, or for duplicate
+// structures that in a world in which the copy coincides with the original.
+Rigid3 PoseOfMatches(const PairPlan& plan, const World& world,
+                     const Photographs& photographs) {
+  const Rigid3& cam1_from_world =
+      photographs.exposures[plan.image1].cam_from_world;
+  const Rigid3& cam2_from_world =
+      photographs.exposures[plan.image2].cam_from_world;
+  if (plan.duplicate < 0) return cam2_from_world * cam1_from_world.Inverse();
+  const Rigid3& copy_from_original = world.copy_from_original[plan.duplicate];
+  return plan.first_sees_copy
+             ? cam2_from_world *
+                   (cam1_from_world * copy_from_original).Inverse()
+             : cam2_from_world * copy_from_original * cam1_from_world.Inverse();
+}
+
+// The key by which an identity is matched; -1 if it is not matched.
+int AppearanceOf(const World& world, int identity, int duplicate,
+                 bool is_copy) {
+  if (duplicate < 0) return identity;
+  if (identity >= static_cast<int>(world.points.size())) return -1;
+  const WorldPoint& point = world.points[identity];
+  const bool is_of_structure =
+      point.duplicate == duplicate && point.is_copy == is_copy;
+  return is_of_structure ? point.appearance : -1;
+}
+
+// Vehicles and copies of structures look the same on both sides of a weak cut.
+bool AreSeenAlike(const PairPlan& plan, const World& world,
+                  const WeakCuts& weak_cuts, const Photographs& photographs,
+                  int identity) {
+  return plan.duplicate >= 0 ||
+         identity >= static_cast<int>(world.points.size()) ||
+         weak_cuts.AreSeenAlike(photographs.exposures[plan.image1].frame,
+                                photographs.exposures[plan.image2].frame,
+                                identity);
+}
+
+std::vector<Match> Correspondences(const PairPlan& plan, const World& world,
+                                   const WeakCuts& weak_cuts,
+                                   const Photographs& photographs) {
+  const std::vector<int>& ids1 = photographs.features[plan.image1].identities;
+  const std::vector<int>& ids2 = photographs.features[plan.image2].identities;
+  std::vector<Match> matches;
+  for (size_t i = 0, j = 0; i < ids1.size() && j < ids2.size();) {
+    if (std::max(ids1[i], ids2[j]) == kClutter) break;
+    const int appearance1 =
+        AppearanceOf(world, ids1[i], plan.duplicate, plan.first_sees_copy);
+    const int appearance2 =
+        AppearanceOf(world, ids2[j], plan.duplicate, !plan.first_sees_copy);
+    if (appearance1 < 0) {
+      ++i;
+    } else if (appearance2 < 0) {
+      ++j;
+    } else if (appearance1 != appearance2) {
+      ++(appearance1 < appearance2 ? i : j);
+    } else {
+      if (AreSeenAlike(plan, world, weak_cuts, photographs, ids1[i])) {
+        matches.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(j)});
+      }
+      ++i;
+      ++j;
+    }
+  }
+  return matches;
+}
+
+// Each keypoint has at most one match, as with cross-checked matching. Wrong
+// matches therefore use keypoints without a correct match.
+void AddMismatches(double mismatch_ratio, size_t num_keypoints2, Random random,
+                   std::vector<Match>* matches) {
+  if (mismatch_ratio == 0.0) return;
+  Mask is_taken(num_keypoints2, false);
+  std::vector<Match*> mismatches;
+  for (Match& match : *matches) {
+    const bool is_wrong = random.Uniform() < mismatch_ratio;
+    if (is_wrong) mismatches.push_back(&match);
+    is_taken[match.keypoint_idx2] = is_wrong ? 0 : 1;
+  }
+  std::vector<uint32_t> pool;
+  for (size_t i = 0; i < is_taken.size(); ++i) {
+    if (is_taken[i] == 0) pool.push_back(static_cast<uint32_t>(i));
+  }
+  for (Match* match : mismatches) {
+    const uint32_t size = static_cast<uint32_t>(pool.size());
+    uint32_t draw = random.Index(size);
+    if (pool[draw] == match->keypoint_idx2) draw = (draw + 1) % size;
+    match->keypoint_idx2 = pool[draw];
+    pool[draw] = pool.back();
+    pool.pop_back();
+  }
+}
+
+const Eigen::Vector3d& Ray1(const Photographs& photographs, int image,
+                            const Match& match) {
+  return photographs.features[image].rays[match.keypoint_idx1];
+}
+const Eigen::Vector3d& Ray2(const Photographs& photographs, int image,
+                            const Match& match) {
+  return photographs.features[image].rays[match.keypoint_idx2];
+}
+
 }  // namespace
 
 PairMaker::PairMaker(const SimulationOptions& options,
@@ -47,7 +149,8 @@ PairMaker::PairMaker(const SimulationOptions& options,
       photographs_(photographs) {}
 
 std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
-  std::vector<Match> matches = Correspondences(plan);
+  std::vector<Match> matches =
+      Correspondences(plan, world_, weak_cuts_, photographs_);
   if (static_cast<int>(matches.size()) < options_.min_num_matches) {
     return std::nullopt;
   }
@@ -57,8 +160,12 @@ std::optional<MadePair> PairMaker::Make(const PairPlan& plan) const {
   if (!is_duplicate && random.Uniform() < options_.wrong_pair_ratio) {
     return MakeRandomPair(plan, std::move(matches));
   }
-  const Rigid3 cam2_from_cam1 = RelativePose(plan);
-  AddMismatches(plan, &matches);
+  const Rigid3 cam2_from_cam1 = PoseOfMatches(plan, world_, photographs_);
+  AddMismatches(options_.mismatch_ratio,
+                photographs_.features[plan.image2].size(),
+                RandomOf(options_.random_seed, Effect::kMismatches,
+                         KeyOf(plan.image1, plan.image2)),
+                &matches);
   MoveAlongEpipolarLines(plan, cam2_from_cam1, &matches);
   return Verify(plan.image1, plan.image2,
                 is_duplicate ? PairKind::kDuplicatedStructure : PairKind::kTrue,
@@ -87,95 +194,6 @@ std::optional<MadePair> PairMaker::Verify(
 uint64_t PairMaker::KeyOf(int image1, int image2) const {
   return photographs_.exposures[image1].Key() << 32 |
          photographs_.exposures[image2].Key();
-}
-
-// The relative pose consistent with the matches: the true one, or for duplicate
-// structures that in a world in which the copy coincides with the original.
-Rigid3 PairMaker::RelativePose(const PairPlan& plan) const {
-  const Rigid3& cam1_from_world =
-      photographs_.exposures[plan.image1].cam_from_world;
-  const Rigid3& cam2_from_world =
-      photographs_.exposures[plan.image2].cam_from_world;
-  if (plan.duplicate < 0) return cam2_from_world * cam1_from_world.Inverse();
-  const Rigid3& copy_from_original = world_.copy_from_original[plan.duplicate];
-  return plan.first_sees_copy
-             ? cam2_from_world *
-                   (cam1_from_world * copy_from_original).Inverse()
-             : cam2_from_world * copy_from_original * cam1_from_world.Inverse();
-}
-
-// The key by which an identity is matched; -1 if it is not matched.
-int PairMaker::AppearanceOf(int identity, int duplicate, bool is_copy) const {
-  if (duplicate < 0) return identity;
-  if (identity >= static_cast<int>(world_.points.size())) return -1;
-  const WorldPoint& point = world_.points[identity];
-  const bool is_of_structure =
-      point.duplicate == duplicate && point.is_copy == is_copy;
-  return is_of_structure ? point.appearance : -1;
-}
-
-// Vehicles and copies of structures look the same on both sides of a weak cut.
-bool PairMaker::AreSeenAlike(const PairPlan& plan, int identity) const {
-  return plan.duplicate >= 0 ||
-         identity >= static_cast<int>(world_.points.size()) ||
-         weak_cuts_.AreSeenAlike(photographs_.exposures[plan.image1].frame,
-                                 photographs_.exposures[plan.image2].frame,
-                                 identity);
-}
-
-std::vector<Match> PairMaker::Correspondences(const PairPlan& plan) const {
-  const std::vector<int>& ids1 = photographs_.features[plan.image1].identities;
-  const std::vector<int>& ids2 = photographs_.features[plan.image2].identities;
-  std::vector<Match> matches;
-  for (size_t i = 0, j = 0; i < ids1.size() && j < ids2.size();) {
-    if (std::max(ids1[i], ids2[j]) == kClutter) break;
-    const int appearance1 =
-        AppearanceOf(ids1[i], plan.duplicate, plan.first_sees_copy);
-    const int appearance2 =
-        AppearanceOf(ids2[j], plan.duplicate, !plan.first_sees_copy);
-    if (appearance1 < 0) {
-      ++i;
-    } else if (appearance2 < 0) {
-      ++j;
-    } else if (appearance1 != appearance2) {
-      ++(appearance1 < appearance2 ? i : j);
-    } else {
-      if (AreSeenAlike(plan, ids1[i])) {
-        matches.push_back({static_cast<uint32_t>(i), static_cast<uint32_t>(j)});
-      }
-      ++i;
-      ++j;
-    }
-  }
-  return matches;
-}
-
-// Each keypoint has at most one match, as with cross-checked matching. Wrong
-// matches therefore use keypoints without a correct match.
-void PairMaker::AddMismatches(const PairPlan& plan,
-                              std::vector<Match>* matches) const {
-  if (options_.mismatch_ratio == 0.0) return;
-  Random random = RandomOf(options_.random_seed, Effect::kMismatches,
-                           KeyOf(plan.image1, plan.image2));
-  Mask is_taken(photographs_.features[plan.image2].size(), false);
-  std::vector<Match*> mismatches;
-  for (Match& match : *matches) {
-    const bool is_wrong = random.Uniform() < options_.mismatch_ratio;
-    if (is_wrong) mismatches.push_back(&match);
-    is_taken[match.keypoint_idx2] = is_wrong ? 0 : 1;
-  }
-  std::vector<uint32_t> pool;
-  for (size_t i = 0; i < is_taken.size(); ++i) {
-    if (is_taken[i] == 0) pool.push_back(static_cast<uint32_t>(i));
-  }
-  for (Match* match : mismatches) {
-    const uint32_t size = static_cast<uint32_t>(pool.size());
-    uint32_t draw = random.Index(size);
-    if (pool[draw] == match->keypoint_idx2) draw = (draw + 1) % size;
-    match->keypoint_idx2 = pool[draw];
-    pool[draw] = pool.back();
-    pool.pop_back();
-  }
 }
 
 void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
@@ -245,8 +263,8 @@ double PairMaker::ErrorInRadians(int image1, int image2,
 
 bool PairMaker::Passes(const Rigid3& cam2_from_cam1, int image1, int image2,
                        const Match& match, double max_error_rad) const {
-  const Eigen::Vector3d& ray1 = Ray1(image1, match);
-  const Eigen::Vector3d& ray2 = Ray2(image2, match);
+  const Eigen::Vector3d& ray1 = Ray1(photographs_, image1, match);
+  const Eigen::Vector3d& ray2 = Ray2(photographs_, image2, match);
   if (!HasBaseline(cam2_from_cam1)) {
     return IsRotationInlier(cam2_from_cam1.rotation, ray1, ray2, max_error_rad);
   }
@@ -306,7 +324,8 @@ Rigid3 PairMaker::Estimate(int image1, int image2,
     RayMatches rays;
     rays.Reserve(hypothesis.inliers.size());
     for (const Match& match : hypothesis.inliers) {
-      rays.Add(Ray1(image1, match), Ray2(image2, match));
+      rays.Add(Ray1(photographs_, image1, match),
+               Ray2(photographs_, image2, match));
     }
     PoseRefinementOptions refinement;
     refinement.loss_scale_rad =
@@ -334,13 +353,14 @@ bool PairMaker::IsPanoramic(int image1, int image2,
   if (options_.max_verification_error_px == 0.0) return false;
   const double max_error_rad =
       ErrorInRadians(image1, image2, options_.max_verification_error_px);
-  const auto num_explained = std::count_if(
-      hypothesis.inliers.begin(), hypothesis.inliers.end(),
-      [&](const Match& match) {
-        return IsRotationInlier(hypothesis.cam2_from_cam1.rotation,
-                                Ray1(image1, match), Ray2(image2, match),
-                                max_error_rad);
-      });
+  const auto num_explained =
+      std::count_if(hypothesis.inliers.begin(), hypothesis.inliers.end(),
+                    [&](const Match& match) {
+                      return IsRotationInlier(
+                          hypothesis.cam2_from_cam1.rotation,
+                          Ray1(photographs_, image1, match),
+                          Ray2(photographs_, image2, match), max_error_rad);
+                    });
   return static_cast<double>(num_explained) >=
          kPanoramicShare * static_cast<double>(hypothesis.inliers.size());
 }

@@ -43,11 +43,6 @@ class PairMaker {
     std::vector<Match> inliers;
   };
 
-  Rigid3 RelativePose(const PairPlan& plan) const;
-  std::vector<Match> Correspondences(const PairPlan& plan) const;
-  bool AreSeenAlike(const PairPlan& plan, int identity) const;
-  int AppearanceOf(int identity, int duplicate, bool is_copy) const;
-  void AddMismatches(const PairPlan& plan, std::vector<Match>* matches) const;
   void MoveAlongEpipolarLines(const PairPlan& plan,
                               const Rigid3& cam2_from_cam1,
                               std::vector<Match>* matches) const;
@@ -64,12 +59,6 @@ class PairMaker {
   Rigid3 Estimate(int image1, int image2, const Hypothesis& hypothesis) const;
   bool IsPanoramic(int image1, int image2, const Hypothesis& hypothesis) const;
   uint64_t KeyOf(int image1, int image2) const;
-  const Eigen::Vector3d& Ray1(int image, const Match& match) const {
-    return photographs_.features[image].rays[match.keypoint_idx1];
-  }
-  const Eigen::Vector3d& Ray2(int image, const Match& match) const {
-    return photographs_.features[image].rays[match.keypoint_idx2];
-  }
 
   const SimulationOptions& options_;
   const std::vector<SimulatedCamera>& rig_;

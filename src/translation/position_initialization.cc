@@ -25,6 +25,8 @@ using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
+// docs/results/constants.md shows the sensitivity to the chosen values.
+//
 // Error of directions beyond their own estimates, and the unit of residuals.
 // Chosen, not measured.
 constexpr double kDirectionSigma = DegToRad(0.5);

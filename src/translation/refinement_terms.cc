@@ -8,7 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// Errors of pairs beyond their own estimates. Chosen, not measured.
+// Errors of pairs beyond their own estimates. Chosen; half or twice the values
+// change no error (docs/results/constants.md).
 constexpr double kDirectionSigma = DegToRad(0.5);
 constexpr double kScaleSigma = 0.1;
 // Relative to the weight of a direction, per unit of length. Chosen small: a

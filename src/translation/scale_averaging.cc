@@ -20,6 +20,8 @@
 namespace mgsfm {
 namespace {
 
+// docs/results/constants.md shows the sensitivity to the chosen values.
+//
 // A median of five tolerates two outliers. Chosen.
 constexpr int kMinNumCommon = 5;
 // Links of one pair in one image, most certain first. A bound on time: the

@@ -68,6 +68,59 @@ double MedianRotationError(const RayMatches& matches,
   return Median(std::move(errors));
 }
 
+PoseScore Score(const RayMatches& matches, const RelativePose& pose,
+                double max_error) {
+  return pose.translation_direction
+             ? ScoreRelativePose(matches, ToRigid3(pose), max_error)
+             : ScoreRotation(matches, pose.cam2_from_cam1, max_error);
+}
+
+Mask InliersOf(const RayMatches& matches, const RelativePose& pose,
+               double max_error) {
+  return pose.translation_direction
+             ? FindInliers(matches, ToRigid3(pose), max_error)
+             : FindRotationInliers(matches, pose.cam2_from_cam1, max_error);
+}
+
+// The pose; with the direction that the inliers have, if it has none.
+Rigid3 WithDirection(const RelativePose& pose, const RayMatches& inliers,
+                     double max_error) {
+  if (pose.translation_direction) return ToRigid3(pose);
+  const Eigen::Quaterniond& rotation = pose.cam2_from_cam1;
+  const Rigid3 forward{rotation, FitDirection(inliers, rotation)};
+  const Rigid3 backward{rotation, -forward.translation};
+  return ScoreRelativePose(inliers, forward, max_error).cost <=
+                 ScoreRelativePose(inliers, backward, max_error).cost
+             ? forward
+             : backward;
+}
+
+// The matches of a pair whose keypoints have rays.
+struct MatchedRays {
+  RayMatches rays;
+  std::vector<size_t> match_idxs;  // in pair.matches
+};
+
+MatchedRays GatherRays(const ImagePair& pair, const Bearings& bearings) {
+  MatchedRays result;
+  result.rays.Reserve(pair.matches.size());
+  result.match_idxs.reserve(pair.matches.size());
+  for (size_t i = 0; i < pair.matches.size(); ++i) {
+    const int keypoint1 = static_cast<int>(pair.matches[i].keypoint_idx1);
+    const int keypoint2 = static_cast<int>(pair.matches[i].keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    result.rays.Add(bearings.Ray(pair.image_idx1, keypoint1),
+                    bearings.Ray(pair.image_idx2, keypoint2));
+    result.match_idxs.push_back(i);
+  }
+  return result;
+}
+
+PairEstimate Dropped() { return {PairOutcome::kDroppedFewInliers, {}}; }
+
 class PairEstimator {
  public:
   PairEstimator(const Scene& scene, const Bearings& bearings,
@@ -79,9 +132,8 @@ class PairEstimator {
         radians_per_pixel_(
             0.5 / PixelsPerRadian(camera1_.model, camera1_.params.data()) +
             0.5 / PixelsPerRadian(camera2_.model, camera2_.params.data())),
-        max_error_(options.max_error_px * radians_per_pixel_) {
-    GatherMatches(bearings);
-  }
+        max_error_(options.max_error_px * radians_per_pixel_),
+        matched_(GatherRays(pair, bearings)) {}
 
   PairEstimate Estimate(Random* random) {
     TryViewGraphPoses();
@@ -92,36 +144,8 @@ class PairEstimator {
   }
 
  private:
-  void GatherMatches(const Bearings& bearings) {
-    matches_.Reserve(pair_.matches.size());
-    match_idxs_.reserve(pair_.matches.size());
-    for (size_t i = 0; i < pair_.matches.size(); ++i) {
-      const int keypoint1 = static_cast<int>(pair_.matches[i].keypoint_idx1);
-      const int keypoint2 = static_cast<int>(pair_.matches[i].keypoint_idx2);
-      if (!bearings.HasRay(pair_.image_idx1, keypoint1) ||
-          !bearings.HasRay(pair_.image_idx2, keypoint2)) {
-        continue;
-      }
-      matches_.Add(bearings.Ray(pair_.image_idx1, keypoint1),
-                   bearings.Ray(pair_.image_idx2, keypoint2));
-      match_idxs_.push_back(i);
-    }
-  }
-
-  PoseScore Score(const RelativePose& pose) const {
-    return pose.translation_direction
-               ? ScoreRelativePose(matches_, ToRigid3(pose), max_error_)
-               : ScoreRotation(matches_, pose.cam2_from_cam1, max_error_);
-  }
-
-  Mask InliersOf(const RelativePose& pose, double max_error) const {
-    return pose.translation_direction
-               ? FindInliers(matches_, ToRigid3(pose), max_error)
-               : FindRotationInliers(matches_, pose.cam2_from_cam1, max_error);
-  }
-
   void Try(const RelativePose& pose, PairOutcome source) {
-    const PoseScore score = Score(pose);
+    const PoseScore score = Score(matched_.rays, pose, max_error_);
     if (score.cost < score_.cost) {
       pose_ = pose;
       score_ = score;
@@ -160,7 +184,7 @@ class PairEstimator {
 
   bool HasEnoughInliers(double ratio) const {
     return score_.num_inliers >= options_.min_num_inliers &&
-           score_.num_inliers >= ratio * matches_.size();
+           score_.num_inliers >= ratio * matched_.rays.size();
   }
 
   // The rotation is estimated first: it needs few trials, and five-point
@@ -170,12 +194,12 @@ class PairEstimator {
     ransac.max_error_rad = max_error_;
     ransac.max_num_trials =
         std::min(*options_.max_num_trials, kMaxNumRotationTrials);
-    if (const auto rotation = EstimateRotation(matches_, ransac, random)) {
+    if (const auto rotation = EstimateRotation(matched_.rays, ransac, random)) {
       Try({*rotation, std::nullopt}, PairOutcome::kReestimated);
     }
     if (HasEnoughInliers(RequiredInitialInlierRatio())) return;
     ransac.max_num_trials = options_.max_num_trials;
-    if (const auto pose = EstimateRelativePose(matches_, ransac, random)) {
+    if (const auto pose = EstimateRelativePose(matched_.rays, ransac, random)) {
       Try(ToRelativePose(*pose), PairOutcome::kReestimated);
     }
   }
@@ -184,14 +208,15 @@ class PairEstimator {
   // decides which of them the matches support.
   void Refine() {
     RayMatches inliers;
-    inliers.Reserve(matches_.size());
-    const Mask is_inlier = InliersOf(pose_, kRelaxation * max_error_);
-    for (size_t i = 0; i < matches_.size(); ++i) {
+    inliers.Reserve(matched_.rays.size());
+    const Mask is_inlier =
+        InliersOf(matched_.rays, pose_, kRelaxation * max_error_);
+    for (size_t i = 0; i < matched_.rays.size(); ++i) {
       if (is_inlier[i]) {
-        inliers.Add(matches_.rays1[i], matches_.rays2[i]);
+        inliers.Add(matched_.rays.rays1[i], matched_.rays.rays2[i]);
       }
     }
-    Rigid3 pose = StartWithDirection(inliers);
+    Rigid3 pose = WithDirection(pose_, inliers, max_error_);
     PoseRefinementOptions refinement;
     refinement.max_num_iterations = kMaxNumRefinementIterations;
     refinement.loss_scale_rad = kInitialLossScale * max_error_;
@@ -214,37 +239,24 @@ class PairEstimator {
     }
   }
 
-  Rigid3 StartWithDirection(const RayMatches& inliers) const {
-    if (pose_.translation_direction) return ToRigid3(pose_);
-    const Eigen::Quaterniond& rotation = pose_.cam2_from_cam1;
-    const Rigid3 pose{rotation, FitDirection(inliers, rotation)};
-    const Rigid3 opposite{rotation, -pose.translation};
-    return ScoreRelativePose(inliers, pose, max_error_).cost <=
-                   ScoreRelativePose(inliers, opposite, max_error_).cost
-               ? pose
-               : opposite;
-  }
-
   // Whether the rotation explains almost all inliers of the pose.
   bool HasLowParallax(const Eigen::Quaterniond& rotation) const {
     const double min_parallax = options_.min_parallax_px * radians_per_pixel_;
-    const Mask is_inlier = InliersOf(pose_, max_error_);
+    const Mask is_inlier = InliersOf(matched_.rays, pose_, max_error_);
     const Eigen::Matrix3d R = rotation.toRotationMatrix();
     int num_inliers = 0, num_with_parallax = 0;
-    for (size_t i = 0; i < matches_.size(); ++i) {
+    for (size_t i = 0; i < matched_.rays.size(); ++i) {
       if (!is_inlier[i]) continue;
-      const Eigen::Vector3d a = R * matches_.rays1[i];
+      const Eigen::Vector3d a = R * matched_.rays.rays1[i];
       ++num_inliers;
-      num_with_parallax +=
-          (a - matches_.rays2[i]).squaredNorm() > min_parallax * min_parallax;
+      num_with_parallax += (a - matched_.rays.rays2[i]).squaredNorm() >
+                           min_parallax * min_parallax;
     }
     return num_with_parallax <= options_.min_parallax_ratio * num_inliers;
   }
 
-  PairEstimate Dropped() const { return {PairOutcome::kDroppedFewInliers, {}}; }
-
   PairEstimate Result() {
-    score_ = Score(pose_);
+    score_ = Score(matched_.rays, pose_, max_error_);
     if (!HasEnoughInliers(options_.min_inlier_ratio)) return Dropped();
     PairEstimate result{source_, {}};
     result.pair.image_idx1 = pair_.image_idx1;
@@ -255,10 +267,10 @@ class PairEstimator {
       result.pair.relative_pose->translation_direction.reset();
     }
     result.pair.matches.reserve(score_.num_inliers);
-    const Mask is_inlier = InliersOf(pose_, max_error_);
-    for (size_t i = 0; i < matches_.size(); ++i) {
+    const Mask is_inlier = InliersOf(matched_.rays, pose_, max_error_);
+    for (size_t i = 0; i < matched_.rays.size(); ++i) {
       if (is_inlier[i]) {
-        result.pair.matches.push_back(pair_.matches[match_idxs_[i]]);
+        result.pair.matches.push_back(pair_.matches[matched_.match_idxs[i]]);
       }
     }
     return result;
@@ -270,8 +282,7 @@ class PairEstimator {
   const Camera& camera2_;
   const double radians_per_pixel_;
   const double max_error_;  // in radians
-  RayMatches matches_;
-  std::vector<size_t> match_idxs_;  // of matches_ in pair_.matches
+  const MatchedRays matched_;
   RelativePose pose_{Eigen::Quaterniond::Identity(), std::nullopt};
   bool has_direction_ = true;  // whether the result has the direction of pose_
   PoseScore score_{std::numeric_limits<double>::infinity(), 0};

@@ -18,123 +18,72 @@
 namespace mgsfm {
 namespace {
 
-class DatabaseReader {
- public:
-  DatabaseReader(const SqliteDatabase& database,
-                 const DatabaseSelection& selection, const Context& context)
-      : database_(database), selection_(selection), context_(context) {
-    contents_.path = database.path();
-  }
+// The database that is read, and the run that reads it.
+struct Source {
+  const SqliteDatabase& database;
+  const Context& context;
 
-  DatabaseContents Read() {
-    CheckTables();
-    ReadCameras();
-    ReadImages();
-    contents_.is_selection = !left_out_ids_.empty();
-    if (contents_.images.empty() && left_out_ids_.empty()) {
-      Throw("has no images; run the feature extractor first");
-    }
-    if (selection_.has_keypoints) {
-      ReadKeypoints();
-      CheckKeypoints();
-    }
-    ReadPairs();
-    if (selection_.has_keypoints) CheckMatches();
-    ReadRigsAndFrames();
-    return std::move(contents_);
-  }
-
-  DatabaseContents ReadStructure() {
-    CheckTables();
-    ReadCameras();
-    ReadImages();
-    ReadRigsAndFrames();
-    return std::move(contents_);
-  }
-
- private:
   [[noreturn]] void Throw(const std::string& problem) const {
-    ThrowDatabaseError(contents_.path, problem);
+    ThrowDatabaseError(database.path(), problem);
   }
   bool Next(SqliteStatement* row) const {
-    context_.CheckInterrupted();
+    context.CheckInterrupted();
     return row->Step();
   }
-
-  void CheckTables();
-  void ReadCameras();
-  void ReadImages();
-  void ReadKeypoints();
-  void CheckKeypoints() const;
-  void ReadPairs();
-  void CheckMatches() const;
-  void ReadRigsAndFrames();
-  void ReadRigs();
-  void ReadRigSensors();
-  void ReadFrames();
-
-  Camera DecodeCamera(const SqliteStatement& row) const;
-  void DecodePair(const SqliteStatement& row);
-
-  // The id in a column; `what` names the row.
-  template <class IdType>
-  IdType CheckedId(int64_t value, const std::string& what) const {
-    if (value < 0 || value >= kMaxNumIds) {
-      Throw(what + " has the id " + std::to_string(value) +
-            ", which is out of range; create the database again");
-    }
-    return IdType(static_cast<uint32_t>(value));
-  }
-  bool IsSelected(const std::string& image_name) const {
-    return selection_.image_names.empty() ||
-           selection_.image_names.count(image_name) > 0;
-  }
-  bool IsLeftOut(int64_t image_id) const {
-    return std::binary_search(left_out_ids_.begin(), left_out_ids_.end(),
-                              image_id);
-  }
-  // Position of an image in contents_.images, nullptr if there is none.
-  const size_t* FindImage(int64_t image_id) const {
-    const auto it = image_positions_.find(image_id);
-    return it == image_positions_.end() ? nullptr : &it->second;
-  }
-  // "images 3 'a.jpg' and 7 'b.jpg'"
-  std::string PairName(int64_t image_id1, int64_t image_id2) const;
-
-  const SqliteDatabase& database_;
-  const DatabaseSelection& selection_;
-  const Context& context_;
-  DatabaseContents contents_;
-  std::unordered_map<int64_t, size_t> image_positions_;
-  std::vector<int64_t> left_out_ids_;  // of images not selected, ascending
-  std::string pair_table_;
 };
 
-void DatabaseReader::CheckTables() {
-  for (const char* table : {"cameras", "images", "keypoints"}) {
-    if (!database_.HasTable(table)) {
-      Throw(std::string("has no table '") + table +
-            "', so it is not a COLMAP database; give the one that COLMAP's "
-            "feature extractor made");
-    }
+// The images that are selected, and the ids of the others.
+struct ImageTable {
+  std::vector<ImageRow> rows;
+  std::unordered_map<int64_t, size_t> positions;  // in `rows`, by id
+  std::vector<int64_t> left_out_ids;              // ascending
+
+  bool IsLeftOut(int64_t id) const {
+    return std::binary_search(left_out_ids.begin(), left_out_ids.end(), id);
   }
-  if (database_.HasTable("two_view_geometries")) {
-    pair_table_ = "two_view_geometries";
-  } else if (database_.HasTable("inlier_matches")) {
-    pair_table_ = "inlier_matches";
-  } else {
-    Throw("has no table 'two_view_geometries'; match its images first");
+  // nullptr if there is no such image.
+  const ImageRow* Find(int64_t id) const {
+    const auto it = positions.find(id);
+    return it == positions.end() ? nullptr : &rows[it->second];
   }
-  if (!database_.HasTable("rigs")) return;
-  for (const char* table : {"rig_sensors", "frames", "frame_data"}) {
-    if (!database_.HasTable(table)) {
-      Throw(std::string("has the table 'rigs' but no table '") + table + "'" +
-            kConfigureAgain);
-    }
+};
+
+// The id in a column; `what` names the row.
+template <class IdType>
+IdType CheckedId(const Source& source, int64_t value, const std::string& what) {
+  if (value < 0 || value >= kMaxNumIds) {
+    source.Throw(what + " has the id " + std::to_string(value) +
+                 ", which is out of range; create the database again");
   }
+  return IdType(static_cast<uint32_t>(value));
 }
 
-Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
+// Returns the name of the table of verified pairs.
+std::string CheckTables(const Source& source) {
+  for (const char* table : {"cameras", "images", "keypoints"}) {
+    if (!source.database.HasTable(table)) {
+      source.Throw(
+          std::string("has no table '") + table +
+          "', so it is not a COLMAP database; give the one that COLMAP's "
+          "feature extractor made");
+    }
+  }
+  std::string pair_table = "two_view_geometries";
+  if (!source.database.HasTable(pair_table)) pair_table = "inlier_matches";
+  if (!source.database.HasTable(pair_table)) {
+    source.Throw("has no table 'two_view_geometries'; match its images first");
+  }
+  if (!source.database.HasTable("rigs")) return pair_table;
+  for (const char* table : {"rig_sensors", "frames", "frame_data"}) {
+    if (!source.database.HasTable(table)) {
+      source.Throw(std::string("has the table 'rigs' but no table '") + table +
+                   "'" + kConfigureAgain);
+    }
+  }
+  return pair_table;
+}
+
+Camera DecodeCamera(const Source& source, const SqliteStatement& row) {
   const std::string name = "camera " + std::to_string(row.Int(0));
   const CameraModelInfo* model = nullptr;
   const int64_t model_id = row.Int(1);
@@ -142,89 +91,100 @@ Camera DatabaseReader::DecodeCamera(const SqliteStatement& row) const {
     model = FindCameraModel(static_cast<int32_t>(model_id));
   }
   if (model == nullptr) {
-    Throw(name + " has the unknown camera model " + std::to_string(model_id) +
-          "; extract the features again with one of COLMAP's camera models");
+    source.Throw(
+        name + " has the unknown camera model " + std::to_string(model_id) +
+        "; extract the features again with one of COLMAP's camera models");
   }
-  Camera camera{
-      CheckedId<CameraId>(row.Int(0), "a camera"), model->id, 0, 0, {}, false};
+  Camera camera{CheckedId<CameraId>(source, row.Int(0), "a camera"),
+                model->id,
+                0,
+                0,
+                {},
+                false};
   const int64_t width = row.Int(2);
   const int64_t height = row.Int(3);
   constexpr int64_t kMaxSize = std::numeric_limits<int>::max();
   if (width <= 0 || height <= 0 || width > kMaxSize || height > kMaxSize) {
-    Throw(name + " has the image size " + std::to_string(width) + " x " +
-          std::to_string(height) + kExtractAgain);
+    source.Throw(name + " has the image size " + std::to_string(width) + " x " +
+                 std::to_string(height) + kExtractAgain);
   }
   camera.width_px = static_cast<int>(width);
   camera.height_px = static_cast<int>(height);
   const BlobView params = row.Blob(4);
   const auto num_params = static_cast<size_t>(model->num_params);
   if (params.size != num_params * sizeof(double)) {
-    Throw(name + " has " + std::to_string(params.size) +
-          " bytes of parameters, but " + std::string(model->name) + " has " +
-          std::to_string(num_params) + " parameters" + kExtractAgain);
+    source.Throw(name + " has " + std::to_string(params.size) +
+                 " bytes of parameters, but " + std::string(model->name) +
+                 " has " + std::to_string(num_params) + " parameters" +
+                 kExtractAgain);
   }
   camera.params.resize(num_params);
   std::memcpy(camera.params.data(), params.data, params.size);
   if (const auto problem = WhyImplausible(camera)) {
-    Throw(name + ' ' + *problem + kExtractAgain);
+    source.Throw(name + ' ' + *problem + kExtractAgain);
   }
   camera.has_prior_focal_length = row.Int(5) != 0;
   return camera;
 }
 
-void DatabaseReader::ReadCameras() {
-  SqliteStatement row = database_.Prepare(
+std::vector<Camera> ReadCameras(const Source& source) {
+  std::vector<Camera> cameras;
+  SqliteStatement row = source.database.Prepare(
       "SELECT camera_id, model, width, height, params, prior_focal_length "
       "FROM cameras ORDER BY camera_id");
-  while (Next(&row)) contents_.cameras.push_back(DecodeCamera(row));
+  while (source.Next(&row)) cameras.push_back(DecodeCamera(source, row));
+  return cameras;
 }
 
-void DatabaseReader::ReadImages() {
+ImageTable ReadImages(const Source& source, const DatabaseSelection& selection,
+                      const std::vector<Camera>& cameras) {
   std::set<int64_t> camera_ids;
-  for (const Camera& camera : contents_.cameras) {
-    camera_ids.insert(camera.id.value());
-  }
+  for (const Camera& camera : cameras) camera_ids.insert(camera.id.value());
+  ImageTable images;
   std::set<std::string> names;
-  SqliteStatement row = database_.Prepare(
+  SqliteStatement row = source.database.Prepare(
       "SELECT image_id, name, camera_id FROM images ORDER BY image_id");
-  while (Next(&row)) {
+  while (source.Next(&row)) {
     const std::string name = row.Text(1);
     const std::string what =
         "image " + std::to_string(row.Int(0)) + " '" + Printable(name) + "'";
     if (const auto problem = WhyUnusable(name)) {
-      Throw("the name of " + what + ' ' + *problem +
-            "; rename the file and extract the features again");
+      source.Throw("the name of " + what + ' ' + *problem +
+                   "; rename the file and extract the features again");
     }
     if (name.empty() || !names.insert(name).second) {
-      Throw(what + (name.empty() ? " has no name" : " is there twice") +
-            kExtractAgain);
+      source.Throw(what + (name.empty() ? " has no name" : " is there twice") +
+                   kExtractAgain);
     }
     if (camera_ids.count(row.Int(2)) == 0) {
-      Throw(what + " has the camera " + std::to_string(row.Int(2)) +
-            ", which does not exist" + kExtractAgain);
+      source.Throw(what + " has the camera " + std::to_string(row.Int(2)) +
+                   ", which does not exist" + kExtractAgain);
     }
-    if (!IsSelected(name)) {
-      left_out_ids_.push_back(row.Int(0));
+    if (!selection.image_names.empty() &&
+        selection.image_names.count(name) == 0) {
+      images.left_out_ids.push_back(row.Int(0));
       continue;
     }
-    image_positions_[row.Int(0)] = contents_.images.size();
-    contents_.images.push_back({CheckedId<ImageId>(row.Int(0), what),
-                                name,
-                                CheckedId<CameraId>(row.Int(2), what),
-                                {}});
+    images.positions[row.Int(0)] = images.rows.size();
+    images.rows.push_back({CheckedId<ImageId>(source, row.Int(0), what),
+                           name,
+                           CheckedId<CameraId>(source, row.Int(2), what),
+                           {}});
   }
+  return images;
 }
 
-void DatabaseReader::ReadKeypoints() {
-  SqliteStatement row = database_.Prepare(
+void ReadKeypoints(const Source& source, ImageTable* images) {
+  SqliteStatement row = source.database.Prepare(
       "SELECT image_id, rows, cols, data FROM keypoints ORDER BY image_id");
-  while (Next(&row)) {
+  while (source.Next(&row)) {
     // Rows left behind by an image that was deleted are harmless.
-    const size_t* position = FindImage(row.Int(0));
-    if (position == nullptr) continue;
-    ImageRow& image = contents_.images[*position];
-    const KeypointBlob blob = DecodeKeypoints(
-        row, contents_.path, "the keypoints of image '" + image.name + "'");
+    const auto position = images->positions.find(row.Int(0));
+    if (position == images->positions.end()) continue;
+    ImageRow& image = images->rows[position->second];
+    const KeypointBlob blob =
+        DecodeKeypoints(row, source.database.path(),
+                        "the keypoints of image '" + image.name + "'");
     image.keypoints_px.resize(blob.rows);
     for (size_t i = 0; i < blob.rows; ++i) {
       // x and y come first in all layouts.
@@ -234,79 +194,81 @@ void DatabaseReader::ReadKeypoints() {
   }
 }
 
-void DatabaseReader::CheckKeypoints() const {
-  const std::vector<ImageRow>& images = contents_.images;
+void CheckKeypoints(const Source& source, const std::vector<ImageRow>& images) {
   Mask is_finite(images.size());
-  ParallelFor(images.size(), context_.num_threads, [&](size_t i) {
+  ParallelFor(images.size(), source.context.num_threads, [&](size_t i) {
     is_finite[i] = std::all_of(
         images[i].keypoints_px.begin(), images[i].keypoints_px.end(),
         [](const Eigen::Vector2f& keypoint) { return keypoint.allFinite(); });
   });
   for (size_t i = 0; i < images.size(); ++i) {
     if (is_finite[i] == 0) {
-      Throw("image '" + images[i].name + "' has a keypoint that is not finite" +
-            kExtractAgain);
+      source.Throw("image '" + images[i].name +
+                   "' has a keypoint that is not finite" + kExtractAgain);
     }
   }
 }
 
-std::string DatabaseReader::PairName(int64_t image_id1,
-                                     int64_t image_id2) const {
-  const auto image_name = [this](int64_t id) {
-    const size_t* position = FindImage(id);
+// "the pair of images 3 'a.jpg' and 7 'b.jpg'"
+std::string PairName(const ImageTable& images, int64_t id1, int64_t id2) {
+  const auto name_of = [&](int64_t id) {
+    const ImageRow* image = images.Find(id);
     return std::to_string(id) +
-           (position == nullptr
-                ? std::string()
-                : " '" + contents_.images[*position].name + "'");
+           (image == nullptr ? std::string() : " '" + image->name + "'");
   };
-  return "the pair of images " + image_name(image_id1) + " and " +
-         image_name(image_id2);
+  return "the pair of images " + name_of(id1) + " and " + name_of(id2);
 }
 
-void DatabaseReader::ReadPairs() {
-  SqliteStatement row = database_.Prepare(
-      TwoViewGeometryQuery(database_, pair_table_) + " ORDER BY pair_id");
-  while (Next(&row)) DecodePair(row);
-}
-
-void DatabaseReader::DecodePair(const SqliteStatement& row) {
+// nullopt for pairs that are not selected.
+std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
+                                             const DatabaseSelection& selection,
+                                             const ImageTable& images,
+                                             const std::string& pair_table,
+                                             const SqliteStatement& row) {
   const int64_t pair_id = row.Int(0);
   const int64_t id1 = pair_id / kMaxNumIds;
   const int64_t id2 = pair_id % kMaxNumIds;
-  if (IsLeftOut(id1) || IsLeftOut(id2)) return;
-  const std::string name = PairName(id1, id2);
-  if (pair_id < 0 || FindImage(id1) == nullptr || FindImage(id2) == nullptr) {
-    Throw(name + " in " + pair_table_ + " names an image that does not exist" +
-          kMatchAgain);
+  if (images.IsLeftOut(id1) || images.IsLeftOut(id2)) return std::nullopt;
+  const std::string name = PairName(images, id1, id2);
+  const ImageRow* image1 = images.Find(id1);
+  const ImageRow* image2 = images.Find(id2);
+  if (pair_id < 0 || image1 == nullptr || image2 == nullptr) {
+    source.Throw(name + " in " + pair_table +
+                 " names an image that does not exist" + kMatchAgain);
   }
   if (id1 >= id2) {
-    Throw(name + " in " + pair_table_ + " has the invalid pair id " +
-          std::to_string(pair_id) + kMatchAgain);
+    source.Throw(name + " in " + pair_table + " has the invalid pair id " +
+                 std::to_string(pair_id) + kMatchAgain);
   }
-  if (selection_.has_pair &&
-      !selection_.has_pair(contents_.images[*FindImage(id1)].name,
-                           contents_.images[*FindImage(id2)].name)) {
-    return;
+  if (selection.has_pair && !selection.has_pair(image1->name, image2->name)) {
+    return std::nullopt;
   }
-  TwoViewGeometryRow pair{ImageId(static_cast<uint32_t>(id1)),
-                          ImageId(static_cast<uint32_t>(id2)),
-                          {},
-                          {},
-                          {},
-                          {},
-                          {},
-                          {}};
-  DecodeTwoViewGeometry(row, contents_.path, name, &pair);
-  contents_.pairs.push_back(std::move(pair));
+  TwoViewGeometryRow pair{image1->id, image2->id, {}, {}, {}, {}, {}, {}};
+  DecodeTwoViewGeometry(row, source.database.path(), name, &pair);
+  return pair;
 }
 
-void DatabaseReader::CheckMatches() const {
-  const auto num_keypoints = [this](ImageId id) {
-    return contents_.images[*FindImage(id.value())].keypoints_px.size();
+std::vector<TwoViewGeometryRow> ReadPairs(const Source& source,
+                                          const DatabaseSelection& selection,
+                                          const ImageTable& images,
+                                          const std::string& pair_table) {
+  std::vector<TwoViewGeometryRow> pairs;
+  SqliteStatement row = source.database.Prepare(
+      TwoViewGeometryQuery(source.database, pair_table) + " ORDER BY pair_id");
+  while (source.Next(&row)) {
+    auto pair = DecodePair(source, selection, images, pair_table, row);
+    if (pair) pairs.push_back(std::move(*pair));
+  }
+  return pairs;
+}
+
+void CheckMatches(const Source& source, const ImageTable& images,
+                  const std::vector<TwoViewGeometryRow>& pairs) {
+  const auto num_keypoints = [&](ImageId id) {
+    return images.Find(id.value())->keypoints_px.size();
   };
-  const std::vector<TwoViewGeometryRow>& pairs = contents_.pairs;
   Mask is_in_range(pairs.size());
-  ParallelFor(pairs.size(), context_.num_threads, [&](size_t i) {
+  ParallelFor(pairs.size(), source.context.num_threads, [&](size_t i) {
     const size_t size1 = num_keypoints(pairs[i].image_id1);
     const size_t size2 = num_keypoints(pairs[i].image_id2);
     is_in_range[i] = std::all_of(
@@ -317,104 +279,134 @@ void DatabaseReader::CheckMatches() const {
   });
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (is_in_range[i] == 0) {
-      Throw(PairName(pairs[i].image_id1.value(), pairs[i].image_id2.value()) +
-            " has a match with a keypoint that does not exist" + kMatchAgain);
+      source.Throw(PairName(images, pairs[i].image_id1.value(),
+                            pairs[i].image_id2.value()) +
+                   " has a match with a keypoint that does not exist" +
+                   kMatchAgain);
     }
   }
 }
 
-void DatabaseReader::ReadRigsAndFrames() {
-  if (!database_.HasTable("rigs")) return;
-  ReadRigs();
-  ReadFrames();
-}
-
-void DatabaseReader::ReadRigs() {
-  SqliteStatement row = database_.Prepare(
-      "SELECT rig_id, ref_sensor_id, ref_sensor_type FROM rigs "
-      "ORDER BY rig_id");
-  while (Next(&row)) {
-    const std::string what = "rig " + std::to_string(row.Int(0));
-    RigRow rig{CheckedId<RigId>(row.Int(0), what), {}, {}};
-    if (row.Int(2) == kCameraSensorType) {
-      rig.ref_camera_id =
-          CheckedId<CameraId>(row.Int(1), "the reference of " + what);
-      rig.sensors.push_back({*rig.ref_camera_id, Rigid3()});
-    }
-    contents_.rigs.push_back(std::move(rig));
-  }
-  ReadRigSensors();
-}
-
-void DatabaseReader::ReadRigSensors() {
-  SqliteStatement row = database_.Prepare(
+// Adds the sensors of rigs to `rigs`, which are ordered by id.
+void ReadRigSensors(const Source& source, std::vector<RigRow>* rigs) {
+  SqliteStatement row = source.database.Prepare(
       "SELECT rig_id, sensor_id, sensor_from_rig FROM rig_sensors "
       "WHERE sensor_type = ?1 ORDER BY rig_id, sensor_id");
   row.BindInt(1, kCameraSensorType);
-  auto rig = contents_.rigs.begin();
-  while (Next(&row)) {
+  auto rig = rigs->begin();
+  while (source.Next(&row)) {
     const std::string what = "camera " + std::to_string(row.Int(1)) +
                              " of rig " + std::to_string(row.Int(0));
-    while (rig != contents_.rigs.end() && rig->id.value() < row.Int(0)) ++rig;
-    if (rig == contents_.rigs.end() || rig->id.value() != row.Int(0)) {
-      Throw(what + " is in a rig that does not exist" + kConfigureAgain);
+    while (rig != rigs->end() && rig->id.value() < row.Int(0)) ++rig;
+    if (rig == rigs->end() || rig->id.value() != row.Int(0)) {
+      source.Throw(what + " is in a rig that does not exist" + kConfigureAgain);
     }
-    RigSensorRow sensor{CheckedId<CameraId>(row.Int(1), what), std::nullopt};
+    RigSensorRow sensor{CheckedId<CameraId>(source, row.Int(1), what),
+                        std::nullopt};
     const BlobView blob = row.Blob(2);
     if (blob.size != 0) {
       double numbers[7];
       if (blob.size != sizeof(numbers)) {
-        Throw("sensor_from_rig of " + what +
-              " is damaged: " + std::to_string(blob.size) +
-              " bytes instead of 56" + kConfigureAgain);
+        source.Throw("sensor_from_rig of " + what +
+                     " is damaged: " + std::to_string(blob.size) +
+                     " bytes instead of 56" + kConfigureAgain);
       }
       std::memcpy(numbers, blob.data, sizeof(numbers));
       sensor.sensor_from_rig = PoseFromNumbers(numbers, numbers + 4);
     }
     const auto& pose = sensor.sensor_from_rig;
     if (const auto problem = pose ? WhyImplausible(*pose) : std::nullopt) {
-      Throw("sensor_from_rig of " + what + ' ' + *problem + kConfigureAgain);
+      source.Throw("sensor_from_rig of " + what + ' ' + *problem +
+                   kConfigureAgain);
     }
     rig->sensors.push_back(std::move(sensor));
   }
 }
 
-void DatabaseReader::ReadFrames() {
-  std::unordered_map<int64_t, size_t> positions;
-  SqliteStatement row = database_.Prepare(
-      "SELECT frame_id, rig_id FROM frames ORDER BY frame_id");
-  while (Next(&row)) {
-    const std::string what = "frame " + std::to_string(row.Int(0));
-    positions[row.Int(0)] = contents_.frames.size();
-    contents_.frames.push_back({CheckedId<FrameId>(row.Int(0), what),
-                                CheckedId<RigId>(row.Int(1), what),
-                                {}});
+std::vector<RigRow> ReadRigs(const Source& source) {
+  std::vector<RigRow> rigs;
+  if (!source.database.HasTable("rigs")) return rigs;
+  SqliteStatement row = source.database.Prepare(
+      "SELECT rig_id, ref_sensor_id, ref_sensor_type FROM rigs "
+      "ORDER BY rig_id");
+  while (source.Next(&row)) {
+    const std::string what = "rig " + std::to_string(row.Int(0));
+    RigRow rig{CheckedId<RigId>(source, row.Int(0), what), {}, {}};
+    if (row.Int(2) == kCameraSensorType) {
+      rig.ref_camera_id =
+          CheckedId<CameraId>(source, row.Int(1), "the reference of " + what);
+      rig.sensors.push_back({*rig.ref_camera_id, Rigid3()});
+    }
+    rigs.push_back(std::move(rig));
   }
-  SqliteStatement data = database_.Prepare(
+  ReadRigSensors(source, &rigs);
+  return rigs;
+}
+
+std::vector<FrameRow> ReadFrames(const Source& source,
+                                 const ImageTable& images) {
+  std::vector<FrameRow> frames;
+  if (!source.database.HasTable("rigs")) return frames;
+  std::unordered_map<int64_t, size_t> positions;
+  SqliteStatement row = source.database.Prepare(
+      "SELECT frame_id, rig_id FROM frames ORDER BY frame_id");
+  while (source.Next(&row)) {
+    const std::string what = "frame " + std::to_string(row.Int(0));
+    positions[row.Int(0)] = frames.size();
+    frames.push_back({CheckedId<FrameId>(source, row.Int(0), what),
+                      CheckedId<RigId>(source, row.Int(1), what),
+                      {}});
+  }
+  SqliteStatement data = source.database.Prepare(
       "SELECT frame_id, sensor_id, data_id FROM frame_data "
       "WHERE sensor_type = ?1 ORDER BY frame_id, data_id");
   data.BindInt(1, kCameraSensorType);
-  while (Next(&data)) {
+  while (source.Next(&data)) {
     const std::string what = "frame " + std::to_string(data.Int(0));
     const auto position = positions.find(data.Int(0));
     if (position == positions.end()) {
-      Throw(what + " in frame_data does not exist" + kConfigureAgain);
+      source.Throw(what + " in frame_data does not exist" + kConfigureAgain);
     }
-    if (IsLeftOut(data.Int(2))) continue;
-    if (FindImage(data.Int(2)) == nullptr) {
-      Throw(what + " has the image " + std::to_string(data.Int(2)) +
-            ", which does not exist" + kConfigureAgain);
+    if (images.IsLeftOut(data.Int(2))) continue;
+    if (images.Find(data.Int(2)) == nullptr) {
+      source.Throw(what + " has the image " + std::to_string(data.Int(2)) +
+                   ", which does not exist" + kConfigureAgain);
     }
-    contents_.frames[position->second].data.push_back(
-        {CheckedId<CameraId>(data.Int(1), what),
-         CheckedId<ImageId>(data.Int(2), what)});
+    frames[position->second].data.push_back(
+        {CheckedId<CameraId>(source, data.Int(1), what),
+         CheckedId<ImageId>(source, data.Int(2), what)});
   }
-  if (left_out_ids_.empty()) return;
-  auto& frames = contents_.frames;
+  if (images.left_out_ids.empty()) return frames;
   frames.erase(
       std::remove_if(frames.begin(), frames.end(),
                      [](const FrameRow& frame) { return frame.data.empty(); }),
       frames.end());
+  return frames;
+}
+
+DatabaseContents ReadContents(const SqliteDatabase& database,
+                              const DatabaseSelection& selection,
+                              const Context& context) {
+  const Source source{database, context};
+  const std::string pair_table = CheckTables(source);
+  DatabaseContents contents;
+  contents.path = database.path();
+  contents.cameras = ReadCameras(source);
+  ImageTable images = ReadImages(source, selection, contents.cameras);
+  contents.is_selection = !images.left_out_ids.empty();
+  if (images.rows.empty() && !contents.is_selection) {
+    source.Throw("has no images; run the feature extractor first");
+  }
+  if (selection.has_keypoints) {
+    ReadKeypoints(source, &images);
+    CheckKeypoints(source, images.rows);
+  }
+  contents.pairs = ReadPairs(source, selection, images, pair_table);
+  if (selection.has_keypoints) CheckMatches(source, images, contents.pairs);
+  contents.rigs = ReadRigs(source);
+  contents.frames = ReadFrames(source, images);
+  contents.images = std::move(images.rows);
+  return contents;
 }
 
 }  // namespace
@@ -434,7 +426,16 @@ void SwapImages(TwoViewGeometryRow* pair) {
 
 DatabaseContents ReadStructure(const SqliteDatabase& database,
                                const Context& context) {
-  return DatabaseReader(database, {}, context).ReadStructure();
+  const Source source{database, context};
+  CheckTables(source);
+  DatabaseContents contents;
+  contents.path = database.path();
+  contents.cameras = ReadCameras(source);
+  ImageTable images = ReadImages(source, {}, contents.cameras);
+  contents.rigs = ReadRigs(source);
+  contents.frames = ReadFrames(source, images);
+  contents.images = std::move(images.rows);
+  return contents;
 }
 
 std::vector<std::string> ReadImageNames(const std::string& path) {
@@ -454,7 +455,7 @@ DatabaseContents ReadDatabase(const std::string& path, const Context& context,
                               const DatabaseSelection& selection) {
   const SqliteSnapshot snapshot(path);
   DatabaseContents contents =
-      DatabaseReader(snapshot.database(), selection, context).Read();
+      ReadContents(snapshot.database(), selection, context);
   snapshot.CheckUnchanged();
   contents.path = path;
   return contents;

@@ -105,19 +105,51 @@ class ReferenceCheck {
   std::set<RigId> rigs_;
 };
 
-class StructureMerger {
- public:
-  explicit StructureMerger(const std::vector<StructureInput>& inputs)
-      : inputs_(inputs), camera_ids_(inputs.size()) {}
+std::string NameIn(const StructureInput& input, const std::string& name) {
+  return input.prefix + name;
+}
 
-  MergedStructure Merge() {
-    for (const StructureInput& input : inputs_) ReferenceCheck(input).Check();
-    MergeImages();
-    MergeCameras();
-    for (size_t i = 0; i < inputs_.size(); ++i) MergeRigsAndFrames(i);
-    NumberRigsAndFrames();
-    return std::move(merged_);
+// The images of all inputs, without their cameras.
+MergedStructure MergeImages(const std::vector<StructureInput>& inputs) {
+  MergedStructure merged;
+  std::vector<std::string> names;
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    for (const ImageRow& image : inputs[i].contents.images) {
+      names.push_back(NameIn(inputs[i], image.name));
+    }
   }
+  const size_t num_before = names.size();
+  std::sort(names.begin(), names.end());
+  names.erase(std::unique(names.begin(), names.end()), names.end());
+  merged.has_common_images = names.size() < num_before;
+  for (size_t i = 0; i < inputs.size(); ++i) {
+    auto& positions = merged.image_positions.emplace_back();
+    for (const ImageRow& image : inputs[i].contents.images) {
+      const auto found = std::lower_bound(names.begin(), names.end(),
+                                          NameIn(inputs[i], image.name));
+      positions.emplace(image.id.value(), found - names.begin());
+    }
+  }
+  for (std::string& name : names) {
+    const ImageId id(static_cast<uint32_t>(merged.images.size()) + 1);
+    merged.images.push_back({id, std::move(name), CameraId(0), {}});
+  }
+  return merged;
+}
+
+// New ids of the cameras of each input.
+using CameraIds = std::vector<std::map<CameraId, CameraId>>;
+
+// Cameras that two inputs share, numbered by their first images.
+class CameraMerger {
+ public:
+  // Both arguments must outlive this object.
+  CameraMerger(const std::vector<StructureInput>& inputs,
+               MergedStructure* merged)
+      : inputs_(inputs), merged_(*merged), camera_ids_(inputs.size()) {}
+
+  // Adds the cameras and those of all images; returns the new ids by input.
+  CameraIds Merge();
 
  private:
   // Cameras of all inputs, and what is known of each.
@@ -129,19 +161,7 @@ class StructureMerger {
     size_t first_in_frame =
         kNone;  // of images that it took according to frames
   };
-  struct MergedRig {
-    RigRow rig;
-    size_t input = 0;
-    size_t first_image = kNone;
-  };
-  struct MergedFrame {
-    size_t rig = 0;
-    size_t input = 0;
-    std::vector<FrameDataRow> data;  // sorted by image
-  };
 
-  void MergeImages();
-  void MergeCameras();
   std::map<CameraId, size_t> AddNodes(size_t input);
   void JoinNodes(size_t input, const std::map<CameraId, size_t>& node_of_id);
   void Join(size_t node, const std::string& key) {
@@ -150,75 +170,33 @@ class StructureMerger {
   }
   void CheckEqual(const CameraNode& a, const CameraNode& b) const;
   void NumberCameras();
-  void MergeRigsAndFrames(size_t input);
-  size_t MergeRig(size_t input, const RigRow& row);
-  void MergeFrame(size_t input, size_t rig, const FrameRow& row);
-  void NumberRigsAndFrames();
-
-  std::string NameIn(size_t input, const std::string& name) const {
-    return inputs_[input].prefix + name;
-  }
-  CameraId NewId(size_t input, CameraId id) const {
-    return camera_ids_[input].at(id);
-  }
 
   const std::vector<StructureInput>& inputs_;
-  MergedStructure merged_;
+  MergedStructure& merged_;
   std::vector<CameraNode> nodes_;
   std::optional<UnionFind> sets_;
   std::map<std::string, size_t> node_of_key_;
-  std::vector<std::map<CameraId, CameraId>> camera_ids_;  // per input
-  std::vector<MergedRig> rigs_;
-  std::map<CameraId, size_t> rig_of_camera_;
-  std::vector<MergedFrame> frames_;
-  std::unordered_map<uint32_t, size_t> frame_of_image_;
+  CameraIds camera_ids_;
 };
 
-void StructureMerger::MergeImages() {
-  std::vector<std::string> names;
-  for (size_t i = 0; i < inputs_.size(); ++i) {
-    for (const ImageRow& image : inputs_[i].contents.images) {
-      names.push_back(NameIn(i, image.name));
-    }
-  }
-  const size_t num_before = names.size();
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
-  merged_.has_common_images = names.size() < num_before;
-  for (size_t i = 0; i < inputs_.size(); ++i) {
-    auto& positions = merged_.image_positions.emplace_back();
-    for (const ImageRow& image : inputs_[i].contents.images) {
-      const auto found =
-          std::lower_bound(names.begin(), names.end(), NameIn(i, image.name));
-      positions.emplace(image.id.value(), found - names.begin());
-    }
-  }
-  for (std::string& name : names) {
-    const ImageId id(static_cast<uint32_t>(merged_.images.size()) + 1);
-    merged_.images.push_back({id, std::move(name), CameraId(0), {}});
-  }
-}
-
-// --------------------------------------------------------------- cameras
-
-void StructureMerger::MergeCameras() {
+CameraIds CameraMerger::Merge() {
   std::vector<std::map<CameraId, size_t>> node_of_id;
   for (size_t i = 0; i < inputs_.size(); ++i) {
     node_of_id.push_back(AddNodes(i));
   }
   sets_.emplace(nodes_.size());
   for (size_t i = 0; i < inputs_.size(); ++i) JoinNodes(i, node_of_id[i]);
-  node_of_key_.clear();
   NumberCameras();
   for (size_t i = 0; i < inputs_.size(); ++i) {
     for (const ImageRow& image : inputs_[i].contents.images) {
       const size_t position = merged_.image_positions[i].at(image.id.value());
-      merged_.images[position].camera_id = NewId(i, image.camera_id);
+      merged_.images[position].camera_id = camera_ids_[i].at(image.camera_id);
     }
   }
+  return std::move(camera_ids_);
 }
 
-std::map<CameraId, size_t> StructureMerger::AddNodes(size_t input) {
+std::map<CameraId, size_t> CameraMerger::AddNodes(size_t input) {
   const DatabaseContents& contents = inputs_[input].contents;
   const auto& positions = merged_.image_positions[input];
   std::map<CameraId, size_t> node_of_id;
@@ -244,19 +222,19 @@ std::map<CameraId, size_t> StructureMerger::AddNodes(size_t input) {
 }
 
 // Cameras with a common key are equal.
-void StructureMerger::JoinNodes(size_t input,
-                                const std::map<CameraId, size_t>& node_of_id) {
+void CameraMerger::JoinNodes(size_t input,
+                             const std::map<CameraId, size_t>& node_of_id) {
   const StructureInput& in = inputs_[input];
   std::map<std::string, std::set<size_t>> nodes_of_folder;
   for (const ImageRow& image : in.contents.images) {
     const size_t node = node_of_id.at(image.camera_id);
-    Join(node, "image " + NameIn(input, image.name));
+    Join(node, "image " + NameIn(in, image.name));
     nodes_of_folder[FolderOf(image.name)].insert(node);
   }
   for (const auto& [id, name] : in.shard_cameras) {
     const auto found = node_of_id.find(id);
     if (found != node_of_id.end()) {
-      Join(found->second, "image " + NameIn(input, name));
+      Join(found->second, "image " + NameIn(in, name));
     }
   }
   for (const FrameRow& frame : in.contents.frames) {
@@ -277,8 +255,7 @@ void StructureMerger::JoinNodes(size_t input,
   }
 }
 
-void StructureMerger::CheckEqual(const CameraNode& a,
-                                 const CameraNode& b) const {
+void CameraMerger::CheckEqual(const CameraNode& a, const CameraNode& b) const {
   if (Intrinsics(*a.camera) == Intrinsics(*b.camera)) return;
   const bool is_one_vehicle =
       !inputs_[a.input].vehicle.empty() &&
@@ -293,7 +270,7 @@ void StructureMerger::CheckEqual(const CameraNode& a,
                  "them by image_prefix"));
 }
 
-void StructureMerger::NumberCameras() {
+void CameraMerger::NumberCameras() {
   std::map<size_t, CameraNode> merged;  // by the representative of the set
   for (size_t n = 0; n < nodes_.size(); ++n) {
     const auto [entry, is_new] = merged.emplace(sets_->Find(n), nodes_[n]);
@@ -328,9 +305,49 @@ void StructureMerger::NumberCameras() {
   }
 }
 
-// ------------------------------------------------------- rigs and frames
+class RigMerger {
+ public:
+  // All arguments must outlive this object.
+  RigMerger(const std::vector<StructureInput>& inputs,
+            const CameraIds& camera_ids, MergedStructure* merged)
+      : inputs_(inputs), camera_ids_(camera_ids), merged_(*merged) {}
 
-void StructureMerger::MergeRigsAndFrames(size_t input) {
+  // Adds the rigs and frames.
+  void Merge() {
+    for (size_t i = 0; i < inputs_.size(); ++i) MergeRigsAndFrames(i);
+    NumberRigsAndFrames();
+  }
+
+ private:
+  struct MergedRig {
+    RigRow rig;
+    size_t input = 0;
+    size_t first_image = kNone;
+  };
+  struct MergedFrame {
+    size_t rig = 0;
+    size_t input = 0;
+    std::vector<FrameDataRow> data;  // sorted by image
+  };
+
+  void MergeRigsAndFrames(size_t input);
+  size_t MergeRig(size_t input, const RigRow& row);
+  void MergeFrame(size_t input, size_t rig, const FrameRow& row);
+  void NumberRigsAndFrames();
+  CameraId NewId(size_t input, CameraId id) const {
+    return camera_ids_[input].at(id);
+  }
+
+  const std::vector<StructureInput>& inputs_;
+  const CameraIds& camera_ids_;
+  MergedStructure& merged_;
+  std::vector<MergedRig> rigs_;
+  std::map<CameraId, size_t> rig_of_camera_;
+  std::vector<MergedFrame> frames_;
+  std::unordered_map<uint32_t, size_t> frame_of_image_;
+};
+
+void RigMerger::MergeRigsAndFrames(size_t input) {
   const DatabaseContents& contents = inputs_[input].contents;
   std::map<RigId, size_t> rig_of_id;
   for (const RigRow& rig : contents.rigs) {
@@ -348,7 +365,7 @@ void StructureMerger::MergeRigsAndFrames(size_t input) {
   }
 }
 
-size_t StructureMerger::MergeRig(size_t input, const RigRow& row) {
+size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
   const std::string what = "rig " + std::to_string(row.id.value());
   if (!row.ref_camera_id) {
     ThrowDatabaseError(inputs_[input].path,
@@ -389,8 +406,7 @@ size_t StructureMerger::MergeRig(size_t input, const RigRow& row) {
   return rigs_.size() - 1;
 }
 
-void StructureMerger::MergeFrame(size_t input, size_t rig,
-                                 const FrameRow& row) {
+void RigMerger::MergeFrame(size_t input, size_t rig, const FrameRow& row) {
   MergedFrame frame{rig, input, {}};
   for (const FrameDataRow& data : row.data) {
     const size_t position =
@@ -420,7 +436,7 @@ void StructureMerger::MergeFrame(size_t input, size_t rig,
   frames_.push_back(std::move(frame));
 }
 
-void StructureMerger::NumberRigsAndFrames() {
+void RigMerger::NumberRigsAndFrames() {
   for (const MergedFrame& frame : frames_) {
     size_t& first = rigs_[frame.rig].first_image;
     first = std::min<size_t>(first, frame.data.front().image_id.value());
@@ -449,7 +465,11 @@ void StructureMerger::NumberRigsAndFrames() {
 }  // namespace
 
 MergedStructure MergeStructures(const std::vector<StructureInput>& inputs) {
-  return StructureMerger(inputs).Merge();
+  for (const StructureInput& input : inputs) ReferenceCheck(input).Check();
+  MergedStructure merged = MergeImages(inputs);
+  const CameraIds camera_ids = CameraMerger(inputs, &merged).Merge();
+  RigMerger(inputs, camera_ids, &merged).Merge();
+  return merged;
 }
 
 }  // namespace mgsfm

@@ -62,24 +62,137 @@ std::vector<SwapStep> ParseSteps(std::istream& text) {
   return steps;
 }
 
+using Steps = std::vector<SwapStep>;
+
+fs::path Target(const SwapPlaces& places, const std::string& name) {
+  return places.base / name;
+}
+fs::path New(const SwapPlaces& places, const std::string& name) {
+  return OutputSwap::NewDir(places.work) / name;
+}
+fs::path Old(const SwapPlaces& places, const std::string& name) {
+  return places.work / "old" / name;
+}
+
+void Publish(const SwapPlaces& places, const Steps& steps,
+             FileOperations* operations) {
+  operations->MakeFolder(places.work / "old");
+  operations->Write(places.work / kDraft, ToText(steps));
+  operations->Sync(places.work / kDraft);
+  operations->Rename(places.work / kDraft, places.work / kJournal);
+  operations->Sync(places.work);
+}
+
+// Once the journal is gone, the rest of `work` means nothing.
+void Retract(const SwapPlaces& places, FileOperations* operations) {
+  operations->Remove(places.work / kJournal);
+  operations->Sync(places.work);
+}
+
+void TakeAway(const SwapPlaces& places, const std::string& name,
+              FileOperations* operations) {
+  fs::path folder = places.work / "old";
+  for (const fs::path& part : fs::path(name).parent_path()) {
+    operations->MakeFolder(folder /= part);
+  }
+  operations->Rename(Target(places, name), Old(places, name));
+}
+
+void Do(const SwapPlaces& places, const SwapStep& step,
+        FileOperations* operations) {
+  const fs::path target = Target(places, step.name);
+  if (step.kind == SwapStep::Kind::kRemove) {
+    if (!Exists(Old(places, step.name)) && Exists(target))
+      TakeAway(places, step.name, operations);
+    return;
+  }
+  if (InodeOf(New(places, step.name)) != step.inode) return;  // done before
+  if (Exists(target)) {
+    if (step.kind == SwapStep::Kind::kAdd) {
+      throw Error("'" + target.string() +
+                  "' was made by another program during the run; move it away");
+    }
+    if (operations->Exchange(New(places, step.name), target)) return;
+    TakeAway(places, step.name, operations);
+  }
+  operations->Rename(New(places, step.name), target);
+}
+
+void Undo(const SwapPlaces& places, const SwapStep& step,
+          FileOperations* operations) {
+  const fs::path target = Target(places, step.name);
+  const bool is_done =
+      step.kind != SwapStep::Kind::kRemove && InodeOf(target) == step.inode;
+  if (is_done &&
+      Exists(New(places, step.name))) {  // the old one, after an exchange
+    if (!operations->Exchange(New(places, step.name), target)) {
+      throw Error("cannot swap '" + target.string() + "' back");
+    }
+  } else if (is_done) {
+    operations->Rename(target, New(places, step.name));
+  }
+  if (Exists(Old(places, step.name)) && !Exists(target)) {
+    operations->Rename(Old(places, step.name), target);
+  }
+}
+
+// Another program may have written into a folder before it was taken away.
+void MoveBackOthers(const fs::path& from, const fs::path& to,
+                    FileOperations* operations) {
+  if (!IsFolder(from)) return;
+  for (const std::string& name : ListFolder(from).others) {
+    operations->MakeFolder(to);
+    if (!Exists(to / name)) operations->Rename(from / name, to / name);
+  }
+}
+
+void MoveBackOthers(const SwapPlaces& places, const Steps& steps,
+                    FileOperations* operations) {
+  for (const SwapStep& step : steps) {
+    if (step.kind == SwapStep::Kind::kAdd) continue;
+    MoveBackOthers(New(places, step.name), Target(places, step.name),
+                   operations);
+    MoveBackOthers(Old(places, step.name), Target(places, step.name),
+                   operations);
+  }
+}
+
+void SyncFolders(const SwapPlaces& places, const Steps& steps,
+                 FileOperations* operations) {
+  std::set<fs::path> folders;
+  for (const SwapStep& step : steps) {
+    folders.insert(Target(places, step.name).parent_path());
+    folders.insert(New(places, step.name).parent_path());
+    folders.insert(Old(places, step.name).parent_path());
+  }
+  for (const fs::path& folder : folders) {
+    if (Exists(folder)) operations->Sync(folder);
+  }
+}
+
+void DoAll(const SwapPlaces& places, const Steps& steps,
+           FileOperations* operations) {
+  for (const SwapStep& step : steps) Do(places, step, operations);
+  MoveBackOthers(places, steps, operations);
+  SyncFolders(places, steps, operations);
+}
+
+void UndoAll(const SwapPlaces& places, const Steps& steps,
+             FileOperations* operations) {
+  for (auto step = steps.rbegin(); step != steps.rend(); ++step)
+    Undo(places, *step, operations);
+  MoveBackOthers(places, steps, operations);
+  SyncFolders(places, steps, operations);
+}
+
 }  // namespace
 
 OutputSwap::OutputSwap(fs::path base, fs::path work, FileOperations* operations)
-    : base_(std::move(base)), work_(std::move(work)), operations_(operations) {}
+    : places_{std::move(base), std::move(work)}, operations_(operations) {}
 
-fs::path OutputSwap::Target(const std::string& name) const {
-  return base_ / name;
-}
 fs::path OutputSwap::NewDir(const fs::path& work) { return work / "new"; }
-fs::path OutputSwap::New(const std::string& name) const {
-  return NewDir() / name;
-}
-fs::path OutputSwap::Old(const std::string& name) const {
-  return work_ / "old" / name;
-}
-
 void OutputSwap::AddStep(SwapStep::Kind kind, const std::string& name) {
-  const std::optional<uint64_t> inode = InodeOf(New(name));
+  const std::optional<uint64_t> inode = InodeOf(New(places_, name));
   MGSFM_CHECK_MSG(inode.has_value(), name);
   steps_.push_back({kind, name, *inode});
 }
@@ -100,123 +213,17 @@ bool OutputSwap::IsPending(const fs::path& work) {
   return Exists(work / kJournal);
 }
 
-void OutputSwap::Publish() {
-  operations_->MakeFolder(work_ / "old");
-  operations_->Write(work_ / kDraft, ToText(steps_));
-  operations_->Sync(work_ / kDraft);
-  operations_->Rename(work_ / kDraft, work_ / kJournal);
-  operations_->Sync(work_);
-}
-
-void OutputSwap::Load() {
-  std::istringstream file(ReadFile(work_ / kJournal));
-  steps_ = ParseSteps(file);
-}
-
-// Once the journal is gone, the rest of `work` means nothing.
-void OutputSwap::Retract() {
-  operations_->Remove(work_ / kJournal);
-  operations_->Sync(work_);
-}
-
-bool OutputSwap::IsStillNew(const SwapStep& step) const {
-  return InodeOf(New(step.name)) == step.inode;
-}
-
-void OutputSwap::TakeAway(const std::string& name) {
-  fs::path folder = work_ / "old";
-  for (const fs::path& part : fs::path(name).parent_path()) {
-    operations_->MakeFolder(folder /= part);
-  }
-  operations_->Rename(Target(name), Old(name));
-}
-
-void OutputSwap::Do(const SwapStep& step) {
-  const fs::path target = Target(step.name);
-  if (step.kind == SwapStep::Kind::kRemove) {
-    if (!Exists(Old(step.name)) && Exists(target)) TakeAway(step.name);
-    return;
-  }
-  if (!IsStillNew(step)) return;  // done before
-  if (Exists(target)) {
-    if (step.kind == SwapStep::Kind::kAdd) {
-      throw Error("'" + target.string() +
-                  "' was made by another program during the run; move it away");
-    }
-    if (operations_->Exchange(New(step.name), target)) return;
-    TakeAway(step.name);
-  }
-  operations_->Rename(New(step.name), target);
-}
-
-void OutputSwap::Undo(const SwapStep& step) {
-  const fs::path target = Target(step.name);
-  const bool is_done =
-      step.kind != SwapStep::Kind::kRemove && InodeOf(target) == step.inode;
-  if (is_done && Exists(New(step.name))) {  // the old one, after an exchange
-    if (!operations_->Exchange(New(step.name), target)) {
-      throw Error("cannot swap '" + target.string() + "' back");
-    }
-  } else if (is_done) {
-    operations_->Rename(target, New(step.name));
-  }
-  if (Exists(Old(step.name)) && !Exists(target)) {
-    operations_->Rename(Old(step.name), target);
-  }
-}
-
-// Another program may have written into a folder before it was taken away.
-void OutputSwap::MoveBackOthers(const fs::path& from, const fs::path& to) {
-  if (!IsFolder(from)) return;
-  for (const std::string& name : ListFolder(from).others) {
-    operations_->MakeFolder(to);
-    if (!Exists(to / name)) operations_->Rename(from / name, to / name);
-  }
-}
-
-void OutputSwap::MoveBackOthers() {
-  for (const SwapStep& step : steps_) {
-    if (step.kind == SwapStep::Kind::kAdd) continue;
-    MoveBackOthers(New(step.name), Target(step.name));
-    MoveBackOthers(Old(step.name), Target(step.name));
-  }
-}
-
-void OutputSwap::SyncFolders() {
-  std::set<fs::path> folders;
-  for (const SwapStep& step : steps_) {
-    folders.insert(Target(step.name).parent_path());
-    folders.insert(New(step.name).parent_path());
-    folders.insert(Old(step.name).parent_path());
-  }
-  for (const fs::path& folder : folders) {
-    if (Exists(folder)) operations_->Sync(folder);
-  }
-}
-
-void OutputSwap::DoAll() {
-  for (const SwapStep& step : steps_) Do(step);
-  MoveBackOthers();
-  SyncFolders();
-}
-
-void OutputSwap::UndoAll() {
-  for (auto step = steps_.rbegin(); step != steps_.rend(); ++step) Undo(*step);
-  MoveBackOthers();
-  SyncFolders();
-}
-
 void OutputSwap::Run() {
   try {
-    Publish();
-    DoAll();
+    Publish(places_, steps_, operations_);
+    DoAll(places_, steps_, operations_);
   } catch (...) {
-    UndoAll();
-    Retract();
+    UndoAll(places_, steps_, operations_);
+    Retract(places_, operations_);
     throw;
   }
   try {
-    Retract();
+    Retract(places_, operations_);
   } catch (const Error&) {
     // The output is complete; the next run removes the journal.
   }
@@ -224,20 +231,21 @@ void OutputSwap::Run() {
 
 void OutputSwap::FinishPending(const fs::path& base, const fs::path& work,
                                FileOperations* operations) {
-  OutputSwap swap(base, work, operations);
-  swap.Load();
+  const SwapPlaces places{base, work};
+  std::istringstream journal(ReadFile(work / kJournal));
+  const Steps steps = ParseSteps(journal);
   try {
-    swap.DoAll();
+    DoAll(places, steps, operations);
   } catch (...) {
     try {
-      swap.UndoAll();
+      UndoAll(places, steps, operations);
     } catch (const Error& error) {
       throw Error("a killed run left a swap in '" + work.string() +
                   "' that can neither be finished nor undone: " + error.what() +
                   "; make the folder writable and run again");
     }
   }
-  swap.Retract();
+  Retract(places, operations);
 }
 
 }  // namespace mgsfm

@@ -34,13 +34,18 @@ struct SwapStep {
   uint64_t inode = 0;
 };
 
+struct SwapPlaces {
+  std::filesystem::path base;
+  std::filesystem::path work;
+};
+
 class OutputSwap {
  public:
   OutputSwap(std::filesystem::path base, std::filesystem::path work,
              FileOperations* operations);
 
   static std::filesystem::path NewDir(const std::filesystem::path& work);
-  std::filesystem::path NewDir() const { return NewDir(work_); }
+  std::filesystem::path NewDir() const { return NewDir(places_.work); }
 
   // Append a step; steps run in this order. Folders that are replaced or
   // removed must be models: their entries that are not files of a model
@@ -65,26 +70,8 @@ class OutputSwap {
 
  private:
   void AddStep(SwapStep::Kind kind, const std::string& name);
-  void Publish();
-  void Load();
-  void DoAll();
-  void UndoAll();
-  void Retract();
-  void Do(const SwapStep& step);
-  void Undo(const SwapStep& step);
-  bool IsStillNew(const SwapStep& step) const;
-  void TakeAway(const std::string& name);
-  void MoveBackOthers();
-  void MoveBackOthers(const std::filesystem::path& from,
-                      const std::filesystem::path& to);
-  void SyncFolders();
 
-  std::filesystem::path Target(const std::string& name) const;
-  std::filesystem::path New(const std::string& name) const;
-  std::filesystem::path Old(const std::string& name) const;
-
-  const std::filesystem::path base_;
-  const std::filesystem::path work_;
+  const SwapPlaces places_;
   FileOperations* const operations_;
   std::vector<SwapStep> steps_;
 };

@@ -12,6 +12,82 @@
 namespace mgsfm {
 namespace {
 
+void CheckFrames(const RigInput& input, const RigAssignment& assignment) {
+  std::map<std::pair<int, int>, int> image_of;  // by frame and sensor
+  for (size_t i = 0; i < input.contents.images.size(); ++i) {
+    const int image = static_cast<int>(i);
+    const int frame = assignment.frame_of_image[i];
+    const int sensor = assignment.sensor_of_image[i];
+    const auto [other, is_new] =
+        image_of.emplace(std::make_pair(frame, sensor), image);
+    if (!is_new) {
+      throw Error(input.Name() + ": images '" +
+                  input.contents.images[other->second].name + "' and '" +
+                  input.contents.images[i].name +
+                  "' belong to one camera and one frame according to " +
+                  assignment.source +
+                  "; they cannot be taken at the same time");
+    }
+  }
+}
+
+// Makes `best` the reference and known poses relative to it.
+void ReplaceReference(const std::vector<int>& sensors, const Context& context,
+                      RigAssignment::Sensor* best, RigAssignment* assignment) {
+  const std::optional<Rigid3> new_from_old = best->sensor_from_rig;
+  for (const int i : sensors) {
+    RigAssignment::Sensor& sensor = assignment->sensors[i];
+    if (sensor.is_reference) {
+      context.Warning("the reference sensor of a rig has no images; '" +
+                      best->name + "' replaces it");
+    }
+    sensor.is_reference = false;
+    // No sensor with images has a known pose if new_from_old is missing.
+    if (sensor.sensor_from_rig && new_from_old) {
+      sensor.sensor_from_rig =
+          *sensor.sensor_from_rig * new_from_old->Inverse();
+    }
+  }
+  best->is_reference = true;
+}
+
+// Makes sure that the reference of the rig of these sensors has images: the one
+// given, else by known pose, number of images and name.
+void ChooseReference(const std::vector<int>& sensors,
+                     const std::vector<int>& num_images, const Context& context,
+                     RigAssignment* assignment) {
+  RigAssignment::Sensor* best = nullptr;
+  const auto quality = [&](const RigAssignment::Sensor& sensor) {
+    const size_t number = &sensor - assignment->sensors.data();
+    return std::make_tuple(sensor.is_reference,
+                           sensor.sensor_from_rig.has_value(),
+                           num_images[number]);
+  };
+  for (const int i : sensors) {
+    RigAssignment::Sensor& sensor = assignment->sensors[i];
+    if (num_images[i] == 0) continue;
+    if (best == nullptr || quality(sensor) > quality(*best) ||
+        (quality(sensor) == quality(*best) && sensor.name < best->name)) {
+      best = &sensor;
+    }
+  }
+  if (best == nullptr) return;
+  if (!best->is_reference) ReplaceReference(sensors, context, best, assignment);
+  best->sensor_from_rig = Rigid3();
+}
+
+void ChooseReferences(const Context& context, RigAssignment* assignment) {
+  std::vector<int> num_images(assignment->sensors.size());
+  for (const int sensor : assignment->sensor_of_image) ++num_images[sensor];
+  std::vector<std::vector<int>> sensors_of_rig(assignment->rig_ids.size());
+  for (size_t i = 0; i < assignment->sensors.size(); ++i) {
+    sensors_of_rig[assignment->sensors[i].rig].push_back(static_cast<int>(i));
+  }
+  for (const std::vector<int>& sensors : sensors_of_rig) {
+    ChooseReference(sensors, num_images, context, assignment);
+  }
+}
+
 class SceneBuilder {
  public:
   SceneBuilder(RigInput input, RigAssignment assignment, const Context& context)
@@ -20,9 +96,8 @@ class SceneBuilder {
         context_(context) {}
 
   Scene Build() {
-    CheckFrames();
-    CountImages();
-    ChooseReferences();
+    CheckFrames(input_, assignment_);
+    ChooseReferences(context_, &assignment_);
     JoinCameras();
     for (size_t i = 0; i < input_.contents.images.size(); ++i) {
       AddImage(static_cast<int>(i));
@@ -39,12 +114,6 @@ class SceneBuilder {
     return input_.contents.images[image];
   }
 
-  void CheckFrames() const;
-  void CountImages();
-  void ChooseReferences();
-  void ChooseReference(const std::vector<int>& sensors);
-  void ReplaceReference(const std::vector<int>& sensors,
-                        RigAssignment::Sensor* best);
   void JoinCameras();
   void AddImage(int image);
   int AddCamera(int sensor);
@@ -63,7 +132,6 @@ class SceneBuilder {
   RigInput input_;
   RigAssignment assignment_;
   const Context& context_;
-  std::vector<int> num_images_;        // per assigned sensor
   std::vector<int> camera_of_sensor_;  // position in input_.contents.cameras
   Scene scene_;
 
@@ -75,81 +143,6 @@ class SceneBuilder {
   std::map<int, int> frame_idxs_;
   std::map<int, int> rig_idxs_;
 };
-
-void SceneBuilder::CheckFrames() const {
-  std::map<std::pair<int, int>, int> image_of;  // by frame and sensor
-  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
-    const int image = static_cast<int>(i);
-    const int frame = assignment_.frame_of_image[i];
-    const int sensor = assignment_.sensor_of_image[i];
-    const auto [other, is_new] =
-        image_of.emplace(std::make_pair(frame, sensor), image);
-    if (!is_new) {
-      Throw("images '" + ImageAt(other->second).name + "' and '" +
-            ImageAt(image).name +
-            "' belong to one camera and one frame according to " +
-            assignment_.source + "; they cannot be taken at the same time");
-    }
-  }
-}
-
-void SceneBuilder::CountImages() {
-  num_images_.assign(assignment_.sensors.size(), 0);
-  for (const int sensor : assignment_.sensor_of_image) ++num_images_[sensor];
-}
-
-void SceneBuilder::ChooseReferences() {
-  std::vector<std::vector<int>> sensors_of_rig(assignment_.rig_ids.size());
-  for (size_t i = 0; i < assignment_.sensors.size(); ++i) {
-    sensors_of_rig[assignment_.sensors[i].rig].push_back(static_cast<int>(i));
-  }
-  for (const std::vector<int>& sensors : sensors_of_rig) {
-    ChooseReference(sensors);
-  }
-}
-
-// Makes sure that the reference of the rig of these sensors has images: the one
-// given, else by known pose, number of images and name.
-void SceneBuilder::ChooseReference(const std::vector<int>& sensors) {
-  RigAssignment::Sensor* best = nullptr;
-  const auto quality = [this](const RigAssignment::Sensor& sensor) {
-    const size_t number = &sensor - assignment_.sensors.data();
-    return std::make_tuple(sensor.is_reference,
-                           sensor.sensor_from_rig.has_value(),
-                           num_images_[number]);
-  };
-  for (const int i : sensors) {
-    RigAssignment::Sensor& sensor = assignment_.sensors[i];
-    if (num_images_[i] == 0) continue;
-    if (best == nullptr || quality(sensor) > quality(*best) ||
-        (quality(sensor) == quality(*best) && sensor.name < best->name)) {
-      best = &sensor;
-    }
-  }
-  if (best == nullptr) return;
-  if (!best->is_reference) ReplaceReference(sensors, best);
-  best->sensor_from_rig = Rigid3();
-}
-
-// Makes `best` the reference and known poses relative to it.
-void SceneBuilder::ReplaceReference(const std::vector<int>& sensors,
-                                    RigAssignment::Sensor* best) {
-  const std::optional<Rigid3> new_from_old = best->sensor_from_rig;
-  for (const int i : sensors) {
-    RigAssignment::Sensor& sensor = assignment_.sensors[i];
-    if (sensor.is_reference) {
-      context_.Warning("the reference sensor of a rig has no images; '" +
-                       best->name + "' replaces it");
-    }
-    sensor.is_reference = false;
-    // No sensor with images has a known pose if new_from_old is missing.
-    if (sensor.sensor_from_rig && new_from_old) {
-      sensor.sensor_from_rig =
-          *sensor.sensor_from_rig * new_from_old->Inverse();
-    }
-  }
-  best->is_reference = true;
-}
 
 // A sensor has one camera: that of its first image, if those of its other
 // images are equal.
