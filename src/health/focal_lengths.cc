@@ -11,8 +11,10 @@
 namespace mgsfm {
 namespace {
 
-// A seventh of the pairs of a calibration.
-constexpr int kMaxNumPairs = 40;
+// First a few pairs; as many as a calibration uses if they raise a suspicion.
+constexpr int kFewPairs = 40;
+constexpr int kManyPairs = 300;
+constexpr double kSuspiciousErrorInSigmas = 1.0;
 // Healthy cameras: see docs/results/input_check.md.
 const double kMinLogFactor = std::log(1.15);
 constexpr double kMinErrorInSigmas = 2.5;
@@ -25,6 +27,12 @@ bool IsWrong(const FocalLengthMeasurement& m) {
   const double error = std::abs(m.log_factor);
   return error > kMinLogFactor && error < kMaxLogFactor &&
          m.sigma < kMaxSigma && error > kMinErrorInSigmas * m.sigma;
+}
+
+bool IsSuspicious(const Scene& scene, const FocalLengthMeasurement& m) {
+  const double error = std::abs(m.log_factor);
+  return scene.cameras[m.camera_idx].has_prior_focal_length &&
+         error > kMinLogFactor && error > kSuspiciousErrorInSigmas * m.sigma;
 }
 
 Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
@@ -73,13 +81,25 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
       std::any_of(scene.cameras.begin(), scene.cameras.end(),
                   [](const Camera& c) { return c.has_prior_focal_length; });
   if (!has_prior) return findings;
+  const auto few = MeasureFocalLengths(scene, view_graph, kFewPairs, context);
+  if (std::none_of(few.begin(), few.end(),
+                   [&](const auto& m) { return IsSuspicious(scene, m); })) {
+    return findings;
+  }
   for (const FocalLengthMeasurement& m :
-       MeasureFocalLengths(scene, view_graph, kMaxNumPairs, context)) {
+       MeasureFocalLengths(scene, view_graph, kManyPairs, context)) {
     if (scene.cameras[m.camera_idx].has_prior_focal_length && IsWrong(m)) {
       findings.push_back(Describe(scene, m));
     }
   }
   return findings;
+}
+
+bool ContradictsFocalLength(const Finding& doubt, double log_factor) {
+  const double prior_px = doubt.evidence[0].second;
+  const double measured_px = doubt.evidence[1].second;
+  return std::abs(log_factor) > kMinLogFactor &&
+         (log_factor > 0.0) == (measured_px > prior_px);
 }
 
 }  // namespace mgsfm

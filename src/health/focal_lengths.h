@@ -21,6 +21,11 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
                                               const ViewGraph& view_graph,
                                               const Context& context);
 
+// Whether another estimate, as a logarithm of its ratio to the given focal
+// length, confirms a doubt of the check above: it exceeds the same bound in the
+// same direction.
+bool ContradictsFocalLength(const Finding& doubt, double log_factor);
+
 // Names of the sensors that use a camera.
 std::vector<std::string> SensorsOfCamera(const Scene& scene, int camera_idx);
 

@@ -17,9 +17,6 @@ constexpr double kMinShare = 0.6;
 constexpr size_t kMinNumMatches = 100;
 // A median of five tolerates two outliers.
 constexpr size_t kMinNumFrames = 5;
-// Chosen between the 98 % of matches that healthy simulated drives keep and the
-// 56 % that remain if a focal length is 30 % wrong.
-constexpr double kMinHealthyShare = 0.95;
 
 std::string Percent(double share) {
   char text[16];
@@ -85,19 +82,6 @@ Finding DescribeStretch(const Scene& scene, const KeptMatches& kept,
           "have changed"};
 }
 
-bool IsHealthy(const Scene& scene, const std::vector<KeptMatches>& of_models,
-               const std::string& camera) {
-  KeptCount kept;
-  for (const KeptMatches& of_model : of_models) {
-    for (size_t s = 0; s < scene.sensors.size(); ++s) {
-      if (scene.sensors[s].name != camera) continue;
-      kept.num_matches += of_model.sensors[s].num_matches;
-      kept.num_kept += of_model.sensors[s].num_kept;
-    }
-  }
-  return kept.num_matches > 0 && kept.Share() >= kMinHealthyShare;
-}
-
 }  // namespace
 
 KeptMatches CountKeptMatches(const Scene& scene, const ViewGraph& view_graph,
@@ -148,21 +132,6 @@ std::vector<Finding> FindLostMatches(const Scene& scene,
     if (stretch.size() < kMinNumFrames) continue;
     findings.push_back(DescribeStretch(scene, kept, stretch));
   }
-  return findings;
-}
-
-std::vector<Finding> WithoutRefuted(const Scene& scene,
-                                    const std::vector<KeptMatches>& of_models,
-                                    std::vector<Finding> findings) {
-  const auto is_refuted = [&](const Finding& finding) {
-    return !finding.cameras.empty() &&
-           std::all_of(finding.cameras.begin(), finding.cameras.end(),
-                       [&](const std::string& camera) {
-                         return IsHealthy(scene, of_models, camera);
-                       });
-  };
-  findings.erase(std::remove_if(findings.begin(), findings.end(), is_refuted),
-                 findings.end());
   return findings;
 }
 

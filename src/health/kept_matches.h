@@ -23,12 +23,4 @@ KeptMatches CountKeptMatches(const Scene& scene, const ViewGraph& view_graph,
 std::vector<Finding> FindLostMatches(const Scene& scene,
                                      const KeptMatches& kept);
 
-// Without findings all of whose cameras are healthy: together, the models
-// explain at least 95 % of the matches of each. Few pairs and little motion can
-// mislead a check of focal lengths, but a wrong one costs many matches.
-// Findings without cameras, and cameras without matches, are not refuted.
-std::vector<Finding> WithoutRefuted(const Scene& scene,
-                                    const std::vector<KeptMatches>& of_models,
-                                    std::vector<Finding> findings);
-
 }  // namespace mgsfm

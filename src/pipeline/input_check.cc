@@ -16,6 +16,7 @@
 #include "health/rig_checks.h"
 #include "health/rig_samples.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "pipeline/focal_length_doubts.h"
 #include "pipeline/weak_seams.h"
 
 namespace mgsfm {
@@ -222,12 +223,10 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                 const ViewGraph& verified, const MapperInput& input,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result) {
-  std::vector<KeptMatches> kept;
   for (MapperModel& model : result->models) {
     model.kept_matches =
         CountKeptMatches(scene, verified, model.reconstruction,
                          options.view_graph.max_error_px, context);
-    kept.push_back(model.kept_matches);
   }
   std::vector<Finding> findings;
   if (input.expects_rigs) findings = CheckSharedFrames(scene);
@@ -237,8 +236,9 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   Append(CheckMotions(scene, verified, samples), &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
-    causes = WithoutRefuted(scene, kept,
-                            CheckTrustedFocalLengths(scene, matches, context));
+    causes = ConfirmedFocalLengthDoubts(
+        scene, result->models, options.bundle_adjustment, context,
+        CheckTrustedFocalLengths(scene, matches, context));
   }
   Append(FindRigMoves(scene, samples), &causes);
   Append(CheckKnownRotations(scene, samples), &causes);

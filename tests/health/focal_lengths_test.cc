@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "health/sound_drive.h"
 
 namespace mgsfm {
@@ -45,6 +47,15 @@ TEST(TrustedFocalLengthsTest, WrongOnesAreNamedWithTheirCamera) {
                     findings[0].evidence[0].second,
                 1.0, 0.05);
   }
+}
+
+TEST(TrustedFocalLengthsTest, AnEstimateInTheOtherDirectionRefutesADoubt) {
+  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
+  ASSERT_FALSE(findings.empty());
+  const double log_error = -std::log(0.7);
+  EXPECT_TRUE(ContradictsFocalLength(findings[0], log_error));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], -log_error));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.0));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 
 #include "base/random.h"
 #include "health/sound_drive.h"
+#include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "pipeline/run_summary.h"
 
@@ -66,6 +67,35 @@ TEST(InputCheckTest, LagIsNamedAndNotItsEffects) {
                   ElementsAre(Cause::kCameraLag, Cause::kFewImagesRegistered)));
   EXPECT_THAT(outcome.warnings,
               Contains(HasSubstr("'cam1' is 1 frame behind")));
+}
+
+void TrustFocalLengths(double factor, Simulation* drive) {
+  for (Camera& camera : drive->scene.cameras) {
+    camera.has_prior_focal_length = true;
+    for (const int i : FindCameraModel(static_cast<int32_t>(camera.model))
+                           ->focal_length_idxs) {
+      camera.params[i] *= factor;
+    }
+  }
+  for (ImagePair& pair : drive->view_graph.pairs) {
+    pair.relative_pose.reset();
+    pair.E.reset();
+    pair.F.reset();
+  }
+}
+
+// A model can explain nearly all matches with a focal length that is 30 %
+// wrong, if it bends: the matches that it keeps do not refute the doubt.
+TEST(InputCheckTest, WrongFocalLengthsAreNamedThoughTheModelKeepsItsMatches) {
+  for (const double factor : {0.7, 1.3}) {
+    Simulation drive = SoundDrive();
+    TrustFocalLengths(factor, &drive);
+    EXPECT_THAT(CausesOf(Map(InputOf(drive)).result.findings),
+                Contains(Cause::kWrongFocalLength));
+  }
+  Simulation drive = SoundDrive();
+  TrustFocalLengths(1.0, &drive);
+  EXPECT_THAT(Map(InputOf(drive)).warnings, IsEmpty());
 }
 
 TEST(InputCheckTest, FewRegisteredImagesAreAWarningWithACause) {
