@@ -468,6 +468,23 @@ TEST_F(DatabaseTest, NamesOfDatabasesInMemoryAreRefused) {
   }
 }
 
+TEST_F(DatabaseTest, AnUndoneTransactionLeavesNoColumnBehind) {
+  Write();
+  FeatureDatabase database(Path(), FeatureDatabase::OpenMode::kExisting);
+  PosePriorRow prior;
+  prior.image_id = ImageId(1);
+  prior.gravity = Eigen::Vector3d::UnitY();
+  {
+    // The first direction of gravity adds its column.
+    DatabaseTransaction transaction(&database);
+    database.WritePosePrior(prior);
+  }
+  EXPECT_TRUE(database.ReadPosePriors().empty());
+  database.WritePosePrior(prior);
+  ASSERT_EQ(database.ReadPosePriors().size(), 1u);
+  EXPECT_EQ(database.ReadPosePriors()[0].gravity, prior.gravity);
+}
+
 TEST_F(DatabaseTest, WritesNewFilesOnly) {
   Write();
   const auto before = FilesIn(dir_.path());

@@ -68,6 +68,7 @@ FeatureDatabase::Impl::Impl(const std::string& path, OpenMode mode) {
 
 void FeatureDatabase::Impl::Begin() {
   MGSFM_CHECK(!is_in_transaction_);
+  prior_columns_before_ = prior_columns_;
   file().Execute("BEGIN IMMEDIATE");
   is_in_transaction_ = true;
 }
@@ -79,6 +80,7 @@ void FeatureDatabase::Impl::Commit() {
 
 void FeatureDatabase::Impl::Rollback() noexcept {
   is_in_transaction_ = false;
+  prior_columns_.swap(prior_columns_before_);
   try {
     file().Execute("ROLLBACK");
   } catch (const Error&) {

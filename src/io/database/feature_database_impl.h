@@ -95,6 +95,7 @@ class FeatureDatabase::Impl {
   bool descriptors_have_type_ = false;
   bool images_have_priors_ = false;
   std::set<std::string> prior_columns_;
+  std::set<std::string> prior_columns_before_;  // when the transaction began
 };
 
 }  // namespace mgsfm
