@@ -283,10 +283,8 @@ BlockSystem AssembleSystem(const Input& in, const Unknowns& unknowns,
                            const Positions& placed, double min_parallax_deg,
                            int num_threads) {
   const std::vector<double> min_length = MinCountedLengths(in);
-  // A baseline of this length would be seen as parallax at typical depth.
-  const double zero_baseline_sigma = 3.0 *
-                                     std::sin(DegToRad(min_parallax_deg)) *
-                                     std::max(in.scales.typical_depth, 1e-3);
+  const double zero_baseline_sigma =
+      ZeroBaselineSigma(in.scales, min_parallax_deg);
   BlockSystem system;
   system.function.num_threads = num_threads;
   for (size_t i = 0; i < in.baselines.size(); ++i) {
@@ -478,6 +476,11 @@ void Extract(const PositionProblem& problem, const Attempt& attempt,
 }
 
 }  // namespace
+
+double ZeroBaselineSigma(const PairScales& scales, double min_parallax_deg) {
+  return 3.0 * std::sin(DegToRad(min_parallax_deg)) *
+         std::max(scales.typical_depth, 1e-3);
+}
 
 InitialPositions InitializePositions(
     const PositionProblem& problem,

@@ -55,6 +55,10 @@ struct InitialPositions {
   bool is_metric = false;
 };
 
+// Standard deviation of the baseline of a pair without parallax: at typical
+// depth, a longer one would be seen as parallax.
+double ZeroBaselineSigma(const PairScales& scales, double min_parallax_deg);
+
 // Stopping criteria of the ADMM.
 struct InitializationOptions {
   int max_num_iterations = 2000;

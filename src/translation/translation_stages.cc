@@ -3,10 +3,13 @@
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "geometry/so3.h"
+#include "math/statistics.h"
 #include "pair_filtering/track_support.h"
 
 namespace mgsfm {
@@ -29,6 +32,8 @@ constexpr double kMinRelativeDepth = 0.02;
 // A sensor is reported unless less than this share of its squared motion lies
 // in the undetermined subspace.
 constexpr double kMinUnobservableShare = 0.01;
+// A pair without parallax does not move by more, in standard deviations.
+constexpr double kMaxZeroBaselineError = 3.0;
 
 RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
   RefinementOptions common;
@@ -62,6 +67,31 @@ std::string DescribeUnobservable(int num_directions) {
          "sensor with others; they are set to zero.";
 }
 
+// A rig that moves, by its path, sees no parallax on vehicles that move along.
+// Such pairs would hold their frames together. Expected lengths and scales
+// differ by a unit, the median of their ratios.
+void IgnoreMovingPairsWithoutParallax(
+    const std::vector<std::optional<double>>& expected_length,
+    double min_parallax_deg, PairMeasurements* pairs) {
+  std::vector<double> units;
+  for (size_t i = 0; i < expected_length.size(); ++i) {
+    const auto& scale = pairs->scales.pairs[i];
+    if (!expected_length[i] || !scale || scale->group != 0) continue;
+    units.push_back(scale->scale / *expected_length[i]);
+  }
+  if (units.empty()) return;
+  const double unit = Median(std::move(units));
+  const double max_length = kMaxZeroBaselineError *
+                            ZeroBaselineSigma(pairs->scales, min_parallax_deg);
+  for (size_t i = 0; i < expected_length.size(); ++i) {
+    BaselineDirection& baseline = pairs->baselines[i];
+    if (baseline.kind == BaselineKind::kNoParallax && expected_length[i] &&
+        unit * *expected_length[i] > max_length) {
+      baseline.kind = BaselineKind::kUnused;
+    }
+  }
+}
+
 }  // namespace
 
 PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
@@ -76,6 +106,7 @@ PairMeasurements MeasurePairs(const Scene& scene, const Bearings& bearings,
                                  problem, min_parallax_deg, context);
   pairs.scales = AverageScales(
       pairs.baselines, static_cast<int>(scene.images.size()), context, hints);
+  IgnoreMovingPairsWithoutParallax(hints.expected, min_parallax_deg, &pairs);
   for (BaselineDirection& baseline : pairs.baselines) {
     for (auto& depths : baseline.depths) {
       std::vector<DepthSample>().swap(depths);
