@@ -55,7 +55,7 @@ CameraPoints CollectPoints(const ResectionInput& input, int image_idx,
                            const Rigid3& cam_from_unit) {
   const Camera& camera =
       input.scene.cameras[input.scene.images[image_idx].camera_idx];
-  CameraPoints result{cam_from_unit, {}, {}, 0.0};
+  CameraPoints result{cam_from_unit, {}, {}, 0.0, {}};
   result.max_error_rad = input.options.abs_pose_max_error_px /
                          PixelsPerRadian(camera.model, camera.params.data());
   for (const PointMatch& match : input.matches[image_idx]) {

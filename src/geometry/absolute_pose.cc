@@ -22,49 +22,89 @@ constexpr double kMinLossScale = 0.02;
 
 // A camera at its pose in the world.
 struct PlacedCamera {
-  Matrix3d cam_from_unit;
-  Matrix3d unit_from_world;
-  Vector3d unit_translation;
-  Vector3d cam_translation;
+  Matrix3d cam_from_world;
+  Vector3d translation;
 
   PlacedCamera(const CameraPoints& camera, const Rigid3& pose)
-      : cam_from_unit(camera.cam_from_unit.rotation.toRotationMatrix()),
-        unit_from_world(pose.rotation.toRotationMatrix()),
-        unit_translation(pose.translation),
-        cam_translation(camera.cam_from_unit.translation) {}
+      : cam_from_world(
+            (camera.cam_from_unit.rotation * pose.rotation).toRotationMatrix()),
+        translation((camera.cam_from_unit * pose).translation) {}
 
-  Vector3d InCamera(const Vector3d& turned_point) const {
-    return cam_from_unit * (turned_point + unit_translation) + cam_translation;
+  Vector3d InCamera(const Vector3d& point) const {
+    return cam_from_world * point + translation;
   }
 };
 
-double ReprojectionError(const PlacedCamera& placed, const CameraPoints& camera,
-                         size_t i) {
-  const Vector3d y = placed.InCamera(placed.unit_from_world * camera.points[i]);
-  return (y.stableNormalized() - camera.rays[i]).norm() / camera.max_error_rad;
+// The error of one ray, and how the depth of its point changes it.
+struct RayError {
+  Vector3d r;
+  Vector3d g = Vector3d::Zero();  // in units of kKeypointSigma
+  Vector3d direction;             // of the point, in the camera
+  double distance = 0.0;          // of the point from the camera
+
+  double SquaredNorm() const {
+    const double along = r.dot(g);
+    const double squared =
+        r.squaredNorm() - along * along / (1.0 + g.squaredNorm());
+    return std::max(0.0, squared);  // rounding
+  }
+};
+
+// Of a point and its depth_sigma in the camera frame.
+RayError ErrorOf(const Vector3d& point, const Vector3d& depth_sigma,
+                 const Vector3d& ray, double max_error_rad) {
+  RayError error;
+  error.distance = point.norm();
+  error.direction = error.distance > 0.0 ? Vector3d(point / error.distance)
+                                         : Vector3d::Zero();
+  error.r = (error.direction - ray) / max_error_rad;
+  if (!(error.distance > 0.0)) return error;
+  error.g = (depth_sigma - error.direction * error.direction.dot(depth_sigma)) /
+            (error.distance * max_error_rad * kKeypointSigma);
+  return error;
+}
+
+RayError ErrorOf(const PlacedCamera& placed, const CameraPoints& camera,
+                 size_t i) {
+  return ErrorOf(placed.InCamera(camera.points[i]),
+                 camera.depth_sigmas.empty()
+                     ? Vector3d::Zero()
+                     : Vector3d(placed.cam_from_world * camera.depth_sigmas[i]),
+                 camera.rays[i], camera.max_error_rad);
+}
+
+// Divides the component along g by its standard deviation.
+template <class Components>
+void Whiten(const Vector3d& g, Components* components) {
+  const double squared = g.squaredNorm();
+  if (!(squared > 0.0)) return;
+  const double reduction = (1.0 - 1.0 / std::sqrt(1.0 + squared)) / squared;
+  *components -= reduction * g * (g.transpose() * *components).eval();
 }
 
 PoseEquations Linearize(const std::vector<CameraPoints>& cameras,
                         double loss_scale, const Rigid3& unit_from_world) {
   PoseEquations equations;
   const double squared_scale = loss_scale * loss_scale;
+  const Matrix3d rotation = unit_from_world.rotation.toRotationMatrix();
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
+    const Matrix3d cam_from_unit =
+        camera.cam_from_unit.rotation.toRotationMatrix();
     for (size_t i = 0; i < camera.size(); ++i) {
-      const Vector3d turned = placed.unit_from_world * camera.points[i];
-      const Vector3d y = placed.InCamera(turned);
-      const double length = y.norm();
-      if (!(length > 0.0)) continue;
-      const Vector3d n = y / length;
-      const Vector3d r = (n - camera.rays[i]) / camera.max_error_rad;
+      RayError error = ErrorOf(placed, camera, i);
+      if (!(error.distance > 0.0)) continue;
+      const Vector3d& n = error.direction;
       const Matrix3d by_t =
-          (placed.cam_from_unit - n * (n.transpose() * placed.cam_from_unit)) /
-          (length * camera.max_error_rad);
+          (cam_from_unit - n * (n.transpose() * cam_from_unit)) /
+          (error.distance * camera.max_error_rad);
       Eigen::Matrix<double, 3, 6> jacobian;
-      jacobian << -by_t * CrossMatrix(turned), by_t;
-      const double x = 1.0 + r.squaredNorm() / squared_scale;
+      jacobian << -by_t * CrossMatrix(rotation * camera.points[i]), by_t;
+      Whiten(error.g, &error.r);
+      Whiten(error.g, &jacobian);
+      const double x = 1.0 + error.r.squaredNorm() / squared_scale;
       equations.hessian.noalias() += jacobian.transpose() / x * jacobian;
-      equations.gradient.noalias() += jacobian.transpose() * (r / x);
+      equations.gradient.noalias() += jacobian.transpose() * (error.r / x);
       equations.cost += 0.5 * squared_scale * std::log(x);
     }
   }
@@ -81,12 +121,15 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
                                     const Rigid3& unit_from_world) {
   std::vector<CameraPoints> inliers;
   for (const CameraPoints& camera : cameras) {
-    CameraPoints kept{camera.cam_from_unit, {}, {}, camera.max_error_rad};
+    CameraPoints kept{camera.cam_from_unit, {}, {}, camera.max_error_rad, {}};
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      if (!(ReprojectionError(placed, camera, i) <= 1.0)) continue;
+      if (!(ErrorOf(placed, camera, i).SquaredNorm() <= 1.0)) continue;
       kept.rays.push_back(camera.rays[i]);
       kept.points.push_back(camera.points[i]);
+      if (!camera.depth_sigmas.empty()) {
+        kept.depth_sigmas.push_back(camera.depth_sigmas[i]);
+      }
     }
     inliers.push_back(std::move(kept));
   }
@@ -129,7 +172,8 @@ class AbsolutePoseRansac {
 
   // Returns whether the pose is the best so far.
   bool Try(const Rigid3& unit_from_world) {
-    const PoseScore score = ScoreAbsolutePose(cameras_, unit_from_world);
+    const PoseScore score =
+        ScoreAbsolutePose(cameras_, unit_from_world, score_.cost);
     if (!(score.cost < score_.cost)) return false;
     best_ = unit_from_world;
     score_ = score;
@@ -188,16 +232,22 @@ class AbsolutePoseRansac {
 
 }  // namespace
 
+bool IsRayInlier(const Vector3d& point, const Vector3d& depth_sigma,
+                 const Vector3d& ray, double max_error_rad) {
+  return ErrorOf(point, depth_sigma, ray, max_error_rad).SquaredNorm() <= 1.0;
+}
+
 PoseScore ScoreAbsolutePose(const std::vector<CameraPoints>& cameras,
-                            const Rigid3& unit_from_world) {
+                            const Rigid3& unit_from_world, double max_cost) {
   PoseScore score;
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      const double error = ReprojectionError(placed, camera, i);
-      const bool is_inlier = error <= 1.0;
+      const double squared = ErrorOf(placed, camera, i).SquaredNorm();
+      const bool is_inlier = squared <= 1.0;
       score.num_inliers += is_inlier;
-      score.cost += is_inlier ? error * error : 1.0;
+      score.cost += is_inlier ? squared : 1.0;
+      if (score.cost >= max_cost) return score;
     }
   }
   return score;
@@ -210,7 +260,7 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
     for (size_t i = 0; i < camera.size(); ++i) {
-      errors.push_back(ReprojectionError(placed, camera, i));
+      errors.push_back(std::sqrt(ErrorOf(placed, camera, i).SquaredNorm()));
     }
   }
   return errors;

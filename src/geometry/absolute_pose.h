@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -23,17 +24,36 @@ struct CameraPoints {
   std::vector<Eigen::Vector3d> rays;    // unit length, in the camera frame
   std::vector<Eigen::Vector3d> points;  // in the world
   double max_error_rad = 2e-3;
+  // Per point: the displacement by one standard deviation of its depth, in the
+  // world. Empty if the points are exact.
+  std::vector<Eigen::Vector3d> depth_sigmas = {};
 
   size_t size() const { return rays.size(); }
 };
 
 // Unknown: unit_from_world = (R, t). The error of ray f of point p,
 //   r = |y / |y| - f| / max_error,  y = cam_from_unit (R p + t),
-// is the angle between them over its bound where that is small.
+// is the angle between them over its bound where that is small. Let a point
+// have an uncertain depth, which moves its projection by g. The component of r
+// along g then has the variance s^2 + |g|^2 instead of s^2 = kKeypointSigma^2,
+// and is divided by sqrt(1 + |g|^2 / s^2): far points measure the direction of
+// a motion, and near ones its length.
 
-// The truncated cost sum min(r^2, 1) over all rays. Inliers have r <= 1.
-PoseScore ScoreAbsolutePose(const std::vector<CameraPoints>& cameras,
-                            const Rigid3& unit_from_world);
+// The standard deviation of r of a keypoint and of a point that another one
+// observes: one pixel each for a bound of four.
+inline constexpr double kKeypointSigma = 0.35;
+
+// Whether r <= 1 for one ray. The point and the displacement by one standard
+// deviation of its depth are in the camera frame.
+bool IsRayInlier(const Eigen::Vector3d& point,
+                 const Eigen::Vector3d& depth_sigma, const Eigen::Vector3d& ray,
+                 double max_error_rad);
+
+// The truncated cost sum min(r^2, 1) over all rays. Inliers have r <= 1. Stops
+// early if the cost reaches max_cost: the pose is then worse than another one.
+PoseScore ScoreAbsolutePose(
+    const std::vector<CameraPoints>& cameras, const Rigid3& unit_from_world,
+    double max_cost = std::numeric_limits<double>::infinity());
 
 // The errors r of all rays, in the order of the cameras.
 std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,

@@ -74,6 +74,10 @@ CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
                             (*depths.distances[images.from][source] *
                              input.bearings.Ray(images.from, source)));
     points.rays.push_back(input.bearings.Ray(images.to, target));
+    points.depth_sigmas.push_back(
+        depths.RelativeSigma(images.from, source) *
+        (rig_from_source.rotation * (*depths.distances[images.from][source] *
+                                     input.bearings.Ray(images.from, source))));
   }
   return points;
 }
@@ -132,10 +136,12 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
     for (size_t i = 0; i < camera.size(); ++i, ++k) {
       if ((errors[k] <= bound) != keep_agreeing) continue;
       camera.rays[num_kept] = camera.rays[i];
+      camera.depth_sigmas[num_kept] = camera.depth_sigmas[i];
       camera.points[num_kept++] = camera.points[i];
     }
     camera.rays.resize(num_kept);
     camera.points.resize(num_kept);
+    camera.depth_sigmas.resize(num_kept);
   }
 }
 
@@ -153,11 +159,13 @@ bool IsOnEpipolarLine(const Rigid3& cam2_from_cam1, const Vector3d& ray1,
 
 bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
                      const Vector3d& ray_b, double distance_a,
-                     double tolerance_rad) {
+                     double relative_sigma, double tolerance_rad) {
   const Vector3d turned = b_from_a.rotation * ray_a;
   const Vector3d& t = b_from_a.translation;
-  const Vector3d point = distance_a * turned + t;
-  if (AngleBetween(point, ray_b) <= tolerance_rad) return true;
+  if (IsRayInlier(distance_a * turned + t, relative_sigma * distance_a * turned,
+                  ray_b, tolerance_rad)) {
+    return true;
+  }
   // The distance to the intersection, by the areas of two triangles.
   const double area_by_baseline = t.cross(ray_b).norm();
   const double area = turned.cross(ray_b).norm();
@@ -230,14 +238,16 @@ MatchVerdict CompareWithMotion(const Bearings& bearings,
   }
   const bool is_known1 = depths.IsKnown(pair.image_idx1, k1);
   const bool is_known2 = depths.IsKnown(pair.image_idx2, k2);
-  if (is_known1 &&
-      !AgreesWithDepth(cam2_from_cam1, ray1, ray2,
-                       *depths.distances[pair.image_idx1][k1], tolerance_rad)) {
+  if (is_known1 && !AgreesWithDepth(cam2_from_cam1, ray1, ray2,
+                                    *depths.distances[pair.image_idx1][k1],
+                                    depths.RelativeSigma(pair.image_idx1, k1),
+                                    tolerance_rad)) {
     return MatchVerdict::kContradicts;
   }
-  if (is_known2 &&
-      !AgreesWithDepth(cam2_from_cam1.Inverse(), ray2, ray1,
-                       *depths.distances[pair.image_idx2][k2], tolerance_rad)) {
+  if (is_known2 && !AgreesWithDepth(cam2_from_cam1.Inverse(), ray2, ray1,
+                                    *depths.distances[pair.image_idx2][k2],
+                                    depths.RelativeSigma(pair.image_idx2, k2),
+                                    tolerance_rad)) {
     return MatchVerdict::kContradicts;
   }
   return is_known1 || is_known2 ? MatchVerdict::kAgrees

@@ -24,6 +24,9 @@ namespace mgsfm {
 //
 //   max_(R,t) #{ m : angle(R p_m + t, f_m) <= max_error },
 //
+// where errors along the epipolar line count relative to the standard deviation
+// of the depth (geometry/absolute_pose.h): far points are as uncertain as they
+// are numerous, and would otherwise bend the motion. The search is repeated
 // among the correspondences that no earlier motion explains. The first motion
 // is not more credible than the others: a lorry may have more keypoints than
 // the street. motion_continuity.h decides.
@@ -37,10 +40,17 @@ struct FrameDepths {
   std::vector<std::optional<Rigid3>> cam_from_rig;
   // Per image and keypoint: distance along the ray. Empty for images without.
   std::vector<std::vector<std::optional<double>>> distances;
+  // Standard deviations of the distances, relative to them. Empty if they are
+  // exact.
+  std::vector<std::vector<double>> relative_sigmas;
 
   bool IsKnown(int image_idx, int keypoint_idx) const {
     return !distances[image_idx].empty() &&
            distances[image_idx][keypoint_idx].has_value();
+  }
+  double RelativeSigma(int image_idx, int keypoint_idx) const {
+    return relative_sigmas.empty() ? 0.0
+                                   : relative_sigmas[image_idx][keypoint_idx];
   }
 };
 
@@ -75,9 +85,10 @@ struct RigMotion {
     const Rigid3& later_from_earlier);
 
 // Compares a match with the relative pose of its images, in the unit of the
-// depths: by the epipolar constraint and by those depths that are known. A
-// depth also agrees if the intersection of both rays has the same one up to a
-// factor of 1.5, since depths from a rig have errors of some tens of percent.
+// depths: by the epipolar constraint and by those depths that are known, within
+// their standard deviations. A depth also agrees if the intersection of both
+// rays has the same one up to a factor of 1.5: errors of the places of sensors
+// and of the motion are not part of its standard deviation.
 enum class MatchVerdict {
   kContradicts,
   kIsOnEpipolarLine,  // no depth is known: it may still move

@@ -37,8 +37,11 @@ class TemporalOrder {
 };
 
 // Whether the order of the frames is that of a camera path: most frames share
-// more matches with a frame just before or after them than with any other frame
-// of their rig. Among n frames in random order, a share of about 4 / n would.
+// at least half as many matches with a frame just before or after them as with
+// any other frame of their rig. A frame at a place that the path visits again
+// may share more with the other visit. In a random order, few frames would do
+// so; among few frames that all match, too many, and most frames must then
+// share more matches with a neighbour than with any other frame.
 bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
                 const TemporalOrder& order);
 

@@ -12,6 +12,7 @@
 #include "geometry/so3.h"
 #include "math/spanning_tree.h"
 #include "math/statistics.h"
+#include "mgsfm/geometry/camera_models.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
 #include "translation/scale_averaging.h"
@@ -118,9 +119,15 @@ SensorOffsets MeasureOffsets(const Scene& scene, const ViewGraph& view_graph,
   return offsets;
 }
 
-// Intersects the matching rays of two images of one frame.
+double PixelsPerRadianOf(const Scene& scene, int image_idx) {
+  const Camera& camera = scene.cameras[scene.images[image_idx].camera_idx];
+  return PixelsPerRadian(camera.model, camera.params.data());
+}
+
+// Intersects the matching rays of two images of one frame. A distance is
+// inversely proportional to the sine of the angle between the rays.
 void AddDepths(const Scene& scene, const Bearings& bearings,
-               const ImagePair& pair, double min_parallax_deg,
+               const ImagePair& pair, double min_parallax_deg, double noise_px,
                FrameDepths* depths) {
   const int images[2] = {pair.image_idx1, pair.image_idx2};
   const auto& cam1_from_rig =
@@ -131,8 +138,13 @@ void AddDepths(const Scene& scene, const Bearings& bearings,
   const Rigid3 cam2_from_cam1 = *cam2_from_rig * cam1_from_rig->Inverse();
   const Vector3d& t = cam2_from_cam1.translation;
   const double min_sine = std::sin(DegToRad(min_parallax_deg));
+  const double noise_rad =
+      std::hypot(noise_px / PixelsPerRadianOf(scene, images[0]),
+                 noise_px / PixelsPerRadianOf(scene, images[1]));
   for (const int image : images) {
     depths->distances[image].resize(scene.images[image].keypoints_px.size());
+    depths->relative_sigmas[image].resize(
+        scene.images[image].keypoints_px.size());
   }
   for (const Match& match : pair.matches) {
     const int keypoints[2] = {static_cast<int>(match.keypoint_idx1),
@@ -149,6 +161,9 @@ void AddDepths(const Scene& scene, const Bearings& bearings,
     }
     depths->distances[images[0]][keypoints[0]] = t.cross(ray2).norm() / sine;
     depths->distances[images[1]][keypoints[1]] = t.cross(turned).norm() / sine;
+    for (const int i : {0, 1}) {
+      depths->relative_sigmas[images[i]][keypoints[i]] = noise_rad / sine;
+    }
   }
 }
 
@@ -158,7 +173,7 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
                                const FramePairIndex& index,
                                const ViewGraph& view_graph,
                                const RotationEstimate& rotations,
-                               double min_parallax_deg,
+                               double min_parallax_deg, double noise_px,
                                const Context& context) {
   Mask is_within(view_graph.pairs.size(), false);
   for (size_t i = 0; i < is_within.size(); ++i) {
@@ -174,6 +189,7 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
                     {PairsOfEqualSensors(scene, index, view_graph)});
   FrameDepths depths;
   depths.distances.resize(scene.images.size());
+  depths.relative_sigmas.resize(scene.images.size());
   const auto centers = PlaceSensors(
       scene, MeasureOffsets(scene, view_graph, rotations, measured, scales));
   depths.cam_from_rig.resize(scene.sensors.size());
@@ -185,7 +201,7 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
   for (size_t i = 0; i < is_within.size(); ++i) {
     if (is_within[i]) {
       AddDepths(scene, bearings, view_graph.pairs[i], min_parallax_deg,
-                &depths);
+                noise_px, &depths);
     }
   }
   return depths;

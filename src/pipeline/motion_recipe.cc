@@ -43,6 +43,8 @@ constexpr int kMinBalance = 2;
 // Error of the baseline, relative to its length, of pairs that are not verified
 // again: with 0.5, pairs on vehicles bend a moderate drive by 7.7 m.
 constexpr double kMaxUnverifiedError = 0.1;
+// The standard deviation of a keypoint, relative to the epipolar tolerance.
+constexpr double kKeypointNoise = 0.5;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
 
@@ -524,7 +526,8 @@ MotionOfScene FindMotionOfScene(
     const ViewGraphOptions& verification, const PairFilteringOptions& filtering,
     const Context& context) {
   const FrameDepths depths = MeasureFrameDepths(
-      scene, bearings, index, view_graph, rotations, min_parallax_deg, context);
+      scene, bearings, index, view_graph, rotations, min_parallax_deg,
+      kKeypointNoise * verification.max_error_px, context);
   const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
   const MotionProblem problem{scene,
                               bearings,

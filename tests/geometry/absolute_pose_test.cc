@@ -166,6 +166,71 @@ TEST(AbsolutePose, CamerasWithFewPointsCount) {
   EXPECT_EQ(AbsolutePoseErrors(cameras, *pose).size(), 62u);
 }
 
+// Points at their triangulated places: the depth of far ones is uncertain.
+std::vector<CameraPoints> SeeTriangulated(double noise_rad, Random* random) {
+  constexpr double kBaseline = 0.5;
+  CameraPoints camera = See(OneCamera(), 200, 0, noise_rad, random).front();
+  camera.max_error_rad = noise_rad / kKeypointSigma;
+  const Vector3d center = Vector3d::Zero();
+  for (Vector3d& point : camera.points) {
+    const Vector3d offset = point - center;
+    const double relative_sigma = noise_rad * offset.norm() / kBaseline;
+    camera.depth_sigmas.push_back(relative_sigma * offset);
+    point += random->Normal() * camera.depth_sigmas.back();
+  }
+  return {camera};
+}
+
+double MiddleOf(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+// Weighting by the variance halves the error of the centre, at least.
+TEST(AbsolutePose, UncertainDepthsHaveTheirWeights) {
+  constexpr double kNoise_rad = 1.5e-3;
+  Random random(7);
+  std::vector<double> weighted, unweighted;
+  for (int trial = 0; trial < 100; ++trial) {
+    auto cameras = SeeTriangulated(kNoise_rad, &random);
+    for (std::vector<double>* errors : {&weighted, &unweighted}) {
+      Rigid3 pose = kPose;
+      // Far beyond all errors: plain least squares.
+      ASSERT_TRUE(RefineAbsolutePose(cameras, 1e3, &pose).IsUsable());
+      errors->push_back((pose.Center() - kPose.Center()).norm());
+      cameras.front().depth_sigmas.clear();
+    }
+  }
+  EXPECT_LT(MiddleOf(weighted), 0.5 * MiddleOf(unweighted));
+}
+
+// At the true pose, errors have the variance of keypoints in both directions.
+TEST(AbsolutePose, ErrorsOfUncertainDepthsHaveUnitVariance) {
+  Random random(8);
+  double sum = 0.0;
+  size_t number = 0;
+  for (int trial = 0; trial < 50; ++trial) {
+    const auto cameras = SeeTriangulated(1e-3, &random);
+    for (const double error : AbsolutePoseErrors(cameras, kPose)) {
+      sum += error * error / (kKeypointSigma * kKeypointSigma);
+      ++number;
+    }
+  }
+  EXPECT_NEAR(sum / static_cast<double>(number), 2.0, 0.1);
+}
+
+TEST(AbsolutePose, VanishingUncertaintyIsThatOfExactPoints) {
+  Random random(9);
+  auto cameras = See(ThreeCameras(), 40, 0, 1e-3, &random);
+  Rigid3 exact = kPose, uncertain = kPose;
+  ASSERT_TRUE(RefineAbsolutePose(cameras, 0.5, &exact).IsUsable());
+  for (CameraPoints& camera : cameras) {
+    camera.depth_sigmas.assign(camera.size(), Vector3d::Constant(1e-12));
+  }
+  ASSERT_TRUE(RefineAbsolutePose(cameras, 0.5, &uncertain).IsUsable());
+  EXPECT_LT(DistanceOf(exact, uncertain), 1e-8);
+}
+
 TEST(AbsolutePose, TooFewPointsGiveNone) {
   Random random(6);
   EXPECT_FALSE(EstimateAbsolutePose({}, RansacOptions(), &random));

@@ -348,6 +348,21 @@ TEST(CompareWithMotionTest, UncertainDepthsAgree) {
   }
 }
 
+// The inverse of a distance may be wrong by more than two standard deviations.
+TEST(CompareWithMotionTest, DepthsAgreeWithinTheirStandardDeviations) {
+  for (const Vector3d& near : PointsAround()) {
+    const Vector3d point = 3.0 * near;  // depths are uncertain far away
+    OneMatch match(point, kDrive * point);
+    *match.depths.distances[0][0] *= 1.6;
+    match.depths.distances[1].clear();
+    EXPECT_EQ(match.Compare(), MatchVerdict::kContradicts);
+    match.depths.relative_sigmas = {{0.3}, {}};
+    EXPECT_EQ(match.Compare(), MatchVerdict::kAgrees);
+    match.depths.relative_sigmas = {{0.03}, {}};
+    EXPECT_EQ(match.Compare(), MatchVerdict::kContradicts);
+  }
+}
+
 // A point that moves along its first ray stays on its epipolar line.
 TEST(CompareWithMotionTest, PointsThatMoveAlongEpipolarLinesContradict) {
   for (const Vector3d& point : PointsAround()) {

@@ -87,5 +87,44 @@ TEST(TemporalOrder, IsThatOfACameraPathOrNot) {
   EXPECT_FALSE(IsSequence(scene, ViewGraph(), order));
 }
 
+// The frames of a second lap share more matches with those of the first lap
+// than with each other.
+TEST(TemporalOrder, APathMayVisitPlacesAgain) {
+  constexpr int kNumFrames = 60;
+  std::vector<std::string> names;
+  for (int i = 0; i < kNumFrames; ++i) names.push_back(std::to_string(100 + i));
+  const Scene scene = MakeScene(names);
+  std::vector<int> times(names.size());
+  std::iota(times.begin(), times.end(), 0);
+  ViewGraph view_graph = MatchNeighbours(times);
+  for (int i = 0; i < kNumFrames / 2; ++i) {
+    ImagePair pair;
+    pair.image_idx1 = i;
+    pair.image_idx2 = i + kNumFrames / 2;
+    pair.matches.resize(150);
+    view_graph.pairs.push_back(pair);
+  }
+  EXPECT_TRUE(IsSequence(scene, view_graph, TemporalOrder(scene)));
+}
+
+// Where all frames match alike, order in time cannot show.
+TEST(TemporalOrder, ImagesOfOneObjectAreNoSequence) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 40; ++i) names.push_back(std::to_string(100 + i));
+  const Scene scene = MakeScene(names);
+  Random random(8);
+  ViewGraph view_graph;
+  for (int i = 0; i < 40; ++i) {
+    for (int j = i + 1; j < 40; ++j) {
+      ImagePair pair;
+      pair.image_idx1 = i;
+      pair.image_idx2 = j;
+      pair.matches.resize(80 + random.Index(40));
+      view_graph.pairs.push_back(pair);
+    }
+  }
+  EXPECT_FALSE(IsSequence(scene, view_graph, TemporalOrder(scene)));
+}
+
 }  // namespace
 }  // namespace mgsfm
