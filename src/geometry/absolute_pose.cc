@@ -136,6 +136,23 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
   return inliers;
 }
 
+constexpr PoseStepOptions kConverged{20, 1e-8, 1e-12};
+// Within RANSAC: only a start of the last refinement.
+constexpr PoseStepOptions kLocal{5, 1e-3, 1e-12};
+
+SolveSummary Refine(const std::vector<CameraPoints>& cameras, double loss_scale,
+                    const PoseStepOptions& options, Rigid3* unit_from_world) {
+  SolveSummary summary;
+  if (NumRays(cameras) < kSampleSize) {
+    summary.message = "too few points";
+    return summary;
+  }
+  return MinimizeOverPose(
+      options,
+      [&](const Rigid3& pose) { return Linearize(cameras, loss_scale, pose); },
+      unit_from_world);
+}
+
 class AbsolutePoseRansac {
  public:
   AbsolutePoseRansac(const std::vector<CameraPoints>& cameras, Random* random)
@@ -203,7 +220,7 @@ class AbsolutePoseRansac {
   void Optimize(double loss_scale) {
     Rigid3 refined = *best_;
     const auto inliers = InliersOf(cameras_, *best_);
-    if (RefineAbsolutePose(inliers, loss_scale, &refined).IsUsable()) {
+    if (Refine(inliers, loss_scale, kLocal, &refined).IsUsable()) {
       Try(refined);
     }
   }
@@ -268,16 +285,7 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
 
 SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
                                 double loss_scale, Rigid3* unit_from_world) {
-  SolveSummary summary;
-  if (NumRays(cameras) < kSampleSize) {
-    summary.message = "too few points";
-    return summary;
-  }
-  constexpr PoseStepOptions kOptions{20, 1e-8, 1e-12};
-  return MinimizeOverPose(
-      kOptions,
-      [&](const Rigid3& pose) { return Linearize(cameras, loss_scale, pose); },
-      unit_from_world);
+  return Refine(cameras, loss_scale, kConverged, unit_from_world);
 }
 
 std::optional<Rigid3> EstimateAbsolutePose(
