@@ -159,10 +159,15 @@ void AddDepths(const Scene& scene, const Bearings& bearings,
         normal.dot(turned.cross(t)) <= 0.0) {
       continue;
     }
-    depths->distances[images[0]][keypoints[0]] = t.cross(ray2).norm() / sine;
-    depths->distances[images[1]][keypoints[1]] = t.cross(turned).norm() / sine;
+    const double distances[2] = {t.cross(ray2).norm() / sine,
+                                 t.cross(turned).norm() / sine};
     for (const int i : {0, 1}) {
-      depths->relative_sigmas[images[i]][keypoints[i]] = noise_rad / sine;
+      // The most precise pair counts.
+      auto& distance = depths->distances[images[i]][keypoints[i]];
+      double& sigma = depths->relative_sigmas[images[i]][keypoints[i]];
+      if (distance && sigma <= noise_rad / sine) continue;
+      distance = distances[i];
+      sigma = noise_rad / sine;
     }
   }
 }
