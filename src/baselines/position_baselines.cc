@@ -67,7 +67,11 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   refinement_options.loss = RobustLossType::kHuber;
   refinement_options.loss_scale_rad = kRandomStartLossRad;
   refinement_options.starts_at_random = true;
-  refinement_options.backend = options.averaging.backend;
+  // The damping of the native solver falls too fast for states that are far
+  // from a solution. Sums in Ceres depend on the number of threads.
+  refinement_options.backend = SolverBackend::kCeres;
+  Context one_thread = context;
+  one_thread.num_threads = 1;
   refinement_options.function_tolerance = kFunctionTolerance;
   refinement_options.max_num_iterations = std::max(
       kNumRandomStartIterations, *options.averaging.max_num_iterations);
@@ -79,7 +83,7 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
       refinement, rays,
       SelectSupportedTracks(refinement, rays, points, input.scene, &input.index,
                             options.averaging, context.num_threads),
-      refinement_options, context, &positions, &points);
+      refinement_options, one_thread, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
     positions = start.initial.positions;
     points = start.points;
