@@ -15,8 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Lines of sight that must agree on the centre of a frame. Two lines determine
-// it; chosen three times as many.
+// Lines of sight that must agree on the centre of a frame, which two determine.
+// Half or twice as many change no error (docs/results/constants.md).
 constexpr int kMinNumResectionPoints = 6;
 
 // The usable rays of one track.

@@ -15,9 +15,11 @@
 namespace mgsfm {
 namespace {
 
-// Errors of positions by pairs alone, before points are used. Chosen to cover
-// some degrees of error in the direction to a point.
+// Errors of positions by pairs alone, before points are used: some degrees of
+// error in the direction to a point. Half or twice the value changes errors by
+// at most 2 % (docs/results/constants.md).
 constexpr double kCoarseErrorRad = DegToRad(4.0);
+// The coarse refinement prepares a second triangulation, so it ends early.
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kCoarseFunctionTolerance = 1e-3;
 constexpr int kNumCoarseIterations = 10;
@@ -26,13 +28,15 @@ constexpr double kMinLossRad = DegToRad(0.01);
 // 2.4 standard deviations: the Cauchy loss is 95 % efficient for normal noise.
 constexpr double kLossInSigmas = 2.4;
 constexpr double kFunctionTolerance = 1e-5;
-// Lower bound of the depth of points, relative to the typical depth. Chosen:
-// points this close are rays from about the same place.
+// Lower bound of the depth of points, relative to the typical depth: points
+// this close are rays from about the same place. Half or twice the value
+// changes no error (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
 // A sensor is reported unless less than this share of its squared motion lies
 // in the undetermined subspace.
 constexpr double kMinUnobservableShare = 0.01;
-// A pair without parallax does not move by more, in standard deviations.
+// A pair without parallax does not move by more, in standard deviations; normal
+// errors exceed it with probability 3e-2 in three dimensions.
 constexpr double kMaxZeroBaselineError = 3.0;
 
 RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
