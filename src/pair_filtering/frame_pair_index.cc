@@ -6,6 +6,49 @@
 #include <utility>
 
 namespace mgsfm {
+namespace {
+
+// One frame may be missing or blurred.
+constexpr int kMaxNeighbourGap = 2;
+// A random order of n frames would have a share of about 4 / n.
+constexpr double kMinShareOfNeighbours = 0.75;
+
+// Whether the order of the frames is that of a camera path: most frames share
+// more matches with a frame just before or after them than with any other frame
+// of their rig. Among n frames in random order, a share of about 4 / n would.
+bool IsSequence(const std::vector<FramePairIndex::FramePair>& frame_pairs,
+                const ViewGraph& view_graph, const TemporalOrder& order,
+                int num_frames) {
+  struct Partner {
+    size_t num_matches = 0;
+    bool is_neighbour = false;
+  };
+  std::vector<Partner> strongest(num_frames);
+  for (const FramePairIndex::FramePair& frames : frame_pairs) {
+    const auto gap = order.Gap(frames.frame_idx1, frames.frame_idx2);
+    if (!frames.IsBetweenFrames() || !gap) continue;
+    size_t num_matches = 0;
+    for (const size_t i : frames.pair_idxs) {
+      num_matches += view_graph.pairs[i].matches.size();
+    }
+    for (const int frame_idx : {frames.frame_idx1, frames.frame_idx2}) {
+      Partner& partner = strongest[frame_idx];
+      if (num_matches > partner.num_matches) {
+        partner = {num_matches, *gap <= kMaxNeighbourGap};
+      }
+    }
+  }
+  size_t num_matched = 0, num_with_neighbour = 0;
+  for (const Partner& partner : strongest) {
+    num_matched += partner.num_matches > 0;
+    num_with_neighbour += partner.is_neighbour;
+  }
+  return num_matched > 0 &&
+         static_cast<double>(num_with_neighbour) >=
+             kMinShareOfNeighbours * static_cast<double>(num_matched);
+}
+
+}  // namespace
 
 FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                                SequenceMode sequence)
@@ -32,7 +75,7 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
   if (sequence == SequenceMode::kNo) return;
   TemporalOrder order_of_frames(scene);
   if (sequence == SequenceMode::kAuto &&
-      !IsSequence(scene, view_graph, order_of_frames)) {
+      !IsSequence(frame_pairs_, view_graph, order_of_frames, num_frames_)) {
     return;
   }
   order_ = std::move(order_of_frames);

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
-#include <map>
 #include <utility>
 
 #include "base/natural_order.h"
@@ -12,11 +11,6 @@
 
 namespace mgsfm {
 namespace {
-
-// One frame may be missing or blurred.
-constexpr int kMaxNeighbourGap = 2;
-// A random order of n frames would have a share of about 4 / n.
-constexpr double kMinShareOfNeighbours = 0.75;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   return std::all_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame_idx) {
@@ -79,41 +73,6 @@ std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {
     return std::nullopt;
   }
   return std::abs(rank_of_frame_[frame_idx1] - rank_of_frame_[frame_idx2]);
-}
-
-bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
-                const TemporalOrder& order) {
-  std::map<std::pair<int, int>, size_t> num_matches;  // per pair of frames
-  for (const ImagePair& pair : view_graph.pairs) {
-    const auto frames = std::minmax({scene.images[pair.image_idx1].frame_idx,
-                                     scene.images[pair.image_idx2].frame_idx});
-    if (frames.first != frames.second &&
-        order.Gap(frames.first, frames.second)) {
-      num_matches[frames] += pair.matches.size();
-    }
-  }
-  struct Partner {
-    size_t num_matches = 0;
-    bool is_neighbour = false;
-  };
-  std::vector<Partner> strongest(scene.frames.size());
-  for (const auto& [frames, number] : num_matches) {
-    const int gap = *order.Gap(frames.first, frames.second);
-    for (const int frame_idx : {frames.first, frames.second}) {
-      Partner& partner = strongest[frame_idx];
-      if (number > partner.num_matches) {
-        partner = {number, gap <= kMaxNeighbourGap};
-      }
-    }
-  }
-  size_t num_frames = 0, num_with_neighbour = 0;
-  for (const Partner& partner : strongest) {
-    num_frames += partner.num_matches > 0;
-    num_with_neighbour += partner.is_neighbour;
-  }
-  return num_frames > 0 &&
-         static_cast<double>(num_with_neighbour) >=
-             kMinShareOfNeighbours * static_cast<double>(num_frames);
 }
 
 }  // namespace mgsfm

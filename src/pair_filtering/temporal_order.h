@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
@@ -35,11 +34,5 @@ class TemporalOrder {
   std::vector<double> time_of_frame_;  // in median intervals of its rig
   std::vector<std::vector<int>> sequences_;
 };
-
-// Whether the order of the frames is that of a camera path: most frames share
-// more matches with a frame just before or after them than with any other frame
-// of their rig. Among n frames in random order, a share of about 4 / n would.
-bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
-                const TemporalOrder& order);
 
 }  // namespace mgsfm
