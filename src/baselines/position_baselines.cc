@@ -10,7 +10,6 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {
@@ -81,8 +80,8 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   TranslationSummary& summary = result.summary;
   summary.joint_refinement = ObjectiveOf(baseline).refine_cameras_and_points(
       refinement, rays,
-      SelectSupportedTracks(refinement, rays, points, input.scene, &input.index,
-                            options.averaging, context.num_threads),
+      SelectTracks(rays, points, static_cast<int>(problem.frame_idx.size()),
+                   options.averaging.min_num_points_per_image),
       refinement_options, one_thread, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
     positions = start.initial.positions;
@@ -140,9 +139,9 @@ PositionResult PositionByPairs(const PositionBaselineOptions& baseline,
   const bool is_hybrid =
       is_refined && baseline.input != TranslationSource::kRelativeTranslations;
   if (is_hybrid) {
-    TrackRefinement refined = RefineWithTracks(
-        refinement, positions, measured.rays, input.scene, &input.index,
-        options.averaging, context, ObjectiveOf(baseline));
+    TrackRefinement refined =
+        RefineWithTracks(refinement, positions, measured.rays,
+                         options.averaging, context, ObjectiveOf(baseline));
     summary.joint_refinement = std::move(refined.solve);
     summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
     positions = std::move(refined.positions);

@@ -239,10 +239,9 @@ PositionResult EstimatePositions(const PositionInput& input,
   const RefinementInput refinement{measured.problem, measured.pairs.baselines,
                                    measured.pairs.scales, screened.initial,
                                    pair_is_used};
-  TrackRefinement by_tracks = RefineWithTracks(
-      refinement, by_pairs.positions, measured.rays, input.scene,
-      options.filtering.use_track_support ? &input.index : nullptr,
-      options.averaging, context);
+  TrackRefinement by_tracks =
+      RefineWithTracks(refinement, by_pairs.positions, measured.rays,
+                       options.averaging, context);
   log.Finish("refinement with tracks");
 
   TranslationSummary summary;

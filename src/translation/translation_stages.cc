@@ -10,7 +10,6 @@
 
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "pair_filtering/track_support.h"
 
 namespace mgsfm {
 namespace {
@@ -150,31 +149,6 @@ RefinedPositions RefineWithPairs(const RefinementInput& input,
   return refined;
 }
 
-std::vector<size_t> SelectSupportedTracks(
-    const RefinementInput& input, const TrackRays& rays,
-    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
-    const TranslationAveragingOptions& options, int num_threads) {
-  const ObservationGroups& tracks = rays.tracks;
-  Mask is_supported(tracks.size(), true);
-  if (index != nullptr) {
-    Mask pair_is_used(index->num_pairs(), false);
-    for (size_t i = 0; i < input.baselines.size(); ++i) {
-      pair_is_used[i] = input.pair_is_used[i] &&
-                        input.baselines[i].kind != BaselineKind::kUnused;
-    }
-    Mask has_point(tracks.size());
-    for (size_t t = 0; t < tracks.size(); ++t) {
-      has_point[t] = points.point_in_world[t].has_value();
-    }
-    is_supported =
-        FindSupportedTracks(scene, *index, pair_is_used, tracks, has_point,
-                            points.observation_is_used, num_threads);
-  }
-  return SelectTracks(rays, points, is_supported,
-                      static_cast<int>(input.problem.frame_idx.size()),
-                      options.min_num_points_per_image);
-}
-
 TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
                           const Positions& positions, double max_error_rad,
                           const TranslationAveragingOptions& options,
@@ -192,8 +166,6 @@ TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
 
 TrackRefinement RefineWithTracks(const RefinementInput& input,
                                  const Positions& start, const TrackRays& rays,
-                                 const Scene& scene,
-                                 const FramePairIndex* index,
                                  const TranslationAveragingOptions& options,
                                  const Context& context,
                                  const PositionObjective& objective) {
@@ -219,8 +191,9 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
   const auto refine = [&](const RefinementOptions& refinement) {
     return RefineJointly(
         input, rays,
-        SelectSupportedTracks(input, rays, state.points, scene, index, options,
-                              context.num_threads),
+        SelectTracks(rays, state.points,
+                     static_cast<int>(input.problem.frame_idx.size()),
+                     options.min_num_points_per_image),
         refinement, objective, context, &state);
   };
 

@@ -42,8 +42,6 @@ namespace mgsfm {
 // 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate.
-// 7. Track support (track_support.h). A track helps to estimate positions only
-//    if accepted pairs connect all frames that observe it.
 //
 // Rules 3 and 6 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
@@ -104,10 +102,6 @@ struct PairFilteringOptions {
   Option<bool> use_baseline_consistency{
       "use_baseline_consistency", true,
       "Reject pairs whose baseline contradicts the estimated positions."};
-  Option<bool> use_track_support{
-      "use_track_support", true,
-      "Estimate positions from tracks whose frames are connected by accepted "
-      "pairs."};
 
   Option<double> min_strength{
       "min_strength", 0.6, Between(0.0, 1.0),
@@ -151,10 +145,9 @@ struct PairFilteringOptions {
     visit(is_sequence, use_skeletal_graph, use_triplet_support,
           use_rotation_consistency, use_unsupported_bridges,
           use_motion_continuity, use_baseline_drift_bound,
-          use_baseline_consistency, use_track_support, min_strength,
-          min_connecting_strength, max_rotation_error_deg,
-          rotation_drift_in_sigmas, max_rotation_drift_deg,
-          min_share_against_bridge, max_baseline_drift,
+          use_baseline_consistency, min_strength, min_connecting_strength,
+          max_rotation_error_deg, rotation_drift_in_sigmas,
+          max_rotation_drift_deg, min_share_against_bridge, max_baseline_drift,
           max_baseline_error_in_depths, max_relative_baseline_error);
   }
 };
