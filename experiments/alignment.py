@@ -88,7 +88,7 @@ def weighted_fit(points, targets, weights, turn):
     """The best similarity by Horn's quaternion method.
 
     `turn` resolves the rotation about a straight path: it counts like a
-    thousandth of the spread of the points.
+    thousandth of the extent of the points.
     """
     total = sum(weights)
     center1 = weighted_mean(points, weights, total)

@@ -1,6 +1,6 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# COLMAP goes on from databases and models of mgsfm, and mgsfm from those of
+# COLMAP continues from databases and models of mgsfm, and mgsfm from those of
 # COLMAP 3.8:
 #   exchange_with_colmap.sh IMAGES WORK [--ImageReader.OPTION VALUE ...]
 # IMAGES holds a folder for each camera; WORK is a new folder for the results.

@@ -178,7 +178,8 @@ Sim3 FindTransform(const Reconstruction& before, const Reconstruction& after) {
 }
 
 ReferenceSource SourceOf(const ModelAlignerOptions& options) {
-  constexpr double kOutlierDistance = 4.0;  // standard deviations
+  // The standard deviations at which the registration drops a position.
+  constexpr double kOutlierDistance = 4.0;
   ReferenceSource source;
   source.ref_images_path = options.ref_images_path;
   source.database_path = options.database_path;

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
 #include "io/exchange/exchange_formats.h"
@@ -19,7 +20,6 @@
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "tool_model.h"
-#include "truth_comparison.h"
 
 namespace mgsfm {
 namespace {

@@ -2,13 +2,13 @@
 #include <vector>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
 #include "geometry/geodetic.h"
 #include "io/files/staged_output.h"
 #include "mgsfm/base/error.h"
 #include "tool_model.h"
-#include "truth_comparison.h"
 
 namespace mgsfm {
 namespace {

@@ -2,6 +2,7 @@
 #include <sstream>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
 #include "eval/error_statistics.h"
@@ -55,7 +56,8 @@ struct EvaluatorOptions {
       "reference sensor of the model's rig, or the first folder."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "How image names identify cameras and frames if the model has no rigs; "
+      "Rule by which image names identify cameras and frames if the model has "
+      "no rigs; "
       "as for the mapper."};
   Option<Alignment> alignment{
       "alignment", Alignment::kSimilarity,

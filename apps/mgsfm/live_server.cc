@@ -102,7 +102,7 @@ int Listen(const std::string& address, int port) {
   Socket server(socket(endpoint.storage.ss_family,
                        SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
   if (server.fd() < 0) fail();
-  // Lets a new run use the port while connections of the last one time out.
+  // Lets a new run use the port while connections of the previous run time out.
   const int on = 1;
   setsockopt(server.fd(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof(on));
   if (bind(server.fd(), endpoint.get(), endpoint.size) != 0) fail();
@@ -252,7 +252,7 @@ class LiveServer::Impl {
           MHD_get_connection_info(handle, MHD_CONNECTION_INFO_CONNECTION_FD);
       if (info != nullptr) impl->connections_[handle].fd = info->connect_fd;
     } catch (const std::exception&) {
-      // Without memory for its entry, a connection only ends by itself.
+      // If the entry cannot be allocated, the connection ends only by itself.
     }
   }
 

@@ -22,7 +22,7 @@ std::string Roff(std::string_view text) {
       escaped += c;
     }
   }
-  // Not a request.
+  // roff takes a line that begins with . or ' for a request; \& prevents that.
   if (!escaped.empty() && (escaped[0] == '.' || escaped[0] == '\'')) {
     escaped.insert(0, "\\&");
   }

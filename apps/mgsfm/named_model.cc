@@ -2,10 +2,10 @@
 #include "named_model.h"
 
 #include <algorithm>
-#include <map>
 #include <set>
 #include <utility>
 
+#include "io/models/model_tables.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -28,37 +28,6 @@ void KeepPrefix(const std::string& path, const std::string& prefix,
   }
 }
 
-// Adds the tables of rigs and frames if they cover all images.
-void AddTables(const PoseModel& poses, DatabaseContents* contents) {
-  std::map<ImageId, CameraId> camera_of_image;
-  for (const ModelImage& image : poses.images) {
-    camera_of_image.emplace(image.id, image.camera_id);
-  }
-  std::set<ImageId> in_frames;
-  for (const ModelFrame& frame : poses.frames) {
-    FrameRow row{frame.id, frame.rig_id, {}};
-    for (const ImageId id : frame.image_ids) {
-      const auto image = camera_of_image.find(id);
-      if (image == camera_of_image.end()) continue;
-      row.data.push_back({image->second, id});
-      in_frames.insert(id);
-    }
-    if (!row.data.empty()) contents->frames.push_back(std::move(row));
-  }
-  if (in_frames.size() < poses.images.size()) {
-    contents->frames.clear();
-    return;
-  }
-  for (const ModelRig& rig : poses.rigs) {
-    RigRow row{rig.id, {}, {}};
-    for (const ModelSensor& sensor : rig.sensors) {
-      if (sensor.is_reference) row.ref_camera_id = sensor.camera_id;
-      row.sensors.push_back({sensor.camera_id, sensor.sensor_from_rig});
-    }
-    contents->rigs.push_back(std::move(row));
-  }
-}
-
 // The model as rows of a database, with placeholder intrinsics.
 DatabaseContents ToContents(const PoseModel& poses, const std::string& path) {
   DatabaseContents contents;
@@ -72,7 +41,7 @@ DatabaseContents ToContents(const PoseModel& poses, const std::string& path) {
     contents.cameras.push_back(
         {id, CameraModelId::kSimplePinhole, 1, 1, {1.0, 0.5, 0.5}, false});
   }
-  AddTables(poses, &contents);
+  AddModelTables(poses, &contents);
   return contents;
 }
 

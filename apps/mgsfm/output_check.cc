@@ -5,11 +5,11 @@
 #include <filesystem>
 #include <functional>
 #include <map>
-#include <sstream>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "base/text_tools.h"
 #include "io/files/model_files.h"
 #include "io/files/staged_output.h"
 #include "mgsfm/base/error.h"
@@ -173,8 +173,7 @@ std::vector<NamedPath> ReadInputs(const std::string& command,
   std::vector<NamedPath> inputs;
   const auto add = [&](const std::string& option, const std::string& value) {
     inputs.push_back({option, value});
-    std::istringstream list(value);
-    for (std::string item; std::getline(list, item, ',');) {
+    for (const std::string& item : SplitList(value)) {
       if (item != value) inputs.push_back({option, item});
     }
   };

@@ -26,7 +26,7 @@ PosePriorOptions PriorOptions(const ReferenceSource& source) {
   return options;
 }
 
-// Positions of images of the model; those of other images are left out.
+// Positions of images of the model; those of other images are skipped.
 std::vector<PosePriorRow> ReadPositions(const std::string& path,
                                         const Scene& scene) {
   std::vector<PosePriorRow> rows;

@@ -8,7 +8,7 @@ namespace mgsfm {
 // The standard error stream is a terminal that can overwrite a line.
 bool ErrorStreamIsTerminal();
 
-enum class Colour { kRed = 31, kYellow = 33, kCyan = 36 };
+enum class Colour { kRed = 31, kYellow = 33 };
 
 // The text for the standard error stream: coloured on a terminal, unless the
 // variable NO_COLOR is set (no-color.org).

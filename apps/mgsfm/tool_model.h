@@ -23,7 +23,7 @@ struct ToolRigOptions {
       "images into its rigs, whose poses are fitted to those of the images."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "How to find rigs and frames: auto (those of the model, otherwise single "
+      "Source of rigs and frames: auto (those of the model, otherwise single "
       "images), none (single images), or a regular expression on image names, "
       "as for the mapper, that groups the images into rigs."};
 

@@ -45,7 +45,7 @@ std::vector<std::string> FrameNames(const NamedModel& model,
                                     const ImageNames& other_images);
 
 // Model and truth, image by image, in the order of the trajectory. Sensors that
-// are not in `sensor_from_ref` (per sensor of the model) are left out. Images
+// are not in `sensor_from_ref` (per sensor of the model) are skipped. Images
 // that the model lacks are added: other_images or, if these are not known, all
 // of frames in gaps of the model, which are true poses that lie at its median
 // step between two of its frames.

@@ -5,8 +5,8 @@
 #include <filesystem>
 #include <map>
 #include <set>
-#include <sstream>
 
+#include "base/text_tools.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
@@ -345,15 +345,6 @@ TruthComparison Compare(const TruthSource& source, const NamedModel& model) {
 }
 
 }  // namespace
-
-std::vector<std::string> SplitList(const std::string& list) {
-  std::vector<std::string> items;
-  std::istringstream stream(list);
-  for (std::string item; std::getline(stream, item, ',');) {
-    if (!item.empty()) items.push_back(item);
-  }
-  return items;
-}
 
 TruthComparison CompareWithTruth(const TruthSource& source) {
   SceneLoadingOptions naming;

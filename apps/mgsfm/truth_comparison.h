@@ -50,6 +50,4 @@ struct TruthComparison {
 // for bad input.
 TruthComparison CompareWithTruth(const TruthSource& source);
 
-std::vector<std::string> SplitList(const std::string& list);
-
 }  // namespace mgsfm

@@ -47,7 +47,7 @@ void RunKernel(Kernel kernel, RigEquationsBase* equations) {
   if (kernel == Kernel::kSolve) {
     benchmark::DoNotOptimize(equations->Solve());
   } else if (kernel == Kernel::kStep) {
-    benchmark::DoNotOptimize(equations->TryStep(1.0));
+    benchmark::DoNotOptimize(equations->TryStep());
   } else {
     benchmark::DoNotOptimize(equations->Linearize(kLambda));
   }

@@ -16,7 +16,7 @@ namespace {
 // hardly moved along weak directions such as the bends of a long drive.
 constexpr double kOracleTolerance = 1e-8;
 constexpr int kMaxNumOracleIterations = 1000;
-// As in RefineReconstruction.
+// The bound of RefineReconstruction.
 constexpr double kMinLossScalePx = 0.05;
 
 RigErrors CompareSensor(const std::string& name, const Rigid3& estimate,

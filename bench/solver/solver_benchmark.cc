@@ -38,7 +38,7 @@ struct BenchmarkOptions {
       "Database with verified matches, instead of a simulation."};
   Option<double> start_max_error_px{
       "start_max_error", 16.0, GreaterThan(0.0), "px",
-      "Observations with larger errors at the start are left out."};
+      "Observations with larger errors at the start are excluded."};
   Option<double> function_tolerance{
       "function_tolerance", 1e-9, Between(0.0, 1.0),
       "A solve ends when the cost changes by less than this part."};

@@ -45,7 +45,7 @@ std::string Unquote(const std::string& text) {
 
 constexpr char kVersionKey[] = "mgsfm_version";
 
-// Where the reader of a configuration file is.
+// The place of the reader in a configuration file.
 struct FileState {
   std::string section;
   std::set<std::string> names;

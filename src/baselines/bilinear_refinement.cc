@@ -8,7 +8,7 @@
 #include <algorithm>
 
 #include "baselines/bilinear_costs.h"
-#include "least_squares/ceres_cancellation.h"
+#include "least_squares/ceres_solving.h"
 
 namespace mgsfm {
 namespace {
@@ -127,17 +127,7 @@ class BilinearProblem {
     ceres::Solver::Summary result;
     ceres::Solve(options, &problem_, &result);
     context.CheckInterrupted();
-    // The first one listed is the start.
-    summary.num_iterations =
-        std::max(0, static_cast<int>(result.iterations.size()) - 1);
-    summary.initial_cost = result.initial_cost;
-    summary.final_cost = result.final_cost;
-    summary.message = result.message;
-    if (!result.IsSolutionUsable()) return summary;
-    summary.termination = result.termination_type == ceres::CONVERGENCE
-                              ? Termination::kConverged
-                              : Termination::kMaxIterations;
-    return summary;
+    return SummarizeCeres(result);
   }
 
  private:

@@ -10,7 +10,6 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
-#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {
@@ -67,7 +66,11 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   refinement_options.loss = RobustLossType::kHuber;
   refinement_options.loss_scale_rad = kRandomStartLossRad;
   refinement_options.starts_at_random = true;
-  refinement_options.backend = options.averaging.backend;
+  // The damping of the native solver falls too fast for states that are far
+  // from a solution. Sums in Ceres depend on the number of threads.
+  refinement_options.backend = SolverBackend::kCeres;
+  Context one_thread = context;
+  one_thread.num_threads = 1;
   refinement_options.function_tolerance = kFunctionTolerance;
   refinement_options.max_num_iterations = std::max(
       kNumRandomStartIterations, *options.averaging.max_num_iterations);
@@ -77,9 +80,9 @@ PositionResult PositionByTracks(const PositionBaselineOptions& baseline,
   TranslationSummary& summary = result.summary;
   summary.joint_refinement = ObjectiveOf(baseline).refine_cameras_and_points(
       refinement, rays,
-      SelectSupportedTracks(refinement, rays, points, input.scene, &input.index,
-                            options.averaging, context.num_threads),
-      refinement_options, context, &positions, &points);
+      SelectTracks(rays, points, static_cast<int>(problem.frame_idx.size()),
+                   options.averaging.min_num_points_per_image),
+      refinement_options, one_thread, &positions, &points);
   if (!summary.joint_refinement.IsUsable()) {
     positions = start.initial.positions;
     points = start.points;
@@ -136,9 +139,9 @@ PositionResult PositionByPairs(const PositionBaselineOptions& baseline,
   const bool is_hybrid =
       is_refined && baseline.input != TranslationSource::kRelativeTranslations;
   if (is_hybrid) {
-    TrackRefinement refined = RefineWithTracks(
-        refinement, positions, measured.rays, input.scene, &input.index,
-        options.averaging, context, ObjectiveOf(baseline));
+    TrackRefinement refined =
+        RefineWithTracks(refinement, positions, measured.rays,
+                         options.averaging, context, ObjectiveOf(baseline));
     summary.joint_refinement = std::move(refined.solve);
     summary.num_frames_placed_by_points = refined.num_frames_placed_by_points;
     positions = std::move(refined.positions);

@@ -7,7 +7,6 @@
 #include <utility>
 
 #include "bundle/block_reduction.h"
-#include "bundle/point_filters.h"
 #include "bundle/solve.h"
 #include "least_squares/levenberg_marquardt.h"
 #include "least_squares/residuals.h"
@@ -125,7 +124,7 @@ class BlockedProblem : public DampedProblem {
     return solver_.Solve(system_, &step_);
   }
 
-  TrialStep TryStep(double) override { return VisitAll(&step_); }
+  TrialStep TryStep() override { return VisitAll(&step_); }
 
   void AcceptStep() override;
 
@@ -202,7 +201,7 @@ bool BlockedProblem::Step(const Eigen::VectorXd* step,
     of_block[i] = (*step)[unknowns[static_cast<size_t>(i)]];
   }
   equations->SetStep(of_block);
-  const TrialStep trial = equations->TryStep(1.0);
+  const TrialStep trial = equations->TryStep();
   equations->AcceptStep();
   sum->new_cost += trial.new_cost;
   sum->predicted_decrease += trial.predicted_decrease;
@@ -297,19 +296,6 @@ bool SolveInBlocks(const Scene& scene, const FrameBlocks& blocks,
   const bool is_usable = summary.IsUsable();
   result->summary.solves.push_back(std::move(summary));
   return is_usable;
-}
-
-BundleResult AdjustBundleInBlocks(const Scene& scene, const FrameBlocks& blocks,
-                                  const Reconstruction& initial,
-                                  const BundleAdjustmentOptions& options,
-                                  const Context& context) {
-  BundleResult result;
-  result.estimate = initial;
-  SolveInBlocks(scene, blocks, options, RefinedParts::kAll,
-                options.function_tolerance, context, &result);
-  ComputePointErrors(scene, context.num_threads, &result.estimate);
-  FinishSummary(scene, initial, options, &result);
-  return result;
 }
 
 }  // namespace mgsfm

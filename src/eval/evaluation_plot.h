@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// What a plot calls its content.
+// The names that a plot gives its content.
 struct EvaluationLabels {
   std::string reference = "ground truth";
   std::string compared = "model";

@@ -7,31 +7,13 @@
 #include <locale>
 #include <sstream>
 
+#include "base/text_tools.h"
+
 namespace mgsfm {
 namespace {
 
 std::string Attribute(const char* name, double value) {
   return std::string(" ") + name + "='" + FormatNumber(value, 2) + "'";
-}
-
-std::string Escape(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      default:
-        escaped += c;
-    }
-  }
-  return escaped;
 }
 
 }  // namespace
@@ -135,7 +117,7 @@ void SvgDrawing::Pixels(const Eigen::Vector2d& corner,
 void SvgDrawing::Text(const Eigen::Vector2d& at, const std::string& text,
                       const std::string& style) {
   body_ += "<text" + Attribute("x", at.x()) + Attribute("y", at.y()) + " " +
-           style + ">" + Escape(text) + "</text>\n";
+           style + ">" + EscapeMarkup(text) + "</text>\n";
 }
 
 void SvgDrawing::BeginClip(const Eigen::Vector2d& corner,

@@ -22,8 +22,8 @@ namespace fs = std::filesystem;
 constexpr double kMaxKeypointDistancePx = 1.0;
 // Chosen: two calibrations of one rig differ less. The shift is relative to the
 // size of the rig.
-constexpr double kMaxGivenRotationDeg = 1.0;
-constexpr double kMaxGivenShift = 0.05;
+constexpr double kMaxKnownRotationDeg = 1.0;
+constexpr double kMaxKnownShift = 0.05;
 // Rounding in double precision.
 constexpr double kRigidTolerance = 1e-6;
 
@@ -49,7 +49,7 @@ class ModelPlacer {
     CheckFrames();
     ChooseReferences();
     PlaceSensors();
-    CheckGivenSensors();
+    CheckKnownSensors();
     placed_.reconstruction.cameras = scene_.cameras;
     placed_.reconstruction.rig_from_world =
         RigPoses(folder_, cam_from_world_, scene_)
@@ -65,7 +65,7 @@ class ModelPlacer {
   void CheckFrames() const;
   void ChooseReferences();
   void PlaceSensors();
-  void CheckGivenSensors() const;
+  void CheckKnownSensors() const;
   void TakePoints();
   void CheckObservation(const ModelObservation& observation, size_t image,
                         int image_idx) const;
@@ -179,11 +179,11 @@ void ModelPlacer::ChooseReferences() {
     const std::optional<Rigid3> new_from_old =
         scene_.sensors[best].sensor_from_rig;
     for (const int sensor_idx : rig.sensor_idxs) {
-      auto& given = scene_.sensors[sensor_idx].sensor_from_rig;
+      auto& known = scene_.sensors[sensor_idx].sensor_from_rig;
       if (!new_from_old) {
-        given.reset();
-      } else if (given) {
-        given = *given * new_from_old->Inverse();
+        known.reset();
+      } else if (known) {
+        known = *known * new_from_old->Inverse();
       }
     }
     scene_.sensors[best].sensor_from_rig = Rigid3();
@@ -234,7 +234,7 @@ void ModelPlacer::PlaceSensors() {
   RigPoses(folder_, cam_from_world_, scene_).EstimateSensors(&poses);
 }
 
-void ModelPlacer::CheckGivenSensors() const {
+void ModelPlacer::CheckKnownSensors() const {
   std::vector<double> size(scene_.rigs.size(), 0.0);
   for (const Sensor& sensor : scene_.sensors) {
     if (!sensor.sensor_from_rig) continue;
@@ -249,21 +249,22 @@ void ModelPlacer::CheckGivenSensors() const {
         AngleBetween(pose->rotation, sensor.sensor_from_rig->rotation));
     const double shift =
         (pose->translation - sensor.sensor_from_rig->translation).norm();
-    if (turn_deg <= kMaxGivenRotationDeg &&
-        shift <= kMaxGivenShift * size[sensor.rig_idx]) {
+    if (turn_deg <= kMaxKnownRotationDeg &&
+        shift <= kMaxKnownShift * size[sensor.rig_idx]) {
       continue;
     }
     char numbers[96];
-    std::snprintf(numbers, sizeof(numbers),
-                  "%.2f deg and a shift of %.4g (given: %.4g, there: %.4g)",
-                  turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
-                  pose->translation.norm());
+    std::snprintf(
+        numbers, sizeof(numbers),
+        "%.2f deg and a shift of %.4g (known: %.4g, in the model: %.4g)",
+        turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
+        pose->translation.norm());
     ThrowModelError(folder_,
-                    "the given pose of camera '" + sensor.name +
-                        "' in its rig is not the one it was made with, by " +
+                    "the known pose of camera '" + sensor.name +
+                        "' in its rig differs from that of the model by " +
                         numbers +
-                        "; make the model again with the given rig, or leave "
-                        "the pose out");
+                        "; make the model again with the known rig, or omit "
+                        "the pose");
   }
 }
 
@@ -315,9 +316,9 @@ void ModelPlacer::JudgeRigidity() {
     if (!cam_from_world_[i]) continue;
     const Rigid3 placed =
         *placed_.reconstruction.CamFromWorld(scene_, static_cast<int>(i));
-    const Rigid3& given = *cam_from_world_[i];
-    if (AngleBetween(placed.rotation, given.rotation) > kRigidTolerance ||
-        (placed.Center() - given.Center()).norm() > max_distance) {
+    const Rigid3& expected = *cam_from_world_[i];
+    if (AngleBetween(placed.rotation, expected.rotation) > kRigidTolerance ||
+        (placed.Center() - expected.Center()).norm() > max_distance) {
       placed_.is_rigid = false;
     }
   }

@@ -119,7 +119,7 @@ std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   return cameras;
 }
 
-// No distortion; the principal point is the image center.
+// No distortion; the principal point is the image centre.
 std::vector<double> DefaultParams(const CameraModelInfo& model, int width,
                                   int height, double focal_length_px) {
   std::vector<double> params(static_cast<size_t>(model.num_params), 0.0);

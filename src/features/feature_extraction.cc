@@ -449,7 +449,7 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   return summary;
 }
 
-// Paths are left out: they may differ from machine to machine.
+// Paths are omitted: they may differ from machine to machine.
 std::string FingerprintOf(const std::vector<std::string>& names,
                           FeatureExtractionOptions options) {
   Fingerprint fingerprint;

@@ -97,17 +97,6 @@ std::vector<PlanarMotion> DecomposeHomography(const Eigen::Matrix3d& homography,
   return motions;
 }
 
-double MaxEpipolarAngle(const Rigid3& cam2_from_cam1,
-                        const Eigen::Vector3d& ray1,
-                        const Eigen::Vector3d& ray2) {
-  const Eigen::Vector3d a = cam2_from_cam1.rotation * ray1;
-  const Eigen::Vector3d t = cam2_from_cam1.translation.normalized();
-  const Eigen::Vector3d normal1 = t.cross(a), normal2 = t.cross(ray2);
-  const double e = std::abs(ray2.dot(normal1));
-  const double norm = std::min(normal1.norm(), normal2.norm());
-  return norm > 1e-7 ? std::asin(std::min(1.0, e / norm)) : 0.0;
-}
-
 bool IsInFront(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
                const Eigen::Vector3d& ray2, double tolerance_rad) {
   return EpipolarTerms(ToEpipolarPose(cam2_from_cam1), ray1, ray2)

@@ -77,12 +77,6 @@ double SampsonAngle(const Rigid3& cam2_from_cam1, const Eigen::Vector3d& ray1,
                     const Eigen::Vector3d& ray2,
                     Eigen::Matrix<double, 1, 5>* jacobian = nullptr);
 
-// The larger of the two angles between a ray and the epipolar plane of the
-// other ray.
-double MaxEpipolarAngle(const Rigid3& cam2_from_cam1,
-                        const Eigen::Vector3d& ray1,
-                        const Eigen::Vector3d& ray2);
-
 // Whether intersecting rays meet at positive distances from both cameras: a and
 // f2 are on the same side of the baseline, and the rotation from a to f2 is
 // towards t by a parallax of at least -tolerance_rad. The tolerance accepts

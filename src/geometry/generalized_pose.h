@@ -14,7 +14,7 @@
 
 namespace mgsfm {
 
-// The generalized relative pose of two rigid units, each a set of cameras with
+// The generalised relative pose of two rigid units, each a set of cameras with
 // known poses in the unit, from the matches of all pairs of their cameras.
 // Unlike for two single cameras, the length of the translation is observable.
 

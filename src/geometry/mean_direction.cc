@@ -12,10 +12,13 @@ namespace {
 
 using Eigen::Vector3d;
 
+// Bounds the quadratic cost of the start.
 constexpr size_t kMaxNumStarts = 100;
 constexpr int kMaxNumMeans = 50;
 constexpr double kTolerance = 1e-9;
+// Normal errors of a direction exceed three medians with probability 2^-9.
 constexpr double kMedianFactor = 3.0;
+// Keeps the bound of equal directions above rounding.
 constexpr double kMinAngleRad = 1e-6;
 
 double MedianAngle(const std::vector<Vector3d>& directions,

@@ -38,21 +38,6 @@ Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q) {
   return sign * factor * q.vec();
 }
 
-Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega) {
-  const double angle = omega.norm();
-  const double a2 = angle * angle;
-  double a, b;
-  if (angle < kSmallAngle) {
-    a = 0.5 - a2 / 24.0;
-    b = 1.0 / 6.0 - a2 / 120.0;
-  } else {
-    a = (1.0 - std::cos(angle)) / a2;
-    b = (angle - std::sin(angle)) / (a2 * angle);
-  }
-  const Eigen::Matrix3d w = CrossMatrix(omega);
-  return Eigen::Matrix3d::Identity() - a * w + b * w * w;
-}
-
 Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega) {
   const double angle = omega.norm();
   const double c =

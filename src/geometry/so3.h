@@ -18,9 +18,9 @@ Eigen::Quaterniond ExpSO3(const Eigen::Vector3d& omega);
 // Logarithm with norm in [0, pi]: ExpSO3(LogSO3(q)) is the same rotation as q.
 Eigen::Vector3d LogSO3(const Eigen::Quaterniond& q);
 
-// Right Jacobian: Exp(omega + d) = Exp(omega) Exp(Jr(omega) d) + O(|d|^2), and
-// its inverse (singular at |omega| = 2 pi).
-Eigen::Matrix3d RightJacobianSO3(const Eigen::Vector3d& omega);
+// The inverse of the right Jacobian Jr, which is defined by
+// Exp(omega + d) = Exp(omega) Exp(Jr(omega) d) + O(|d|^2); singular at
+// |omega| = 2 pi.
 Eigen::Matrix3d InverseRightJacobianSO3(const Eigen::Vector3d& omega);
 
 // Normalises q, which must not be zero. Quaternions of unit length up to

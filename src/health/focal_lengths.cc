@@ -18,7 +18,7 @@ constexpr double kSuspiciousErrorInSigmas = 1.0;
 // Healthy cameras: see docs/results/input_check.md.
 const double kMinLogFactor = std::log(1.15);
 constexpr double kMinErrorInSigmas = 2.5;
-// Farther from the given value the linearisation is not valid, and the motion
+// Farther from the known value the linearisation is not valid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
 constexpr double kMaxSigma = 0.2;

@@ -21,7 +21,7 @@ std::vector<Finding> CheckTrustedFocalLengths(const Scene& scene,
                                               const ViewGraph& view_graph,
                                               const Context& context);
 
-// Whether another estimate, as a logarithm of its ratio to the given focal
+// Whether another estimate, as a logarithm of its ratio to the known focal
 // length, confirms a doubt of the check above: it exceeds the same bound in the
 // same direction.
 bool ContradictsFocalLength(const Finding& doubt, double log_factor);

@@ -144,7 +144,7 @@ Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
               "own"};
 }
 
-// Whether most samples from the first to the last of these frames are of them.
+// Whether the frames cover most samples between the first and the last of them.
 bool IsOneStretch(const std::vector<RigSample>& samples,
                   const std::vector<int>& frame_idxs) {
   const auto position = [&](int frame_idx) {

@@ -22,7 +22,7 @@ namespace mgsfm {
 struct RigSample {
   int frame_idx = 0;
   Eigen::Quaterniond b_from_a;
-  // Of the translation of b_from_a; of pairs within a frame.
+  // The direction of the translation of b_from_a, for pairs within a frame.
   std::optional<Eigen::Vector3d> direction;
 };
 

@@ -10,9 +10,9 @@
 #include <utility>
 #include <vector>
 
-#include "least_squares/ceres_cancellation.h"
 #include "least_squares/ceres_costs.h"
 #include "least_squares/ceres_manifolds.h"
+#include "least_squares/ceres_solving.h"
 
 namespace mgsfm {
 namespace {
@@ -228,16 +228,8 @@ SolveSummary SolveByCeres(const RigProblem<typename R::Observation>& problem,
   CeresRigProblem<R> ceres_problem(problem, &solved);
   const ceres::Solver::Summary result = ceres_problem.Solve(ceres_options);
   context.CheckInterrupted();
-  // The first one listed is the start.
-  summary.num_iterations =
-      std::max(0, static_cast<int>(result.iterations.size()) - 1);
-  summary.initial_cost = result.initial_cost;
-  summary.final_cost = result.final_cost;
-  summary.message = result.message;
-  if (!result.IsSolutionUsable()) return summary;
-  summary.termination = result.termination_type == ceres::CONVERGENCE
-                            ? Termination::kConverged
-                            : Termination::kMaxIterations;
+  summary = SummarizeCeres(result);
+  if (!summary.IsUsable()) return summary;
   ceres_problem.WriteBack();
   *state = std::move(solved);
   return summary;

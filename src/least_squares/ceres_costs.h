@@ -285,7 +285,7 @@ inline void WriteJacobian(const Eigen::Matrix<double, 6, 6>& derivative,
   }
 }
 
-// Of an image. Blocks: frame, sensor.
+// A prior of an image. Blocks: frame, sensor.
 template <class Prior, auto kEvaluate>
 class ImagePriorCost : public ceres::CostFunction {
  public:

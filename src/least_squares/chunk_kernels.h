@@ -28,7 +28,6 @@ struct PassInput {
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
   double lambda;
-  bool is_far_off;
 };
 
 // Symmetric 3 x 3: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2).

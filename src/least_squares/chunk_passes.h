@@ -150,7 +150,6 @@ struct StepInput {
   const std::vector<Eigen::Vector3d>& gradients;
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
-  double length;
 };
 
 // d = -(V + lambda D)^-1 (g + W z). Returns the square of the point's distance
@@ -235,7 +234,6 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
     double squared_step = 0.0;
     for (int i = 0; i < 3; ++i) {
       sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
-      d[i] *= step.length;
       squared_step += d[i] * d[i];
       sums.squared_position += old_point[i] * old_point[i];
     }
@@ -245,7 +243,6 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
                             step.new_poses, p, point);
     };
     const bool is_long =
-        !in.is_far_off &&
         squared_step > kLongStep * kLongStep * squared_distance;
     const double bound =
         is_long ? cost_at(old_point) : std::numeric_limits<double>::infinity();

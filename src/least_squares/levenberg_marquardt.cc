@@ -19,15 +19,6 @@ constexpr double kMaxLambda = 1e16;
 // Factor of lambda after a step as good as predicted (Nielsen), and of this
 // factor from one such step to the next.
 constexpr double kShrinkage = 1.0 / 3.0;
-// Backtracking, with bounds of the factor and the sufficient decrease of
-// Armijo.
-constexpr double kMinShortening = 0.1;
-constexpr double kMaxShortening = 0.6;
-constexpr double kMinGain = 1e-4;
-constexpr int kMaxNumShortenings = 6;
-// Initial slope of the cost along a step in predicted decreases. It is 1 for
-// strong and 2 for weak damping.
-constexpr double kSlope = 1.5;
 
 class LevenbergMarquardt {
  public:
@@ -48,7 +39,7 @@ class LevenbergMarquardt {
       } else if (!problem_.Solve()) {
         Reject();
       } else {
-        AcceptOrReject(FindStep());
+        AcceptOrReject(problem_.TryStep());
       }
     }
     summary_.final_cost = cost_;
@@ -68,8 +59,9 @@ class LevenbergMarquardt {
     }
   }
 
-  // Of the iterations until convergence, the relative decrease of the cost
-  // being about geometric. `max_num_iterations` is far too pessimistic.
+  // Estimates the iterations until convergence from the relative decrease of
+  // the cost, which is about geometric. `max_num_iterations` is far too
+  // pessimistic.
   void ReportProgress() const {
     const double num_done = summary_.num_iterations;
     const double num_estimated =
@@ -78,29 +70,6 @@ class LevenbergMarquardt {
     context_.ReportProgress(
         "solver", static_cast<size_t>(summary_.num_iterations),
         static_cast<size_t>(std::max(num_done + 1.0, num_estimated)));
-  }
-
-  // Backtracks along the step if the initial state is far from a solution.
-  TrialStep FindStep() {
-    TrialStep step = problem_.TryStep(1.0);
-    if (!options_.starts_far_off) return step;
-    const double full_norm = step.step_norm;
-    double length = 1.0;
-    for (int i = 0; i < kMaxNumShortenings; ++i) {
-      const double predicted = length * step.predicted_decrease;
-      const double increase = step.new_cost - cost_;
-      if (increase <= -kMinGain * predicted) break;
-      // The minimum of the parabola through both costs.
-      const double minimum =
-          0.5 * kSlope * predicted / (increase + kSlope * predicted);
-      length *= std::isfinite(increase)
-                    ? std::clamp(minimum, kMinShortening, kMaxShortening)
-                    : kMinShortening;
-      step = problem_.TryStep(length);
-    }
-    // A short step after backtracking is no sign of convergence.
-    step.step_norm = full_norm;
-    return step;
   }
 
   void AcceptOrReject(const TrialStep& step) {
@@ -139,7 +108,7 @@ class LevenbergMarquardt {
   void Shrink(double factor) {
     if (factor < kShrinkage) {
       lambda_ *= lambda_shrinkage_;
-      if (!options_.starts_far_off) lambda_shrinkage_ *= kShrinkage;
+      lambda_shrinkage_ *= kShrinkage;
     } else {
       lambda_ *= factor;
       lambda_shrinkage_ = kShrinkage;

@@ -10,7 +10,7 @@ namespace mgsfm {
 // The result of a trial step from the current state.
 struct TrialStep {
   double new_cost = 0.0;
-  // Decrease of the cost by the linear model, for the full step.
+  // Decrease of the cost by the linear model.
   double predicted_decrease = 0.0;
   double step_norm = 0.0;
   double state_norm = 0.0;
@@ -27,8 +27,8 @@ class DampedProblem {
   virtual bool Linearize(double lambda) = 0;
   // False if the equations are not positive definite to working precision.
   virtual bool Solve() = 0;
-  // Evaluates the state after `length` <= 1 of the step.
-  virtual TrialStep TryStep(double length) = 0;
+  // Evaluates the state after the step.
+  virtual TrialStep TryStep() = 0;
   virtual void AcceptStep() = 0;
 };
 

@@ -19,7 +19,8 @@ namespace {
 // Inexact steps converge almost as fast as exact ones.
 constexpr double kConjugateGradientTolerance = 1e-2;
 constexpr int kMaxNumConjugateGradients = 500;
-// Of the values of the reduced matrix; chunks are merged to several at a time.
+// Sections of the values of the reduced matrix; chunks are merged into several
+// at a time.
 constexpr size_t kNumSections = 32;
 
 void SetZero(int num_threads, Eigen::SparseMatrix<double>* matrix) {
@@ -46,7 +47,7 @@ PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
   return part;
 }
 
-// Of the poses that are not constant.
+// The squared length of the state, over all poses that are not constant.
 double SquaredLength(const RigStructure& structure, const RigState& state) {
   double length = 0.0;
   for (size_t i = 0; i < state.frames.size(); ++i) {
@@ -64,10 +65,8 @@ double SquaredLength(const RigStructure& structure, const RigState& state) {
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
                                    const std::vector<int>& image_of_observation,
-                                   ReducedSolver solver, bool is_far_off,
-                                   const Context& context)
+                                   ReducedSolver solver, const Context& context)
     : problem_(problem),
-      is_far_off_(is_far_off),
       context_(context),
       structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
@@ -290,7 +289,7 @@ void RigEquationsBase::SetImageSteps(const Eigen::VectorXd& z) {
 void RigEquationsBase::MoveBlocks() {
   for (size_t i = 0; i < state_.frames.size(); ++i) {
     if (structure_.frame_block[i] < 0) continue;
-    const PoseVector d = step_length_ * PoseStep(structure_.frame_block[i]);
+    const PoseVector d = PoseStep(structure_.frame_block[i]);
     FramePose pose = state_.frames[i];
     if (structure_.pose_size == 6) {
       pose.rig_from_world =
@@ -301,7 +300,7 @@ void RigEquationsBase::MoveBlocks() {
   }
   for (size_t i = 0; i < state_.sensors.size(); ++i) {
     if (structure_.sensor_block[i] < 0) continue;
-    const PoseVector d = step_length_ * PoseStep(structure_.sensor_block[i]);
+    const PoseVector d = PoseStep(structure_.sensor_block[i]);
     Rigid3 pose = state_.sensors[i];
     if (structure_.pose_size == 6) {
       pose.rotation = (ExpSO3(d.head<3>()) * pose.rotation).normalized();
@@ -314,13 +313,12 @@ void RigEquationsBase::MoveBlocks() {
     if (structure_.camera_block[i] < 0) continue;
     const std::vector<int>& params = problem_.cameras[i].free_params;
     for (size_t k = 0; k < params.size(); ++k) {
-      trial_state_.cameras[i][params[k]] += step_length_ * steps_.params[i][k];
+      trial_state_.cameras[i][params[k]] += steps_.params[i][k];
     }
   }
 }
 
-TrialStep RigEquationsBase::TryStep(double length) {
-  step_length_ = length;
+TrialStep RigEquationsBase::TryStep() {
   SetImageSteps(step_);
   MoveBlocks();
   ComputeImagePoses(problem_, trial_state_, &trial_poses_);
@@ -343,7 +341,7 @@ TrialStep RigEquationsBase::TryStep(double length) {
                             gradient_[i]);
   }
   double squared_state = SquaredLength(structure_, state_);
-  double squared_step = length * length * step_.squaredNorm();
+  double squared_step = step_.squaredNorm();
   for (const StepSums& sums : chunk_sums_) {
     step.new_cost += sums.cost;
     decrease += sums.decrease;

@@ -39,8 +39,7 @@ class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
                    const std::vector<int>& image_of_observation,
-                   ReducedSolver solver, bool is_far_off,
-                   const Context& context);
+                   ReducedSolver solver, const Context& context);
 
   // Sets and copies the current state.
   void SetState(const RigState& state);
@@ -49,7 +48,7 @@ class RigEquationsBase : public DampedProblem {
   double Cost() override;
   bool Linearize(double lambda) override;
   bool Solve() override;
-  TrialStep TryStep(double length) override;
+  TrialStep TryStep() override;
   void AcceptStep() override;
 
   // Factorises the matrix of Linearize(), and solves with it.
@@ -86,11 +85,9 @@ class RigEquationsBase : public DampedProblem {
                              ChunkWorkspace* workspace) = 0;
 
   const RigProblemBase& problem_;
-  const bool is_far_off_;
   const Context context_;
   RigStructure structure_;
   double lambda_ = 0.0;
-  double step_length_ = 1.0;  // of the trial step
   std::vector<Eigen::Vector3d> points_, trial_points_;
   std::vector<ImagePose> poses_, trial_poses_;
   std::vector<PointHessian> point_hessians_;      // V without damping
@@ -130,9 +127,8 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
-  // is_far_off: see starts_far_off in rig_solver.h.
   RigEquations(const Problem& problem, ReducedSolver solver,
-               const Context& context, bool is_far_off = false);
+               const Context& context);
 
  protected:
   double CostOfChunk(const ChunkRanges& chunk) const override;
@@ -144,8 +140,7 @@ class RigEquations : public RigEquationsBase {
 
  private:
   PassInput<R> Input() const {
-    return {problem_, structure_, measured_,  poses_,
-            points_,  lambda_,    is_far_off_};
+    return {problem_, structure_, measured_, poses_, points_, lambda_};
   }
   LinearizeOutput<R> Output() {
     return {point_hessians_, point_gradients_, kept_, kept_size_};

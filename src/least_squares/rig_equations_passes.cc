@@ -22,9 +22,8 @@ std::vector<int> ImagesOf(const Problem& problem) {
 
 template <class R>
 RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
-                              const Context& context, bool is_far_off)
-    : RigEquationsBase(problem, ImagesOf(problem), solver, is_far_off,
-                       context) {
+                              const Context& context)
+    : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
   measured_.reserve(R::kDim * problem.observations.size());
   for (const uint32_t o : structure_.observation_order) {
     const double* values = R::Measured(problem.observations[o]);
@@ -65,7 +64,7 @@ template <class R>
 StepSums RigEquations<R>::StepChunk(const ChunkRanges& chunk) {
   const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
   const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                             trial_poses_, step_length_};
+                             trial_poses_};
   return function(Input(), step, chunk, &trial_points_);
 }
 

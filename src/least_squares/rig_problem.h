@@ -87,8 +87,8 @@ struct LinearTerm {
   double weight = 1.0;
 };
 
-// Where an image was taken, as measured: the residual
-// sqrt_information (c_i - position) of its centre c_i = c - (S R)^T t.
+// The measured position of an image: the residual sqrt_information (c_i -
+// position) of its centre c_i = c - (S R)^T t.
 struct PositionPrior {
   int image = 0;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
@@ -113,7 +113,7 @@ struct SensorPrior {
   double sigma_length = 1.0;
 };
 
-// What a solve may not change, but for the observations.
+// Everything that a solve leaves unchanged, except the observations.
 struct RigProblemBase {
   struct Image {
     int frame = 0;

@@ -33,8 +33,7 @@ struct RigSolver<Observation>::Impl {
        const RigSolverOptions& the_options, const Context& the_context)
       : problem(the_problem), options(the_options), context(the_context) {
     if (options.backend == SolverBackend::kNative) {
-      equations.emplace(problem, options.reduced_solver, context,
-                        options.starts_far_off);
+      equations.emplace(problem, options.reduced_solver, context);
     }
   }
 
@@ -68,22 +67,7 @@ SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
   return summary;
 }
 
-template <class Observation>
-double RigCost(const RigProblem<Observation>& problem, const RigState& state,
-               int num_threads) {
-  using R = typename ResidualOf<Observation>::Type;
-  Context context;
-  context.num_threads = num_threads;
-  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
-  equations.SetState(state);
-  return equations.Cost();
-}
-
 template class RigSolver<PixelObservation>;
 template class RigSolver<RayObservation>;
-template double RigCost(const RigProblem<PixelObservation>&, const RigState&,
-                        int);
-template double RigCost(const RigProblem<RayObservation>&, const RigState&,
-                        int);
 
 }  // namespace mgsfm

@@ -52,19 +52,8 @@ struct RigSolverOptions {
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
-  // For initial states far from any solution, such as random positions. Weakly
-  // damped steps then create folds that do not resolve. Differences:
-  // - mu stays 1/3, and steps of single points are not shortened.
-  // - A step with too little gain is shortened (backtracking) before it is
-  //   rejected.
-  bool starts_far_off = false;
   ReducedSolver reduced_solver = ReducedSolver::kAuto;
 };
-
-// The cost of rig_problem.h; infinite if an observation is invisible.
-template <class Observation>
-double RigCost(const RigProblem<Observation>& problem, const RigState& state,
-               int num_threads);
 
 // Solves a problem repeatedly. Its structure is analysed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On

@@ -101,7 +101,7 @@ PairMatchingSummary PairMatcher::Run(const ImagePairList& pairs,
   return summary;
 }
 
-// As many pairs as fit into the cache together.
+// Takes as many pairs as fit into the cache together.
 std::vector<ImageIdxPair> PairMatcher::NextBatch(const ImagePairList& pairs,
                                                  size_t* next) {
   std::vector<ImageIdxPair> batch;

@@ -13,7 +13,7 @@
 namespace mgsfm::internal {
 namespace {
 
-// Reweighting steps of the local optimization; each uses the inliers and
+// Reweighting steps of the local optimisation; each uses the inliers and
 // weights of the model before.
 constexpr int kNumLocalSteps = 2;
 // Lower bound of the denominators of Sampson errors, which are of order one for

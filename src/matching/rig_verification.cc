@@ -13,8 +13,7 @@ namespace mgsfm {
 namespace {
 
 // Share of the inliers of a PANORAMIC pair that must agree with the rig motion
-// for the pair to stay. It has no derivation: most matches of a true pair
-// agree, few of a false one do.
+// for the pair to stay. Most matches of a true pair agree, few of a false one.
 constexpr double kMinRotationInlierRatio = 0.5;
 // RANSAC also tries the relative pose of each pair, so few samples suffice.
 constexpr int kMaxNumTrials = 1000;

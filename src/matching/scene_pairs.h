@@ -44,8 +44,8 @@ std::vector<std::pair<ImageIdxPair, size_t>> CountMatches(
 std::vector<std::pair<ImageIdxPair, size_t>> CountInlierMatches(
     const MatchDatabases& databases, const Scene& scene);
 
-// In the order of the scene, sorted by keypoint indices. Those of the output,
-// if it has any.
+// The matches of a pair, image 1 of the scene first, sorted by keypoint
+// indices; from the output database if it has a row of the pair.
 std::vector<Match> ReadMatchesOfPair(const FeatureDatabase& database,
                                      const Scene& scene,
                                      const ImageIdxPair& pair);

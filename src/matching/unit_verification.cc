@@ -113,7 +113,7 @@ class UnitPass {
   };
   using MatchLists = std::vector<std::vector<Match>>;  // per image pair
 
-  // As many frame pairs as fit into the cache.
+  // Takes as many frame pairs as fit into the cache.
   void ReadBatch(const std::vector<FramePair>& groups, size_t* next) {
     inputs_.clear();
     cache_.StartBatch();

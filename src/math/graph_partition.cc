@@ -15,7 +15,8 @@
 namespace mgsfm {
 namespace {
 
-// Distances of a cut from a multiple of the wanted size, in sizes of a part.
+// Distances of a cut from a multiple of the wanted size, in sizes of a part: as
+// good as exact, and the largest one, beyond which another multiple is closer.
 constexpr double kGoodImbalance = 0.1;
 constexpr double kMaxImbalance = 0.5;
 

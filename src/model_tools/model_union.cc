@@ -11,6 +11,7 @@
 namespace mgsfm {
 namespace {
 
+// Keypoints of one image in two models differ by rounding, others by more.
 constexpr double kMaxKeypointDistancePx = 1.0;
 
 class UnionFinder {

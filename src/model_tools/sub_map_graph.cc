@@ -23,9 +23,11 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+// Three points determine a similarity.
 constexpr int kMinNumCommonImages = 3;
-// Of 3D points from both sides, relative to their distance from the camera.
-// Points of two views with the minimum angle are accurate to some percent.
+// Largest distance of 3D points from both sides, relative to their distance
+// from the camera. Points of two views with the minimum angle are accurate to
+// some percent.
 constexpr double kMaxRelativePointError = 0.05;
 
 // The image of each name.
@@ -92,8 +94,8 @@ Vector3d MedianOf(const std::vector<Vector3d>& vectors) {
   return median;
 }
 
-// The spread of places about their mean.
-double SpreadOf(const std::vector<Vector3d>& places, const Vector3d& mean) {
+// The standard deviation of places about their mean.
+double SigmaOf(const std::vector<Vector3d>& places, const Vector3d& mean) {
   double sum = 0.0;
   for (const Vector3d& x : places) sum += (x - mean).squaredNorm();
   return std::sqrt(sum / static_cast<double>(places.size()));
@@ -108,20 +110,20 @@ Vector3d MeanOf(const std::vector<Vector3d>& places) {
 void SetAnchors(const std::vector<Vector3d>& places_in_second,
                 SubMapEdge* edge) {
   const Vector3d mean = MeanOf(places_in_second);
-  const double spread = SpreadOf(places_in_second, mean);
+  const double sigma = SigmaOf(places_in_second, mean);
   const Vector3d corners[] = {
       {1.0, 1.0, 1.0}, {1.0, -1.0, -1.0}, {-1.0, 1.0, -1.0}, {-1.0, -1.0, 1.0}};
   for (size_t k = 0; k < 4; ++k) {
-    edge->anchors2[k] = mean + spread * corners[k];
+    edge->anchors2[k] = mean + sigma * corners[k];
     edge->anchors1[k] = edge->first_from_second * edge->anchors2[k];
   }
 }
 
 double ScaleOfPlaces(const std::vector<Vector3d>& in1,
                      const std::vector<Vector3d>& in2) {
-  const double spread2 = SpreadOf(in2, MeanOf(in2));
-  const double spread1 = SpreadOf(in1, MeanOf(in1));
-  return spread1 > 0.0 && spread2 > 0.0 ? spread1 / spread2 : 1.0;
+  const double sigma2 = SigmaOf(in2, MeanOf(in2));
+  const double sigma1 = SigmaOf(in1, MeanOf(in1));
+  return sigma1 > 0.0 && sigma2 > 0.0 ? sigma1 / sigma2 : 1.0;
 }
 
 std::optional<SubMapEdge> EdgeOfCommonImages(const SceneModel& first,
@@ -346,7 +348,7 @@ std::vector<Sim3> PlaceByForest(size_t num_sub_maps,
 constexpr int kNumUnknowns = 7;  // rotation, translation, log of scale
 using Jacobian = Eigen::Matrix<double, 3, kNumUnknowns>;
 
-// Of T x by a small similarity after T.
+// The derivative of T x by a small similarity after T.
 Jacobian JacobianAt(const Vector3d& in_world) {
   Jacobian J;
   J.leftCols<3>() = -CrossMatrix(in_world);

@@ -53,7 +53,7 @@ struct SubMapEdge {
   // The same places in the worlds of both.
   std::array<Eigen::Vector3d, 4> anchors1, anchors2;
   bool is_used = true;
-  // Of loop closures: the contradiction with the chain of sub-maps.
+  // For loop closures, the contradiction with the chain of sub-maps.
   std::optional<double> rotation_error_deg;
   std::optional<double> drift;  // share of the path length
 };

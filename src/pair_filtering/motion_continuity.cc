@@ -24,10 +24,10 @@ using Eigen::Vector3d;
 // Of the larger speed, per step: a car that brakes hard from 14 m/s loses 0.1
 // of its speed in 0.3 s.
 constexpr double kRelativeChange = 0.1;
-// Of the median speed, per step: allows a stop at walking pace.
+// The same share of the median speed, per step: allows a stop at walking pace.
 constexpr double kMinChange = 0.03;
-// Of the angular velocity, per step: recorded drives of KITTI at 3 Hz contain
-// changes of 2.4 degrees on straight roads.
+// Change of the angular velocity, per step: recorded drives of KITTI at 3 Hz
+// contain changes of 2.4 degrees on straight roads.
 constexpr double kMinTurnChange_rad = DegToRad(3.0);
 // A step without a hypothesis counts like one that 2 % of the matches support.
 constexpr double kSkipCost = 4.0;
@@ -42,8 +42,8 @@ constexpr double kFreeDistanceCost = 1.0;
 constexpr size_t kMaxNumSkipped = 7;
 // More than any jumps that skipping a step could avoid.
 constexpr double kNeverSkip = 1e4;
-// Of the squared change of the motion. Chosen; half or twice the value changes
-// no error (docs/results/constants.md).
+// Scale of the loss of the squared change of the motion. Half or twice the
+// value changes no error (docs/results/constants.md).
 constexpr double kLossScale = 30.0;
 // A step is contested if a hypothesis that explains this share of the matches,
 // and others than those before, differs from the one with the largest share.

@@ -12,12 +12,6 @@ void Reject(const Mask& is_rejected, RejectionReason reason,
   }
 }
 
-Mask AcceptedPairs(const PairVerdicts& verdicts) {
-  Mask is_accepted(verdicts.size());
-  for (size_t i = 0; i < verdicts.size(); ++i) is_accepted[i] = !verdicts[i];
-  return is_accepted;
-}
-
 std::vector<RejectionCount> CountRejections(const PairVerdicts& verdicts) {
   std::vector<RejectionCount> counts;
   for (const auto& [name, reason] : EnumTable<RejectionReason>::kNames) {

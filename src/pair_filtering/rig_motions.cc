@@ -22,8 +22,8 @@ constexpr size_t kMaxNumMotions = 3;
 // Three of them determine the motion. Each of the others agrees by chance with
 // a probability of about 1e-3.
 constexpr size_t kMinNumAgreeing = 8;
-// Of the correspondences that a motion explains, those that no motion before it
-// does. Half or twice the value changes mean errors by at most 2 %
+// Share of the correspondences of a motion that no motion before it explains.
+// Half or twice the value changes mean errors by at most 2 %
 // (docs/results/constants.md).
 constexpr double kMinOwnShare = 0.05;
 // Fewer are mismatches and errors of depths: on recorded drives without

@@ -18,7 +18,7 @@ namespace mgsfm {
 // that look alike. The relative pose of one image pair cannot tell them apart:
 // a vehicle ahead moves along the epipolar lines of the scene. Depths from
 // pairs within a frame can. A keypoint with a known depth is a 3D point of one
-// frame, and its match a ray of the other. Each motion is the generalized
+// frame, and its match a ray of the other. Each motion is the generalised
 // resection (geometry/absolute_pose.h) with the most inliers over the cameras
 // of the rig,
 //

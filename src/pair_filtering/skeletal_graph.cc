@@ -20,11 +20,6 @@ using FramePair = FramePairIndex::FramePair;
 // time. One frame between neighbours may be missing.
 constexpr int kMaxTimeGaps[] = {2, kMaxSequentialGap};
 
-struct Thresholds {
-  double min_strength;
-  double min_connecting_strength;
-};
-
 // The skeleton selected so far, and the components of frames it connects.
 struct Skeleton {
   Mask is_selected;
@@ -125,19 +120,19 @@ bool ConnectComponents(const FramePairIndex& index,
 void SelectPairsBetweenFrames(const FramePairIndex& index,
                               const Mask& is_candidate,
                               const std::vector<int>& support,
-                              const Thresholds& thresholds,
+                              const PairFilteringOptions& options,
                               Skeleton* skeleton) {
   const std::vector<double> strengths =
       ComputeStrengths(index, is_candidate, support);
   std::vector<size_t> strong;
   for (size_t i = 0; i < strengths.size(); ++i) {
-    if (strengths[i] > thresholds.min_strength &&
+    if (strengths[i] > options.min_strength &&
         !skeleton->Connects(index.Of(i))) {
       strong.push_back(i);
     }
   }
   SelectAll(index, strong, skeleton);
-  while (ConnectComponents(index, strengths, thresholds.min_connecting_strength,
+  while (ConnectComponents(index, strengths, options.min_connecting_strength,
                            skeleton)) {
   }
 }
@@ -160,16 +155,18 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
   return rounds;
 }
 
-Mask Select(const FramePairIndex& index, const ViewGraph& view_graph,
-            const Mask& pair_is_used, const Thresholds& thresholds,
-            bool use_triplet_support, int num_threads) {
+}  // namespace
+
+Mask SelectSkeletalGraph(const FramePairIndex& index,
+                         const ViewGraph& view_graph, const Mask& pair_is_used,
+                         const PairFilteringOptions& options, int num_threads) {
   MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
   Skeleton skeleton{Mask(pair_is_used.size(), false),
                     UnionFind(static_cast<size_t>(index.num_frames()))};
   SelectPairsWithinFrames(index, pair_is_used, &skeleton);
   std::vector<std::vector<int>> supports;
-  if (use_triplet_support) {
+  if (options.use_triplet_support) {
     supports.push_back(
         CountTripletConsistentMatches(view_graph, pair_is_used, num_threads));
   }
@@ -177,36 +174,13 @@ Mask Select(const FramePairIndex& index, const ViewGraph& view_graph,
   const std::vector<Mask> rounds = CandidatesOfRounds(index, pair_is_used);
   for (const std::vector<int>& support : supports) {
     for (size_t i = 0; i + 1 < rounds.size(); ++i) {
-      SelectPairsBetweenFrames(index, rounds[i], support, thresholds,
-                               &skeleton);
+      SelectPairsBetweenFrames(index, rounds[i], support, options, &skeleton);
     }
   }
   for (const std::vector<int>& support : supports) {
-    SelectPairsBetweenFrames(index, rounds.back(), support, thresholds,
-                             &skeleton);
+    SelectPairsBetweenFrames(index, rounds.back(), support, options, &skeleton);
   }
   return skeleton.is_selected;
-}
-
-}  // namespace
-
-Mask SelectSkeletalGraph(const FramePairIndex& index,
-                         const ViewGraph& view_graph, const Mask& pair_is_used,
-                         const PairFilteringOptions& options, int num_threads) {
-  return Select(index, view_graph, pair_is_used,
-                {options.min_strength, options.min_connecting_strength},
-                options.use_triplet_support, num_threads);
-}
-
-Mask SelectStrictSkeletalGraph(const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const Mask& pair_is_used,
-                               const PairFilteringOptions& options,
-                               int num_threads) {
-  return Select(
-      index, view_graph, pair_is_used,
-      {options.strict_min_strength, options.strict_min_connecting_strength},
-      options.use_triplet_support, num_threads);
 }
 
 }  // namespace mgsfm

@@ -37,13 +37,4 @@ Mask SelectSkeletalGraph(const FramePairIndex& index,
                          const ViewGraph& view_graph, const Mask& pair_is_used,
                          const PairFilteringOptions& options, int num_threads);
 
-// The same with strict_min_strength and strict_min_connecting_strength: hardly
-// more than a chain, which keeps duplicates out even on a road that shows
-// little else.
-Mask SelectStrictSkeletalGraph(const FramePairIndex& index,
-                               const ViewGraph& view_graph,
-                               const Mask& pair_is_used,
-                               const PairFilteringOptions& options,
-                               int num_threads);
-
 }  // namespace mgsfm

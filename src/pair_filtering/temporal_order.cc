@@ -2,10 +2,8 @@
 #include "pair_filtering/temporal_order.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdlib>
-#include <map>
 #include <utility>
 
 #include "base/natural_order.h"
@@ -13,14 +11,6 @@
 
 namespace mgsfm {
 namespace {
-
-// One frame may be missing or blurred.
-constexpr int kMaxNeighbourGap = 2;
-// Simulated drives have shares of 0.98 to 1, in random order 0.05.
-constexpr double kMinShareOfNeighbours = 0.75;
-constexpr double kMaxShareInRandomOrder = 0.25;
-
-using MatchesOfFrames = std::map<std::pair<int, int>, size_t>;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   return std::all_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame_idx) {
@@ -56,19 +46,6 @@ void SortByTime(const Scene& scene, std::vector<int>* frame_idxs,
   for (const int i : *frame_idxs) times[i] /= median;
 }
 
-// The expected share of frames that share half of their `most` matches with one
-// of 2 * kMaxNeighbourGap frames drawn at random.
-double ShareInRandomOrder(const MatchesOfFrames& num_matches,
-                          const std::vector<size_t>& most, double num_frames) {
-  double num_strong = 0.0;
-  for (const auto& [frames, number] : num_matches) {
-    num_strong += 2 * number >= most[frames.first];
-    num_strong += 2 * number >= most[frames.second];
-  }
-  const double density = num_strong / (num_frames * (num_frames - 1.0));
-  return 1.0 - std::pow(1.0 - density, 2 * kMaxNeighbourGap);
-}
-
 }  // namespace
 
 TemporalOrder::TemporalOrder(const Scene& scene)
@@ -96,42 +73,6 @@ std::optional<int> TemporalOrder::Gap(int frame_idx1, int frame_idx2) const {
     return std::nullopt;
   }
   return std::abs(rank_of_frame_[frame_idx1] - rank_of_frame_[frame_idx2]);
-}
-
-bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
-                const TemporalOrder& order) {
-  MatchesOfFrames num_matches;
-  for (const ImagePair& pair : view_graph.pairs) {
-    const auto frames = std::minmax({scene.images[pair.image_idx1].frame_idx,
-                                     scene.images[pair.image_idx2].frame_idx});
-    if (frames.first != frames.second &&
-        order.Gap(frames.first, frames.second)) {
-      num_matches[frames] += pair.matches.size();
-    }
-  }
-  // Per frame: the most matches with any frame, and with a neighbour in time.
-  std::vector<size_t> most(scene.frames.size(), 0), most_with_neighbour = most;
-  for (const auto& [frames, number] : num_matches) {
-    const bool are_neighbours =
-        *order.Gap(frames.first, frames.second) <= kMaxNeighbourGap;
-    for (const int frame_idx : {frames.first, frames.second}) {
-      most[frame_idx] = std::max(most[frame_idx], number);
-      if (!are_neighbours) continue;
-      most_with_neighbour[frame_idx] =
-          std::max(most_with_neighbour[frame_idx], number);
-    }
-  }
-  double num_frames = 0.0, num_with_strongest = 0.0, num_with_strong = 0.0;
-  for (size_t i = 0; i < most.size(); ++i) {
-    num_frames += most[i] > 0;
-    num_with_strongest += most[i] > 0 && most_with_neighbour[i] == most[i];
-    num_with_strong += most[i] > 0 && 2 * most_with_neighbour[i] >= most[i];
-  }
-  const double min_number = kMinShareOfNeighbours * num_frames;
-  return num_frames > 0.0 && num_with_strong >= min_number &&
-         (num_with_strongest >= min_number ||
-          ShareInRandomOrder(num_matches, most, num_frames) <=
-              kMaxShareInRandomOrder);
 }
 
 }  // namespace mgsfm

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
@@ -35,14 +34,5 @@ class TemporalOrder {
   std::vector<double> time_of_frame_;  // in median intervals of its rig
   std::vector<std::vector<int>> sequences_;
 };
-
-// Whether the order of the frames is that of a camera path: most frames share
-// at least half as many matches with a frame just before or after them as with
-// any other frame of their rig. A frame at a place that the path visits again
-// may share more with the other visit. In a random order, few frames would do
-// so; among few frames that all match, too many, and most frames must then
-// share more matches with a neighbour than with any other frame.
-bool IsSequence(const Scene& scene, const ViewGraph& view_graph,
-                const TemporalOrder& order);
 
 }  // namespace mgsfm

@@ -41,7 +41,7 @@ std::vector<Camera> Release(const Scene& scene, const Reconstruction& model,
                             const std::vector<Finding>& doubts,
                             BundleAdjustmentOptions options,
                             const Context& context) {
-  // Weak, as the given value is what is in doubt.
+  // Weak, because the known value is in doubt.
   options.focal_length_start_sigma = 1.0;
   options.refine_focal_length = RefineMode::kAuto;
   options.refine_extra_params = RefineMode::kNo;

@@ -32,7 +32,7 @@ constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
 // Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
-// An estimated focal length this close to the given one confirms it. Chosen.
+// An estimated focal length this close to the initial one confirms it. Chosen.
 constexpr double kMaxConfirmedChange = 0.02;
 
 void Append(std::vector<Finding> from, std::vector<Finding>* to) {

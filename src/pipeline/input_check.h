@@ -19,7 +19,7 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                 MapperResult* result);
 
 // Adds focal lengths that were estimated but are uncertain. Once per camera;
-// not if the estimate agrees with a given value.
+// not if the estimate agrees with the initial value.
 void AddUncertainFocalLengths(const Scene& scene, MapperResult* result);
 
 // At most five findings, as warnings.

@@ -15,8 +15,8 @@ namespace mgsfm {
 //   vectors is longer than 0.9);
 // - the rotations of two sensors between the same two frames, of at least 5
 //   degrees, differ by more than half of the rotation in three quarters of at
-//   least 10 pairs of frames. Half of the rotations must have equal angles, as
-//   those of wrong pairs have not; others are not compared.
+//   least 10 pairs of frames. Half of the rotations must have equal angles,
+//   which those of wrong pairs do not have; others are not compared.
 // A rig that the images do not constrain passes. Cost: linear in the number of
 // pairs, except for sorting.
 void CheckKnownRigs(const Scene& scene, const ViewGraph& view_graph);

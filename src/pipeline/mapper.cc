@@ -395,7 +395,8 @@ void LogFocalLengths(const Scene& scene,
         "focal length of " + CameraLabel(scene, estimate.camera_idx);
     char numbers[96];
     if (estimate.estimated_px) {
-      std::snprintf(numbers, sizeof(numbers), ": %.2f px (given %.2f) +- %.2f",
+      std::snprintf(numbers, sizeof(numbers),
+                    ": %.2f px (initially %.2f) +- %.2f",
                     *estimate.estimated_px, estimate.prior_px,
                     *estimate.estimated_px * *estimate.sigma);
       context.Info(camera + numbers);

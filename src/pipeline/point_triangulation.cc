@@ -45,12 +45,12 @@ MapperResult TriangulatePoints(const MapperInput& input,
   model.extension->frames_are_fixed =
       !options.bundle_adjustment.refine_rig_from_world;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const bool is_given = start.rig_from_world[i].has_value();
-    model.extension->num_existing_frames += is_given;
+    const bool is_in_model = start.rig_from_world[i].has_value();
+    model.extension->num_existing_frames += is_in_model;
     if (model.reconstruction.rig_from_world[i]) continue;
     result.unregistered_frames.push_back(
-        {static_cast<int>(i), is_given ? "no point agrees with its images"
-                                       : "it is not in the given model"});
+        {static_cast<int>(i), is_in_model ? "no point agrees with its images"
+                                          : "it is not in the input model"});
   }
   model.num_frames_in_component = model.extension->num_existing_frames;
   DescribeSensors(scene, start, {}, &model, &result);

@@ -41,23 +41,6 @@ struct PositionSkeleton {
   InitialPositions initial;
 };
 
-PositionSkeleton PositionBySkeleton(const PositionMeasurements& measured,
-                                    Mask is_in_skeleton,
-                                    double min_parallax_deg,
-                                    const Context& context) {
-  // Pairs without parallax also place the frames of the skeleton.
-  Mask pair_is_used = is_in_skeleton;
-  const std::vector<BaselineDirection>& baselines = measured.pairs.baselines;
-  for (size_t i = 0; i < baselines.size(); ++i) {
-    if (baselines[i].kind == BaselineKind::kNoParallax) pair_is_used[i] = true;
-  }
-  return {std::move(is_in_skeleton),
-          InitializePositions(
-              measured.problem, baselines, measured.pairs.scales, pair_is_used,
-              min_parallax_deg, {kMaxNumSkeletonIterations, kStartTolerance},
-              context)};
-}
-
 BaselineComparison CompareMeasured(const PositionMeasurements& measured,
                                    const InitialPositions& initial,
                                    const Positions& positions) {
@@ -77,34 +60,30 @@ Mask BeyondDrift(const PositionInput& input,
       by_skeleton.measured, by_skeleton.centers, drift_bound, options);
 }
 
-// Duplicate structures can be strong enough for the skeletal graph on a road
-// that shows little else. The strict graph does not contain them; pairs beyond
-// its drift bound are no candidates for the skeletal graph.
 PositionSkeleton FindSkeleton(const PositionInput& input,
                               const PositionMeasurements& measured,
                               const PositionOptions& options,
                               const Context& context) {
-  const double min_parallax_deg = options.averaging.min_parallax_deg;
   Mask is_candidate(measured.pairs.baselines.size());
   for (size_t i = 0; i < is_candidate.size(); ++i) {
     is_candidate[i] =
         measured.pairs.baselines[i].kind == BaselineKind::kDirection;
   }
-  if (options.filtering.use_strict_skeletal_graph) {
-    const PositionSkeleton strict = PositionBySkeleton(
-        measured,
-        SelectStrictSkeletalGraph(input.index, input.view_graph, is_candidate,
-                                  options.filtering, context.num_threads),
-        min_parallax_deg, context);
-    is_candidate.Remove(BeyondDrift(
-        input, measured, strict, BaselineDriftBounds(options.filtering).front(),
-        options.filtering));
-  }
-  return PositionBySkeleton(
-      measured,
+  Mask is_in_skeleton =
       SelectSkeletalGraph(input.index, input.view_graph, is_candidate,
-                          options.filtering, context.num_threads),
-      min_parallax_deg, context);
+                          options.filtering, context.num_threads);
+  // Pairs without parallax also place the frames of the skeleton.
+  Mask pair_is_used = is_in_skeleton;
+  for (size_t i = 0; i < pair_is_used.size(); ++i) {
+    if (measured.pairs.baselines[i].kind == BaselineKind::kNoParallax) {
+      pair_is_used[i] = true;
+    }
+  }
+  return {std::move(is_in_skeleton),
+          InitializePositions(
+              measured.problem, measured.pairs.baselines, measured.pairs.scales,
+              pair_is_used, options.averaging.min_parallax_deg,
+              {kMaxNumSkeletonIterations, kStartTolerance}, context)};
 }
 
 ScreenedPositions Initialize(const PositionMeasurements& measured,
@@ -260,10 +239,9 @@ PositionResult EstimatePositions(const PositionInput& input,
   const RefinementInput refinement{measured.problem, measured.pairs.baselines,
                                    measured.pairs.scales, screened.initial,
                                    pair_is_used};
-  TrackRefinement by_tracks = RefineWithTracks(
-      refinement, by_pairs.positions, measured.rays, input.scene,
-      options.filtering.use_track_support ? &input.index : nullptr,
-      options.averaging, context);
+  TrackRefinement by_tracks =
+      RefineWithTracks(refinement, by_pairs.positions, measured.rays,
+                       options.averaging, context);
   log.Finish("refinement with tracks");
 
   TranslationSummary summary;

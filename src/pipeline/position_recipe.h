@@ -24,9 +24,7 @@ namespace mgsfm {
 // and robust averaging alone cannot outvote them:
 //
 //   measure     directions and relative lengths of all baselines
-//   skeleton    L1 positions by the strict skeletal graph; the baselines within
-//               its drift bound are candidates for the skeletal graph; L1
-//               positions by that graph
+//   skeleton    L1 positions by the skeletal graph
 //   screen      for each drift bound, largest first: L1 positions by the
 //               baselines within the bound, until they violate no skeleton
 //               edge; the positions with the fewest violations are kept

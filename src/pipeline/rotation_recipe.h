@@ -33,7 +33,7 @@ struct EstimatedRotations {
 //
 // Gravity priors take part in the second averaging only. They are rejected if
 // they cost more than 5 % of the pairs that agree without them: wrong priors
-// would tear the frames apart. Without any relative
+// would disconnect the frames. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
 // Pairs that contradict the motion of the rig (motion_recipe.h) are rejected
 // first; an empty mask stands for none.

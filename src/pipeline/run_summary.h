@@ -12,8 +12,8 @@
 
 namespace mgsfm {
 
-// What users want to know first about a run. `summary` of the report, and the
-// last lines on the terminal.
+// The main facts about a run: `summary` of the report, and the last lines on
+// the terminal.
 
 struct SensorAccuracy {
   std::string name;
@@ -31,7 +31,7 @@ struct ModelSummary {
   std::optional<double> kept_share;  // of the verified matches, if counted
   std::string unit_of_length;        // in words
   int num_calibrated_sensors = 0;    // other than reference and known ones
-  // Of the calibrated sensors, if covariances were computed.
+  // One per calibrated sensor, if covariances were computed.
   std::vector<SensorAccuracy> accuracies;
 };
 

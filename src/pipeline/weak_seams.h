@@ -19,7 +19,7 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 // One model for each set of frames that no seam of `model` separates. Each is
 // adjusted again, without the pairs that cross a seam, and keeps the summaries
 // of the stages before. Sets of fewer than min_num_frames frames, and those
-// that points alone do not hold together, are left out.
+// that points alone do not hold together, are omitted.
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const FramePairIndex& index,
                                       const MapperOptions& options,

@@ -37,6 +37,7 @@ constexpr double kLossScaleInMedians = 2.0;
 // Stiffness of the edges, from stiff to soft, in steps of 4.
 constexpr double kSigmas[] = {DegToRad(0.01), DegToRad(0.04), DegToRad(0.16),
                               DegToRad(0.64)};
+// Gauss-Newton steps per stiffness; usually the tolerance ends them.
 constexpr int kMaxNumSteps = 8;
 constexpr double kStepTolerance = 1e-3;  // standard deviations of positions
 // Lower bound of the length of an edge, in medians: frames of a standing rig

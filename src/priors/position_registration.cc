@@ -23,6 +23,7 @@ using Eigen::Vector3d;
 // With 50 % outliers (the limit of least medians), 500 samples of three contain
 // 62 without outliers on average: enough for one with little noise, too.
 constexpr int kNumTrials = 500;
+// Upper limits: the iterations end when the images that agree do not change.
 constexpr int kNumRefits = 10;
 constexpr int kNumAlternations = 10;
 // Distance of outliers in standard deviations. Normal noise in three dimensions
@@ -145,13 +146,14 @@ Sim3 FitSimilarity(const FitProblem& problem, const Mask& is_used) {
   return fit;
 }
 
-// What the best of all fits minimises.
+// The cost that the best of all fits minimises.
 double CostOf(const FitProblem& problem, const Sim3& fit) {
   std::vector<double> residuals = ResidualsOf(problem, fit);
   if (problem.outlier_rule == OutlierRule::kLeastMedian) {
     return Median(std::move(residuals));
   }
-  // As MSAC: the number of outliers and the squared errors of the others.
+  // The cost of MSAC: the number of outliers and the squared errors of the
+  // others.
   double cost = 0.0;
   for (const double r : residuals) {
     cost += std::min(1.0, r * r / (kOutlierInSigmas * kOutlierInSigmas));

@@ -20,8 +20,8 @@ constexpr char kFrameStyle[] = "stroke='#888'";
 // Colours of sensors in charts and in the 3D view (web/src/colors.js).
 std::string SensorColor(int order);
 
-// Of light to dark, for a value in [0, 1]: perceptually uniform (viridis,
-// Smith & van der Walt 2015), at 9 nodes.
+// A colour from light to dark, for a value in [0, 1]: perceptually uniform
+// (viridis, Smith & van der Walt 2015), at 9 nodes.
 Eigen::Vector3d SequentialColor(double value);
 
 // A PNG of RGBA pixels, row by row, as a data URL.

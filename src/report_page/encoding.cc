@@ -5,6 +5,8 @@
 #include <cinttypes>
 #include <cstdio>
 
+#include "base/text_tools.h"
+
 namespace mgsfm {
 namespace {
 
@@ -64,29 +66,11 @@ std::string ToValidUtf8(const std::string& text) {
 }
 
 std::string EscapeHtml(const std::string& text) {
-  std::string escaped;
-  for (const char c : ToValidUtf8(text)) {
-    switch (c) {
-      case '&':
-        escaped += "&amp;";
-        break;
-      case '<':
-        escaped += "&lt;";
-        break;
-      case '>':
-        escaped += "&gt;";
-        break;
-      case '"':
-        escaped += "&quot;";
-        break;
-      case '\'':
-        escaped += "&#39;";
-        break;
-      default:
-        escaped += static_cast<unsigned char>(c) < 0x20 || c == 0x7F ? ' ' : c;
-    }
+  std::string printable = ToValidUtf8(text);
+  for (char& c : printable) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) c = ' ';
   }
-  return escaped;
+  return EscapeMarkup(printable);
 }
 
 std::string ToScriptJson(const Json& json) {

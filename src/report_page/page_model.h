@@ -13,7 +13,7 @@
 
 namespace mgsfm {
 
-// What all parts of the page read.
+// The common input of all parts of the page.
 struct PageModel {
   const ReportPageInput& input;
   const Projector& projector;

@@ -61,7 +61,7 @@ Json ModelEntry(const Json& report, size_t model_idx) {
   return models[model_idx];
 }
 
-// Where the page may load scripts and data from, besides itself.
+// Sources of scripts and data that the page may use, besides itself.
 constexpr char kNowhere[] = "";
 constexpr char kItsServer[] = "; connect-src 'self'";
 constexpr char kItsFolder[] = " 'self' file:";

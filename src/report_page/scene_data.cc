@@ -385,7 +385,7 @@ Json ShownNames(const Scene& scene, const ShownImages& shown,
   return FrontCode(names, max_bytes);
 }
 
-// What is always there: poses, names and statistics.
+// The parts that every page has: poses, names and statistics.
 Json AddFixedParts(const PageModel& model, const ShownImages& shown,
                    const AlignedBox3d& box, size_t max_bytes,
                    ArrayWriter* arrays) {
@@ -438,7 +438,7 @@ SceneData MakeSceneData(const PageModel& model,
   Json header = AddFixedParts(model, shown, box, options.max_bytes, &arrays);
   const size_t num_fixed_bytes =
       ToScriptJson(header).size() + Base64Size(arrays.bytes().size());
-  // What is left, before base64, is shared in these parts.
+  // The remaining bytes, before base64, are shared in these parts.
   const auto max_bytes = static_cast<double>(options.max_bytes);
   const double num_left =
       0.74 * (max_bytes - std::min<double>(max_bytes, num_fixed_bytes));

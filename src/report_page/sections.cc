@@ -205,7 +205,7 @@ std::string WarningList(const PageModel& model) {
   return html + "</ul>\n";
 }
 
-// What the cards show, too.
+// Whether the cards show this key, too.
 bool IsOnCards(const std::string& key) {
   return key == "num_images" || key == "num_registered_images";
 }

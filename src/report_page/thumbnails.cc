@@ -17,7 +17,8 @@ namespace {
 
 constexpr int kWidthPx = 192;
 constexpr int kJpegQuality = 60;
-// Of a thumbnail; textured images of this size and quality need 3 to 8 kB.
+// The size of a thumbnail; textured images of this size and quality need 3 to 8
+// kB.
 constexpr size_t kTypicalBytes = 7000;
 // Reading more images would take longer than everything else together.
 constexpr size_t kMaxThumbnails = 400;

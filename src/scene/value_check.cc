@@ -9,7 +9,8 @@ namespace mgsfm {
 namespace {
 
 constexpr double kMaxCoordinate = 1e15;
-// Of the norm of a quaternion that was normalised before it was rounded.
+// Tolerance of the norm of a quaternion that was normalised before it was
+// rounded.
 constexpr double kUnitTolerance = 1e-3;
 
 }  // namespace

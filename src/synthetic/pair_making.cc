@@ -32,7 +32,8 @@ Rigid3 WithUnitBaseline(const Rigid3& cam2_from_cam1) {
 }
 
 // The relative pose consistent with the matches: the true one, or for duplicate
-// structures that in a world in which the copy coincides with the original.
+// structures that in a world in which the duplicate coincides with its
+// original.
 Rigid3 PoseOfMatches(const PairPlan& plan, const World& world,
                      const Photographs& photographs) {
   const Rigid3& cam1_from_world =
@@ -58,7 +59,7 @@ int AppearanceOf(const World& world, int identity, int duplicate,
   return is_of_structure ? point.appearance : -1;
 }
 
-// Vehicles and copies of structures look the same on both sides of a weak cut.
+// Vehicles and duplicate structures look the same on both sides of a weak cut.
 bool AreSeenAlike(const PairPlan& plan, const World& world,
                   const WeakCuts& weak_cuts, const Photographs& photographs,
                   int identity) {

@@ -12,8 +12,8 @@ namespace mgsfm {
 struct PairPlan {
   int image1;
   int image2;
-  // For pairs that match a copy to its original: the duplicate structure, and
-  // whether image 1 observes the copy.
+  // For pairs that match a duplicate to its original: the duplicate structure,
+  // and whether image 1 observes the duplicate.
   int duplicate = -1;
   bool first_sees_copy = false;
 
@@ -43,7 +43,7 @@ std::vector<PairPlan> PlanPairs(const SimulationOptions& options,
                                 const Photographs& photographs,
                                 const Context& context);
 
-// Pairs of an image of an original structure and an image of its copy, at most
+// Pairs of an image of an original structure and one of its duplicate, at most
 // `num_pairs`, about equally many per structure, those with the most points in
 // common. Excludes `plans`. Sorted.
 std::vector<PairPlan> PlanDuplicatedPairs(const SimulationOptions& options,

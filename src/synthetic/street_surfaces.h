@@ -22,7 +22,7 @@ struct Surface {
   // For facades: the position along the road and the side (1 left, -1 right).
   int node = -1;
   int side = 0;
-  // The duplicate structure of this surface, original or copy.
+  // The duplicate structure of which this surface is the original or the copy.
   int original_of = -1;
   int copy_of = -1;
 };

@@ -21,7 +21,7 @@ constexpr double kConvoyRepeatability = 0.6;
 struct VehiclePoint {
   Eigen::Vector3d position;
   Eigen::Vector3d normal;
-  // As in WorldPoint.
+  // The limits of WorldPoint.
   double min_distance_m;
   double max_distance_m;
   double strength;

@@ -21,20 +21,21 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Assumed error of the rotations. It displaces all rays of an image
-// alike, so more matches do not average it out. A chosen bound, not a measured
-// value.
+// docs/results/constants.md shows the sensitivity to these thresholds.
+//
+// Assumed error of the rotations. It displaces all rays of an image alike, so
+// more matches do not average it out.
 constexpr double kRotationSigma = DegToRad(0.05);
-// Of directions that are given without matches. Positions depend on the ratio
-// of these deviations only if pairs with matches are mixed with them. A choice.
-constexpr double kGivenDirectionSigma = DegToRad(0.5);
-// A direction less certain than this is reported as unknown. Chosen: beyond it
-// the small-angle model of sigma_rad no longer holds.
+// The same for directions of pairs without matches. Positions depend on the
+// ratio of both deviations only if both kinds of pairs are mixed.
+constexpr double kSigmaWithoutMatches = DegToRad(0.5);
+// A direction less certain than this is reported as unknown: beyond it, the
+// small-angle model of sigma_rad no longer holds.
 constexpr double kMaxDirectionSigma = DegToRad(15.0);
 // Lower bound of |b x g1|^2 + |b x g2|^2, i.e. rays within 0.4 degrees of the
 // epipoles of both cameras; keeps the residual finite there.
 constexpr double kMinSampson = 1e-4;
-// A direction has two degrees of freedom. Chosen: four times as many matches.
+// Four times the two degrees of freedom of a direction.
 constexpr int kMinNumParallax = 8;
 // 30 samples draw two inliers together with probability 1 - 1e-4 if 51 % of the
 // matches are inliers: log(1e-4) / log(1 - 0.514^2) = 30.
@@ -377,7 +378,7 @@ void TakeDirection(const PositionProblem& problem, const ImagePair& pair,
   baseline->kind = BaselineKind::kDirection;
   baseline->direction = -(*problem.world_from_cam[pair.image_idx2] *
                           *pair.relative_pose->translation_direction);
-  baseline->sigma_rad = kGivenDirectionSigma;
+  baseline->sigma_rad = kSigmaWithoutMatches;
 }
 
 // Fills all but the images.

@@ -25,16 +25,15 @@ using Eigen::Matrix3d;
 using Eigen::MatrixXd;
 using Eigen::Vector3d;
 
-// docs/results/constants.md shows the sensitivity to the chosen values.
+// docs/results/constants.md shows the sensitivity to these thresholds.
 //
 // Error of directions beyond their own estimates, and the unit of residuals.
-// Chosen, not measured.
 constexpr double kDirectionSigma = DegToRad(0.5);
 // Lengths known this well weigh as much as directions. If they weighed less,
 // wrong directions could shorten good baselines instead of being outliers.
 constexpr double kGoodScaleSigma = 0.15;
 // Standard deviation of log(median depth) between groups: depths differ by a
-// factor of two. A guess, as the groups share no measurement.
+// factor of two. The groups share no measurement that would tell it.
 constexpr double kGroupSigma = 0.7;
 // Lower bound of a baseline, relative to its estimated length.
 constexpr double kLowerBound = 0.1;
@@ -51,7 +50,7 @@ constexpr double kRidgeWeight = 1e-4;
 // was 8 m instead of 0.8 m (docs/maths/translation.md, section 3).
 constexpr double kMinRelativeLength = 0.5;
 // Border of the arrow solver, which is dense; larger problems use the sparse
-// solver. A choice of speed.
+// solver.
 constexpr int kMaxBorderSize = 100;
 
 struct Input {

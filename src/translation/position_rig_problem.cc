@@ -15,7 +15,6 @@ RigSolverOptions SolverOptions(const RefinementOptions& options) {
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = options.function_tolerance;
   solver_options.backend = options.backend;
-  solver_options.starts_far_off = options.starts_at_random;
   return solver_options;
 }
 

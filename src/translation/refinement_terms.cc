@@ -8,12 +8,12 @@
 namespace mgsfm {
 namespace {
 
-// Errors of pairs beyond their own estimates. Chosen; half or twice the values
-// change no error (docs/results/constants.md).
+// Errors of pairs beyond their own estimates. Half or twice the values change
+// no error, as for kZeroBaselineWeight (docs/results/constants.md).
 constexpr double kDirectionSigma = DegToRad(0.5);
 constexpr double kScaleSigma = 0.1;
-// Relative to the weight of a direction, per unit of length. Chosen small: a
-// pair without parallax bounds its baseline only loosely.
+// Relative to the weight of a direction, per unit of length: a pair without
+// parallax bounds its baseline only loosely.
 constexpr double kZeroBaselineWeight = 0.01;
 // Fewer points do not support a refinement; a sanity bound.
 constexpr size_t kMinNumPoints = 10;

@@ -56,7 +56,8 @@ struct RefinementInput {
 };
 
 // Weight of the directions of pairs beside points. The matches of a pair are
-// observations of points, so full weight would count them twice. Chosen.
+// observations of points, so full weight would count them twice. Half or twice
+// the value changes errors by at most 2 % (docs/results/constants.md).
 constexpr double kPairWeightWithPoints = 0.1;
 // The length of a baseline is smoothed below this share of its measured length,
 // where its direction is undefined.

@@ -20,21 +20,21 @@
 namespace mgsfm {
 namespace {
 
-// docs/results/constants.md shows the sensitivity to the chosen values.
+// docs/results/constants.md shows the sensitivity to these thresholds.
 //
-// A median of five tolerates two outliers. Chosen.
+// A median of five tolerates two outliers.
 constexpr int kMinNumCommon = 5;
 // Links of one pair in one image, most certain first. A bound on time: the
 // pairs of an image are about equally redundant.
 constexpr int kMaxNumLinks = 3;
 // Errors that remain however many keypoints vote: 3 % of a ratio, 5 % of a
-// length. Chosen, not measured.
+// length.
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
-// Of lengths that are equal if the cameras of the rig trigger simultaneously.
+// The error of lengths that are equal if the cameras of the rig trigger
+// simultaneously.
 constexpr double kEqualLengthSigma = 0.05;
-// The error of expected lengths. Chosen: links by matches have 40 times the
-// weight.
+// The error of expected lengths; links by matches have 40 times the weight.
 constexpr double kExpectedLengthSigma = 0.2;
 // A factor of e; a length less certain than this is as good as unknown.
 constexpr double kMaxScaleSigma = 1.0;
@@ -307,7 +307,7 @@ std::vector<double> ScaleSigmas(const std::vector<ScaleLink>& links,
   return sigmas;
 }
 
-// Zero, i.e. one baseline, for directions that are given without matches. Such
+// Zero, i.e. one baseline, for directions of pairs without matches. Such
 // a pair is a group of its own.
 double MedianLogDepth(const BaselineDirection& baseline) {
   if (baseline.depths[0].empty()) return 0.0;

@@ -15,8 +15,8 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Lines of sight that must agree on the centre of a frame. Two lines determine
-// it; chosen three times as many.
+// Lines of sight that must agree on the centre of a frame, which two determine.
+// Half or twice as many change no error (docs/results/constants.md).
 constexpr int kMinNumResectionPoints = 6;
 
 // The usable rays of one track.
@@ -215,8 +215,7 @@ double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
 }
 
 std::vector<size_t> SelectTracks(const TrackRays& rays,
-                                 const TrackPoints& points,
-                                 const Mask& is_supported, int num_images,
+                                 const TrackPoints& points, int num_images,
                                  int min_per_image) {
   std::vector<size_t> order;
   std::vector<int> length(rays.tracks.size(), 0);
@@ -229,10 +228,8 @@ std::vector<size_t> SelectTracks(const TrackRays& rays,
     order.push_back(t);
   }
   if (min_per_image <= 0) return order;
-  std::stable_sort(order.begin(), order.end(), [&](size_t a, size_t b) {
-    return std::make_pair(is_supported[a], length[a]) >
-           std::make_pair(is_supported[b], length[b]);
-  });
+  std::stable_sort(order.begin(), order.end(),
+                   [&](size_t a, size_t b) { return length[a] > length[b]; });
   std::vector<int> count(num_images, 0);
   std::vector<size_t> selected;
   for (const size_t t : order) {

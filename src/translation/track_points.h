@@ -64,12 +64,11 @@ FramePlacement PlaceFramesByPoints(const PositionProblem& problem,
 double AngularSigma(const PositionProblem& problem, const TrackRays& rays,
                     const TrackPoints& points, const Positions& positions);
 
-// Tracks to estimate positions with: those supported by pairs first, of these
-// the longest, until every image has at least `min_per_image` observations or
-// no tracks are left. 0 selects all tracks with a point.
+// Tracks to estimate positions with: the longest first, until every image has
+// at least `min_per_image` observations or no tracks are left. 0 selects all
+// tracks with a point.
 std::vector<size_t> SelectTracks(const TrackRays& rays,
-                                 const TrackPoints& points,
-                                 const Mask& is_supported, int num_images,
+                                 const TrackPoints& points, int num_images,
                                  int min_per_image);
 
 }  // namespace mgsfm

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "mgsfm/base/error.h"
-#include "pair_filtering/frame_pair_index.h"
 #include "translation/translation_stages.h"
 
 namespace mgsfm {
@@ -31,9 +30,8 @@ TranslationResult AverageTranslations(
   const RefinementInput input{problem, pairs.baselines, pairs.scales, initial,
                               pair_is_used};
   RefinedPositions cameras = RefineWithPairs(input, options, context);
-  const FramePairIndex index(scene, view_graph);
-  TrackRefinement refined = RefineWithTracks(input, cameras.positions, rays,
-                                             scene, &index, options, context);
+  TrackRefinement refined =
+      RefineWithTracks(input, cameras.positions, rays, options, context);
   if (!initial.is_metric) {
     ScaleBy(FactorToMeasuredLengths(input, refined.positions),
             &refined.positions, &refined.points);

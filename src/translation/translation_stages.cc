@@ -10,14 +10,15 @@
 
 #include "geometry/so3.h"
 #include "math/statistics.h"
-#include "pair_filtering/track_support.h"
 
 namespace mgsfm {
 namespace {
 
-// Errors of positions by pairs alone, before points are used. Chosen to cover
-// some degrees of error in the direction to a point.
+// Errors of positions by pairs alone, before points are used: some degrees of
+// error in the direction to a point. Half or twice the value changes errors by
+// at most 2 % (docs/results/constants.md).
 constexpr double kCoarseErrorRad = DegToRad(4.0);
+// The coarse refinement prepares a second triangulation, so it ends early.
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kCoarseFunctionTolerance = 1e-3;
 constexpr int kNumCoarseIterations = 10;
@@ -26,13 +27,15 @@ constexpr double kMinLossRad = DegToRad(0.01);
 // 2.4 standard deviations: the Cauchy loss is 95 % efficient for normal noise.
 constexpr double kLossInSigmas = 2.4;
 constexpr double kFunctionTolerance = 1e-5;
-// Lower bound of the depth of points, relative to the typical depth. Chosen:
-// points this close are rays from about the same place.
+// Lower bound of the depth of points, relative to the typical depth: points
+// this close are rays from about the same place. Half or twice the value
+// changes no error (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
 // A sensor is reported unless less than this share of its squared motion lies
 // in the undetermined subspace.
 constexpr double kMinUnobservableShare = 0.01;
-// A pair without parallax does not move by more, in standard deviations.
+// A pair without parallax does not move by more, in standard deviations; normal
+// errors exceed it with probability 3e-2 in three dimensions.
 constexpr double kMaxZeroBaselineError = 3.0;
 
 RefinementOptions CommonOptions(const TranslationAveragingOptions& options) {
@@ -146,31 +149,6 @@ RefinedPositions RefineWithPairs(const RefinementInput& input,
   return refined;
 }
 
-std::vector<size_t> SelectSupportedTracks(
-    const RefinementInput& input, const TrackRays& rays,
-    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
-    const TranslationAveragingOptions& options, int num_threads) {
-  const ObservationGroups& tracks = rays.tracks;
-  Mask is_supported(tracks.size(), true);
-  if (index != nullptr) {
-    Mask pair_is_used(index->num_pairs(), false);
-    for (size_t i = 0; i < input.baselines.size(); ++i) {
-      pair_is_used[i] = input.pair_is_used[i] &&
-                        input.baselines[i].kind != BaselineKind::kUnused;
-    }
-    Mask has_point(tracks.size());
-    for (size_t t = 0; t < tracks.size(); ++t) {
-      has_point[t] = points.point_in_world[t].has_value();
-    }
-    is_supported =
-        FindSupportedTracks(scene, *index, pair_is_used, tracks, has_point,
-                            points.observation_is_used, num_threads);
-  }
-  return SelectTracks(rays, points, is_supported,
-                      static_cast<int>(input.problem.frame_idx.size()),
-                      options.min_num_points_per_image);
-}
-
 TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
                           const Positions& positions, double max_error_rad,
                           const TranslationAveragingOptions& options,
@@ -188,8 +166,6 @@ TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
 
 TrackRefinement RefineWithTracks(const RefinementInput& input,
                                  const Positions& start, const TrackRays& rays,
-                                 const Scene& scene,
-                                 const FramePairIndex* index,
                                  const TranslationAveragingOptions& options,
                                  const Context& context,
                                  const PositionObjective& objective) {
@@ -215,8 +191,9 @@ TrackRefinement RefineWithTracks(const RefinementInput& input,
   const auto refine = [&](const RefinementOptions& refinement) {
     return RefineJointly(
         input, rays,
-        SelectSupportedTracks(input, rays, state.points, scene, index, options,
-                              context.num_threads),
+        SelectTracks(rays, state.points,
+                     static_cast<int>(input.problem.frame_idx.size()),
+                     options.min_num_points_per_image),
         refinement, objective, context, &state);
   };
 

@@ -10,7 +10,6 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "mgsfm/translation/translation_averaging.h"
-#include "pair_filtering/frame_pair_index.h"
 #include "translation/angle_refinement.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_initialization.h"
@@ -60,14 +59,6 @@ RefinedPositions RefineWithPairs(
     const Context& context,
     const PositionObjective& objective = kNonBilinearObjective);
 
-// Tracks that a joint refinement uses (SelectTracks): those whose frames the
-// used pairs connect (pair_filtering/track_support.h) first. Without an index,
-// support does not count.
-std::vector<size_t> SelectSupportedTracks(
-    const RefinementInput& input, const TrackRays& rays,
-    const TrackPoints& points, const Scene& scene, const FramePairIndex* index,
-    const TranslationAveragingOptions& options, int num_threads);
-
 // Points for given positions. The lower bound of their depth is a share of the
 // typical depth of input.scales.
 TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
@@ -77,8 +68,7 @@ TrackPoints TriangulateAt(const RefinementInput& input, const TrackRays& rays,
 
 // Positions and points by all rays: a coarse triangulation and joint refinement
 // by eq. (18) of MGSfM, then triangulation and refinement at the noise level of
-// the rays. Frames without usable pairs are placed by points in between. For
-// scene and index see SelectSupportedTracks().
+// the rays. Frames without usable pairs are placed by points in between.
 struct TrackRefinement {
   Positions positions;
   TrackPoints points;
@@ -87,7 +77,6 @@ struct TrackRefinement {
 };
 TrackRefinement RefineWithTracks(
     const RefinementInput& input, const Positions& start, const TrackRays& rays,
-    const Scene& scene, const FramePairIndex* index,
     const TranslationAveragingOptions& options, const Context& context,
     const PositionObjective& objective = kNonBilinearObjective);
 

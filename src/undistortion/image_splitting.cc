@@ -103,7 +103,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
   for (const std::string& name : input.names) {
     const auto size = SizeOfFile(input.image_path / name);
     if (!size) {
-      context.Warning("'" + name + "' is left out, as it is no image");
+      context.Warning("'" + name + "' is skipped because it is no image");
       continue;
     }
     const auto [found, is_new] = folder_of_path.emplace(
@@ -115,7 +115,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
     if (size->width != folder.camera.width_px ||
         size->height != folder.camera.height_px) {
       context.Warning("image '" + name +
-                      "' is left out, as it differs in size from others of "
+                      "' is skipped because it differs in size from others of "
                       "its folder");
       continue;
     }

@@ -63,7 +63,7 @@ struct SplittingOptions {
 // for panoramas also rig_config.json and cameras.txt with the intrinsics, those
 // of other folders from camera_params_path. Continues an interrupted run with
 // the same settings. Files that are not images, and images that differ in size
-// from the first one of their folder, are left out with a warning.
+// from the first one of their folder, are skipped with a warning.
 //
 // Throws Error if no image has the shape of the kind, and what WriteViews and
 // ContinueOrBegin throw.

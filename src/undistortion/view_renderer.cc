@@ -93,7 +93,7 @@ std::vector<cv::Mat> ViewRenderer::RenderMasks(const cv::Mat& mask) const {
     }
     cv::remap(prepared, rendered[i], maps_[i].pixels, cv::noArray(),
               cv::INTER_LINEAR, cv::BORDER_REPLICATE);
-    // What is partly masked is masked.
+    // A pixel that is partly masked is masked.
     cv::threshold(rendered[i], rendered[i], 254.0, 255.0, cv::THRESH_BINARY);
     rendered[i].setTo(cv::Scalar::all(0), maps_[i].unseen);
   }

@@ -17,6 +17,8 @@ using Eigen::Quaterniond;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// At the border of a pinhole image of 120 degrees, pixels are larger by
+// 1 / cos^2(60 deg) = 4.
 constexpr double kMaxMagnification = 4.0;
 constexpr double kMaxAutomaticFieldOfView_rad = 2.0 * kPi / 3.0;
 constexpr double kFaceFieldOfView_rad = 0.5 * kPi;
@@ -131,7 +133,7 @@ double MaxViewAngle(const Camera& camera, const ViewOptions& options) {
   return std::max(nearest, 0.5 * kPi);
 }
 
-// How much larger a pixel of the border is in a pinhole image; nullopt if the
+// The magnification of a pixel of the border in a pinhole image; nullopt if the
 // camera model has no ray there.
 std::optional<double> Magnification(const Camera& camera, const Camera& pinhole,
                                     const Vector2d& pixel) {
@@ -365,8 +367,8 @@ std::optional<ViewPixel> FindInViews(const Camera& camera,
 }
 
 bool HasBlankPixels(const Camera& camera, const View& view) {
-  // What is not seen reaches the border of the view or, behind a fisheye, fills
-  // much of it.
+  // The unseen region reaches the border of the view or, behind a fisheye,
+  // fills much of it.
   constexpr int kStep = 16;
   const int width_px = view.camera.width_px, height_px = view.camera.height_px;
   for (int y = 0; y < height_px; ++y) {

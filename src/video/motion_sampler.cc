@@ -13,6 +13,8 @@ namespace {
 
 // Displacements of a few per cent are ten pixels at this size.
 constexpr int kMotionSizePx = 320;
+// Bounds the cost; the median of 80 displacements is accurate to 0.14 of their
+// standard deviation.
 constexpr int kMaxNumPatches = 80;
 constexpr int kPatchRadiusPx = 7;
 // A median of fewer displacements says little.
@@ -63,7 +65,7 @@ cv::Rect Around(const cv::Point& center, int radius_px) {
           2 * radius_px + 1};
 }
 
-// How far a patch moved; nullopt if it is not found.
+// The displacement of a patch; nullopt if it is not found.
 std::optional<double> DisplacementPx(const cv::Mat& from, const cv::Mat& to,
                                      const cv::Point& center, int search_px) {
   const cv::Rect window =

@@ -16,7 +16,7 @@ struct SampledFrame {
   std::vector<std::optional<int64_t>> times_ns;
 };
 
-// Which images of which videos are extracted.
+// The images that are extracted from each video.
 struct SamplingPlan {
   std::vector<std::string> folders;  // one per video
   // Add them to time stamps to get times on a common clock.

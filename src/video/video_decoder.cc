@@ -90,7 +90,7 @@ class VideoFile {
     while (true) {
       av_packet_unref(packet);
       const int code = av_read_frame(format_.get(), packet);
-      // What follows an unreadable packet cannot be found.
+      // Packets behind an unreadable one cannot be found.
       is_cut_off_ |= code < 0 && code != AVERROR_EOF;
       if (code < 0) return false;
       if (packet->stream_index == stream_->index) return true;

@@ -10,12 +10,12 @@
 
 namespace mgsfm {
 
-// What a video file states about its images, without decoding them.
+// Metadata of the images of a video file, which need no decoding.
 struct VideoIndex {
   std::vector<int64_t> times_ns;  // presentation times of all images, ascending
   // The file ends early, or cannot be read beyond these images.
   bool is_cut_off = false;
-  // Of the container; usually in whole seconds.
+  // The creation time in the container, usually in whole seconds.
   std::optional<int64_t> creation_time_ns;  // since 1970
 };
 
@@ -37,9 +37,9 @@ class VideoDecoder {
   // Returns false at the end. Images that cannot be decoded are skipped.
   bool Next();
 
-  // Of the current image. Valid after Next() returned true.
+  // The time of the current image. Valid after Next() returned true.
   int64_t TimeNs() const;
-  // 8 bits per channel; BGR, or gray if the video is.
+  // 8 bits per channel; BGR, or grey if the video is.
   cv::Mat ReadPixels() const;
   // Gray, scaled down such that no side exceeds `max_size_px`.
   cv::Mat ReadSmallGray(int max_size_px) const;

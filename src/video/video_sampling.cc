@@ -8,9 +8,9 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
-#include <sstream>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
@@ -27,15 +27,6 @@ namespace fs = std::filesystem;
 constexpr double kSecondInNanoseconds = 1e9;
 // Sharpness needs more pixels than motion; larger images tell nothing more.
 constexpr int kAnalysisSizePx = 640;
-
-std::vector<std::string> SplitList(const std::string& list) {
-  std::vector<std::string> items;
-  std::istringstream stream(list);
-  for (std::string item; std::getline(stream, item, ',');) {
-    if (!item.empty()) items.push_back(item);
-  }
-  return items;
-}
 
 std::string SecondsText(int64_t time_ns) {
   return FormatDouble(static_cast<double>(time_ns) / kSecondInNanoseconds,
@@ -120,7 +111,7 @@ std::vector<Video> ReadVideos(const std::vector<fs::path>& paths,
     if (index.is_cut_off) {
       context.Warning("video '" + paths[i].string() + "' is damaged after " +
                       SecondsText(index.times_ns.back()) +
-                      " s; what follows is left out");
+                      " s; the rest is skipped");
     }
     const int64_t offset_ns =
         OffsetOf(paths[i], index, options.alignment) + offsets_ns[i];
@@ -330,7 +321,7 @@ void Extractor::Extract(size_t video_idx, const fs::path& path,
     context.Warning("video '" + path.string() +
                     "' is damaged: " + std::to_string(frame_of_time.size()) +
                     " of " + std::to_string(num_images) +
-                    " images cannot be decoded and are left out");
+                    " images cannot be decoded and are skipped");
   }
 }
 

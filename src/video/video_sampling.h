@@ -20,7 +20,7 @@ struct EnumTable<VideoSampling> {
       {"motion", VideoSampling::kMotion}, {"rate", VideoSampling::kRate}};
 };
 
-// What the time stamps of different videos have in common.
+// The common property of the time stamps of different videos.
 enum class VideoAlignment {
   kTimestamps,    // the clock
   kStart,         // nothing, but all first images are simultaneous

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "mgsfm/bundle/block_adjustment.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
+#include "bundle/block_solve.h"
 #include "bundle/bundle_fixtures.h"
 #include "support/model_comparison.h"
 
@@ -41,9 +40,11 @@ TEST_P(BlockAdjustmentTest, MinimumIsThatOfTheWholeModel) {
   const BundleResult whole =
       AdjustBundle(simulation.scene, initial, options, Threads(2));
   for (const int num_blocks : {1, 4}) {
-    const BundleResult blocked = AdjustBundleInBlocks(
-        simulation.scene, Blocks(simulation.scene, num_blocks), initial,
-        options, Threads(2));
+    BundleResult blocked;
+    blocked.estimate = initial;
+    EXPECT_TRUE(SolveInBlocks(
+        simulation.scene, Blocks(simulation.scene, num_blocks), options,
+        RefinedParts::kAll, options.function_tolerance, Threads(2), &blocked));
     const SolveSummary& solve = blocked.summary.solves.at(0);
     EXPECT_EQ(solve.termination, Termination::kConverged);
     const double cost = whole.summary.solves.at(0).final_cost;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the mapper says of input that it cannot use, and of places where it
+// Answers of the mapper to input that it cannot use, and to places where it
 // cannot write: one line, exit code 1, and everything stays as it was.
 #include <sqlite3.h>
 

@@ -26,8 +26,8 @@ std::vector<std::string> Words(const std::string& text) {
   return words;
 }
 
-// What the program's completion offers in a real bash for a command line, whose
-// last word is being typed.
+// Completions that a real bash offers for a command line, whose last word is
+// being typed.
 std::vector<std::string> CompletedByBash(const std::string& line) {
   const TempDir dir;
   const std::string script = (dir.path() / "mgsfm").string();
@@ -53,7 +53,7 @@ std::set<std::string> OptionsIn(const std::string& help) {
 
 std::vector<std::string> CommandNames() { return CompletedByBash("mgsfm ''"); }
 
-// Of options that exist.
+// The examples use options that exist.
 TEST(Help, EveryCommandHasAnExample) {
   for (const std::string& command : CommandNames()) {
     if (command == "help" || command[0] == '-') continue;

@@ -63,7 +63,7 @@ class ImageUndistorterTest : public testing::Test {
   TempDir dir_;
 };
 
-// As splatting trainers load a model: by the base name of each image, which
+// Loads a model as splatting trainers do: by the base name of each image, which
 // they cut at its first dot, with the size, focal lengths and pose, and with
 // the principal point in the centre.
 TEST_F(ImageUndistorterTest, SplattingLoaderFindsAllImages) {

@@ -148,7 +148,7 @@ TEST_F(Interruption, WhatAKilledRunLeavesIsRemovedByTheNextOne) {
   }
 }
 
-// The folder of a run that goes on is left alone.
+// The folder of a run that continues is left alone.
 TEST_F(Interruption, TwoRunsWithOneOutputDoNotDisturbEachOther) {
   RunningProgram mapper(MapperArguments());
   mapper.WaitUntilItSays("view graph started");

@@ -181,7 +181,7 @@ TEST_F(ModelEvaluator, ImagesOfTheDatabaseAreNotRegistered) {
   for (int i = 0; i < 12; ++i) names.push_back("left/" + Number(i) + ".png");
   names.push_back("elsewhere/000003.png");
   WriteDatabase(Path("in.db"), MakeContents(names), DatabaseSchema::k38);
-  // A gap in the database is none in the model.
+  // A gap in the database is not a gap in the model.
   WriteModel("model", Mono({2, 3, 4, 7, 8, 9}));
   ExpectCounts(Evaluate(WriteKitti(30) + "--database_path " + Path("in.db")), 6,
                12);
@@ -301,7 +301,7 @@ TEST_F(ModelEvaluator, WhatCannotBePairedIsRefused) {
   WriteModel("truth", Stereo({0, 1, 2}), 2);
   ExpectRefused("--gt_path " + Path("truth"),
                 AllOf(HasSubstr("no image in common"), HasSubstr("truth")));
-  // Which of these is the left camera?
+  // Neither name says which of these is the left camera.
   WriteTextFile(Path("calib.txt"),
                 "P0: 700 0 600 0 0 700 180 0 0 0 1 0\n"
                 "P1: 700 0 600 -350 0 700 180 0 0 0 1 0\n");

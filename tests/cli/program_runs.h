@@ -76,8 +76,8 @@ inline Files FilesIn(const std::filesystem::path& folder) {
   return files;
 }
 
-// What the program says at last: log lines aside, one line that begins with its
-// name. "" if it says anything else, or more.
+// The last message of the program: log lines aside, one line that begins with
+// its name. "" if it says anything else, or more.
 inline std::string LastWord(const CommandOutput& output) {
   const size_t begin = output.err.find("mgsfm: ");
   if (begin == std::string::npos) return "";

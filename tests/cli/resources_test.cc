@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the program does when the system refuses memory, threads, or a place for
-// its messages, and under conventions of other languages and users.
+// Behaviour of the program when the system refuses memory, threads, or a place
+// for its messages, and under conventions of other languages and users.
 #include <sys/stat.h>
 
 #include <clocale>

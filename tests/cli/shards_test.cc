@@ -158,7 +158,7 @@ TEST_F(Shards, OfMatchesMergeToTheDatabaseOfOneProcess) {
         command + " --database_path " + Path("world.db") + " --shard_path @",
         count, merged, Path("world.db"));
     ExpectEqualRows(Path(single), Path(merged));
-    // What is merged may be merged again.
+    // Merged databases may be merged again.
     std::string all = Path(merged);
     for (int i = 1; i <= count; ++i) {
       all += "," + Path(merged + "." + std::to_string(i) + ".db");

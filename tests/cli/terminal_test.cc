@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// What the program writes to the standard error stream while it runs.
+// Output of the program to the standard error stream while it runs.
 #include <string>
 
 #include "cli/program_runs.h"
@@ -67,7 +67,7 @@ TEST(ProgressText, ARepeatedStageStartsAnew) {
               Optional(Eq("stage: 5 of 10, 0.5/s, 0:01 left")));
 }
 
-// What a user sees, control sequences included.
+// The output that a user sees, control sequences included.
 std::string OnTerminal(const std::string& variables,
                        const std::string& arguments) {
   return RunShell(variables + " script -qec '" MGSFM_EXECUTABLE " " +

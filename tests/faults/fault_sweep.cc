@@ -78,7 +78,8 @@ CommandOutput FaultTest::Run(const std::string& arguments,
   return {ExitCodeOf(status), ReadTextFile(out_path), ReadTextFile(err_path)};
 }
 
-// Checks what a faulty run has left. `is_whole`: not between old and new.
+// Checks the output that a faulty run has left. `is_whole`: it is either old or
+// new.
 void FaultTest::CheckState(const FaultCase& command, bool is_whole) {
   const Files now = VisibleFiles(Sandbox());
   // Files that the command does not write stay.

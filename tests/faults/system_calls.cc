@@ -420,7 +420,7 @@ ssize_t pwrite64(int fd, const void* data, size_t size, off64_t offset) {
   return m::WriteAt(fd, data, size, offset, true);
 }
 ssize_t writev(int fd, const iovec* parts, int num_parts) {
-  // As one write per part: callers continue after a partial one.
+  // Writes one part only: callers continue after a partial write.
   for (int i = 0; i < num_parts; ++i) {
     if (parts[i].iov_len == 0) continue;
     return m::WriteAt(fd, parts[i].iov_base, parts[i].iov_len, 0, false);

@@ -17,7 +17,7 @@ enum class Fault {
   kPowerLoss,    // so does the machine: see PowerLoss
 };
 
-// What is lost of the changes since the last fsync of a file or folder.
+// The changes since the last fsync of a file or folder that are lost.
 enum class PowerLoss {
   kAll,          // content, and names: creation, removal and renames
   kContent,      // content only: a renamed file may be empty
@@ -26,7 +26,7 @@ enum class PowerLoss {
 
 enum class CallKind { kRead, kWrite, kSync, kName, kOpen, kLock };
 
-// Which calls count.
+// The calls that count.
 enum class CountedCalls {
   kChanges,
   kChangesAndReads,  // also reading, and opening for it

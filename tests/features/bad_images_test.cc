@@ -231,7 +231,7 @@ TEST_F(BadImagesTest, NoFeatures) {
   EXPECT_EQ(Extract().num_present, 2u);
 }
 
-// Bit depth and color do not change the features.
+// Bit depth and colour do not change the features.
 TEST_F(BadImagesTest, ReadsSixteenBitAndColorImages) {
   GrayImage gray = RenderBlobs(RandomBlobs(80, 120, 90, 1), 120, 90);
   gray(0, 0) = 255;  // the brightest

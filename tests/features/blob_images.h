@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// Gaussian blobs on gray: an analytic image that can be drawn rotated and
+// Gaussian blobs on grey: an analytic image that can be drawn rotated and
 // scaled without resampling.
 struct Blob {
   Eigen::Vector2d center;

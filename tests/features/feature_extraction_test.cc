@@ -175,7 +175,8 @@ TEST_F(FeatureExtractionTest, ReadsFocalLengthAndPositionFromExif) {
             1e-9);
 }
 
-// As in COLMAP, so that masks and calibrations fit the stored pixels.
+// The orientation is ignored as in COLMAP, so that masks and calibrations fit
+// the stored pixels.
 TEST_F(FeatureExtractionTest, IgnoresTheOrientationOfExif) {
   WriteBlobs("upright.jpg", 1);
   std::filesystem::copy(ImagePath("upright.jpg"), ImagePath("turned.jpg"));

@@ -58,7 +58,7 @@ Neighbor FindNeighbor(const Features& a, int i, const Features& b) {
   return neighbor;
 }
 
-// Mutual nearest neighbors that pass the ratio test.
+// Mutual nearest neighbours that pass the ratio test.
 std::vector<std::pair<int, int>> MatchFeatures(const Features& a,
                                                const Features& b) {
   std::vector<std::pair<int, int>> matches;

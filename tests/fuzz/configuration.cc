@@ -6,7 +6,8 @@
 
 namespace mgsfm {
 
-// What a configuration file sets is written by --dump_config, and reads back.
+// The options that a configuration file sets are written by --dump_config, and
+// read back.
 void FuzzConfiguration(const std::string& input) {
   SampleOptions options;
   std::istringstream text(input);

@@ -5,7 +5,7 @@
 
 namespace mgsfm {
 
-// A vocabulary tree. Every descriptor has a word of it.
+// A vocabulary tree, which assigns a word to every descriptor.
 void FuzzVocabulary(const std::string& input) {
   const std::string path = (FuzzFolder() / "tree.bin").string();
   const std::string again = (FuzzFolder() / "again.bin").string();

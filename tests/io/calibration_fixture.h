@@ -18,7 +18,7 @@ namespace mgsfm {
 using Cameras = std::vector<CalibratedCamera>;
 using Params = std::vector<double>;
 
-// As `kalibr_calibrate_cameras` and `kalibr_calibrate_imu_camera` write it.
+// The output of `kalibr_calibrate_cameras` and `kalibr_calibrate_imu_camera`.
 inline constexpr const char* kKalibr = R"(cam0:
   cam_overlaps: [1, 2]
   camera_model: pinhole

@@ -123,7 +123,7 @@ void ExpectContains(const DatabaseContents& merged, FeatureDatabase* features,
         ImageOf(merged, NameOf(part, pair.image_id1)).id,
         ImageOf(merged, NameOf(part, pair.image_id2)).id);
     ASSERT_TRUE(copy.has_value());
-    // Where the order of the ids changed, the row is that from 2 to 1.
+    // If the order of the ids changed, the row is that from 2 to 1.
     EXPECT_TRUE(copy->F->isApprox(*pair.F));
     EXPECT_TRUE(copy->E->isApprox(*pair.E));
     EXPECT_TRUE(copy->H->isApprox(*pair.H));

@@ -95,7 +95,7 @@ class ModelFields {
   T Get() {
     T value;
     if (is_text_) {
-      // Wide enough for bytes to be numbers.
+      // A wider type, because a stream reads a byte as a character.
       std::conditional_t<sizeof(T) == 1, int, T> word;
       MGSFM_CHECK(static_cast<bool>(line_ >> word));
       return static_cast<T>(word);

@@ -95,8 +95,8 @@ TEST_F(PointColors, TakesTheMeanOfTheImagesThatCanBeRead) {
   EXPECT_EQ(model_.points[2].color, Rgb(0, 0, 0));
 }
 
-// Keypoints are those of the picture as it is stored, whatever the camera
-// noted of how it was held.
+// Keypoints refer to the picture as it is stored, regardless of its EXIF
+// orientation.
 TEST_F(PointColors, DoesNotTurnImages) {
   cv::Mat left_is_red(16, 32, CV_8UC3, cv::Scalar(0, 0, 0));
   left_is_red.colRange(0, 16) = cv::Scalar(0, 0, 250);

@@ -150,8 +150,8 @@ TEST_F(RigConfigurationTest, JoinsEqualCamerasOfASensor) {
   EXPECT_EQ(FramesOf(contents), pairs_);
 }
 
-// What was written before has no part in what is written next, and the same
-// again changes nothing.
+// Earlier rows have no part in those written next, and writing the same again
+// changes nothing.
 TEST_F(RigConfigurationTest, ReplacesWhatIsThere) {
   FeatureDatabase database = Open();
   AddTwoCameras(&database);

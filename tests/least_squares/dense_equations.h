@@ -174,7 +174,7 @@ inline double CostOfResiduals(const std::vector<ResidualGroup>& groups) {
   return cost;
 }
 
-// How far to go for a difference of each unknown.
+// The step of each unknown for a difference.
 inline Eigen::VectorXd DifferenceSteps(const RigProblemBase& problem,
                                        const RigStructure& s,
                                        const RigState& state, int size) {

@@ -100,7 +100,7 @@ void ExpectStepOfDenseEquations(
   EXPECT_NEAR(equations.Cost(), dense.cost, 1e-10 * dense.cost);
   ASSERT_TRUE(equations.Linearize(kLambda));
   ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep(1.0);
+  const TrialStep trial = equations.TryStep();
   const Eigen::VectorXd step = TrialStepOf(equations, problem);
   const Eigen::VectorXd error = step - expected;
   EXPECT_LT(std::sqrt(error.dot(damped * error)),
@@ -247,7 +247,7 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   equations.SetState(state);
   ASSERT_TRUE(equations.Linearize(1e-10));
   ASSERT_TRUE(equations.Solve());
-  const TrialStep trial = equations.TryStep(1.0);
+  const TrialStep trial = equations.TryStep();
   EXPECT_LT(trial.new_cost, 0.9 * equations.Cost());
   const DenseEquations dense =
       MakeDenseEquations(scene.problem, equations.structure(), state);

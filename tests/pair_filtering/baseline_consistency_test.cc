@@ -30,7 +30,7 @@ struct Row {
         MeasuredBaseline{length * Eigen::Vector3d::UnitX(), 1.0, true});
     is_in_skeleton.push_back(is_skeleton_edge);
   }
-  // Per pair that is not one of neighbours.
+  // One entry per pair that does not connect neighbours.
   Mask Inconsistent(double max_drift) const {
     const Mask all = FindInconsistentBaselines(
         FramePairIndex(scene, view_graph), view_graph, is_in_skeleton,

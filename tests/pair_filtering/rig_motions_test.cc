@@ -31,7 +31,7 @@ Vector3d Noise(double sigma, Random* random) {
   return sigma * Vector3d(random->Normal(), random->Normal(), random->Normal());
 }
 
-// Whose keypoints have depths, and whose images come first.
+// The images whose keypoints have depths, and those that come first.
 struct Layout {
   bool has_earlier_depths = true;
   bool has_later_depths = false;

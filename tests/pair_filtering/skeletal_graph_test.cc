@@ -41,17 +41,11 @@ void AddPair(int image_idx1, int image_idx2, uint32_t num_matches,
           view_graph);
 }
 
-Mask SelectNormal(const Scene& scene, const ViewGraph& view_graph,
-                  SequenceMode sequence = SequenceMode::kNo) {
+Mask Select(const Scene& scene, const ViewGraph& view_graph,
+            SequenceMode sequence = SequenceMode::kNo) {
   return SelectSkeletalGraph(FramePairIndex(scene, view_graph, sequence),
                              view_graph, Mask(view_graph.pairs.size(), true),
                              {}, 1);
-}
-
-Mask SelectStrict(const Scene& scene, const ViewGraph& view_graph) {
-  return SelectStrictSkeletalGraph(
-      FramePairIndex(scene, view_graph, SequenceMode::kNo), view_graph,
-      Mask(view_graph.pairs.size(), true), {}, 1);
 }
 
 TEST(SkeletalGraph, ContainsNeighboursAndNoDuplicates) {
@@ -70,7 +64,7 @@ TEST(SkeletalGraph, ContainsNeighboursAndNoDuplicates) {
       is_neighbour.push_back(false);
     }
   }
-  EXPECT_EQ(SelectNormal(scene, view_graph), is_neighbour);
+  EXPECT_EQ(Select(scene, view_graph), is_neighbour);
 }
 
 TEST(SkeletalGraph, WeakPairsConnectComponents) {
@@ -83,22 +77,8 @@ TEST(SkeletalGraph, WeakPairsConnectComponents) {
   AddPair(2, 3, 30, &view_graph);
   AddPair(2, 4, 20, &view_graph);  // nearly as strong
   AddPair(0, 5, 10, &view_graph);  // far weaker
-  EXPECT_EQ(SelectNormal(scene, view_graph),
+  EXPECT_EQ(Select(scene, view_graph),
             (Mask{true, true, true, true, true, true, false}));
-}
-
-TEST(SkeletalGraph, StrictOneKeepsDuplicatesOut) {
-  const Scene scene = MakeScene(6);
-  ViewGraph view_graph;
-  AddPair(0, 1, 100, &view_graph);
-  AddPair(1, 2, 100, &view_graph);
-  AddPair(2, 3, 80, &view_graph);  // connects two strong chains
-  AddPair(3, 4, 100, &view_graph);
-  AddPair(4, 5, 100, &view_graph);
-  AddPair(0, 4, 70, &view_graph);  // a duplicate on a road with little else
-  EXPECT_EQ(SelectNormal(scene, view_graph), Mask(6, true));
-  EXPECT_EQ(SelectStrict(scene, view_graph),
-            (Mask{true, true, true, true, true, false}));
 }
 
 // A frame that lost images can have more matches with an unrelated place than
@@ -122,7 +102,7 @@ TEST(SkeletalGraph, ManyMatchesWithoutTripletSupportAreNotEnough) {
   AddPair(1, 6, 300, 360, &view_graph);
   Mask expected(view_graph.pairs.size(), true);
   for (size_t i = num_true; i < expected.size(); ++i) expected[i] = false;
-  EXPECT_EQ(SelectNormal(scene, view_graph), expected);
+  EXPECT_EQ(Select(scene, view_graph), expected);
 }
 
 TEST(SkeletalGraph, PairsWithoutTripletSupportConnectTheRest) {
@@ -134,7 +114,7 @@ TEST(SkeletalGraph, PairsWithoutTripletSupportConnectTheRest) {
   AddPair(2, 3, 60, &view_graph);
   AddPair(1, 3, 20, &view_graph);
   AddPair(3, 4, 30, &view_graph);
-  EXPECT_EQ(SelectNormal(scene, view_graph),
+  EXPECT_EQ(Select(scene, view_graph),
             (Mask{true, true, true, true, false, true}));
 }
 
@@ -165,11 +145,11 @@ TEST(SkeletalGraph, NeighboursInTimeDecideWeakCutsOfASequence) {
   AddPair(2, 30, 9000, 9060, &view_graph);
   AddPair(2, 31, 9000, 9060, &view_graph);
   AddPair(30, 31, 9000, 9060, &view_graph);
-  const Mask as_sequence = SelectNormal(scene, view_graph, SequenceMode::kAuto);
+  const Mask as_sequence = Select(scene, view_graph, SequenceMode::kAuto);
   EXPECT_TRUE(as_sequence[true_pair]);
   EXPECT_FALSE(as_sequence[first_wrong]);
   EXPECT_FALSE(as_sequence[first_wrong + 1]);
-  const Mask unordered = SelectNormal(scene, view_graph);
+  const Mask unordered = Select(scene, view_graph);
   EXPECT_FALSE(unordered[true_pair]);
   EXPECT_TRUE(unordered[first_wrong]);
 }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/random.h"
+#include "pair_filtering/frame_pair_index.h"
 
 namespace mgsfm {
 namespace {
@@ -75,16 +76,15 @@ TEST(TemporalOrder, IsThatOfACameraPathOrNot) {
   std::vector<std::string> names;
   for (int i = 0; i < 60; ++i) names.push_back(std::to_string(100 + i));
   const Scene scene = MakeScene(names);
-  const TemporalOrder order(scene);
   std::vector<int> times(names.size());
   std::iota(times.begin(), times.end(), 0);
-  EXPECT_TRUE(IsSequence(scene, MatchNeighbours(times), order));
+  EXPECT_TRUE(FramePairIndex(scene, MatchNeighbours(times)).is_sequence());
   Random random(7);
   for (size_t i = times.size(); i > 1; --i) {
     std::swap(times[i - 1], times[random.Index(static_cast<uint32_t>(i))]);
   }
-  EXPECT_FALSE(IsSequence(scene, MatchNeighbours(times), order));
-  EXPECT_FALSE(IsSequence(scene, ViewGraph(), order));
+  EXPECT_FALSE(FramePairIndex(scene, MatchNeighbours(times)).is_sequence());
+  EXPECT_FALSE(FramePairIndex(scene, ViewGraph()).is_sequence());
 }
 
 // The frames of a second lap share more matches with those of the first lap
@@ -104,7 +104,7 @@ TEST(TemporalOrder, APathMayVisitPlacesAgain) {
     pair.matches.resize(150);
     view_graph.pairs.push_back(pair);
   }
-  EXPECT_TRUE(IsSequence(scene, view_graph, TemporalOrder(scene)));
+  EXPECT_TRUE(FramePairIndex(scene, view_graph).is_sequence());
 }
 
 // Where all frames match alike, order in time cannot show.
@@ -123,7 +123,7 @@ TEST(TemporalOrder, ImagesOfOneObjectAreNoSequence) {
       view_graph.pairs.push_back(pair);
     }
   }
-  EXPECT_FALSE(IsSequence(scene, view_graph, TemporalOrder(scene)));
+  EXPECT_FALSE(FramePairIndex(scene, view_graph).is_sequence());
 }
 
 }  // namespace

@@ -89,7 +89,7 @@ TEST(PointTriangulation, IgnoresFramesThatTheModelLacks) {
   ASSERT_EQ(result.models.size(), 1u);
   ASSERT_EQ(result.unregistered_frames.size(), 2u);
   EXPECT_EQ(result.unregistered_frames[0].reason,
-            "it is not in the given model");
+            "it is not in the input model");
   for (const Point3D& point : result.models[0].reconstruction.points) {
     for (const Observation& o : point.track) {
       EXPECT_LT(simulation.scene.images[o.image_idx].frame_idx, 8);

@@ -15,16 +15,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-SimulationOptions SmallScene(RigPreset rig, PathPreset path) {
-  SimulationOptions options;
-  options.rig = rig;
-  options.path = path;
-  options.num_frames = path == PathPreset::kLoop ? 24 : 12;
-  options.num_points_per_frame = 150;
-  options.max_num_features_per_image = 250;
-  return options;
-}
-
 PositionResult Estimate(const TranslationInput& input, int num_threads = 1) {
   Context context;
   context.num_threads = num_threads;
@@ -60,14 +50,9 @@ class ExactTest
 
 TEST_P(ExactTest, RecoversTheTruth) {
   const auto [rig, path] = GetParam();
-  const TranslationInput input = MakeTranslationInput(SmallScene(rig, path));
+  const TranslationInput input = MakeTranslationInput(SmallDrive(rig, path));
   const PositionResult result = Estimate(input);
-  EXPECT_TRUE(result.summary.initialization.IsUsable());
-  EXPECT_TRUE(result.summary.camera_refinement.IsUsable());
-  EXPECT_TRUE(result.summary.joint_refinement.IsUsable());
-  EXPECT_TRUE(AllObservable(result));
-  EXPECT_LT(MeasureCenters(input, result.estimate).max_relative, 1e-6);
-  EXPECT_GT(result.summary.num_points, 0.7 * input.tracks.size());
+  ExpectTruth(input, result.estimate, result.summary);
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -80,7 +65,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(PositionRecipeTest, StandingStereoIsOnePlaceWithABaseline) {
   for (const double noise_px : {0.0, 0.5}) {
     SimulationOptions options =
-        SmallScene(RigPreset::kStereo, PathPreset::kStanding);
+        SmallDrive(RigPreset::kStereo, PathPreset::kStanding);
     options.pixel_noise_px = noise_px;
     const TranslationInput input = MakeTranslationInput(options);
     const PositionResult result = Estimate(input);
@@ -94,7 +79,7 @@ TEST(PositionRecipeTest, StandingStereoIsOnePlaceWithABaseline) {
 
 TEST(PositionRecipeTest, StandingSingleCameraIsOnePlace) {
   SimulationOptions options =
-      SmallScene(RigPreset::kMono, PathPreset::kStanding);
+      SmallDrive(RigPreset::kMono, PathPreset::kStanding);
   options.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(options);
   const PositionResult result = Estimate(input);
@@ -109,7 +94,7 @@ TEST(PositionRecipeTest, StandingSingleCameraIsOnePlace) {
 
 TEST(PositionRecipeTest, StandingRigsWithLittleOverlapStayTogether) {
   for (const RigPreset rig : {RigPreset::kKitti360, RigPreset::kCube6}) {
-    SimulationOptions options = SmallScene(rig, PathPreset::kStanding);
+    SimulationOptions options = SmallDrive(rig, PathPreset::kStanding);
     options.pixel_noise_px = 0.5;
     const TranslationInput input = MakeTranslationInput(options);
     const PositionResult result = Estimate(input);
@@ -128,7 +113,7 @@ TEST(PositionRecipeTest, NoiseMismatchesAndWrongPairsAreBearable) {
   for (const PathPreset path :
        {PathPreset::kLoop, PathPreset::kCurve, PathPreset::kStraight}) {
     for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
-      SimulationOptions options = SmallScene(rig, path);
+      SimulationOptions options = SmallDrive(rig, path);
       options.pixel_noise_px = 0.5;
       options.mismatch_ratio = 0.1;
       options.wrong_pair_ratio = 0.1;
@@ -148,7 +133,7 @@ TEST(PositionRecipeTest, NoiseMismatchesAndWrongPairsAreBearable) {
 
 TEST(PositionRecipeTest, KnownExtrinsicsMakeItMetric) {
   for (const RigPreset rig : {RigPreset::kStereo, RigPreset::kKitti360}) {
-    SimulationOptions options = SmallScene(rig, PathPreset::kCurve);
+    SimulationOptions options = SmallDrive(rig, PathPreset::kCurve);
     options.extrinsics_are_known = true;
     const TranslationInput input = MakeTranslationInput(options);
     const PositionResult result = Estimate(input);
@@ -184,7 +169,7 @@ TranslationInput MakeInputWithoutOverlap(SimulationOptions options) {
 
 TEST(PositionRecipeTest, StraightPathWithoutOverlapIsReported) {
   SimulationOptions options =
-      SmallScene(RigPreset::kKitti360, PathPreset::kStraight);
+      SmallDrive(RigPreset::kKitti360, PathPreset::kStraight);
   for (const bool is_known : {false, true}) {
     options.extrinsics_are_known = is_known;
     const TranslationInput input = MakeInputWithoutOverlap(options);
@@ -206,7 +191,7 @@ TEST(PositionRecipeTest, StraightPathWithoutOverlapIsReported) {
 // camera beside the centre of the rig is like one of another radius.
 TEST(PositionRecipeTest, LevelCircleWithoutOverlapIsReported) {
   const TranslationInput input = MakeInputWithoutOverlap(
-      SmallScene(RigPreset::kKitti360, PathPreset::kLoop));
+      SmallDrive(RigPreset::kKitti360, PathPreset::kLoop));
   const PositionResult result = Estimate(input);
   EXPECT_LT(MeasureCenters(input, result.estimate, true).max_relative, 1e-6);
   for (size_t s = 1; s < result.summary.sensors.size(); ++s) {
@@ -216,7 +201,7 @@ TEST(PositionRecipeTest, LevelCircleWithoutOverlapIsReported) {
 
 TEST(PositionRecipeTest, WindingRoadWithoutOverlapIsRecovered) {
   SimulationOptions options =
-      SmallScene(RigPreset::kKitti360, PathPreset::kCurve);
+      SmallDrive(RigPreset::kKitti360, PathPreset::kCurve);
   options.num_frames = 60;
   options.num_matched_frames = 6;
   const TranslationInput input = MakeInputWithoutOverlap(options);
@@ -233,7 +218,7 @@ TEST(PositionRecipeTest, WindingRoadWithoutOverlapIsRecovered) {
 
 TEST(PositionRecipeTest, MissingImagesAndRotations) {
   SimulationOptions options =
-      SmallScene(RigPreset::kStereo, PathPreset::kCurve);
+      SmallDrive(RigPreset::kStereo, PathPreset::kCurve);
   options.missing_image_ratio = 0.2;
   TranslationInput input = MakeTranslationInput(options);
   input.rotations.rig_from_world.back().reset();
@@ -247,7 +232,7 @@ TEST(PositionRecipeTest, MissingImagesAndRotations) {
 
 TEST(PositionRecipeTest, FrameWithoutUsablePairsIsPlacedByPoints) {
   TranslationInput input =
-      MakeTranslationInput(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+      MakeTranslationInput(SmallDrive(RigPreset::kStereo, PathPreset::kCurve));
   for (size_t p = 0; p < input.simulation.view_graph.pairs.size(); ++p) {
     const ImagePair& pair = input.simulation.view_graph.pairs[p];
     for (const int i : {pair.image_idx1, pair.image_idx2}) {
@@ -263,7 +248,7 @@ TEST(PositionRecipeTest, FrameWithoutUsablePairsIsPlacedByPoints) {
 
 TEST(PositionRecipeTest, NothingToEstimate) {
   TranslationInput input =
-      MakeTranslationInput(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+      MakeTranslationInput(SmallDrive(RigPreset::kStereo, PathPreset::kCurve));
   for (auto& rotation : input.rotations.rig_from_world) rotation.reset();
   const PositionResult result = Estimate(input);
   EXPECT_TRUE(AllFinite(result.estimate));
@@ -274,7 +259,7 @@ TEST(PositionRecipeTest, NothingToEstimate) {
 
 TEST(PositionRecipeTest, ThreadsDoNotMatter) {
   SimulationOptions options =
-      SmallScene(RigPreset::kKitti360, PathPreset::kCurve);
+      SmallDrive(RigPreset::kKitti360, PathPreset::kCurve);
   options.pixel_noise_px = 0.5;
   options.mismatch_ratio = 0.1;
   const TranslationInput input = MakeTranslationInput(options);
@@ -290,7 +275,7 @@ TEST(PositionRecipeTest, ThreadsDoNotMatter) {
 
 TEST(PositionRecipeTest, OrderOfTracksAndMatchesDoesNotMatter) {
   SimulationOptions options =
-      SmallScene(RigPreset::kStereo, PathPreset::kCurve);
+      SmallDrive(RigPreset::kStereo, PathPreset::kCurve);
   options.pixel_noise_px = 0.5;
   const TranslationInput input = MakeTranslationInput(options);
   TranslationInput reversed = input;

@@ -53,7 +53,7 @@ class Browser:
         return self
 
     def __exit__(self, *_):
-        # Its children would go on writing to the folder.
+        # Its children would continue to write to the folder.
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
         os.close(self.to_browser)

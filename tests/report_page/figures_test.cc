@@ -24,7 +24,7 @@ cv::Mat Decode(const std::string& png) {
   return cv::imdecode(bytes, cv::IMREAD_COLOR);
 }
 
-// As 0xrrggbb.
+// The colour as 0xrrggbb.
 int ColorAt(const cv::Mat& image, double x, double y) {
   const auto& bgr =
       image.at<cv::Vec3b>(static_cast<int>(y), static_cast<int>(x));

@@ -63,8 +63,8 @@ TEST(SelectPoints, OrdersAllPointsOnceAndPrefixesAgree) {
   EXPECT_THAT(all, SizeIs(3000));
 }
 
-// Of a cloud with a tenth of the points, more than a tenth is selected, and of
-// long tracks more than of short ones.
+// More than a tenth of a cloud with a tenth of the points is selected, and more
+// long tracks than short ones.
 TEST(SelectPoints, PrefersSparsePlacesAndLongTracks) {
   const Reconstruction model = TwoClouds(300'000);
   const std::vector<size_t> selected =

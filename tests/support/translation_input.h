@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <Eigen/Core>
 #include <algorithm>
 #include <limits>
@@ -9,6 +11,7 @@
 #include "base/random.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "mgsfm/translation/translation_averaging.h"
 
 namespace mgsfm {
 
@@ -100,6 +103,31 @@ inline CenterError MeasureCenters(const TranslationInput& input,
         std::max(error.max_relative, difference.norm() / extent);
   }
   return error;
+}
+
+// A short drive with few points.
+inline SimulationOptions SmallDrive(RigPreset rig, PathPreset path) {
+  SimulationOptions options;
+  options.rig = rig;
+  options.path = path;
+  options.num_frames = path == PathPreset::kLoop ? 24 : 12;
+  options.num_points_per_frame = 150;
+  options.max_num_features_per_image = 250;
+  return options;
+}
+
+// All solves are usable, and all positions and sensors are determined and true.
+inline void ExpectTruth(const TranslationInput& input,
+                        const PositionEstimate& estimate,
+                        const TranslationSummary& summary) {
+  EXPECT_TRUE(summary.initialization.IsUsable());
+  EXPECT_TRUE(summary.camera_refinement.IsUsable());
+  EXPECT_TRUE(summary.joint_refinement.IsUsable());
+  for (const SensorTranslationSummary& sensor : summary.sensors) {
+    EXPECT_TRUE(sensor.is_observable);
+  }
+  EXPECT_LT(MeasureCenters(input, estimate).max_relative, 1e-6);
+  EXPECT_GT(summary.num_points, 0.7 * input.tracks.size());
 }
 
 }  // namespace mgsfm

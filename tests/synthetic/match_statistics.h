@@ -32,8 +32,8 @@ struct MatchStatistics {
   double track_share_from3 = 0.0;  // of tracks, those of 3 images or more
   double tracked_share = 0.0;      // keypoints in tracks
   Distribution parallax_deg;       // of matches, without the rotation
-  // With respect to true poses: the fraction of matches with an epipolar error
-  // above 4 px, and the errors of the others.
+  // Errors with respect to true poses: the fraction of matches with an epipolar
+  // error above 4 px, and the errors of the others.
   double outlier_share = 0.0;
   Distribution error_px;
 };

@@ -28,19 +28,16 @@ struct Tracks {
   TrackPoints points;
 };
 
-TEST(SelectTracksTest, SupportedTracksComeFirst) {
+TEST(SelectTracksTest, LongTracksComeFirst) {
   Tracks all;
-  all.Add({0, 2, 4});  // longer, but not supported
   all.Add({0, 2});
-  const Mask is_supported = {0, 1};
-  EXPECT_EQ(SelectTracks(all.rays, all.points, is_supported, 8, 0),
-            (std::vector<size_t>{0, 1}));
-  // Only the first track sees image 4.
-  EXPECT_EQ(SelectTracks(all.rays, all.points, is_supported, 8, 1),
-            (std::vector<size_t>{0, 1}));
-  all.points.observation_is_used[2] = false;
-  EXPECT_EQ(SelectTracks(all.rays, all.points, is_supported, 8, 1),
-            (std::vector<size_t>{1}));
+  all.Add({0, 2, 4});
+  all.Add({0, 6});
+  EXPECT_EQ(SelectTracks(all.rays, all.points, 8, 0),
+            (std::vector<size_t>{0, 1, 2}));
+  // The first track adds nothing to the second; only the third sees image 6.
+  EXPECT_EQ(SelectTracks(all.rays, all.points, 8, 1),
+            (std::vector<size_t>{1, 2}));
 }
 
 Positions TruePositions(const TranslationInput& input) {

@@ -59,7 +59,7 @@ cv::Mat PaintPanorama() {
   return image;
 }
 
-// Random gray values, so that shifts do not go unnoticed.
+// Random grey values, so that shifts do not go unnoticed.
 cv::Mat Noise(int width_px, int height_px) {
   cv::Mat image(height_px, width_px, CV_8U);
   cv::theRNG().state = 5;

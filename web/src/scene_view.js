@@ -2,7 +2,7 @@
 // The 3D view: what is drawn, from where, and what lies under the pointer.
 import {PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer} from 'three';
 import {OrbitControls} from 'three/examples/jsm/controls/OrbitControls.js';
-import {rgbOfHex, sensorColor, sequentialColor, usualMaximum} from './colors.js';
+import {cameraColoring, pointColoring} from './coloring.js';
 import {CameraBodies, makeLines, makePoints, pathSegments, setLines, setPointColors} from './drawables.js';
 import {isRegistered} from './page_data.js';
 import {pickCamera, pickPoint} from './picking.js';
@@ -200,55 +200,10 @@ export class SceneView {
 
   // ------------------------------------------------------------- colours
 
-  // {label, colorOf(image), scale} for the current colouring of cameras.
-  cameraColoring() {
-    const {arrays, numFrames, header} = this.data;
-    const byValue = (label, values, frameOf) => {
-      const max = usualMaximum(values);
-      return {label, max, colorOf: (i) => sequentialColor(values[frameOf(i)] / max)};
-    };
-    const frameOf = (image) => arrays.image_frame[image];
-    switch (this.options.cameraColor) {
-      case 'error':
-        return byValue('mean reprojection error [px]', arrays.image_error_px, (i) => i);
-      case 'points':
-        return byValue('points', arrays.image_num_points, (i) => i);
-      case 'confidence':
-        return {label: 'confidence', max: 1,
-                colorOf: (i) => sequentialColor(arrays.frame_confidence[frameOf(i)])};
-      case 'truth':
-        return byValue('position error', arrays.truth_position_error, frameOf);
-      case 'other':
-        return byValue('position difference', arrays.other_position_error, frameOf);
-      case 'time':
-        return {label: 'frame', max: numFrames,
-                colorOf: (i) => sequentialColor(frameOf(i) / numFrames)};
-      default:
-        return {colorOf: (i) => rgbOfHex(sensorColor(arrays.image_sensor[i])),
-                names: header.sensors.map((s, i) => [s.name || 'images', sensorColor(i)])};
-    }
-  }
-
-  pointColoring() {
-    const {arrays} = this.data;
-    const {point_color: color, point_error: error, point_length: length} = arrays;
-    switch (this.options.pointColor) {
-      case 'error':
-        return {label: 'reprojection error [px]', max: 4,
-                colorOf: (i) => sequentialColor(error[i] / 32 / 4)};
-      case 'length':
-        return {label: 'images per point', max: 20,
-                colorOf: (i) => sequentialColor(length[i] / 20)};
-      default:
-        if (!this.hasColors) return {colorOf: () => [0.45, 0.5, 0.56]};
-        return {colorOf: (i) => [color[3 * i] / 255, color[3 * i + 1] / 255,
-                                 color[3 * i + 2] / 255]};
-    }
-  }
-
   recolor() {
-    setPointColors(this.points, this.pointColoring().colorOf);
-    const {colorOf} = this.cameraColoring();
+    setPointColors(this.points, pointColoring(this.data, this.options.pointColor,
+                                              this.hasColors).colorOf);
+    const {colorOf} = cameraColoring(this.data, this.options.cameraColor);
     const images = this.data.imagesOfFrame;
     setPointColors(this.frames, (i) => {
       const frame = this.markedFrames[i];
@@ -261,7 +216,8 @@ export class SceneView {
 
   // The entries of the legend: [name, css colour] or a scale.
   legends() {
-    return [this.cameraColoring(), this.pointColoring()].filter(
+    return [cameraColoring(this.data, this.options.cameraColor),
+            pointColoring(this.data, this.options.pointColor, this.hasColors)].filter(
         (coloring) => coloring.label || coloring.names);
   }
 
@@ -573,7 +529,7 @@ export class SceneView {
     this.current.size = 1.3 * this.bodySize();
     const cameras = options.showCameras ? this.chooseCameras() : [];
     this.bodies.set(cameras.slice(0, Math.max(0.3 * budget / POINTS_PER_CAMERA, 20)),
-                    this.poses, this.cameraColoring().colorOf);
+                    this.poses, cameraColoring(this.data, this.options.cameraColor).colorOf);
     this.renderer.clear();
     this.renderer.render(this.scene, this.camera);
     this.onRender();

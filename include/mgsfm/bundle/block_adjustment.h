@@ -25,12 +25,6 @@ namespace mgsfm {
 // system of all frames with its factor.
 using FrameBlocks = std::vector<int>;  // per frame of the scene, from 0
 
-// AdjustBundle() by blocks.
-[[nodiscard]] BundleResult AdjustBundleInBlocks(
-    const Scene& scene, const FrameBlocks& blocks,
-    const Reconstruction& initial, const BundleAdjustmentOptions& options,
-    const Context& context);
-
 // RefineReconstruction() by blocks.
 [[nodiscard]] BundleResult RefineInBlocks(
     const Scene& scene, const CandidateSource& candidates,

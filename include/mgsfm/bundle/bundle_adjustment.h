@@ -118,9 +118,9 @@ struct BundleAdjustmentOptions {
       "Relative standard deviation of prior focal lengths that are refined."};
   Option<double> focal_length_start_sigma{
       "focal_length_start_sigma", 0.2, GreaterThan(0.0),
-      "The same for initial focal lengths that are not priors. It keeps a "
-      "focal length near its initial value if the motion does not determine "
-      "it."};
+      "Relative standard deviation of initial focal lengths that are not "
+      "priors. It keeps a focal length near its initial value if the motion "
+      "does not determine it."};
   Option<double> max_focal_length_sigma{
       "max_focal_length_sigma", 0.01, GreaterThan(0.0),
       "Refined focal lengths with a larger relative standard deviation are "
@@ -131,18 +131,20 @@ struct BundleAdjustmentOptions {
       "reported as implausible."};
   Option<double> max_focal_length_ratio{"max_focal_length_ratio", 10.0,
                                         GreaterThan(0.0),
-                                        "The same for focal lengths above."};
+                                        "Refined focal lengths above this "
+                                        "multiple are also implausible."};
   Option<double> max_extra_param{
       "max_extra_param", 1.0, GreaterThan(0.0),
-      "The same for refined distortion parameters of larger magnitude."};
+      "Refined distortion parameters of larger magnitude are reported as "
+      "implausible."};
   Option<double> sensor_from_rig_prior_sigma_deg{
       "sensor_from_rig_prior_sigma_deg", 0.1, GreaterThan(0.0), "deg",
       "Standard deviation of prior rotations of sensor_from_rig that are "
       "refined."};
   Option<double> sensor_from_rig_prior_sigma{
       "sensor_from_rig_prior_sigma", 0.01, GreaterThan(0.0),
-      "The same for prior translations, as a fraction of the largest one in "
-      "the rig."};
+      "Standard deviation of prior translations of sensor_from_rig that are "
+      "refined, as a fraction of the largest one in the rig."};
   Option<double> prior_position_loss_scale{
       "prior_position_loss_scale", 2.8, GreaterThan(0.0), "standard deviations",
       "Threshold of the Cauchy loss of measured positions. 2.8 is the 95 % "
@@ -167,7 +169,8 @@ struct BundleAdjustmentOptions {
       "Points with a smaller triangulation angle are removed."};
   Option<double> min_two_view_angle_deg{
       "min_two_view_angle_deg", 2.0, Between(0.0, 90.0), "deg",
-      "The same bound for points with two observations."};
+      "Points with two observations and a smaller triangulation angle are "
+      "removed."};
   Option<int> min_num_observations{
       "min_num_observations", 2, AtLeast(2), "observations",
       "Points with fewer observations are removed."};

@@ -10,7 +10,7 @@
 
 namespace mgsfm {
 
-// What can be wrong with an input or a result.
+// A cause of a finding about an input or a result.
 enum class Cause {
   kNoModel,
   kFewImagesRegistered,

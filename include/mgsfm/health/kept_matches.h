@@ -6,8 +6,8 @@
 
 namespace mgsfm {
 
-// How much of the verified matches a model explains. Each match of two images
-// with a pose counts for both, whether or not its pair was accepted.
+// The verified matches that a model explains. Each match of two images with a
+// pose counts for both, whether or not its pair was accepted.
 struct KeptCount {
   size_t num_matches = 0;
   size_t num_kept = 0;  // agree with the poses of the model

@@ -15,8 +15,8 @@
 
 namespace mgsfm {
 
-// Operations on finished models. Rigs and frames are kept: what happens to an
-// image happens to its pose in the rig and in its frame.
+// Operations on finished models. They keep rigs and frames, so that poses of
+// images remain products of poses of sensors and frames.
 
 struct SceneModel {
   Scene scene;
@@ -105,7 +105,7 @@ struct ModelStatistics {
   std::optional<double> mean_reprojection_error_px;
 };
 
-// Of registered images and their frames, rigs and cameras.
+// Statistics of registered images and their frames, rigs and cameras.
 ModelStatistics AnalyzeModel(const SceneModel& model);
 
 // The mean reprojection error of each point. Observations above the limit are

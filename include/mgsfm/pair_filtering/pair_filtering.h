@@ -25,8 +25,7 @@ namespace mgsfm {
 // 1. Skeletal graph (Snavely, Seitz, Szeliski, CVPR 2008; skeletal_graph.h).
 //    Neighbouring frames share most of what they see, duplicates share only the
 //    duplicate. A sparse graph of the strongest pairs gives first rotations and
-//    positions. A strict graph, hardly more than a chain, first screens the
-//    candidates for positions. In a sequence, neighbours in time come first.
+//    positions. In a sequence, neighbours in time come first.
 // 2. Triplet support (Zach, Klopschitz, Pollefeys, CVPR 2010;
 //    triplet_consistency.h). A match counts as support if a third image matches
 //    both of its keypoints. Unrelated places have no such matches.
@@ -43,8 +42,6 @@ namespace mgsfm {
 // 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate.
-// 7. Track support (track_support.h). A track helps to estimate positions only
-//    if accepted pairs connect all frames that observe it.
 //
 // Rules 3 and 6 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
@@ -81,9 +78,6 @@ struct PairFilteringOptions {
       "use_skeletal_graph", true,
       "Start rotations and positions from a skeletal graph. Without it, the "
       "two rules that compare pairs with the skeleton are off, too."};
-  Option<bool> use_strict_skeletal_graph{
-      "use_strict_skeletal_graph", true,
-      "Screen the skeletal graph for positions with a stricter one."};
   Option<bool> use_triplet_support{
       "use_triplet_support", true,
       "Select the skeletal graph by triplet-consistent matches first, instead "
@@ -108,10 +102,6 @@ struct PairFilteringOptions {
   Option<bool> use_baseline_consistency{
       "use_baseline_consistency", true,
       "Reject pairs whose baseline contradicts the estimated positions."};
-  Option<bool> use_track_support{
-      "use_track_support", true,
-      "Estimate positions from tracks whose frames are connected by accepted "
-      "pairs."};
 
   Option<double> min_strength{
       "min_strength", 0.6, Between(0.0, 1.0),
@@ -121,12 +111,6 @@ struct PairFilteringOptions {
       "min_connecting_strength", 0.5, Between(0.0, 1.0),
       "Strength, relative to the strongest pair that leaves a component, from "
       "which a pair connects components of the skeletal graph."};
-  Option<double> strict_min_strength{
-      "strict_min_strength", 0.9, Between(0.0, 1.0),
-      "min_strength of the strict skeletal graph."};
-  Option<double> strict_min_connecting_strength{
-      "strict_min_connecting_strength", 0.9, Between(0.0, 1.0),
-      "min_connecting_strength of the strict skeletal graph."};
   Option<double> max_rotation_error_deg{
       "max_rotation_error_deg", 3.0, Between(0.0, 180.0), "deg",
       "Deviation of a pair from the rotations of the skeletal graph that is "
@@ -158,18 +142,14 @@ struct PairFilteringOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(is_sequence, use_skeletal_graph, use_strict_skeletal_graph,
-          use_triplet_support, use_rotation_consistency,
-          use_unsupported_bridges, use_motion_continuity,
-          use_baseline_drift_bound, use_baseline_consistency, use_track_support,
-          min_strength, min_connecting_strength, strict_min_strength,
-          strict_min_connecting_strength, max_rotation_error_deg,
-          rotation_drift_in_sigmas, max_rotation_drift_deg,
-          min_share_against_bridge, max_baseline_drift,
+    visit(is_sequence, use_skeletal_graph, use_triplet_support,
+          use_rotation_consistency, use_unsupported_bridges,
+          use_motion_continuity, use_baseline_drift_bound,
+          use_baseline_consistency, min_strength, min_connecting_strength,
+          max_rotation_error_deg, rotation_drift_in_sigmas,
+          max_rotation_drift_deg, min_share_against_bridge, max_baseline_drift,
           max_baseline_error_in_depths, max_relative_baseline_error);
   }
-
- private:
 };
 
 // Why a pair is not used. A pair has the reason of the first rule it fails.
@@ -208,8 +188,6 @@ using PairVerdicts = std::vector<std::optional<RejectionReason>>;
 // Rejects the pairs that `is_rejected` names and that were accepted so far.
 void Reject(const Mask& is_rejected, RejectionReason reason,
             PairVerdicts* verdicts);
-
-Mask AcceptedPairs(const PairVerdicts& verdicts);
 
 struct RejectionCount {
   RejectionReason reason;

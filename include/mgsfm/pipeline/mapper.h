@@ -43,7 +43,7 @@ namespace mgsfm {
 // at least `min_num_frames` frames becomes a model with a world frame of its
 // own.
 
-// What happens at the weak seams of a model (mgsfm/confidence/confidence.h).
+// Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
   kKeep,   // they are reported
   kSplit,  // each side becomes a model of its own
@@ -142,8 +142,7 @@ struct MapperResult {
   RotationSummary rotation;
   // Why measured gravity was not used; nullopt: it was, or there is none.
   std::optional<std::string> gravity_rejection;
-  // What seems to be wrong with the input or the result, causes before
-  // their effects.
+  // Suspected defects of the input or the result, causes before their effects.
   std::vector<Finding> findings;
   std::vector<StageTime> times;
 };

@@ -21,7 +21,7 @@ struct PositionPriors {
   // Latitude and longitude (degrees, WGS84) and altitude (metres) of the origin
   // if the world is a local tangent plane: x east, y north, z up.
   std::optional<Eigen::Vector3d> origin_wgs84;
-  // Positions at latitude 0, longitude 0 that were left out: receivers write
+  // Positions at latitude 0, longitude 0 that were rejected: receivers write
   // them without a fix.
   int num_null_fixes = 0;
 

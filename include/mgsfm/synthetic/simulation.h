@@ -43,7 +43,7 @@ struct SimulationInput {
 enum class PairKind {
   kTrue,                 // correct relative pose
   kIsolatedWrong,        // images of unrelated places
-  kDuplicatedStructure,  // matches a copy of a structure to the original
+  kDuplicatedStructure,  // matches a duplicate to its original
   kMovingObject,         // motion relative to a vehicle that dominates the view
 };
 

@@ -170,8 +170,8 @@ struct SimulationOptions {
       "pose and 15 to 60 consistent matches."};
   Option<double> duplicated_pair_ratio{
       "duplicated_pair_ratio", 0.0, Between(0.0, 0.9),
-      "Fraction of pairs that match duplicate structures, i.e. copies of a "
-      "facade, in groups of mutually consistent pairs."};
+      "Fraction of pairs that match duplicate structures, i.e. two equal "
+      "facades, in groups of mutually consistent pairs."};
 
   Option<bool> extrinsics_are_known{
       "extrinsics_are_known", false,

@@ -76,7 +76,7 @@ struct View {
 // The views of a camera; the first one has its orientation. Resolution is that
 // of the original at its centre, so a view does not lose detail unless
 // max_image_size demands it. Faces of a cube overlap if they have more than 90
-// degrees; those that see nothing are left out.
+// degrees; those that see nothing are omitted.
 //
 // A camera is too wide for a pinhole image if that would enlarge pixels at the
 // border more than four times, which is the magnification of an equidistant

@@ -31,7 +31,7 @@ namespace mgsfm {
 // Gauss-Newton in all unknowns with the E_k eliminated. It stops if
 // max_c |ds_c| < 1e-5, if five halvings of a step do not decrease the cost, or
 // after 20 steps. Pairs whose median residual exceeds three times that of the
-// median pair are dropped, and the minimization is repeated.
+// median pair are dropped, and the minimisation is repeated.
 //
 // Some motions do not constrain focal lengths: translation along the optical
 // axis or sideways without rotation, and a camera whose optical axis stays in a
@@ -97,7 +97,7 @@ struct FocalLengthMeasurement {
 
 // Measures the focal lengths of all cameras, with or without a prior, to check
 // them: Gauss-Newton as above from the values of the scene. Cameras with fewer
-// than three consistent pairs are left out.
+// than three consistent pairs are excluded.
 [[nodiscard]] std::vector<FocalLengthMeasurement> MeasureFocalLengths(
     const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
     const Context& context);

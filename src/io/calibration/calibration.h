@@ -14,7 +14,7 @@ namespace mgsfm {
 // A camera as any calibration file describes it, in COLMAP's conventions: the
 // centre of the first pixel is (0.5, 0.5).
 struct CalibratedCamera {
-  // What its image folder may be called, most specific first; not empty.
+  // Possible names of its image folder, most specific first; not empty.
   std::vector<std::string> names;
   std::string place;  // "'cam.yaml', line 3", for messages
   std::optional<CameraModelId> model;

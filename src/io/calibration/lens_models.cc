@@ -84,7 +84,7 @@ void SetLens(const PinholeLens& lens, CalibratedCamera* camera) {
 
 void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
                       PinholeLens lens, CalibratedCamera* camera) {
-  constexpr double kMaxSkew = 1e-6;
+  constexpr double kMaxSkew = 1e-6;  // rounding; no model of COLMAP has a skew
   const double scale = K[2 * num_columns + 2];
   lens.fx = K[0] / scale;
   lens.fy = K[num_columns + 1] / scale;

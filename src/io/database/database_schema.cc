@@ -6,7 +6,7 @@
 namespace mgsfm {
 namespace {
 
-// The tables of COLMAP, in the order and with the columns it makes them.
+// The tables of COLMAP, in its order and with its columns.
 constexpr char kCommonTables[] = R"(
 CREATE TABLE IF NOT EXISTS cameras (
   camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL,

@@ -98,7 +98,8 @@ class SqliteDatabase {
   std::string path_;
   uint64_t max_bytes_ = std::numeric_limits<uint64_t>::max();
   int64_t max_steps_ = std::numeric_limits<int64_t>::max();
-  // Of the present statement; SQLite calls back with this address.
+  // Steps that the present statement may still take; SQLite calls back with
+  // this address.
   std::unique_ptr<int64_t> num_steps_left_;
   std::unique_ptr<sqlite3, Closer> db_;
 };

@@ -24,8 +24,8 @@ std::string ImageStem(const std::string& image_name);
 // The frames with a registered image, in the natural order of their names.
 std::vector<int> RegisteredFrames(const ExportInput& input);
 
-// Of the rig with registered frames. Throws Error, naming the format, if there
-// are several.
+// The index of the rig with registered frames. Throws Error, naming the format,
+// if there are several.
 int OnlyRig(const ExportInput& input, const std::string& format,
             const std::string& remedy);
 

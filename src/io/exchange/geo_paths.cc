@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "base/text_tools.h"
 #include "geometry/geodetic.h"
 #include "io/exchange/exported_names.h"
 #include "io/exchange/formats.h"
@@ -43,20 +44,6 @@ GeoPaths MakeGeoPaths(const ExportInput& input) {
   return paths;
 }
 
-std::string EscapeXml(const std::string& text) {
-  std::string escaped;
-  for (const char c : text) {
-    if (c == '<') {
-      escaped += "&lt;";
-    } else if (c == '&') {
-      escaped += "&amp;";
-    } else {
-      escaped += c;
-    }
-  }
-  return escaped;
-}
-
 }  // namespace
 
 std::vector<ExportedFile> WriteGeoJson(const ExportInput& input) {
@@ -91,7 +78,7 @@ std::vector<ExportedFile> WriteKml(const ExportInput& input) {
       "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
       "<kml xmlns=\"http://www.opengis.net/kml/2.2\">\n<Document>\n";
   for (const auto& [path, stops] : MakeGeoPaths(input)) {
-    text += "<Placemark>\n<name>" + EscapeXml(path.empty() ? "path" : path) +
+    text += "<Placemark>\n<name>" + EscapeMarkup(path.empty() ? "path" : path) +
             "</name>\n<LineString>\n<altitudeMode>absolute</altitudeMode>\n"
             "<coordinates>\n";
     for (const GeoStop& stop : stops) {

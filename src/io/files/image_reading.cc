@@ -191,7 +191,7 @@ std::optional<ImageSize> ReadSize(const Bytes& file) {
 
 // ------------------------------------------------------ messages of decoders
 
-// Where this thread's messages to stderr go while it decodes.
+// Receives the messages of this thread to stderr while it decodes.
 thread_local std::string* decoder_messages = nullptr;
 
 // Returns false if this thread decodes no image.

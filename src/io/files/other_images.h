@@ -3,8 +3,8 @@
 
 namespace mgsfm {
 
-// What to do with lines about images that a scene does not have. A finished
-// model may lack images of its database.
+// Treatment of lines about images that a scene does not have. A finished model
+// may lack images of its database.
 enum class OtherImages { kReject, kIgnore };
 
 }  // namespace mgsfm

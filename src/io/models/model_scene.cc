@@ -10,6 +10,7 @@
 
 #include "geometry/so3.h"
 #include "io/models/model_rig_poses.h"
+#include "io/models/model_tables.h"
 #include "io/models/rows_to_scene.h"
 #include "mgsfm/base/error.h"
 
@@ -74,35 +75,6 @@ void CheckTables(const PoseModel& poses, const fs::path& folder) {
   }
 }
 
-// The tables of rigs and frames, unless they leave out an image. Images that
-// the model lacks are left out of frames.
-void AddTables(const PoseModel& poses, DatabaseContents* contents) {
-  const auto image_of_id = ImagesById(poses);
-  size_t num_images = 0;
-  for (const ModelFrame& frame : poses.frames) {
-    FrameRow row{frame.id, frame.rig_id, {}};
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id.find(id);
-      if (image == image_of_id.end()) continue;
-      row.data.push_back({image->second->camera_id, id});
-    }
-    num_images += row.data.size();
-    if (!row.data.empty()) contents->frames.push_back(std::move(row));
-  }
-  if (num_images < poses.images.size()) {
-    contents->frames.clear();
-    return;
-  }
-  for (const ModelRig& rig : poses.rigs) {
-    RigRow row{rig.id, {}, {}};
-    for (const ModelSensor& sensor : rig.sensors) {
-      if (sensor.is_reference) row.ref_camera_id = sensor.camera_id;
-      row.sensors.push_back({sensor.camera_id, sensor.sensor_from_rig});
-    }
-    contents->rigs.push_back(std::move(row));
-  }
-}
-
 DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   DatabaseContents contents;
   contents.path = folder.string();
@@ -117,7 +89,7 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
     }
     contents.images.push_back(std::move(row));
   }
-  AddTables(model.poses, &contents);
+  AddModelTables(model.poses, &contents);
   return contents;
 }
 

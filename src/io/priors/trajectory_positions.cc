@@ -18,6 +18,7 @@ namespace {
 
 using Poses = std::vector<std::pair<int, Rigid3>>;
 
+// In median intervals (docs/reference/formats.md).
 constexpr double kMaxGapRatio = 10.0;
 
 // The image of the reference sensor, else the first one.

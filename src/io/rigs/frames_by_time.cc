@@ -17,8 +17,9 @@ namespace {
 
 constexpr const char* kOption = "frame_max_time_difference_s";
 constexpr double kSecondsPerNs = 1e-9;
-// An offset is called constant if it is this many times its spread.
-constexpr double kMinOffsetToSpread = 5.0;
+// An offset is called constant if it is this many times the median absolute
+// deviation from it; for normal errors, that is 3.4 standard deviations.
+constexpr double kMinOffsetInDeviations = 5.0;
 
 std::string FormatTime(int64_t time_ns) {
   constexpr int64_t kNanoseconds = 1'000'000'000;
@@ -202,19 +203,19 @@ void CheckDistinct(const RigInput& input, const FramesByTime& frames,
 std::string DescribeDifferences(const std::vector<int64_t>& differences_ns) {
   std::vector<double> signed_ns(differences_ns.begin(), differences_ns.end());
   std::vector<double> sizes_ns;
-  std::vector<double> spreads_ns;
+  std::vector<double> deviations_ns;
   const double offset_ns = Median(signed_ns);
   for (const double difference : signed_ns) {
     sizes_ns.push_back(std::abs(difference));
-    spreads_ns.push_back(std::abs(difference - offset_ns));
+    deviations_ns.push_back(std::abs(difference - offset_ns));
   }
   std::string text =
       "times differ by " + FormatDuration(Median(sizes_ns)) +
       " in the median, by " +
       FormatDuration(*std::max_element(sizes_ns.begin(), sizes_ns.end())) +
       " at most";
-  const double spread_ns = Median(spreads_ns);
-  if (std::abs(offset_ns) > kMinOffsetToSpread * spread_ns) {
+  const double deviation_ns = Median(deviations_ns);
+  if (std::abs(offset_ns) > kMinOffsetInDeviations * deviation_ns) {
     text += std::string("; a constant offset: ") +
             (offset_ns > 0.0 ? "later" : "earlier") + " by " +
             FormatDuration(std::abs(offset_ns));

@@ -35,7 +35,7 @@ struct FramesByTime {
   std::vector<Frame> frames;
   std::vector<int> frame_of_image;  // -1: the image has no sensor
 
-  // Of the sensors but the first of each rig, in their order.
+  // The pairing of all sensors but the first of each rig, in their order.
   struct Pairing {
     int sensor = 0;
     int first_sensor = 0;  // of the rig

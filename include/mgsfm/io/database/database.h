@@ -76,7 +76,7 @@ struct DatabaseContents {
   std::vector<TwoViewGeometryRow> pairs;
   std::vector<RigRow> rigs;      // empty before COLMAP 3.12
   std::vector<FrameRow> frames;  // empty before COLMAP 3.12
-  // Some images are left out, so cameras of a rig may have none.
+  // Some images are excluded, so cameras of a rig may have none.
   bool is_selection = false;
 };
 

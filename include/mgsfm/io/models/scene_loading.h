@@ -68,7 +68,8 @@ struct SceneLoadingOptions {
       "poses in the rig."};
   Option<std::string> rig_name_rule{
       "rig_name_rule", "auto",
-      "How image names identify cameras and frames: auto (by folder, unless "
+      "Rule by which image names identify cameras and frames: auto (by folder, "
+      "unless "
       "the database has rigs), none (single images), or a regular expression "
       "with a group (?<camera>...) and optional groups (?<frame>...) and "
       "(?<rig>...)."};

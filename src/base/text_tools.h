@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace mgsfm {
+
+// The text for HTML, XML or SVG, with entities for & < > " and '.
+std::string EscapeMarkup(std::string_view text);
+
+// The items of a list separated by commas, without empty ones.
+std::vector<std::string> SplitList(const std::string& list);
+
+}  // namespace mgsfm

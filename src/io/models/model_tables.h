@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "mgsfm/io/database/database.h"
+#include "mgsfm/io/models/model_io.h"
+
+namespace mgsfm {
+
+// The tables of rigs and frames of a model, unless they lack one of its images.
+// Frames lose images that the model lacks.
+void AddModelTables(const PoseModel& poses, DatabaseContents* contents);
+
+}  // namespace mgsfm

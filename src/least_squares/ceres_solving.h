@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <ceres/iteration_callback.h>
+#include <ceres/solver.h>
+
+#include <algorithm>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/base/solver.h"
+
+namespace mgsfm {
+
+// Ends a solve of Ceres when the context is cancelled. The caller then throws
+// by Context::CheckInterrupted().
+class StopWhenCancelled : public ceres::IterationCallback {
+ public:
+  explicit StopWhenCancelled(const Context& context) : context_(context) {}
+
+  ceres::CallbackReturnType operator()(
+      const ceres::IterationSummary&) override {
+    return context_.is_cancelled && context_.is_cancelled()
+               ? ceres::SOLVER_ABORT
+               : ceres::SOLVER_CONTINUE;
+  }
+
+ private:
+  const Context& context_;
+};
+
+// kFailure if the solution is not usable.
+inline SolveSummary SummarizeCeres(const ceres::Solver::Summary& result) {
+  SolveSummary summary;
+  // The first iteration that Ceres lists is the start.
+  summary.num_iterations =
+      std::max(0, static_cast<int>(result.iterations.size()) - 1);
+  summary.initial_cost = result.initial_cost;
+  summary.final_cost = result.final_cost;
+  summary.message = result.message;
+  if (!result.IsSolutionUsable()) return summary;
+  summary.termination = result.termination_type == ceres::CONVERGENCE
+                            ? Termination::kConverged
+                            : Termination::kMaxIterations;
+  return summary;
+}
+
+}  // namespace mgsfm
