@@ -100,9 +100,9 @@ TEST_F(CalibrationRigsTest, BadMatchesAreRefused) {
                     HasSubstr("'a/' 'b/'"), HasSubstr("rename")));
   EXPECT_THAT(LoadError({"left/right/1.png"}), HasSubstr("fits the cameras"));
   Write("camchain.yaml", std::string(kKalibr).replace(
-                             std::string(kKalibr).find("pinhole"), 7, "omni"));
+                             std::string(kKalibr).find("pinhole"), 7, "other"));
   EXPECT_THAT(LoadError({"cam0/1.png"}),
-              AllOf(HasSubstr("line 2"), HasSubstr("'omni'")));
+              AllOf(HasSubstr("line 2"), HasSubstr("'other'")));
   EXPECT_EQ(LoadError({"right/1.png"}), "no error");
   options_.rig_config_path = Path("rig.json");
   EXPECT_THAT(LoadError({"cam0/1.png"}), HasSubstr("set one of them"));
