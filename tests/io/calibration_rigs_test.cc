@@ -126,6 +126,23 @@ TEST_F(CalibrationRigsTest, FramesByTime) {
   EXPECT_TRUE(scene.sensors[1].sensor_from_rig.has_value());
 }
 
+// Without the option, each image would silently be a frame of its own.
+TEST_F(CalibrationRigsTest, NamesThatShareNoFrameAreAWarning) {
+  const std::vector<std::string> jittered = {
+      "cam0/1403636579000000000.png", "cam0/1403636580000000000.png",
+      "cam1/1403636580000004000.png", "cam1/1403636578999998000.png"};
+  EXPECT_EQ(Load(jittered).frames.size(), 4u);
+  EXPECT_THAT(log_, HasSubstr("set frame_max_time_difference_s 8e-06"));
+  log_.clear();
+  Load({"cam0/a.png", "cam1/b.png"});
+  EXPECT_THAT(log_, HasSubstr("no two cameras of a rig have images of the "
+                              "same name"));
+  log_.clear();
+  Load({"cam0/a.png", "cam1/a.png", "cam1/b.png"});
+  Load({"cam0/a.png", "cam0/b.png"});
+  EXPECT_EQ(log_.find("same name"), std::string::npos);
+}
+
 TEST_F(CalibrationTest, OtherFilesAreRefused) {
   for (const char* text : {"", "[]", "a: 1", "- 3", "text"}) {
     EXPECT_THAT(ErrorOfFile("x.yaml", text), HasSubstr("no calibration"));
