@@ -13,6 +13,7 @@
 #include "image_run_summary.h"
 #include "live_view.h"
 #include "mapper_run.h"
+#include "matching/lens_check.h"
 #include "matching_input.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/matching/matching.h"
@@ -65,6 +66,11 @@ struct AutomaticReconstructorOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
+  Option<bool> adopt_fisheyes{
+      "adopt_fisheyes", true,
+      "Use the model OPENCV_FISHEYE for cameras without given intrinsics or "
+      "ImageReader.camera_model whose image pairs contradict a perspective "
+      "camera and agree with a fisheye. Otherwise, a warning names them."};
   LiveViewOptions live;
   VideoSamplingOptions video;
   SplittingOptions splitting;
@@ -80,7 +86,8 @@ struct AutomaticReconstructorOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(workspace_path, image_path, video_path, data_type, output_format,
-          write_report, live, extraction, loading, priors, matching);
+          write_report, adopt_fisheyes, live, extraction, loading, priors,
+          matching);
     visit.Group("Video", video);
     visit.Group("Splitting", splitting);
     visit.Group("SequentialMatching", sequential);
@@ -90,13 +97,9 @@ struct AutomaticReconstructorOptions {
   }
 };
 
-void Match(const std::string& database_path,
-           const AutomaticReconstructorOptions& options,
-           const Context& context) {
-  MatchingInputOptions input_options;
-  input_options.database_path = database_path;
-  input_options.loading = options.loading;
-  input_options.matching = options.matching;
+MatchingInput MatchImages(const MatchingInputOptions& input_options,
+                          const AutomaticReconstructorOptions& options,
+                          const Context& context) {
   MatchingInput input = OpenMatchingInput(input_options, context);
   if (options.data_type == DataType::kIndividual) {
     MatchExhaustively(&input.database, input.scene, options.exhaustive,
@@ -105,7 +108,38 @@ void Match(const std::string& database_path,
     MatchSequentially(&input.database, input.scene, options.sequential,
                       options.vocabulary, options.matching, context);
   }
-  WarnOfFisheyes(input, options.matching, context);
+  return input;
+}
+
+void Match(const std::string& database_path,
+           const AutomaticReconstructorOptions& options,
+           const Context& context) {
+  MatchingInputOptions input_options;
+  input_options.database_path = database_path;
+  input_options.loading = options.loading;
+  input_options.matching = options.matching;
+  {
+    MatchingInput input = MatchImages(input_options, options, context);
+    const bool has_chosen_model = *options.extraction.reader.camera_model !=
+                                  *ImageReaderOptions().camera_model;
+    if (!options.adopt_fisheyes || has_chosen_model) {
+      WarnOfFisheyes(input, options.matching, context);
+      return;
+    }
+    const std::vector<FisheyeFinding> fisheyes =
+        FindFisheyes(input.database, input.scene,
+                     options.matching.two_view_geometry, context);
+    if (fisheyes.empty()) return;
+    AdoptFisheyes(fisheyes, input.scene, &input.database);
+    for (const FisheyeFinding& finding : fisheyes) {
+      context.Info(
+          DescribeEvidence(finding) +
+          "; the model OPENCV_FISHEYE is used, unless a calibration or "
+          "--adopt_fisheyes 0 is given");
+    }
+  }
+  // The matches are in the database; their verification depends on the lens.
+  (void)MatchImages(input_options, options, context);
 }
 
 // Matching and mapping both read the rigs; what they say about them is logged
@@ -125,16 +159,11 @@ void UseViews(const fs::path& views_path, CombinedImages kind,
               const Context& context, AutomaticReconstructorOptions* options) {
   ImageReaderOptions& reader = options->extraction.reader;
   const bool is_panorama = kind == CombinedImages::kPanorama;
-  if (is_panorama && !options->loading.rig_config_path->empty()) {
-    throw Error(
-        "--rig_config_path cannot be combined with --data_type panorama, whose "
-        "views form rigs of their own; use image_splitter and edit its "
-        "rig_config.json");
-  }
   const ImageRunSummary summary = SplitImages(
       {*options->image_path,
        ListImages(options->image_path, options->extraction.image_list_path),
-       *reader.mask_path, *reader.camera_params_path, views_path},
+       *reader.mask_path, *reader.camera_params_path, views_path,
+       is_panorama ? *options->loading.rig_config_path : std::string()},
       kind, options->splitting, context);
   context.Info("split " + Describe(summary) + "; the models are of " +
                (views_path / "images").string());

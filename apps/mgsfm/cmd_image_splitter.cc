@@ -33,23 +33,30 @@ struct ImageSplitterOptions {
       "camera_params_path", "",
       "File with the intrinsics of ordinary cameras beside the panoramas, in "
       "the format of ImageReader.camera_params_path."};
+  Option<std::string> rig_config_path{
+      "rig_config_path", "",
+      "rig_config.json with the known poses of the folders of panoramas, and "
+      "of ordinary cameras, in their rig. Without it, the poses of the views "
+      "of "
+      "all but the first panorama are estimated."};
   SplittingOptions splitting;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(image_path, output_path, image_type, image_list_path, mask_path,
-          camera_params_path, splitting);
+          camera_params_path, rig_config_path, splitting);
   }
 };
 
 int RunImageSplitter(const ImageSplitterOptions& options,
                      const Context& context) {
   CheckImagePath(options.image_path);
-  const ImageRunSummary summary = SplitImages(
-      {*options.image_path,
-       ListImages(options.image_path, options.image_list_path),
-       *options.mask_path, *options.camera_params_path, *options.output_path},
-      options.image_type, options.splitting, context);
+  const ImageRunSummary summary =
+      SplitImages({*options.image_path,
+                   ListImages(options.image_path, options.image_list_path),
+                   *options.mask_path, *options.camera_params_path,
+                   *options.output_path, *options.rig_config_path},
+                  options.image_type, options.splitting, context);
   context.Info("split " + Describe(summary));
   return kExitSuccess;
 }

@@ -224,6 +224,7 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
     finding.field_of_view_deg = field_of_view_deg;
     finding.num_pairs += static_cast<int>(pairs.size());
     finding.cameras.push_back(NameOfCamera(scene, camera_idx));
+    finding.camera_idxs.push_back(camera_idx);
   }
   std::vector<FisheyeFinding> findings;
   for (auto& [lens, finding] : finding_of_lens) {
@@ -232,27 +233,52 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
   return findings;
 }
 
-std::string Describe(const FisheyeFinding& finding) {
+std::string DescribeEvidence(const FisheyeFinding& finding) {
   std::string names;
   for (const std::string& name : finding.cameras) {
     names += (names.empty() ? "'" : ", '") + name + "'";
   }
   const bool is_one = finding.cameras.size() == 1;
   // Names may be long, so only the numbers are formatted.
-  char numbers[400];
+  char numbers[200];
   std::snprintf(
       numbers, sizeof(numbers),
       "a fisheye of about %.0f degrees leaves %.0f %% of the matches of %d "
-      "image pairs unexplained, a perspective camera %.0f %%; calibrate %s, or "
-      "set ImageReader.camera_model OPENCV_FISHEYE and "
-      "ImageReader.default_focal_length_factor %.2f and start with a new "
-      "database",
+      "image pairs unexplained, a perspective camera %.0f %%",
       finding.field_of_view_deg, 100.0 * finding.unexplained_by_fisheye,
-      finding.num_pairs, 100.0 * finding.unexplained_by_pinhole,
-      is_one ? "it" : "them", 1.0 / DegToRad(finding.field_of_view_deg));
+      finding.num_pairs, 100.0 * finding.unexplained_by_pinhole);
   return (is_one ? "camera " : "cameras ") + names +
          (is_one ? " seems to be a fisheye: " : " seem to be fisheyes: ") +
          numbers;
+}
+
+std::string Describe(const FisheyeFinding& finding) {
+  char factor[40];
+  std::snprintf(factor, sizeof(factor), "%.2f",
+                1.0 / DegToRad(finding.field_of_view_deg));
+  return DescribeEvidence(finding) + "; calibrate " +
+         (finding.cameras.size() == 1 ? "it" : "them") +
+         ", or set ImageReader.camera_model OPENCV_FISHEYE and "
+         "ImageReader.default_focal_length_factor " +
+         factor + " and start with a new database";
+}
+
+void AdoptFisheyes(const std::vector<FisheyeFinding>& findings,
+                   const Scene& scene, FeatureDatabase* database) {
+  DatabaseTransaction transaction(database);
+  for (const FisheyeFinding& finding : findings) {
+    for (const int camera_idx : finding.camera_idxs) {
+      Camera camera =
+          FisheyeOf(scene.cameras[camera_idx], finding.field_of_view_deg);
+      camera.model = CameraModelId::kOpenCVFisheye;
+      const std::vector<double> simple = camera.params;
+      camera.params = {simple[0], simple[0], simple[1], simple[2], 0, 0, 0, 0};
+      camera.has_prior_focal_length = false;
+      database->UpdateCamera(camera);
+    }
+  }
+  database->DeleteTwoViewGeometries();
+  transaction.Commit();
 }
 
 }  // namespace mgsfm

@@ -13,7 +13,8 @@ namespace mgsfm {
 
 // Cameras whose images are those of fisheyes, but whose model is perspective.
 struct FisheyeFinding {
-  std::vector<std::string> cameras;     // names of sensors
+  std::vector<std::string> cameras;  // names of sensors
+  std::vector<int> camera_idxs;
   double field_of_view_deg = 0.0;       // across the larger image side
   int num_pairs = 0;                    // image pairs that were compared
   double unexplained_by_fisheye = 0.0;  // share of the matches
@@ -32,7 +33,13 @@ struct FisheyeFinding {
     const FeatureDatabase& database, const Scene& scene,
     const TwoViewGeometryOptions& options, const Context& context);
 
-// One line for users.
+// One line for users: the finding and its evidence, and what to do about it.
+std::string DescribeEvidence(const FisheyeFinding& finding);
 std::string Describe(const FisheyeFinding& finding);
+
+// Gives the cameras the model OPENCV_FISHEYE, without prior focal length, and
+// removes all two-view geometries, whose verification used the former models.
+void AdoptFisheyes(const std::vector<FisheyeFinding>& findings,
+                   const Scene& scene, FeatureDatabase* database);
 
 }  // namespace mgsfm

@@ -306,10 +306,12 @@ RotationsOfScene EstimateRotationsOfScene(
   if (motion.pair_is_discontinuous.empty()) return result;
   ReplacePairs(std::move(motion.pair_of_scene), view_graph);
   const size_t num_pairs = motion.pair_is_discontinuous.Count();
-  context.Info(std::to_string(num_pairs) + " of " +
-               std::to_string(view_graph->pairs.size()) +
-               " image pairs contradict the motion of the rig, as those on "
-               "vehicles that move along do; they are not used");
+  if (num_pairs > 0) {
+    context.Info(std::to_string(num_pairs) + " of " +
+                 std::to_string(view_graph->pairs.size()) +
+                 " image pairs contradict the motion of the rig, as those on "
+                 "vehicles that move along do; they are not used");
+  }
   result.rotation = average("second ", motion.pair_is_discontinuous);
   result.length_hints.expected = std::move(motion.pair_length);
   return result;

@@ -33,6 +33,8 @@ struct MotionProblem {
   const FrameDepths& depths;
   double max_error_px;
   double max_relative_baseline_error;
+  // What moves a keypoint by max_error_px, in the median.
+  double noise_displacement = 0.0;
 
   FrameMatches MatchesOf(int earlier,
                          const FramePairIndex::FramePair& frames) const {

@@ -11,6 +11,7 @@
 
 #include "base/parallel.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
@@ -36,7 +37,7 @@ constexpr double kRefinedError_rad = 2e-3;
 // A pair contradicts the path beyond this angle, plus the drift: the error of
 // pairs with the minimum number of matches.
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// Displacements shorter than this share of the median step are noise.
+// Of the median step. Shorter displacements are noise.
 constexpr double kMinDisplacement = 0.2;
 // One match more that contradicts than agrees may be a mismatch.
 constexpr int kMinBalance = 2;
@@ -98,6 +99,12 @@ std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
   return *cam2_from_rig * motion * cam1_from_rig->Inverse();
 }
 
+// Shorter displacements are noise.
+double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
+  return std::max(kMinDisplacement * path.median_step,
+                  problem.noise_displacement);
+}
+
 // Whether a relative pose agrees with the path. The length of its baseline
 // counts if it is known.
 bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
@@ -107,7 +114,7 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
       kMaxRotationError_rad + expected.drift_rad) {
     return false;
   }
-  const double min_error = kMinDisplacement * path.median_step;
+  const double min_error = MinDisplacement(problem, path);
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =
       pose.translation_direction.value_or(Vector3d::Zero());
@@ -517,6 +524,21 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
   return motion;
 }
 
+// The displacement that moves a keypoint by max_error_px, in the median.
+double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
+                         double max_error_px) {
+  std::vector<double> displacements;
+  for (size_t i = 0; i < depths.distances.size(); ++i) {
+    const Camera& camera = scene.cameras[scene.images[i].camera_idx];
+    const double error_rad =
+        max_error_px / PixelsPerRadian(camera.model, camera.params.data());
+    for (const auto& distance : depths.distances[i]) {
+      if (distance) displacements.push_back(error_rad * *distance);
+    }
+  }
+  return displacements.empty() ? 0.0 : Median(std::move(displacements));
+}
+
 }  // namespace
 
 MotionOfScene FindMotionOfScene(
@@ -529,15 +551,17 @@ MotionOfScene FindMotionOfScene(
       scene, bearings, index, view_graph, rotations, min_parallax_deg,
       kKeypointNoise * verification.max_error_px, context);
   const FramePairIndex matches_index(scene, matches, SequenceMode::kYes);
-  const MotionProblem problem{scene,
-                              bearings,
-                              index,
-                              view_graph,
-                              matches_index,
-                              matches,
-                              depths,
-                              verification.max_error_px,
-                              filtering.max_relative_baseline_error};
+  const MotionProblem problem{
+      scene,
+      bearings,
+      index,
+      view_graph,
+      matches_index,
+      matches,
+      depths,
+      verification.max_error_px,
+      filtering.max_relative_baseline_error,
+      NoiseDisplacement(scene, depths, verification.max_error_px)};
   const bool has_depths = std::any_of(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });

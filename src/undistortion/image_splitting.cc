@@ -158,15 +158,43 @@ std::string PrefixOfView(const std::string& folder, const std::string& view) {
   return FolderOf(NameOfView(folder.empty() ? "x" : folder + "/x", view)) + "/";
 }
 
-std::vector<RigConfigCamera> CamerasOf(const ImageFolder& folder,
-                                       bool is_reference) {
+// The poses of folders of images in their rig, by paths of folders.
+using FolderPoses = std::map<std::string, Rigid3>;
+
+FolderPoses ReadFolderPoses(const fs::path& path, const Plan& plan) {
+  FolderPoses poses;
+  if (path.empty()) return poses;
+  std::string names;
+  for (const RigConfig& rig : ReadRigConfig(path.string())) {
+    for (const RigConfigCamera& camera : rig.cameras) {
+      names += " '" + camera.image_prefix + "'";
+      for (const ImageFolder& folder : plan.folders) {
+        if (folder.path + "/" != camera.image_prefix || !camera.cam_from_rig) {
+          continue;
+        }
+        poses.emplace(folder.path, *camera.cam_from_rig);
+      }
+    }
+  }
+  if (poses.empty()) {
+    throw Error("'" + path.string() + "' has the pose of no folder of images:" +
+                names + "; name the folders that are split, such as 'pano/'");
+  }
+  return poses;
+}
+
+// `cam_from_rig` is the pose of the folder in the rig, if it is known.
+std::vector<RigConfigCamera> CamerasOf(
+    const ImageFolder& folder, bool is_reference,
+    const std::optional<Rigid3>& cam_from_rig) {
   std::vector<RigConfigCamera> cameras;
   for (const View& view : folder.views) {
     RigConfigCamera camera;
     camera.image_prefix = PrefixOfView(folder.path, view.name);
     camera.is_reference = is_reference && cameras.empty();
-    if (is_reference) {
-      camera.cam_from_rig = Rigid3{view.view_from_cam, Eigen::Vector3d::Zero()};
+    if (cam_from_rig) {
+      camera.cam_from_rig =
+          Rigid3{view.view_from_cam, Eigen::Vector3d::Zero()} * *cam_from_rig;
     }
     if (folder.is_combined) {
       camera.camera_model = view.camera.model;
@@ -179,7 +207,7 @@ std::vector<RigConfigCamera> CamerasOf(const ImageFolder& folder,
 
 // A rig for each folder that holds folders of panoramas. The first of these is
 // the reference.
-std::vector<RigConfig> MakeRigs(const Plan& plan) {
+std::vector<RigConfig> MakeRigs(const Plan& plan, const FolderPoses& poses) {
   std::map<std::string, std::vector<const ImageFolder*>> panoramas, others;
   for (const ImageFolder& folder : plan.folders) {
     (folder.is_combined ? panoramas : others)[FolderOf(folder.path)].push_back(
@@ -188,8 +216,17 @@ std::vector<RigConfig> MakeRigs(const Plan& plan) {
   std::vector<RigConfig> rigs;
   for (const auto& [parent, folders] : panoramas) {
     RigConfig rig;
-    const auto add = [&rig](const ImageFolder& folder) {
-      for (RigConfigCamera& camera : CamerasOf(folder, rig.cameras.empty())) {
+    const auto reference = poses.find(folders.front()->path);
+    const auto add = [&](const ImageFolder& folder) {
+      const bool is_reference = rig.cameras.empty();
+      std::optional<Rigid3> cam_from_rig;
+      const auto pose = poses.find(folder.path);
+      if (is_reference) {
+        cam_from_rig = Rigid3();
+      } else if (pose != poses.end() && reference != poses.end()) {
+        cam_from_rig = pose->second * reference->second.Inverse();
+      }
+      for (auto& camera : CamerasOf(folder, is_reference, cam_from_rig)) {
         rig.cameras.push_back(std::move(camera));
       }
     };
@@ -276,6 +313,10 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
   const bool is_panorama = kind == CombinedImages::kPanorama;
   const std::string camera_file =
       is_panorama ? MakeCameraFile(input, plan) : "";
+  const std::string rigs =
+      is_panorama ? RigConfigsToJson(MakeRigs(
+                        plan, ReadFolderPoses(input.rig_config_path, plan)))
+                  : "";
   ContinueOrBegin(input.output_path, Settings(input, plan, kind, options));
   const ImageRunSummary summary =
       WriteViews(plan.tasks, cameras, views,
@@ -284,8 +325,7 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
                  context);
   if (is_panorama) {
     ReplaceFile(input.output_path / "cameras.txt", camera_file);
-    ReplaceFile(input.output_path / "rig_config.json",
-                RigConfigsToJson(MakeRigs(plan)));
+    ReplaceFile(input.output_path / "rig_config.json", rigs);
   }
   return summary;
 }

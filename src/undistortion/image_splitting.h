@@ -59,13 +59,18 @@ struct SplittingOptions {
 // - Images of other folders, which are not twice as wide as high, are copied;
 //   those beside a folder of panoramas belong to the same rig.
 //
+// rig_config_path states where the folders of images are in their rig, for
+// panoramas. All views of a folder without a pose there, except those of the
+// first panorama of a rig, have unknown poses.
+//
 // Writes to output_path: images; masks if mask_path has any (see WriteViews);
 // for panoramas also rig_config.json and cameras.txt with the intrinsics, those
 // of other folders from camera_params_path. Continues an interrupted run with
 // the same settings. Files that are not images, and images that differ in size
 // from the first one of their folder, are skipped with a warning.
 //
-// Throws Error if no image has the shape of the kind, and what WriteViews and
+// Throws Error if no image has the shape of the kind, if rig_config_path names
+// none of the folders, and what WriteViews and
 // ContinueOrBegin throw.
 struct SplittingInput {
   std::filesystem::path image_path;
@@ -73,6 +78,7 @@ struct SplittingInput {
   std::filesystem::path mask_path;           // empty: none
   std::filesystem::path camera_params_path;  // empty: none
   std::filesystem::path output_path;
+  std::filesystem::path rig_config_path = {};  // empty: none
 };
 
 ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,

@@ -78,6 +78,11 @@ TEST_F(CalibrationTest, Kitti360Folder) {
   const Cameras cameras = ReadCalibration(Path("calibration"));
   ASSERT_EQ(cameras.size(), 3u);
   EXPECT_EQ(cameras[0].names.front(), "image_02");
+  EXPECT_NEAR(
+      (cameras[0].cam_from_base->Center() - Eigen::Vector3d(0.7, 1.1, 1.0))
+          .norm(),
+      0.0, 1e-12);
+  EXPECT_EQ(cameras[0].model, CameraModelId::kThinPrismFisheye);
   EXPECT_EQ(cameras[1].size_px, std::make_pair(1408, 376));
   EXPECT_THAT(cameras[1].cam_from_base->Center(),
               Eigen::Vector3d(1.5, 0.3, 0.9));

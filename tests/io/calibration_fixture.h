@@ -4,7 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -112,6 +115,50 @@ inline void ExpectPose(const Rigid3& pose, const Eigen::Matrix3d& rotation,
   EXPECT_NEAR(AngleBetween(pose.rotation, Eigen::Quaterniond(rotation)), 0.0,
               1e-7);
   EXPECT_NEAR((pose.translation - translation).norm(), 0.0, 1e-9);
+}
+
+// The unified model (alpha = 0) and that of two spheres, by their definition: a
+// unit ray is shifted along the axis once or twice, projected and distorted.
+struct MirrorLens {
+  Eigen::Vector2d focals_px;
+  Eigen::Vector2d center_px;  // 0 at the centre of the first pixel
+  double xi;
+  double alpha;
+  Params distortion;  // k1 k2 p1 p2
+
+  Eigen::Vector2d Project(const Eigen::Vector3d& ray) const {
+    const Eigen::Vector3d first = ray + xi * Eigen::Vector3d::UnitZ();
+    const double z = alpha * first.norm() + (1.0 - alpha) * first.z();
+    const double x = ray.x() / z, y = ray.y() / z, r2 = x * x + y * y;
+    const auto& d = distortion;
+    const double radial = 1.0 + d[0] * r2 + d[1] * r2 * r2;
+    return center_px +
+           focals_px.cwiseProduct(Eigen::Vector2d(
+               x * radial + 2 * d[2] * x * y + d[3] * (r2 + 2 * x * x),
+               y * radial + d[2] * (r2 + 2 * y * y) + 2 * d[3] * x * y));
+  }
+};
+
+// The largest difference in pixels up to an angle to the optical axis.
+inline double MaxDifference(const CalibratedCamera& camera,
+                            const MirrorLens& lens, double max_angle_deg) {
+  double difference_px = 0.0;
+  for (double angle_deg = 0.7; angle_deg <= max_angle_deg; angle_deg += 1.3) {
+    for (double azimuth_deg = 3.0; azimuth_deg < 360.0; azimuth_deg += 17.0) {
+      const double angle = DegToRad(angle_deg), azimuth = DegToRad(azimuth_deg);
+      const Eigen::Vector3d ray(std::sin(angle) * std::cos(azimuth),
+                                std::sin(angle) * std::sin(azimuth),
+                                std::cos(angle));
+      const auto pixel =
+          ProjectToPixel(camera.model.value(), camera.params.data(), ray);
+      if (!pixel) return std::numeric_limits<double>::infinity();
+      // COLMAP's pixels have their origin at the corner of the first one.
+      difference_px = std::max(
+          difference_px,
+          (*pixel - lens.Project(ray) - Eigen::Vector2d(0.5, 0.5)).norm());
+    }
+  }
+  return difference_px;
 }
 
 }  // namespace mgsfm

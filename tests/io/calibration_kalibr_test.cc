@@ -61,12 +61,65 @@ TEST_F(CalibrationTest, LensesWithoutModelHaveAReason) {
     return ReadCalibration(Write("a.yaml", text))[0].why_no_model;
   };
   EXPECT_EQ(reason("pinhole", "pinhole"), "");
-  EXPECT_THAT(reason("pinhole", "omni"), HasSubstr("'omni'"));
-  EXPECT_THAT(reason("pinhole", "ds"), HasSubstr("'ds'"));
+  EXPECT_THAT(reason("pinhole", "other"), HasSubstr("'other'"));
+  EXPECT_THAT(reason("-0.28, 0.07, 0.0002, 1.8e-05", "-0.28, 0.07, 0.0002"),
+              AllOf(HasSubstr("3 coefficients"), HasSubstr("give k1 k2 p1")));
   EXPECT_THAT(reason("radtan", "other"), HasSubstr("'other'"));
   EXPECT_THAT(reason("-0.28, 0.07, 0.0002, 1.8e-05",
                      "1, 1, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1"),
               HasSubstr("12 coefficients"));
+}
+
+// A camera of Kalibr with other lines for its lens.
+std::string WithLens(const std::string& lens) {
+  return "cam0:\n" + lens + "  resolution: [752, 480]\n";
+}
+
+TEST_F(CalibrationTest, UnifiedLenses) {
+  const MirrorLens lens{{300.0, 301.0}, {370.0, 245.0}, 0.9, 0.0, {0, 0, 0, 0}};
+  const Cameras exact = ReadCalibration(Write(
+      "a.yaml", WithLens("  camera_model: omni\n  distortion_model: none\n"
+                         "  intrinsics: [0.9, 300.0, 301.0, 370.0, 245.0]\n")));
+  EXPECT_EQ(exact[0].model, CameraModelId::kEucm);
+  EXPECT_FALSE(exact[0].fit_error_px.has_value());
+  EXPECT_LT(MaxDifference(exact[0], lens, 100.0), 1e-9);
+  MirrorLens distorted = lens;
+  distorted.distortion = {-0.1, 0.05, 0.0, 0.0};
+  const Cameras fitted = ReadCalibration(Write(
+      "a.yaml", WithLens("  camera_model: omni\n  distortion_model: radtan\n"
+                         "  distortion_coeffs: [-0.1, 0.05, 0.0, 0.0]\n"
+                         "  intrinsics: [0.9, 300.0, 301.0, 370.0, 245.0]\n")));
+  EXPECT_EQ(fitted[0].model, CameraModelId::kOpenCVFisheye);
+  EXPECT_LT(MaxDifference(fitted[0], distorted, 90.0), 0.5);
+}
+
+TEST_F(CalibrationTest, DoubleSpheres) {
+  const MirrorLens lens{
+      {160.0, 161.0}, {370.0, 245.0}, -0.2, 0.58, {0, 0, 0, 0}};
+  const Cameras cameras = ReadCalibration(Write(
+      "a.yaml",
+      WithLens("  camera_model: ds\n  distortion_model: none\n"
+               "  intrinsics: [-0.2, 0.58, 160.0, 161.0, 370.0, 245.0]\n")));
+  EXPECT_EQ(cameras[0].model, CameraModelId::kOpenCVFisheye);
+  EXPECT_LT(MaxDifference(cameras[0], lens, 100.0), 0.5);
+}
+
+TEST_F(CalibrationTest, LensesThatNoModelApproximatesHaveAReason) {
+  EXPECT_THAT(
+      ReadCalibration(Write(
+          "a.yaml",
+          WithLens("  camera_model: omni\n  distortion_model: radtan\n"
+                   "  distortion_coeffs: [3.0, -30.0, 0.0, 0.0]\n"
+                   "  intrinsics: [0.9, 300.0, 301.0, 370.0, 245.0]\n")))[0]
+          .why_no_model,
+      HasSubstr("approximate only within"));
+  EXPECT_THAT(
+      ReadCalibration(Write(
+          "a.yaml",
+          WithLens("  camera_model: omni\n  distortion_model: equidistant\n"
+                   "  intrinsics: [0.9, 300.0, 301.0, 370.0, 245.0]\n")))[0]
+          .why_no_model,
+      HasSubstr("omni with equidistant"));
 }
 
 }  // namespace

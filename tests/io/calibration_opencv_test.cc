@@ -145,8 +145,18 @@ TEST_F(CalibrationTest, Camodocal) {
   EXPECT_EQ(fisheye[0].params,
             (Params{287.1, 287.2, 320, 256, -0.01, 0.02, -0.03, 0.04}));
   const Cameras mirror = ReadCalibration(Write("image_02.yaml", kMei));
-  EXPECT_FALSE(mirror[0].model.has_value());
-  EXPECT_THAT(mirror[0].why_no_model, HasSubstr("'MEI'"));
+  EXPECT_EQ(mirror[0].model, CameraModelId::kThinPrismFisheye);
+  const double difference_px =
+      MaxDifference(mirror[0],
+                    {{1336.3220825849971, 1335.7883350012958},
+                     {716.94323510126321, 705.76498308221585},
+                     2.213404750785489,
+                     0.0,
+                     {0.016798235660113681, 1.6548773243373522,
+                      4.2223943394772046e-04, 4.2462134260997584e-04}},
+                    105.0);
+  EXPECT_LT(difference_px, 0.3);
+  EXPECT_LT(difference_px, mirror[0].fit_error_px.value() + 1e-3);
 }
 
 TEST_F(CalibrationTest, MalformedYamlNamesLineAndRemedy) {
@@ -159,6 +169,8 @@ TEST_F(CalibrationTest, MalformedYamlNamesLineAndRemedy) {
               AllOf(HasSubstr("line 5"), HasSubstr("8 numbers; give 9")));
   EXPECT_THAT(ErrorOfChange("r.yaml", kRos, "[0, -1, 0, 1", "[0, -1, 0, 2"),
               AllOf(HasSubstr("line 14"), HasSubstr("not a rotation")));
+  EXPECT_THAT(ErrorOfChange("f.yaml", kMei, "   xi:", "   yi:"),
+              AllOf(HasSubstr("f.yaml', line 8"), HasSubstr("'xi'")));
   EXPECT_THAT(ErrorOfChange("m.yaml", kKannalaBrandt, "   mu:", "   nu:"),
               AllOf(HasSubstr("line 8"), HasSubstr("'mu'")));
 }

@@ -100,9 +100,9 @@ TEST_F(CalibrationRigsTest, BadMatchesAreRefused) {
                     HasSubstr("'a/' 'b/'"), HasSubstr("rename")));
   EXPECT_THAT(LoadError({"left/right/1.png"}), HasSubstr("fits the cameras"));
   Write("camchain.yaml", std::string(kKalibr).replace(
-                             std::string(kKalibr).find("pinhole"), 7, "omni"));
+                             std::string(kKalibr).find("pinhole"), 7, "other"));
   EXPECT_THAT(LoadError({"cam0/1.png"}),
-              AllOf(HasSubstr("line 2"), HasSubstr("'omni'")));
+              AllOf(HasSubstr("line 2"), HasSubstr("'other'")));
   EXPECT_EQ(LoadError({"right/1.png"}), "no error");
   options_.rig_config_path = Path("rig.json");
   EXPECT_THAT(LoadError({"cam0/1.png"}), HasSubstr("set one of them"));
@@ -124,6 +124,23 @@ TEST_F(CalibrationRigsTest, FramesByTime) {
             "cam1/1403636580000004000.png", "cam1/1403636578999998000.png"});
   EXPECT_EQ(scene.frames.size(), 2u);
   EXPECT_TRUE(scene.sensors[1].sensor_from_rig.has_value());
+}
+
+// Without the option, each image would silently be a frame of its own.
+TEST_F(CalibrationRigsTest, NamesThatShareNoFrameAreAWarning) {
+  const std::vector<std::string> jittered = {
+      "cam0/1403636579000000000.png", "cam0/1403636580000000000.png",
+      "cam1/1403636580000004000.png", "cam1/1403636578999998000.png"};
+  EXPECT_EQ(Load(jittered).frames.size(), 4u);
+  EXPECT_THAT(log_, HasSubstr("set frame_max_time_difference_s 8e-06"));
+  log_.clear();
+  Load({"cam0/a.png", "cam1/b.png"});
+  EXPECT_THAT(log_, HasSubstr("no two cameras of a rig have images of the "
+                              "same name"));
+  log_.clear();
+  Load({"cam0/a.png", "cam1/a.png", "cam1/b.png"});
+  Load({"cam0/a.png", "cam0/b.png"});
+  EXPECT_EQ(log_.find("same name"), std::string::npos);
 }
 
 TEST_F(CalibrationTest, OtherFilesAreRefused) {

@@ -187,6 +187,27 @@ TEST_F(RigConfigTest, CalibratedRigsAreReadBack) {
   }
 }
 
+// Names of one frame differ; times form the frames of the next recording, too.
+TEST_F(RigConfigTest, RigsWithFramesByTimeAreReadBack) {
+  const std::vector<std::string> names = {
+      "cam0/1700000000000001000.png", "cam0/1700000000100001000.png",
+      "cam1/1700000000000004000.png", "cam1/1700000000100003000.png"};
+  SceneLoadingOptions options;
+  options.frame_max_time_difference_s = 0.001;
+  const Scene scene = LoadScene(MakeContents(names), options, Context()).scene;
+  ASSERT_EQ(scene.frames.size(), 2u);
+  const Reconstruction model = MakeModel(scene);
+  WriteRigConfig(Path(), scene, model);
+  ASSERT_EQ(ReadRigConfig(Path()).size(), 1u);
+  options.rig_config_path = Path();
+  const Scene loaded = LoadScene(MakeContents(names), options, Context()).scene;
+  ExpectSameRigs(loaded, scene);
+  EXPECT_LT((loaded.sensors[1].sensor_from_rig->translation -
+             model.sensor_from_rig[1]->translation)
+                .norm(),
+            1e-12);
+}
+
 // A folder with a model stands for the calibration in it, with and without the
 // file beside it, which COLMAP does not write.
 TEST_F(RigConfigTest, ModelIsReadLikeItsConfig) {

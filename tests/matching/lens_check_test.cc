@@ -60,9 +60,12 @@ class LensCheckTest : public testing::Test {
     }
   }
 
+  DatabaseContents Structure() const {
+    return database_.ReadStructure(Context());
+  }
+
   std::vector<FisheyeFinding> Find() const {
-    const Scene scene =
-        LoadScene(database_.ReadStructure(Context()), {}, Context()).scene;
+    const Scene scene = LoadScene(Structure(), {}, Context()).scene;
     return FindFisheyes(database_, scene, {}, Context());
   }
 
@@ -98,6 +101,8 @@ class LensCheckTest : public testing::Test {
   }
 
   const TempDir dir_;
+
+ protected:
   FeatureDatabase database_;
 };
 
@@ -117,6 +122,38 @@ TEST_F(LensCheckTest, FisheyesAreNamedTogether) {
   const std::string text = Describe(findings[0]);
   EXPECT_THAT(text, HasSubstr("cameras 'left', 'right' seem to be fisheyes"));
   EXPECT_THAT(text, HasSubstr("ImageReader.camera_model OPENCV_FISHEYE"));
+}
+
+// The pairs of all cameras are verified again.
+TEST_F(LensCheckTest, AdoptedFisheyesReplaceOnlyTheirModels) {
+  AddCamera("left", FisheyeOf(120.0), Unknown());
+  AddCamera("front",
+            MakeCamera(CameraModelId::kPinhole, 400, 400, {300, 300, 200, 200}),
+            Unknown());
+  const DatabaseContents before = Structure();
+  database_.WriteTwoViewGeometry({before.images[0].id,
+                                  before.images[1].id,
+                                  TwoViewConfig::kCalibrated,
+                                  std::nullopt,
+                                  std::nullopt,
+                                  std::nullopt,
+                                  std::nullopt,
+                                  {{0, 0}}});
+  ASSERT_EQ(database_.CountInlierMatches().size(), 1u);
+  const size_t num_matches = database_.CountMatches().size();
+  AdoptFisheyes(Find(), LoadScene(before, {}, Context()).scene, &database_);
+  const DatabaseContents after = Structure();
+  ASSERT_EQ(after.cameras.size(), 2u);
+  const Camera& adopted = after.cameras[0];
+  EXPECT_EQ(adopted.model, CameraModelId::kOpenCVFisheye);
+  // 400 px of an equidistant lens are 191 degrees; the steps are 25 degrees.
+  EXPECT_NEAR(adopted.params[0], 120.0, 0.1 * 120.0);
+  EXPECT_EQ(adopted.params[2], 200.0);
+  EXPECT_FALSE(adopted.has_prior_focal_length);
+  EXPECT_EQ(after.cameras[1].params, before.cameras[1].params);
+  EXPECT_EQ(database_.CountMatches().size(), num_matches);
+  EXPECT_THAT(database_.CountInlierMatches(), IsEmpty());
+  EXPECT_THAT(Find(), IsEmpty());
 }
 
 TEST_F(LensCheckTest, NarrowFisheyes) {

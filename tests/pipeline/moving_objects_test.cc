@@ -2,6 +2,7 @@
 // Vehicles that keep their distance for tens of frames and fill images.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <utility>
 
 #include "mgsfm/pipeline/mapper.h"
@@ -50,6 +51,25 @@ INSTANTIATE_TEST_SUITE_P(RigsAndSeeds, MovingObjectsTest,
                          testing::Values(std::pair(RigPreset::kStereo, 0),
                                          std::pair(RigPreset::kKitti360, 1),
                                          std::pair(RigPreset::kKitti360, 2)));
+
+// A rig that moves by a hundredth of a metre per frame: the directions of its
+// baselines are noise. Rotations are averaged again only if pairs contradict
+// the path.
+TEST(StandingRigTest, NoiseIsNoMovingObject) {
+  SimulationOptions options = StreetSimulation(RigPreset::kStereo);
+  options.num_frames = 30;
+  options.frame_spacing_m = 0.01;
+  options.pixel_noise_px = 0.5;
+  options.random_seed = 3;
+  const Simulation simulation = Simulate(options);
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, {}, Context());
+  EXPECT_EQ(std::count_if(result.times.begin(), result.times.end(),
+                          [](const StageTime& stage) {
+                            return stage.stage == "rotation averaging";
+                          }),
+            1);
+}
 
 }  // namespace
 }  // namespace mgsfm

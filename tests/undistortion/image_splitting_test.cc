@@ -8,6 +8,7 @@
 #include <exiv2/exiv2.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/io/rigs/rig_config.h"
@@ -31,10 +32,15 @@ class ImageSplittingTest : public testing::Test {
   }
 
   ImageRunSummary Split(CombinedImages kind,
-                        const fs::path& camera_params_path = {}) const {
-    return SplitImages(
-        {Path("in"), names_, {}, camera_params_path, Path("out")}, kind,
-        SplittingOptions(), Context());
+                        const fs::path& camera_params_path = {},
+                        const fs::path& rig_config_path = {}) const {
+    return SplitImages({Path("in"),
+                        names_,
+                        {},
+                        camera_params_path,
+                        Path("out"),
+                        rig_config_path},
+                       kind, SplittingOptions(), Context());
   }
 
   cv::Mat Read(const std::string& name) const {
@@ -200,6 +206,47 @@ TEST_F(ImageSplittingTest, FilesThatDoNotFitAreLeftOut) {
   names_.push_back("notes.txt");
   EXPECT_EQ(Split(CombinedImages::kPanorama).num_written, 1u);
   EXPECT_TRUE(Read("front/001.png").empty());
+}
+
+// The views of each panorama look where it does, from its place.
+TEST_F(ImageSplittingTest, KnownPosesOfPanoramasReachTheirViews) {
+  Write("a/0.png", PaintPanorama());
+  Write("b/0.png", PaintPanorama());
+  Write("c/0.png", PaintPanorama());
+  WriteTextFile(Path("rig.json"), R"([{"cameras": [
+      {"image_prefix": "b/", "ref_sensor": true},
+      {"image_prefix": "a/", "cam_from_rig_rotation": [1, 0, 1, 0],
+       "cam_from_rig_translation": [0.3, 0.1, -0.6]},
+      {"image_prefix": "c/"}]}])");
+  Split(CombinedImages::kPanorama, {}, Path("rig.json"));
+  const auto rigs = ReadRigConfig(Path("out/rig_config.json").string());
+  ASSERT_EQ(rigs.size(), 1u);
+  ASSERT_EQ(rigs[0].cameras.size(), 18u);
+  const auto pose_of = [&](const std::string& prefix) {
+    for (const RigConfigCamera& camera : rigs[0].cameras) {
+      if (camera.image_prefix == prefix) return camera.cam_from_rig;
+    }
+    return std::optional<Rigid3>();
+  };
+  const Rigid3 a_from_b{Eigen::Quaterniond(1, 0, 1, 0).normalized(),
+                        {0.3, 0.1, -0.6}};
+  for (const std::string view : {"front", "right", "left", "up", "back"}) {
+    const Rigid3 of_a = pose_of("a_" + view + "/").value();
+    const Rigid3 of_b = pose_of("b_" + view + "/").value();
+    EXPECT_LT(AngleBetween(of_b.rotation, (of_a * a_from_b.Inverse()).rotation),
+              1e-12);
+    // The centre of b, in the axes of a.
+    EXPECT_LT((of_b.Center() - a_from_b.translation).norm(), 1e-12);
+    EXPECT_FALSE(pose_of("c_" + view + "/").has_value());
+  }
+  WriteTextFile(Path("rig.json"), R"([{"cameras": [
+      {"image_prefix": "pano/", "ref_sensor": true}]}])");
+  try {
+    Split(CombinedImages::kPanorama, {}, Path("rig.json"));
+    FAIL() << "no error";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("'pano/'"));
+  }
 }
 
 }  // namespace

@@ -19,6 +19,8 @@ struct CalibratedCamera {
   std::string place;  // "'cam.yaml', line 3", for messages
   std::optional<CameraModelId> model;
   std::vector<double> params;  // of model
+  // Where the model approximates that of the file: its largest error.
+  std::optional<double> fit_error_px;
   // Why no model of COLMAP describes the lens; empty if one does.
   std::string why_no_model;
   std::optional<std::pair<int, int>> size_px;  // width and height

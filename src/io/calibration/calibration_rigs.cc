@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -246,6 +247,12 @@ void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
     }
     line += ", ";
     line += FindCameraModel(static_cast<int32_t>(*camera.model))->name;
+    if (camera.fit_error_px) {
+      char text[40];
+      std::snprintf(text, sizeof(text), " within %.2f px",
+                    *camera.fit_error_px);
+      line += text;
+    }
     context.Info(line + (camera.cam_from_base ? ", pose known"
                                               : ", pose to be estimated"));
   }

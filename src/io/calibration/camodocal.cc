@@ -38,9 +38,17 @@ std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
     SetLens({n[0], n[1], n[2], n[3], "equidistant",
              Values(projection, {"k2", "k3", "k4", "k5"})},
             &camera);
+  } else if (model == "MEI") {
+    const auto n =
+        Values(file["projection_parameters"], {"gamma1", "gamma2", "u0", "v0"});
+    SetUnifiedLens(
+        {n[0], n[1], n[2], n[3], file["mirror_parameters"]["xi"].Number(), 0.0,
+         Values(file["distortion_parameters"], {"k1", "k2", "p1", "p2"})},
+        &camera);
   } else {
     SetUnknownLens(model, &camera);
   }
+  camera.cam_from_base = CamFromVehicleOfKitti360(path, camera.names.front());
   return {camera};
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -32,7 +33,8 @@ bool IsOpenCv(const YamlValue& file);
 std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
                                          const std::filesystem::path& path);
 
-// camodocal: model_type PINHOLE or KANNALA_BRANDT; MEI has no model.
+// camodocal: model_type PINHOLE, KANNALA_BRANDT or MEI. The fisheyes of
+// KITTI-360 have poses in calib_cam_to_pose.txt beside the file.
 bool IsCamodocal(const YamlValue& file);
 std::vector<CalibratedCamera> ReadCamodocal(const YamlValue& file,
                                             const std::filesystem::path& path);
@@ -52,5 +54,10 @@ std::vector<CalibratedCamera> ReadArgoverse(const YamlValue& file);
 bool IsKitti(const std::string& text);
 std::vector<CalibratedCamera> ReadKitti(const std::string& text,
                                         const std::filesystem::path& path);
+
+// KITTI-360: the pose of a camera by calib_cam_to_pose.txt beside the
+// calibration of its lens; nullopt if there is none.
+std::optional<Rigid3> CamFromVehicleOfKitti360(
+    const std::filesystem::path& path, const std::string& name);
 
 }  // namespace mgsfm

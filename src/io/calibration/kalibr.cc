@@ -25,6 +25,11 @@ std::optional<std::string> CameraOfTopic(std::string topic) {
   return std::nullopt;
 }
 
+std::string DistortionModel(const YamlValue& value) {
+  const auto model = value.Find("distortion_model");
+  return model ? model->Text() : "none";
+}
+
 void ReadLens(const YamlValue& value, CalibratedCamera* camera) {
   const std::string projection = value["camera_model"].Text();
   const YamlValue intrinsics = value["intrinsics"];
@@ -34,15 +39,31 @@ void ReadLens(const YamlValue& value, CalibratedCamera* camera) {
     camera->params = {n[2], n[3], n[4] + 0.5, n[5] + 0.5, n[0], n[1]};
     return;
   }
+  if (projection == "ds") {
+    const std::vector<double> n = intrinsics.Numbers(6);
+    SetUnifiedLens({n[2], n[3], n[4], n[5], n[0], n[1], {}}, camera);
+    return;
+  }
+  if (projection == "omni") {
+    const std::vector<double> n = intrinsics.Numbers(5);
+    const std::string distortion = DistortionModel(value);
+    if (distortion == "radtan" || distortion == "none") {
+      SetUnifiedLens(
+          {n[1], n[2], n[3], n[4], n[0], 0.0,
+           distortion == "none" ? std::vector<double>()
+                                : value["distortion_coeffs"].Numbers()},
+          camera);
+    } else {
+      SetUnknownLens("omni with " + distortion, camera);
+    }
+    return;
+  }
   if (projection != "pinhole") {
     SetUnknownLens(projection, camera);
     return;
   }
   const std::vector<double> n = intrinsics.Numbers(4);
-  PinholeLens lens{n[0], n[1], n[2], n[3], "none", {}};
-  if (const auto model = value.Find("distortion_model")) {
-    lens.distortion_model = model->Text();
-  }
+  PinholeLens lens{n[0], n[1], n[2], n[3], DistortionModel(value), {}};
   if (lens.distortion_model != "none") {
     lens.distortion = value["distortion_coeffs"].Numbers();
   }
@@ -81,10 +102,10 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
     }
     camera.names.push_back(name);
     camera.place = value.Place();
-    ReadLens(value, &camera);
     if (const auto size = value.Find("resolution")) {
       camera.size_px = size->ImageSize();
     }
+    ReadLens(value, &camera);
     const auto from_before = value.Find("T_cn_cnm1");
     if (!cameras.empty()) {
       cam_from_first =

@@ -118,6 +118,14 @@ void SetPoseInVehicle(const Line& vehicle_from_cam, const Line& rectification,
           .Inverse();
 }
 
+// The lines of calib_cam_to_pose.txt beside a calibration; empty without it.
+Lines ReadPosesInVehicle(const std::filesystem::path& path) {
+  const std::filesystem::path beside =
+      path.parent_path() / "calib_cam_to_pose.txt";
+  if (!std::filesystem::exists(beside)) return {};
+  return ParseLines(ReadFile(beside), beside.string());
+}
+
 bool IsProjection(const Line& line) {
   std::vector<double> n;
   for (const std::string& word : line.words) {
@@ -145,12 +153,7 @@ bool IsKitti(const std::string& text) {
 std::vector<CalibratedCamera> ReadKitti(const std::string& text,
                                         const std::filesystem::path& path) {
   const Lines lines = ParseLines(text, path.string());
-  Lines poses;
-  const std::filesystem::path beside =
-      path.parent_path() / "calib_cam_to_pose.txt";
-  if (std::filesystem::exists(beside)) {
-    poses = ParseLines(ReadFile(beside), beside.string());
-  }
+  const Lines poses = ReadPosesInVehicle(path);
   std::vector<CalibratedCamera> cameras;
   for (const auto& [name, line] : lines) {
     const auto number = CameraNumber(name);
@@ -174,6 +177,16 @@ std::vector<CalibratedCamera> ReadKitti(const std::string& text,
     cameras.push_back(std::move(camera));
   }
   return cameras;
+}
+
+std::optional<Rigid3> CamFromVehicleOfKitti360(
+    const std::filesystem::path& path, const std::string& name) {
+  const Lines poses = ReadPosesInVehicle(path);
+  const auto pose = poses.find(name);
+  if (pose == poses.end()) return std::nullopt;
+  const auto matrix = Numbers(pose->second, 12);
+  return PoseOf(pose->second, Eigen::Map<const RigidMatrix>(matrix.data()))
+      .Inverse();
 }
 
 }  // namespace mgsfm

@@ -21,6 +21,14 @@ size_t NumUsed(const std::vector<double>& coefficients) {
 // k1 k2 p1 p2 k3 k4 k5 k6, then those of thin prisms and tilted sensors.
 void SetRadialTangential(std::vector<double> coefficients,
                          CalibratedCamera* camera) {
+  // OpenCV appends k3, then k4 k5 k6, then thin prisms, then tilt.
+  const std::vector<size_t> counts = {0, 4, 5, 8, 12, 14};
+  if (std::find(counts.begin(), counts.end(), coefficients.size()) ==
+      counts.end()) {
+    SetWrongCount(coefficients.size(), "k1 k2 p1 p2, with k3 or k3 to k6",
+                  camera);
+    return;
+  }
   const size_t num_used = NumUsed(coefficients);
   size_t size = 0;
   if (num_used == 0) {
@@ -47,10 +55,8 @@ void SetRadialTangential(std::vector<double> coefficients,
 void SetModel(CameraModelId model, size_t num_coefficients,
               const PinholeLens& lens, CalibratedCamera* camera) {
   if (lens.distortion.size() != num_coefficients) {
-    camera->why_no_model = "has " + std::to_string(lens.distortion.size()) +
-                           " coefficients of distortion; '" +
-                           lens.distortion_model + "' needs " +
-                           std::to_string(num_coefficients);
+    SetWrongCount(lens.distortion.size(), std::to_string(num_coefficients),
+                  camera);
     return;
   }
   camera->model = model;
@@ -65,7 +71,8 @@ void SetLens(const PinholeLens& lens, CalibratedCamera* camera) {
   // COLMAP's pixels have their origin at the corner of the first one.
   camera->params = {lens.fx, lens.fy, lens.cx + 0.5, lens.cy + 0.5};
   if (!(lens.fx > 0.0 && lens.fy > 0.0)) {
-    camera->why_no_model = "has a focal length that is not positive";
+    camera->why_no_model =
+        "has a focal length that is not positive; correct it";
   } else if (IsOneOf(name, {"radtan", "radial-tangential", "plumb_bob",
                             "rational_polynomial", "none", ""})) {
     SetRadialTangential(lens.distortion, camera);
@@ -98,8 +105,14 @@ void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
     camera->model.reset();
     camera->params.clear();
     camera->why_no_model =
-        "has a camera matrix with skew or other unexpected entries";
+        "has a camera matrix with skew or other unexpected entries; correct it";
   }
+}
+
+void SetWrongCount(size_t num_coefficients, const std::string& expected,
+                   CalibratedCamera* camera) {
+  camera->why_no_model = "has " + std::to_string(num_coefficients) +
+                         " coefficients of distortion; give " + expected;
 }
 
 void SetUnknownLens(const std::string& name, CalibratedCamera* camera) {

@@ -32,7 +32,33 @@ void SetLens(const PinholeLens& lens, CalibratedCamera* camera);
 void SetMatrixAndLens(const std::vector<double>& K, int num_columns,
                       PinholeLens lens, CalibratedCamera* camera);
 
-// Sets why_no_model for a model of a mirror or of two spheres.
+// A camera with a mirror or fisheye in the unified model (omni, MEI; C. Mei and
+// P. Rives, Single view point omnidirectional camera calibration from planar
+// grids, ICRA 2007) or, with alpha, the double sphere model (Usenko et al.
+// 2018).
+struct UnifiedLens {
+  double fx = 0.0;
+  double fy = 0.0;
+  double cx = 0.0;
+  double cy = 0.0;
+  double xi = 0.0;
+  double alpha = 0.0;
+  std::vector<double> distortion;  // k1 k2 p1 p2, or empty
+};
+
+// Sets model and params, or why_no_model:
+//   without distortion   EUCM, which contains the unified model
+//   with distortion      OPENCV_FISHEYE or, with p1 and p2,
+//   or alpha             THIN_PRISM_FISHEYE, by least squares in the image
+// camera->size_px must be set before if it is known.
+void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera);
+
+// Sets why_no_model for a wrong number of coefficients; `expected` follows
+// "give ".
+void SetWrongCount(size_t num_coefficients, const std::string& expected,
+                   CalibratedCamera* camera);
+
+// Sets why_no_model for any other projection.
 void SetUnknownLens(const std::string& name, CalibratedCamera* camera);
 
 }  // namespace mgsfm

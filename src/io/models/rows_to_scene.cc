@@ -76,7 +76,8 @@ std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
       if (!time_ns) {
         throw Error(input.Name() + ": the name of image '" + image.name +
                     "' has no time; list the times of all images in a file "
-                    "and set image_timestamps_path");
+                    "and set image_timestamps_path, or let rig_configurator "
+                    "take them from EXIF tags");
       }
       times_ns.push_back(*time_ns);
     }

@@ -219,7 +219,9 @@ std::map<std::string, PrefixGroup> GroupImages(const Scene& scene,
   return groups;
 }
 
-// Returns whether the prefixes reproduce the same sensors and frames.
+// Returns whether the prefixes reproduce the same sensors, and whether the rest
+// of the names joins no images of different frames. It may differ within a
+// frame, where times form the frames.
 bool IsFaithful(const Scene& scene, const PrefixGroup& group) {
   if (!group.is_valid) return false;
   for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
@@ -229,16 +231,12 @@ bool IsFaithful(const Scene& scene, const PrefixGroup& group) {
     }
   }
   std::map<std::string, int> frame_of_key;
-  std::map<int, std::string> key_of_frame;
   for (const int image_idx : group.image_idxs) {
     const Image& image = scene.images[image_idx];
     const std::string key =
         image.name.substr(group.prefix_of_sensor.at(image.sensor_idx).size());
     const auto frame = frame_of_key.emplace(key, image.frame_idx).first;
-    const auto known_key = key_of_frame.emplace(image.frame_idx, key).first;
-    if (frame->second != image.frame_idx || known_key->second != key) {
-      return false;
-    }
+    if (frame->second != image.frame_idx) return false;
   }
   return true;
 }

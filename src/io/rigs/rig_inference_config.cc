@@ -1,5 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
+#include <cstddef>
 #include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "io/rigs/frames_by_time.h"
 #include "io/rigs/rig_inference.h"
@@ -76,6 +83,37 @@ void AddFramesByName(const RigInput& input,
   }
 }
 
+// Several cameras of one rig have images, but no frame has two of them.
+void WarnIfNamesShareNoFrame(const RigInput& input,
+                             const RigAssignment& assignment,
+                             const Context& context) {
+  std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
+  std::map<int, std::set<int>> sensors_of_rig;
+  std::vector<ImageKeys> keys;
+  for (size_t i = 0; i < assignment.frame_of_image.size(); ++i) {
+    const int s = assignment.sensor_of_image[i];
+    if (s < 0) continue;
+    const RigAssignment::Sensor& sensor = assignment.sensors[s];
+    if (++frame_sizes[assignment.frame_of_image[i]] > 1) return;
+    sensors_of_rig[sensor.rig].insert(s);
+    keys.push_back(
+        {std::to_string(sensor.rig), std::to_string(s), "", sensor.name, ""});
+  }
+  const bool has_rig =
+      std::any_of(sensors_of_rig.begin(), sensors_of_rig.end(),
+                  [](const auto& rig) { return rig.second.size() > 1; });
+  if (!has_rig) return;
+  std::optional<std::string> suggestion;
+  if (keys.size() == input.contents.images.size()) {
+    suggestion = SuggestFramesByTime(input, keys);
+  }
+  context.Warning(suggestion.value_or(
+      assignment.source +
+      ": no two cameras of a rig have images of the same name, so that each "
+      "image is a frame of its own; give images of one frame the same name, or "
+      "set frame_max_time_difference_s"));
+}
+
 void AddFramesByTime(const RigInput& input, const FrameTimes& times,
                      const Context& context, RigAssignment* assignment) {
   std::vector<TimedSensor> sensors;
@@ -131,6 +169,7 @@ RigAssignment AssignByConfig(const RigInput& input,
     AddFramesByTime(input, *times, context, &assignment);
   } else {
     AddFramesByName(input, prefixes, &assignment);
+    WarnIfNamesShareNoFrame(input, assignment, context);
   }
   AssignSingleImages(input, single_images, &assignment);
   return assignment;
