@@ -41,8 +41,9 @@ struct ModelMergerOptions {
   Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
   Option<bool> refine_in_blocks{
       "refine_in_blocks", false,
-      "With graph: adjust sub-map by sub-map, to the solution of one solve for "
-      "all."};
+      "With graph: hold the equations of one sub-map at a time, and reach the "
+      "solution of one solve for all. It saves memory if sub-maps share few "
+      "frames."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of common images, or of cameras in common frames."};

@@ -18,6 +18,7 @@
 #include "mgsfm/base/version.h"
 #include "mgsfm/bundle/block_adjustment.h"
 #include "mgsfm/io/rigs/rig_config.h"
+#include "model_tools/sub_map_boundary.h"
 #include "partition_run.h"
 
 namespace mgsfm {
@@ -85,17 +86,31 @@ SubMapFiles FindSubMaps(const SubMapRun& run) {
 // The sub-maps of each image.
 using SubMapsOfName = std::map<std::string, std::set<size_t>>;
 
+// The names of the images of each sub-map, in the order of its scene.
+using NamesOfSubMaps = std::vector<std::vector<std::string>>;
+
+NamesOfSubMaps ReadNames(const SubMapFiles& files) {
+  NamesOfSubMaps names;
+  for (const std::string& folder : files.folders) {
+    names.emplace_back();
+    for (const ModelImage& image : ReadModelPoses(folder).images) {
+      names.back().push_back(image.name);
+    }
+  }
+  return names;
+}
+
 // Pairs of images that are both in models, but not both in one.
 std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
-                                      const std::vector<SceneModel>& sub_maps,
+                                      const NamesOfSubMaps& names,
                                       const Context& context) {
   if (database_path.empty()) return {};
   SubMapsOfName sub_maps_of;
   DatabaseSelection selection;
-  for (size_t m = 0; m < sub_maps.size(); ++m) {
-    for (const Image& image : sub_maps[m].scene.images) {
-      sub_maps_of[image.name].insert(m);
-      selection.image_names.insert(image.name);
+  for (size_t m = 0; m < names.size(); ++m) {
+    for (const std::string& name : names[m]) {
+      sub_maps_of[name].insert(m);
+      selection.image_names.insert(name);
     }
   }
   selection.has_keypoints = false;
@@ -122,23 +137,68 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
   return pairs;
 }
 
-// A model, and the sub-map of each of its frames.
-struct JoinedModel {
-  SceneModel& model;
-  const FrameBlocks& blocks;
+// The sub-maps, and the points that the join does not need, if they are set
+// aside for an adjustment in blocks.
+struct LoadedSubMaps {
+  std::vector<SceneModel> models;
+  std::vector<PointBlock> interiors;
 };
 
-BundleSummary Adjust(const SubMapRun& run, const JoinedModel& joined,
+LoadedSubMaps LoadSubMaps(const SubMapRun& run, const SubMapFiles& files,
+                          const NamesOfSubMaps& names,
+                          const std::vector<CrossPair>& pairs,
+                          const Context& context) {
+  const SubMapBoundary boundary(names, pairs);
+  LoadedSubMaps loaded;
+  for (const std::string& folder : files.folders) {
+    SceneModel model = ReadToolModel(folder, run.rigs, context).model;
+    if (run.adjusts_in_blocks) {
+      loaded.interiors.push_back(PackPoints(boundary.TakeInterior(&model)));
+      model.reconstruction.points.shrink_to_fit();
+    }
+    loaded.models.push_back(std::move(model));
+  }
+  return loaded;
+}
+
+// The points of a joined model in blocks, with those that were set aside.
+BlockedModel DivideIntoBlocks(size_t model_idx, const NamesOfSubMaps& names,
+                              std::vector<PointBlock>* interiors,
+                              JoinedMaps* joined) {
+  const Scene& scene = joined->models[model_idx].scene;
+  Reconstruction& model = joined->models[model_idx].reconstruction;
+  std::map<std::string, int> image_of_name;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    image_of_name.emplace(scene.images[i].name, static_cast<int>(i));
+  }
+  BlockedModel blocked;
+  blocked.blocks.resize(joined->sub_maps[model_idx].size());
+  const auto add = [&](const Point3D& point) {
+    blocked.blocks[BlockOf(scene, joined->frame_blocks[model_idx], point)].Add(
+        point);
+  };
+  for (const Point3D& point : std::exchange(model.points, {})) add(point);
+  for (const int m : joined->sub_maps[model_idx]) {
+    const Sim3& world_from_sub_map = joined->world_from_sub_map[m];
+    for (Point3D& point : std::exchange((*interiors)[m], {}).Unpack()) {
+      point.point_in_world = world_from_sub_map * point.point_in_world;
+      for (Observation& o : point.track) {
+        o.image_idx = image_of_name.at(names[m][o.image_idx]);
+      }
+      std::sort(point.track.begin(), point.track.end());
+      add(point);
+    }
+  }
+  blocked.poses = std::move(model);
+  return blocked;
+}
+
+BundleSummary Adjust(const SubMapRun& run, SceneModel* joined,
                      const Context& context) {
-  const Scene& scene = joined.model.scene;
-  Reconstruction& model = joined.model.reconstruction;
-  const CandidateSource candidates = FixedCandidates(GroupTracks(model));
+  Reconstruction& model = joined->reconstruction;
   BundleResult result =
-      run.adjusts_in_blocks
-          ? RefineInBlocks(scene, candidates, joined.blocks, std::move(model),
-                           run.bundle_adjustment, context)
-          : RefineReconstruction(scene, candidates, model,
-                                 run.bundle_adjustment, context);
+      RefineReconstruction(joined->scene, FixedCandidates(GroupTracks(model)),
+                           model, run.bundle_adjustment, context);
   model = std::move(result.estimate);
   return std::move(result.summary);
 }
@@ -156,9 +216,9 @@ Json DescribeEdge(const SubMapEdge& edge) {
   return json;
 }
 
-Json DescribeModel(const SceneModel& model, const std::vector<int>& sub_maps,
+Json DescribeModel(const ModelStatistics& statistics,
+                   const std::vector<int>& sub_maps,
                    const std::optional<BundleSummary>& bundle) {
-  const ModelStatistics statistics = AnalyzeModel(model);
   Json json{{"sub_maps", sub_maps},
             {"num_frames", statistics.num_frames},
             {"num_images", statistics.num_images},
@@ -225,13 +285,54 @@ void LogMissing(const SubMapFiles& files, const Context& context) {
   }
 }
 
-void WriteModelFolder(const SceneModel& model, ModelFormat format,
-                      const fs::path& folder, const Context& context) {
-  CheckFormat(model.scene, format);
-  fs::create_directory(folder);
-  WriteModel(folder, model.scene, model.reconstruction, format, context);
-  WriteRigConfig((folder / "rig_config.json").string(), model.scene,
-                 model.reconstruction);
+// Adjusts a joined model and writes it into the folder. Returns its entry in
+// the report.
+Json FinishModel(const SubMapRun& run, const fs::path& folder,
+                 const std::vector<int>& sub_maps, SceneModel* model,
+                 const Context& context) {
+  CheckFormat(model->scene, run.output_format);
+  std::optional<BundleSummary> bundle;
+  if (run.adjusts) bundle = Adjust(run, model, context);
+  WriteModel(folder, model->scene, model->reconstruction, run.output_format,
+             context);
+  WriteRigConfig((folder / "rig_config.json").string(), model->scene,
+                 model->reconstruction);
+  return DescribeModel(AnalyzeModel(*model), sub_maps, bundle);
+}
+
+// The same for a model in blocks, whose scene is that of `model`.
+Json FinishBlocks(const SubMapRun& run, const fs::path& folder,
+                  const std::vector<int>& sub_maps, BlockedModel blocked,
+                  SceneModel* model, const Context& context) {
+  CheckFormat(model->scene, run.output_format);
+  std::optional<BundleSummary> bundle;
+  if (run.adjusts) {
+    bundle =
+        RefineInBlocks(model->scene, run.bundle_adjustment, context, &blocked);
+  }
+  const PointStream points{
+      blocked.NumPoints(), [&](const PointStream::Visitor& visitor) {
+        blocked.VisitPoints(model->scene, context.num_threads, visitor);
+      }};
+  WriteModel(folder, model->scene, blocked.poses, points, run.output_format,
+             context);
+  WriteRigConfig((folder / "rig_config.json").string(), model->scene,
+                 blocked.poses);
+  model->reconstruction = std::move(blocked.poses);
+  ModelStatistics statistics = AnalyzeModel(*model);
+  statistics.num_points = blocked.NumPoints();
+  statistics.num_observations = blocked.NumObservations();
+  return DescribeModel(statistics, sub_maps, bundle);
+}
+
+// "12 frames, 48 images and 3600 points of 3 sub-maps".
+std::string DescribeEntry(const Json& model) {
+  ModelStatistics statistics;
+  statistics.num_frames = model["num_frames"];
+  statistics.num_images = model["num_images"];
+  statistics.num_points = model["num_points"];
+  return DescribeSize(statistics) + " of " +
+         std::to_string(model["sub_maps"].size()) + " sub-maps";
 }
 
 }  // namespace
@@ -251,30 +352,28 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
                                       "clusters first");
     return kExitNotSolvable;
   }
-  std::vector<SceneModel> sub_maps;
-  for (const std::string& folder : files.folders) {
-    sub_maps.push_back(ReadToolModel(folder, run.rigs, context).model);
-  }
+  const NamesOfSubMaps names = ReadNames(files);
   const std::vector<CrossPair> pairs =
-      ReadCrossPairs(run.database_path, sub_maps, context);
+      ReadCrossPairs(run.database_path, names, context);
+  LoadedSubMaps loaded = LoadSubMaps(run, files, names, pairs, context);
   JoinedMaps joined =
-      JoinSubMaps(std::move(sub_maps), pairs, run.join, context);
+      JoinSubMaps(std::move(loaded.models), pairs, run.join, context);
   LogEdges(files, joined, context);
   Json report = DescribeSubMaps(files, joined);
   report["models"] = Json::array();
   for (size_t i = 0; i < joined.models.size(); ++i) {
+    const fs::path folder = output.StagingDir() / std::to_string(i);
+    fs::create_directory(folder);
     SceneModel& model = joined.models[i];
-    std::optional<BundleSummary> bundle;
-    if (run.adjusts) {
-      bundle = Adjust(run, {model, joined.frame_blocks[i]}, context);
-    }
-    WriteModelFolder(model, run.output_format,
-                     output.StagingDir() / std::to_string(i), context);
     report["models"].push_back(
-        DescribeModel(model, joined.sub_maps[i], bundle));
-    context.Info("model " + std::to_string(i) + ": " + DescribeSize(model) +
-                 " of " + std::to_string(joined.sub_maps[i].size()) +
-                 " sub-maps");
+        run.adjusts_in_blocks
+            ? FinishBlocks(
+                  run, folder, joined.sub_maps[i],
+                  DivideIntoBlocks(i, names, &loaded.interiors, &joined),
+                  &model, context)
+            : FinishModel(run, folder, joined.sub_maps[i], &model, context));
+    context.Info("model " + std::to_string(i) + ": " +
+                 DescribeEntry(report["models"].back()));
   }
   report["peak_memory_mib"] = PeakMemoryMib();
   WriteFile(output.StagingDir() / "report.json", report.dump(2) + "\n");

@@ -71,7 +71,10 @@ ObservationGroups GroupTracks(const Reconstruction& model) {
 }
 
 std::string DescribeSize(const SceneModel& model) {
-  const ModelStatistics statistics = AnalyzeModel(model);
+  return DescribeSize(AnalyzeModel(model));
+}
+
+std::string DescribeSize(const ModelStatistics& statistics) {
   return std::to_string(statistics.num_frames) + " frames, " +
          std::to_string(statistics.num_images) + " images and " +
          std::to_string(statistics.num_points) + " points";

@@ -55,5 +55,6 @@ ObservationGroups GroupTracks(const Reconstruction& model);
 
 // "12 frames, 48 images and 3600 points", for messages.
 std::string DescribeSize(const SceneModel& model);
+std::string DescribeSize(const ModelStatistics& statistics);
 
 }  // namespace mgsfm

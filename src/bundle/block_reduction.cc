@@ -2,6 +2,7 @@
 #include "bundle/block_reduction.h"
 
 #include <algorithm>
+#include <numeric>
 #include <utility>
 
 #include "base/fingerprint.h"
@@ -23,15 +24,16 @@ std::string FingerprintOf(const Eigen::SparseMatrix<double>& matrix) {
 
 }  // namespace
 
-ModelUnknowns NumberUnknowns(const Scene& scene, const Reconstruction& model) {
-  ModelUnknowns unknowns;
+SharedUnknowns NumberUnknowns(const Scene& scene, const Mask& frame_is_shared) {
+  SharedUnknowns unknowns;
   const auto take = [&](size_t count) {
     const int first = unknowns.num_unknowns;
     unknowns.num_unknowns += static_cast<int>(count);
     return first;
   };
-  for (const auto& pose : model.rig_from_world) {
-    unknowns.first_of_frame.push_back(pose ? take(6) : -1);
+  for (size_t i = 0; i < scene.frames.size(); ++i) {
+    unknowns.first_of_frame.emplace_back();
+    if (frame_is_shared[i]) unknowns.first_of_frame.back() = take(6);
   }
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     unknowns.first_of_sensor.push_back(take(6));
@@ -42,14 +44,15 @@ ModelUnknowns NumberUnknowns(const Scene& scene, const Reconstruction& model) {
   return unknowns;
 }
 
-std::vector<int> FindUnknowns(const BuiltProblem& built,
-                              const ModelUnknowns& unknowns,
-                              const RigStructure& s) {
-  std::vector<int> found(s.num_unknowns, -1);
-  const auto find_pose = [&](int block, int first) {
-    if (block == kNoBlock) return;
+BlockUnknowns SplitUnknowns(const BuiltProblem& built,
+                            const SharedUnknowns& unknowns, const Mask& is_held,
+                            const RigEquationsBase& equations) {
+  const RigStructure& s = equations.structure();
+  std::vector<std::optional<int>> shared(static_cast<size_t>(s.num_unknowns));
+  const auto find_pose = [&](int block, std::optional<int> first) {
+    if (block == kNoBlock || !first) return;
     for (int k = 0; k < s.pose_size; ++k) {
-      found[s.block_first[block] + k] = first + 6 - s.pose_size + k;
+      shared[s.block_first[block] + k] = *first + 6 - s.pose_size + k;
     }
   };
   for (size_t i = 0; i < built.frame_idxs.size(); ++i) {
@@ -63,11 +66,22 @@ std::vector<int> FindUnknowns(const BuiltProblem& built,
     if (s.camera_block[i] == kNoBlock) continue;
     const std::vector<int>& params = built.problem.cameras[i].free_params;
     for (size_t k = 0; k < params.size(); ++k) {
-      found[s.block_first[s.camera_block[i]] + k] =
+      shared[s.block_first[s.camera_block[i]] + k] =
           unknowns.first_of_camera[built.camera_idxs[i]] + params[k];
     }
   }
-  return found;
+  BlockUnknowns split;
+  for (int k = 0; k < s.num_unknowns; ++k) {
+    // Constant coordinates have nothing but a one on the diagonal.
+    if (equations.diagonal()[k] == 0.0) continue;
+    if (!shared[k]) {
+      split.interior.push_back(k);
+    } else if (!is_held[*shared[k]]) {
+      split.shared.push_back(k);
+      split.in_model.push_back(*shared[k]);
+    }
+  }
+  return split;
 }
 
 void SummedSystem::Start(int num_unknowns, double lambda) {
@@ -79,55 +93,41 @@ void SummedSystem::Start(int num_unknowns, double lambda) {
   lambda_ = lambda;
 }
 
-// Entries that the pattern lacks are collected.
-void SummedSystem::AddEntry(int row, int column, double value,
-                            Triplets* missing) {
-  const int* begin = matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column];
-  const int* end =
-      matrix_.innerIndexPtr() + matrix_.outerIndexPtr()[column + 1];
-  const int* found = std::lower_bound(begin, end, row);
-  if (found == end || *found != row) {
-    missing->emplace_back(row, column, value);
-  } else {
-    matrix_.valuePtr()[found - matrix_.innerIndexPtr()] += value;
-  }
-}
-
-void SummedSystem::AddMissing(const Triplets& missing) {
-  if (missing.empty()) return;
+void SummedSystem::Add(const std::vector<int>& unknowns,
+                       const Eigen::MatrixXd& matrix,
+                       const Eigen::VectorXd& rhs,
+                       const Eigen::VectorXd& diagonal) {
+  const auto size = static_cast<Eigen::Index>(unknowns.size());
+  std::vector<Eigen::Index> order(unknowns.size());
+  std::iota(order.begin(), order.end(), Eigen::Index{0});
+  std::sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) {
+    return unknowns[a] < unknowns[b];
+  });
   Eigen::SparseMatrix<double> part(matrix_.rows(), matrix_.cols());
-  part.setFromTriplets(missing.begin(), missing.end());
+  part.reserve(size * (size + 1) / 2);
+  int column = 0;
+  for (size_t c = 0; c < order.size(); ++c) {
+    const Eigen::Index k = order[c];
+    for (; column <= unknowns[k]; ++column) part.startVec(column);
+    for (size_t r = c; r < order.size(); ++r) {
+      const Eigen::Index i = order[r];
+      part.insertBack(unknowns[i], unknowns[k]) =
+          matrix(std::max(i, k), std::min(i, k));
+    }
+    rhs_[unknowns[k]] += rhs[k];
+    damping_[unknowns[k]] += ClampDiagonal(diagonal[k]);
+  }
+  part.finalize();
   matrix_ = Eigen::SparseMatrix<double>(matrix_ + part);
 }
 
-void SummedSystem::Add(const std::vector<int>& unknowns,
-                       const RigEquationsBase& equations, const Mask& is_held) {
-  const Eigen::SparseMatrix<double>& block = equations.matrix();
-  const Eigen::VectorXd block_rhs = equations.RightHandSide();
-  Triplets missing;
-  for (int k = 0; k < block.cols(); ++k) {
-    const int column = unknowns[k];
-    const double diagonal = equations.diagonal()[k];
-    // A coordinate that the block holds has nothing but a one on the diagonal.
-    if (is_held[column] || diagonal == 0.0) continue;
-    rhs_[column] += block_rhs[k];
-    damping_[column] += ClampDiagonal(diagonal);
-    for (Eigen::SparseMatrix<double>::InnerIterator it(block, k); it; ++it) {
-      const int row = unknowns[it.row()];
-      if (it.row() < k || is_held[row]) continue;
-      AddEntry(std::max(row, column), std::min(row, column), it.value(),
-               &missing);
-    }
-  }
-  AddMissing(missing);
-}
-
 void SummedSystem::Finish() {
-  Triplets missing;
+  Eigen::SparseMatrix<double> ones(matrix_.rows(), matrix_.cols());
+  ones.reserve(Eigen::VectorXi::Ones(matrix_.cols()));
   for (int i = 0; i < static_cast<int>(damping_.size()); ++i) {
-    if (damping_[i] == 0.0) AddEntry(i, i, 1.0, &missing);
+    if (damping_[i] == 0.0) ones.insert(i, i) = 1.0;
   }
-  AddMissing(missing);
+  matrix_ = Eigen::SparseMatrix<double>(matrix_ + ones);
 }
 
 void SummedSystem::Damp(double lambda) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,30 +14,40 @@
 
 namespace mgsfm {
 
-// The unknowns of a bundle adjustment but for the points. A pose has six, a
-// camera as many as parameters.
-struct ModelUnknowns {
-  // The first unknown of each element of the scene; -1 for frames without pose.
-  std::vector<int> first_of_frame, first_of_sensor, first_of_camera;
+// The unknowns that blocks share: of some frames, and of all sensors and
+// cameras. A pose has six, a camera as many as parameters.
+struct SharedUnknowns {
+  // The first unknown of each element of the scene; nullopt for frames that are
+  // not shared.
+  std::vector<std::optional<int>> first_of_frame;
+  std::vector<int> first_of_sensor, first_of_camera;
   int num_unknowns = 0;
 };
 
-ModelUnknowns NumberUnknowns(const Scene& scene, const Reconstruction& model);
+SharedUnknowns NumberUnknowns(const Scene& scene, const Mask& frame_is_shared);
 
-// Per unknown of the equations of a block: that of the model.
-std::vector<int> FindUnknowns(const BuiltProblem& built,
-                              const ModelUnknowns& unknowns,
-                              const RigStructure& structure);
+// The unknowns of the equations of a block.
+struct BlockUnknowns {
+  std::vector<int> interior;  // of the block alone
+  std::vector<int> shared;
+  std::vector<int> in_model;  // of the shared ones
+};
 
-// The sum of the equations of blocks for the unknowns of the model. Unknowns
-// that are held, or that no block has, do not move.
+// Without coordinates that are held, or that the block leaves constant.
+BlockUnknowns SplitUnknowns(const BuiltProblem& built,
+                            const SharedUnknowns& unknowns, const Mask& is_held,
+                            const RigEquationsBase& equations);
+
+// The sum of the equations of blocks for the shared unknowns. Unknowns that no
+// block has do not move.
 class SummedSystem {
  public:
   // Sets everything to zero, but keeps the pattern of the matrix.
   void Start(int num_unknowns, double lambda);
-  // Adds the equations of a block after Linearize(lambda).
-  void Add(const std::vector<int>& unknowns, const RigEquationsBase& equations,
-           const Mask& is_held);
+  // Adds equations with the damping lambda. The matrix is a lower triangle;
+  // `diagonal` is that before damping and elimination.
+  void Add(const std::vector<int>& unknowns, const Eigen::MatrixXd& matrix,
+           const Eigen::VectorXd& rhs, const Eigen::VectorXd& diagonal);
   // Ends the reduction after the last block.
   void Finish();
   // Changes lambda.
@@ -46,10 +57,6 @@ class SummedSystem {
   const Eigen::VectorXd& rhs() const { return rhs_; }
 
  private:
-  using Triplets = std::vector<Eigen::Triplet<double>>;
-  void AddEntry(int row, int column, double value, Triplets* missing);
-  void AddMissing(const Triplets& missing);
-
   Eigen::SparseMatrix<double> matrix_;  // lower triangle
   Eigen::VectorXd rhs_;
   Eigen::VectorXd damping_;  // of a unit lambda; 0 for unknowns that stay

@@ -4,10 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "bundle/block_reduction.h"
-#include "bundle/solve.h"
+#include "bundle/interior_elimination.h"
 #include "least_squares/levenberg_marquardt.h"
 #include "least_squares/residuals.h"
 
@@ -18,97 +19,107 @@ namespace {
 // another.
 constexpr double kInitialLambda = 1e-4;
 
-// The points of a block.
-using Block = std::vector<int>;
-
-// Distributes the points.
-std::vector<Block> MakeBlocks(const Scene& scene, const FrameBlocks& block_of,
-                              const Reconstruction& model) {
-  const int num_blocks =
-      1 + *std::max_element(block_of.begin(), block_of.end());
-  std::vector<Block> blocks(num_blocks);
-  for (size_t i = 0; i < model.points.size(); ++i) {
-    int block = num_blocks;
-    for (const Observation& o : model.points[i].track) {
-      if (!model.IsRegistered(scene, o.image_idx)) continue;
-      block = std::min(block, block_of[scene.images[o.image_idx].frame_idx]);
-    }
-    if (block < num_blocks) {
-      blocks[block].push_back(static_cast<int>(i));
+// Frames that points of several blocks observe.
+Mask FindSharedFrames(const Scene& scene, const BlockedModel& model) {
+  Mask is_shared(scene.frames.size(), false);
+  std::vector<std::optional<size_t>> block_of(scene.frames.size());
+  for (size_t b = 0; b < model.blocks.size(); ++b) {
+    for (const Observation& o : model.blocks[b].tracks.observations) {
+      const int frame = scene.images[o.image_idx].frame_idx;
+      if (!model.poses.rig_from_world[frame]) continue;
+      is_shared[frame] |= block_of[frame].value_or(b) != b;
+      block_of[frame] = b;
     }
   }
-  blocks.erase(std::remove_if(blocks.begin(), blocks.end(),
-                              [](const Block& block) { return block.empty(); }),
-               blocks.end());
-  return blocks;
+  return is_shared;
 }
 
-// The unknowns that fix the gauge, by FixGauge() of a problem that has all
-// frames and no observations.
-Mask FindHeldUnknowns(const Scene& scene, const Reconstruction& model,
-                      const BundleAdjustmentOptions& options,
-                      const ModelUnknowns& unknowns) {
+// The coordinates of frames and sensors that fix the gauge.
+struct HeldPoses {
+  std::vector<PoseMask> frames, sensors;  // 1 if held
+};
+
+// By FixGauge() of a problem that has all frames and no observations.
+HeldPoses FindHeldPoses(const Scene& scene, const Reconstruction& poses,
+                        const BundleAdjustmentOptions& options) {
   BundleProblem problem;
   BundleState state;
-  std::vector<int> first, number_of_frame;
+  std::vector<int> number_of_frame, frame_idxs;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     number_of_frame.push_back(static_cast<int>(state.frames.size()));
-    if (!model.rig_from_world[i]) continue;
-    const Rigid3& pose = *model.rig_from_world[i];
+    if (!poses.rig_from_world[i]) continue;
+    const Rigid3& pose = *poses.rig_from_world[i];
     state.frames.push_back({pose.rotation, pose.Center()});
     problem.frame_masks.emplace_back(PoseMask::Ones());
-    first.push_back(unknowns.first_of_frame[i]);
+    frame_idxs.push_back(static_cast<int>(i));
   }
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
-    state.sensors.push_back(model.sensor_from_rig[i].value_or(Rigid3()));
+    state.sensors.push_back(poses.sensor_from_rig[i].value_or(Rigid3()));
     RefinedSensor refined = RefineSensor(scene, static_cast<int>(i), options);
     problem.sensor_masks.push_back(refined.mask);
     if (refined.prior) problem.sensor_priors.push_back(*refined.prior);
-    first.push_back(unknowns.first_of_sensor[i]);
   }
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const Image& image = scene.images[i];
-    if (!model.IsRegistered(scene, static_cast<int>(i))) continue;
+    if (!poses.IsRegistered(scene, static_cast<int>(i))) continue;
     problem.images.push_back(
         {number_of_frame[image.frame_idx], image.sensor_idx, image.camera_idx});
   }
-  std::vector<PoseMask> before = problem.frame_masks;
-  before.insert(before.end(), problem.sensor_masks.begin(),
-                problem.sensor_masks.end());
+  const std::vector<PoseMask> sensors_before = problem.sensor_masks;
   FixGauge(state, &problem);
-  std::vector<PoseMask> after = problem.frame_masks;
-  after.insert(after.end(), problem.sensor_masks.begin(),
-               problem.sensor_masks.end());
-  Mask is_held(unknowns.num_unknowns, false);
-  for (size_t i = 0; i < first.size(); ++i) {
+  HeldPoses held;
+  held.frames.assign(scene.frames.size(), PoseMask::Zero());
+  for (size_t k = 0; k < frame_idxs.size(); ++k) {
+    held.frames[frame_idxs[k]] = PoseMask::Ones() - problem.frame_masks[k];
+  }
+  for (size_t i = 0; i < sensors_before.size(); ++i) {
+    held.sensors.emplace_back(sensors_before[i] - problem.sensor_masks[i]);
+  }
+  return held;
+}
+
+Mask FindHeldUnknowns(const HeldPoses& held, const SharedUnknowns& unknowns) {
+  Mask is_held(static_cast<size_t>(unknowns.num_unknowns), false);
+  const auto hold = [&](const PoseMask& mask, int first) {
     for (int k = 0; k < 6; ++k) {
-      if (before[i][k] != after[i][k]) is_held[first[i] + k] = true;
+      if (mask[k] != 0.0) is_held[first + k] = true;
     }
+  };
+  for (size_t i = 0; i < held.frames.size(); ++i) {
+    const auto first = unknowns.first_of_frame[i];
+    if (first) hold(held.frames[i], *first);
+  }
+  for (size_t i = 0; i < held.sensors.size(); ++i) {
+    hold(held.sensors[i], unknowns.first_of_sensor[i]);
   }
   return is_held;
 }
 
 // The trial state.
 struct TrialState {
-  Reconstruction poses;  // without points
-  std::vector<Eigen::Vector3d> points;
+  Reconstruction poses;
+  std::vector<std::vector<Eigen::Vector3d>> positions;  // per block
 };
 
 class BlockedProblem : public DampedProblem {
  public:
-  BlockedProblem(const Scene& scene, const FrameBlocks& block_of,
-                 const BundleAdjustmentOptions& options, RefinedParts parts,
-                 const Context& context, Reconstruction* model)
+  BlockedProblem(const Scene& scene, const BundleAdjustmentOptions& options,
+                 RefinedParts parts, const Context& context,
+                 BlockedModel* model)
       : scene_(scene),
         options_(options),
         parts_(parts),
         context_(context),
         model_(*model),
-        blocks_(MakeBlocks(scene, block_of, *model)),
         solver_(context.num_threads) {
-    unknowns_ = NumberUnknowns(scene, model_);
-    is_held_ = FindHeldUnknowns(scene, model_, options, unknowns_);
-    trial_.points.resize(model_.points.size());
+    const HeldPoses held = FindHeldPoses(scene, model_.poses, options);
+    Mask frame_is_shared = FindSharedFrames(scene, model_);
+    for (size_t i = 0; i < held.frames.size(); ++i) {
+      frame_is_shared[i] |= !held.frames[i].isZero(0.0);
+    }
+    unknowns_ = NumberUnknowns(scene, frame_is_shared);
+    is_held_ = FindHeldUnknowns(held, unknowns_);
+    trial_.positions.resize(model_.blocks.size());
   }
 
   double Cost() override { return VisitAll(nullptr).new_cost; }
@@ -131,21 +142,24 @@ class BlockedProblem : public DampedProblem {
   size_t num_invisible_observations() const { return num_invisible_; }
 
  private:
+  using Equations = RigEquations<PixelResidual>;
+
   TrialStep VisitAll(const Eigen::VectorXd* step);
   bool Visit(size_t b, const Eigen::VectorXd* step, TrialStep* sum);
-  bool Step(const Eigen::VectorXd* step, const std::vector<int>& unknowns,
-            RigEquationsBase* equations, TrialStep* sum) const;
-  BuiltProblem BuildBlock(size_t b, Reconstruction* part);
-  void KeepTrial(size_t b, const BuiltProblem& built,
-                 const Reconstruction& part);
+  bool Step(const Eigen::VectorXd* step, const BlockUnknowns& unknowns,
+            InteriorElimination* elimination, Equations* equations,
+            TrialStep* sum) const;
+  bool Reduce(const BlockUnknowns& unknowns, InteriorElimination* elimination,
+              Equations* equations);
+  BuiltProblem BuildBlock(size_t b);
+  void KeepTrial(size_t b, const BuiltProblem& built);
 
   const Scene& scene_;
   const BundleAdjustmentOptions& options_;
   const RefinedParts parts_;
   const Context& context_;
-  Reconstruction& model_;
-  std::vector<Block> blocks_;
-  ModelUnknowns unknowns_;
+  BlockedModel& model_;
+  SharedUnknowns unknowns_;
   Mask is_held_;
   Mask has_prior_;  // sensors, then cameras whose priors a block has
   TrialState trial_;
@@ -159,13 +173,9 @@ class BlockedProblem : public DampedProblem {
 
 // The block with its frames, and the priors of sensors and cameras that no
 // earlier block has.
-BuiltProblem BlockedProblem::BuildBlock(size_t b, Reconstruction* part) {
-  *part = PosesOf(model_);
-  part->points.reserve(blocks_[b].size());
-  for (const int i : blocks_[b]) {
-    part->points.push_back(model_.points[i]);
-  }
-  BuiltProblem built = BuildFreeProblem(scene_, *part, options_, parts_);
+BuiltProblem BlockedProblem::BuildBlock(size_t b) {
+  BuiltProblem built =
+      BuildFreeProblem(scene_, model_.Part(b), options_, parts_);
   BundleProblem& problem = built.problem;
   const auto sensor_is_taken = [&](const SensorPrior& prior) {
     return has_prior_[built.sensor_idxs[prior.sensor]];
@@ -189,16 +199,17 @@ BuiltProblem BlockedProblem::BuildBlock(size_t b, Reconstruction* part) {
 
 // Moves the block by the step, if there is one, and adds its cost.
 bool BlockedProblem::Step(const Eigen::VectorXd* step,
-                          const std::vector<int>& unknowns,
-                          RigEquationsBase* equations, TrialStep* sum) const {
-  if (step == nullptr) {
-    sum->new_cost += equations->Cost();
-    return std::isfinite(sum->new_cost);
+                          const BlockUnknowns& unknowns,
+                          InteriorElimination* elimination,
+                          Equations* equations, TrialStep* sum) const {
+  Eigen::VectorXd of_shared(static_cast<Eigen::Index>(unknowns.shared.size()));
+  for (Eigen::Index i = 0; i < of_shared.size(); ++i) {
+    of_shared[i] = (*step)[unknowns.in_model[static_cast<size_t>(i)]];
   }
-  if (!equations->Linearize(lambda_)) return false;
-  Eigen::VectorXd of_block(static_cast<Eigen::Index>(unknowns.size()));
-  for (Eigen::Index i = 0; i < of_block.size(); ++i) {
-    of_block[i] = (*step)[unknowns[static_cast<size_t>(i)]];
+  Eigen::VectorXd of_block;
+  if (!elimination->Expand(equations->matrix(), equations->RightHandSide(),
+                           of_shared, &of_block)) {
+    return false;
   }
   equations->SetStep(of_block);
   const TrialStep trial = equations->TryStep();
@@ -210,52 +221,76 @@ bool BlockedProblem::Step(const Eigen::VectorXd* step,
   return std::isfinite(sum->new_cost);
 }
 
-void BlockedProblem::KeepTrial(size_t b, const BuiltProblem& built,
-                               const Reconstruction& part) {
-  for (const int i : built.frame_idxs) {
-    trial_.poses.rig_from_world[i] = part.rig_from_world[i];
+// Adds what the block leaves for the shared unknowns.
+bool BlockedProblem::Reduce(const BlockUnknowns& unknowns,
+                            InteriorElimination* elimination,
+                            Equations* equations) {
+  Eigen::MatrixXd reduced;
+  Eigen::VectorXd rhs;
+  if (!elimination->Reduce(equations->matrix(), equations->RightHandSide(),
+                           &reduced, &rhs)) {
+    return false;
   }
-  for (const int i : built.sensor_idxs) {
-    trial_.poses.sensor_from_rig[i] = part.sensor_from_rig[i];
+  Eigen::VectorXd diagonal(rhs.size());
+  for (Eigen::Index i = 0; i < rhs.size(); ++i) {
+    diagonal[i] =
+        equations->diagonal()[unknowns.shared[static_cast<size_t>(i)]];
   }
-  for (const int i : built.camera_idxs) {
-    trial_.poses.cameras[i] = part.cameras[i];
+  trial_system_.Add(unknowns.in_model, reduced, rhs, diagonal);
+  return true;
+}
+
+void BlockedProblem::KeepTrial(size_t b, const BuiltProblem& built) {
+  Reconstruction moved;  // the poses of the block, and nothing else
+  std::swap(moved, trial_.poses);
+  moved.points.resize(model_.blocks[b].size());
+  for (size_t i = 0; i < moved.points.size(); ++i) {
+    moved.points[i].point_in_world = model_.blocks[b].positions[i];
   }
-  for (size_t k = 0; k < blocks_[b].size(); ++k) {
-    trial_.points[blocks_[b][k]] = part.points[k].point_in_world;
+  WriteBack(built, &moved);
+  trial_.positions[b].clear();
+  for (const Point3D& point : moved.points) {
+    trial_.positions[b].push_back(point.point_in_world);
   }
+  moved.points = {};
+  std::swap(moved, trial_.poses);
 }
 
 bool BlockedProblem::Visit(size_t b, const Eigen::VectorXd* step,
                            TrialStep* sum) {
   context_.CheckInterrupted();
-  Reconstruction part;
-  BuiltProblem built = BuildBlock(b, &part);
+  BuiltProblem built = BuildBlock(b);
   num_invisible_ += built.num_invisible_observations;
-  RigEquations<PixelResidual> equations(built.problem, ReducedSolver::kDirect,
-                                        context_);
+  if (built.problem.observations.empty()) {
+    trial_.positions[b] = model_.blocks[b].positions;
+    return true;
+  }
+  Equations equations(built.problem, ReducedSolver::kDirect, context_);
   equations.SetState(built.state);
-  const std::vector<int> unknowns =
-      FindUnknowns(built, unknowns_, equations.structure());
-  if (!Step(step, unknowns, &equations, sum)) return false;
   if (!equations.Linearize(lambda_)) return false;
-  trial_system_.Add(unknowns, equations, is_held_);
+  const BlockUnknowns unknowns =
+      SplitUnknowns(built, unknowns_, is_held_, equations);
+  InteriorElimination elimination(unknowns.interior, unknowns.shared,
+                                  context_.num_threads);
+  if (step == nullptr) {
+    sum->new_cost += equations.Cost();
+  } else if (!Step(step, unknowns, &elimination, &equations, sum) ||
+             !equations.Linearize(lambda_)) {
+    return false;
+  }
+  if (!Reduce(unknowns, &elimination, &equations)) return false;
   equations.GetState(&built.state);
-  WriteBack(built, &part);
-  KeepTrial(b, built, part);
-  return true;
+  KeepTrial(b, built);
+  return std::isfinite(sum->new_cost);
 }
 
 TrialStep BlockedProblem::VisitAll(const Eigen::VectorXd* step) {
   has_prior_.assign(scene_.sensors.size() + scene_.cameras.size(), false);
   num_invisible_ = 0;
-  trial_.poses = PosesOf(model_);
-  for (size_t i = 0; i < model_.points.size(); ++i) {
-    trial_.points[i] = model_.points[i].point_in_world;
-  }
+  trial_.poses = model_.poses;
   trial_system_.Start(unknowns_.num_unknowns, lambda_);
   TrialStep sum;
-  for (size_t b = 0; b < blocks_.size(); ++b) {
+  for (size_t b = 0; b < model_.blocks.size(); ++b) {
     if (Visit(b, step, &sum)) continue;
     sum.new_cost = std::numeric_limits<double>::infinity();
     break;
@@ -265,11 +300,9 @@ TrialStep BlockedProblem::VisitAll(const Eigen::VectorXd* step) {
 }
 
 void BlockedProblem::AcceptStep() {
-  model_.cameras = trial_.poses.cameras;
-  model_.sensor_from_rig = trial_.poses.sensor_from_rig;
-  model_.rig_from_world = trial_.poses.rig_from_world;
-  for (size_t i = 0; i < model_.points.size(); ++i) {
-    model_.points[i].point_in_world = trial_.points[i];
+  model_.poses = trial_.poses;
+  for (size_t b = 0; b < model_.blocks.size(); ++b) {
+    std::swap(model_.blocks[b].positions, trial_.positions[b]);
   }
   std::swap(system_, trial_system_);
   is_linearized_ = true;
@@ -277,25 +310,29 @@ void BlockedProblem::AcceptStep() {
 
 }  // namespace
 
-Reconstruction PosesOf(const Reconstruction& model) {
-  return {model.cameras, model.sensor_from_rig, model.rig_from_world, {}};
-}
-
-bool SolveInBlocks(const Scene& scene, const FrameBlocks& blocks,
-                   const BundleAdjustmentOptions& options, RefinedParts parts,
-                   double function_tolerance, const Context& context,
-                   BundleResult* result) {
+bool SolveInBlocks(const Scene& scene, const BundleAdjustmentOptions& options,
+                   RefinedParts parts, double function_tolerance,
+                   const Context& context, BlockedModel* model,
+                   BundleSummary* summary) {
   RigSolverOptions solver_options;
   solver_options.function_tolerance = function_tolerance;
-  BlockedProblem problem(scene, blocks, options, parts, context,
-                         &result->estimate);
-  SolveSummary summary = MinimizeByLevenbergMarquardt(
+  BlockedProblem problem(scene, options, parts, context, model);
+  SolveSummary solve = MinimizeByLevenbergMarquardt(
       solver_options, options.max_num_iterations, context, &problem);
-  result->summary.num_invisible_observations =
-      problem.num_invisible_observations();
-  const bool is_usable = summary.IsUsable();
-  result->summary.solves.push_back(std::move(summary));
+  summary->num_invisible_observations = problem.num_invisible_observations();
+  const bool is_usable = solve.IsUsable();
+  summary->solves.push_back(std::move(solve));
   return is_usable;
+}
+
+BundleSummary AdjustBundleInBlocks(const Scene& scene,
+                                   const BundleAdjustmentOptions& options,
+                                   const Context& context,
+                                   BlockedModel* model) {
+  BundleSummary summary;
+  SolveInBlocks(scene, options, RefinedParts::kAll, options.function_tolerance,
+                context, model, &summary);
+  return summary;
 }
 
 }  // namespace mgsfm

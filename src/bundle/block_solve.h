@@ -7,13 +7,10 @@
 
 namespace mgsfm {
 
-// The model without its points.
-Reconstruction PosesOf(const Reconstruction& model);
-
 // SolveOnce() by blocks (mgsfm/bundle/block_adjustment.h).
-bool SolveInBlocks(const Scene& scene, const FrameBlocks& blocks,
-                   const BundleAdjustmentOptions& options, RefinedParts parts,
-                   double function_tolerance, const Context& context,
-                   BundleResult* result);
+bool SolveInBlocks(const Scene& scene, const BundleAdjustmentOptions& options,
+                   RefinedParts parts, double function_tolerance,
+                   const Context& context, BlockedModel* model,
+                   BundleSummary* summary);
 
 }  // namespace mgsfm

@@ -80,23 +80,32 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
   return errors;
 }
 
-double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
-                    int num_threads) {
-  std::vector<double> errors =
+void AppendNoiseErrors(const Scene& scene, const Reconstruction& reconstruction,
+                       int num_threads, std::vector<double>* errors) {
+  const std::vector<double> of_observations =
       ReprojectionErrors(scene, reconstruction, num_threads);
   const std::vector<size_t> begin = FirstErrorOfPoints(scene, reconstruction);
-  size_t num_kept = 0;
+  errors->reserve(errors->size() + of_observations.size());
   for (size_t i = 0; i < reconstruction.points.size(); ++i) {
     const size_t num_residuals = 2 * (begin[i + 1] - begin[i]);
     if (num_residuals <= 3) continue;
     const double factor = std::sqrt(static_cast<double>(num_residuals) /
                                     static_cast<double>(num_residuals - 3));
     for (size_t k = begin[i]; k < begin[i + 1]; ++k) {
-      errors[num_kept++] = factor * errors[k];
+      errors->push_back(factor * of_observations[k]);
     }
   }
-  errors.resize(num_kept);
+}
+
+double NoiseSigmaPx(std::vector<double> errors) {
   return errors.empty() ? 0.0 : RobustSigma<2>(std::move(errors));
+}
+
+double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
+                    int num_threads) {
+  std::vector<double> errors;
+  AppendNoiseErrors(scene, reconstruction, num_threads, &errors);
+  return NoiseSigmaPx(std::move(errors));
 }
 
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
@@ -154,20 +163,31 @@ double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
   return std::sqrt(squared);
 }
 
-double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
-                      int num_threads) {
+void AppendDistances(const Scene& scene, const Reconstruction& reconstruction,
+                     int num_threads, std::vector<double>* distances) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
-  std::vector<double> distances(reconstruction.points.size());
+  const size_t num_before = distances->size();
+  distances->resize(num_before + reconstruction.points.size());
   ParallelFor(
-      distances.size(), num_threads,
+      reconstruction.points.size(), num_threads,
       [&](size_t i) {
         const Point3D& point = reconstruction.points[i];
-        distances[i] =
+        (*distances)[num_before + i] =
             NearestDistance(CentersOf(views, point), point.point_in_world);
       },
       256);
+}
+
+double MedianDistance(std::vector<double> distances) {
   return distances.empty() ? std::numeric_limits<double>::infinity()
                            : Median(std::move(distances));
+}
+
+double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
+                      int num_threads) {
+  std::vector<double> distances;
+  AppendDistances(scene, reconstruction, num_threads, &distances);
+  return MedianDistance(std::move(distances));
 }
 
 void ComputePointErrors(const Scene& scene, int num_threads,

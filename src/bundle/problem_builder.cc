@@ -59,6 +59,11 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
   DenseNumbering cameras(scene.cameras.size()), images(scene.images.size());
   std::vector<int> image_idxs;
   std::vector<const Observation*> visible;
+  size_t num_observations = 0;
+  for (const Point3D& point : input.reconstruction.points) {
+    num_observations += point.track.size();
+  }
+  problem.observations.reserve(num_observations);
   for (size_t i = 0; i < input.reconstruction.points.size(); ++i) {
     const Point3D& point = input.reconstruction.points[i];
     visible.clear();

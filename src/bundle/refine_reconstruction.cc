@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
 #include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
 
-#include "bundle/block_solve.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
@@ -15,12 +13,6 @@
 namespace mgsfm {
 namespace {
 
-// All solves but the last prepare a triangulation, which needs less accuracy.
-constexpr double kRoughToleranceFactor = 100.0;
-// The bound of gross outliers in multiples of max_max_error_px. Initial poses
-// can be inaccurate, so their noise can raise it further.
-constexpr double kGrossErrorFactor = 4.0;
-
 struct RefinementInput {
   const Scene& scene;
   const CandidateSource& candidates;
@@ -29,7 +21,6 @@ struct RefinementInput {
   const Context& context;
   const BundlePriors& priors;
   const FixedPoses& fixed;
-  const FrameBlocks& blocks;  // empty: one solve for all frames
 };
 
 // Counts the iterations of all solves, supposing that those to come take as
@@ -60,19 +51,9 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
   }
   const Context context = ContextOfSolve(input, summary);
   const bool is_usable =
-      input.blocks.empty()
-          ? SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                      function_tolerance, context, result)
-          : SolveInBlocks(input.scene, input.blocks, options, parts,
-                          function_tolerance, context, result);
-  const SolveSummary& solve = summary.solves.back();
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                summary.solves.size(), solve.num_iterations, solve.initial_cost,
-                solve.final_cost,
-                std::string(TerminationName(solve.termination)).c_str());
-  input.context.Debug(line);
+      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
+                function_tolerance, context, result);
+  input.context.Debug(DescribeSolve(summary));
   return is_usable;
 }
 
@@ -112,9 +93,7 @@ PointFilterOptions FilterOf(const RefinementInput& input,
 void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
   BundleRound round =
       StartRound(input, result->estimate, input.options.num_rounds);
-  round.max_error_px =
-      std::max(kGrossErrorFactor * input.options.max_max_error_px,
-               input.options.error_sigma_factor * round.sigma_px);
+  round.max_error_px = GrossErrorPx(input.options, round.sigma_px);
   PointFilterOptions filter;
   filter.max_error_px = round.max_error_px;
   FilterPoints(input.scene, filter, input.context.num_threads,
@@ -165,8 +144,7 @@ void DropFramesWithoutObservations(const RefinementInput& input,
 // the solve fails.
 bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
-  const double rough_tolerance =
-      std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
+  const double rough_tolerance = RoughTolerance(options);
   if (step == 0) {
     return Solve(input, RefinedParts::kTranslations, rough_tolerance, result);
   }
@@ -220,23 +198,8 @@ BundleResult RefineReconstruction(
     const Reconstruction& initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
     const RefinementStore& store) {
-  const FrameBlocks blocks;
-  return Refine(
-      {scene, candidates, initial, options, context, priors, fixed, blocks},
-      initial, store);
-}
-
-BundleResult RefineInBlocks(const Scene& scene,
-                            const CandidateSource& candidates,
-                            const FrameBlocks& blocks, Reconstruction initial,
-                            const BundleAdjustmentOptions& options,
-                            const Context& context) {
-  const BundlePriors priors;
-  const FixedPoses fixed;
-  const Reconstruction poses = PosesOf(initial);
-  return Refine(
-      {scene, candidates, poses, options, context, priors, fixed, blocks},
-      std::move(initial), {});
+  return Refine({scene, candidates, initial, options, context, priors, fixed},
+                initial, store);
 }
 
 Reconstruction TriangulateCandidates(const Scene& scene,

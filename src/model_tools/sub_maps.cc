@@ -3,11 +3,14 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <iterator>
 #include <map>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <utility>
 
+#include "geometry/so3.h"
 #include "math/spanning_tree.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
@@ -17,8 +20,11 @@
 namespace mgsfm {
 namespace {
 
-// Errors of two-view points; see sub_map_graph.cc.
-constexpr double kMaxRelativeDistance = 0.05;
+// Radians. Sub-maps that are 0.5 m apart after averaging shift points at 10 m
+// by this.
+constexpr double kMaxAngleBetweenEqualPoints = 0.05;
+// Of two views with the least angle.
+constexpr double kMaxDistanceRatio = 2.0;
 
 size_t NumFrames(const SceneModel& model) {
   const auto& poses = model.reconstruction.rig_from_world;
@@ -45,15 +51,20 @@ std::vector<std::vector<int>> OrderOfMerging(
   return components;
 }
 
-// Points that matches connect, once each.
-std::set<std::pair<int, int>> FindEqualPoints(
-    const SceneModel& model, const std::vector<CrossPair>& pairs) {
+// The points of both keypoints of a match; nullopt for those without one.
+struct MatchedPoints {
+  Observation observation1, observation2;
+  std::optional<int> point1, point2;
+};
+
+template <class Visitor>
+void VisitMatches(const SceneModel& model, const std::vector<CrossPair>& pairs,
+                  Visitor&& visitor) {
   std::map<std::string, int> image_of_name;
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     image_of_name.emplace(model.scene.images[i].name, static_cast<int>(i));
   }
   const PointLookup lookup(model.reconstruction, model.scene.images.size());
-  std::set<std::pair<int, int>> equal;
   for (const CrossPair& pair : pairs) {
     const auto image1 = image_of_name.find(pair.name1);
     const auto image2 = image_of_name.find(pair.name2);
@@ -61,24 +72,47 @@ std::set<std::pair<int, int>> FindEqualPoints(
       continue;
     }
     for (const Match& match : pair.matches) {
-      const auto a =
-          lookup.Find(image1->second, static_cast<int>(match.keypoint_idx1));
-      const auto b =
-          lookup.Find(image2->second, static_cast<int>(match.keypoint_idx2));
-      if (a && b && *a != *b) {
-        equal.emplace(std::min(*a, *b), std::max(*a, *b));
-      }
+      const auto idx1 = static_cast<int>(match.keypoint_idx1);
+      const auto idx2 = static_cast<int>(match.keypoint_idx2);
+      visitor(MatchedPoints{{image1->second, idx1},
+                            {image2->second, idx2},
+                            lookup.Find(image1->second, idx1),
+                            lookup.Find(image2->second, idx2)});
     }
   }
+}
+
+// Points that matches connect, once each.
+std::set<std::pair<int, int>> FindEqualPoints(
+    const SceneModel& model, const std::vector<CrossPair>& pairs) {
+  std::set<std::pair<int, int>> equal;
+  VisitMatches(model, pairs, [&](const MatchedPoints& match) {
+    const auto& a = match.point1;
+    const auto& b = match.point2;
+    if (a && b && *a != *b) {
+      equal.emplace(std::min(*a, *b), std::max(*a, *b));
+    }
+  });
   return equal;
 }
 
+// Whether both are in about the same direction from a camera of each. Their
+// distances may differ: those of distant points are inaccurate.
 bool AreClose(const SceneModel& model, const Point3D& a, const Point3D& b) {
-  const Eigen::Vector3d camera =
-      model.reconstruction.CamFromWorld(model.scene, a.track.front().image_idx)
-          ->Center();
-  return (a.point_in_world - b.point_in_world).norm() <=
-         kMaxRelativeDistance * (a.point_in_world - camera).norm();
+  for (const Point3D* point : {&a, &b}) {
+    const Eigen::Vector3d camera =
+        model.reconstruction
+            .CamFromWorld(model.scene, point->track.front().image_idx)
+            ->Center();
+    const Eigen::Vector3d ray_a = a.point_in_world - camera;
+    const Eigen::Vector3d ray_b = b.point_in_world - camera;
+    const double ratio = ray_a.norm() / ray_b.norm();
+    if (AngleBetween(ray_a, ray_b) > kMaxAngleBetweenEqualPoints ||
+        !(std::max(ratio, 1.0 / ratio) <= kMaxDistanceRatio)) {
+      return false;
+    }
+  }
+  return true;
 }
 
 bool ShareAnImage(const Point3D& a, const Point3D& b) {
@@ -126,22 +160,52 @@ int MergePointsOfMatches(const std::vector<CrossPair>& pairs,
   return num_merged;
 }
 
+// Adds keypoints without a point to the one that most matches connect them
+// with, unless the point has another keypoint of that image.
+void ExtendTracks(const std::vector<CrossPair>& pairs, SceneModel* model) {
+  std::map<Observation, std::map<int, int>> num_matches;
+  VisitMatches(*model, pairs, [&](const MatchedPoints& match) {
+    if (match.point1.has_value() == match.point2.has_value()) return;
+    if (match.point1) {
+      ++num_matches[match.observation2][*match.point1];
+    } else {
+      ++num_matches[match.observation1][*match.point2];
+    }
+  });
+  for (const auto& [observation, of_points] : num_matches) {
+    const auto best = std::max_element(
+        of_points.begin(), of_points.end(),
+        [](const auto& a, const auto& b) { return a.second < b.second; });
+    Point3D& point = model->reconstruction.points[best->first];
+    const int image_idx = observation.image_idx;
+    const bool has_image = std::any_of(
+        point.track.begin(), point.track.end(),
+        [&](const Observation& o) { return o.image_idx == image_idx; });
+    if (!has_image) point.track.push_back(observation);
+  }
+  for (Point3D& point : model->reconstruction.points) {
+    std::sort(point.track.begin(), point.track.end());
+  }
+}
+
 class SubMapJoiner {
  public:
   SubMapJoiner(std::vector<SceneModel> sub_maps,
                const std::vector<CrossPair>& pairs, const JoinOptions& options,
                const Context& context)
       : sub_maps_(std::move(sub_maps)),
-        pairs_(pairs),
+        all_pairs_(pairs),
         options_(options),
         context_(context) {}
 
   JoinedMaps Run() {
-    joined_.edges = MeasureEdges(sub_maps_, pairs_, options_);
+    joined_.edges = MeasureEdges(sub_maps_, all_pairs_, options_);
     const std::vector<int> forest =
         RejectWrongLoops(sub_maps_, options_, &joined_.edges);
+    pairs_ = TrustedPairs();
     world_from_ = AverageSimilarities(sub_maps_, joined_.edges, forest);
     joined_.conflicts.resize(sub_maps_.size());
+    joined_.world_from_sub_map.resize(sub_maps_.size());
     for (const std::vector<int>& component :
          OrderOfMerging(sub_maps_.size(), joined_.edges, forest)) {
       context_.CheckInterrupted();
@@ -152,9 +216,39 @@ class SubMapJoiner {
   }
 
  private:
+  // Matches of a rejected loop must not merge points.
+  std::vector<CrossPair> TrustedPairs() const {
+    std::map<std::string, std::vector<int>> sub_maps_of;
+    for (size_t m = 0; m < sub_maps_.size(); ++m) {
+      for (const Image& image : sub_maps_[m].scene.images) {
+        sub_maps_of[image.name].push_back(static_cast<int>(m));
+      }
+    }
+    std::set<std::pair<int, int>> connected;
+    for (const SubMapEdge& edge : joined_.edges) {
+      if (!edge.is_used) continue;
+      connected.emplace(edge.sub_map1, edge.sub_map2);
+      connected.emplace(edge.sub_map2, edge.sub_map1);
+    }
+    const auto are_connected = [&](const CrossPair& pair) {
+      for (const int a : sub_maps_of[pair.name1]) {
+        for (const int b : sub_maps_of[pair.name2]) {
+          if (connected.count({a, b}) > 0) return true;
+        }
+      }
+      return false;
+    };
+    std::vector<CrossPair> trusted;
+    std::copy_if(all_pairs_.begin(), all_pairs_.end(),
+                 std::back_inserter(trusted), are_connected);
+    return trusted;
+  }
+
   void MergeComponent(const std::vector<int>& component) {
     SceneModel model = std::move(sub_maps_[component.front()]);
     TransformWorld(world_from_[component.front()], &model.reconstruction);
+    joined_.world_from_sub_map[component.front()] =
+        world_from_[component.front()];
     std::vector<int> merged = {component.front()};
     std::vector<int> blocks(model.scene.frames.size(), 0);
     for (size_t i = 1; i < component.size(); ++i) {
@@ -170,10 +264,13 @@ class SubMapJoiner {
         continue;
       }
       sub_maps_[m] = SceneModel();
+      joined_.world_from_sub_map[m] = world_from_[m];
       blocks.resize(model.scene.frames.size(), static_cast<int>(merged.size()));
       merged.push_back(m);
     }
     joined_.num_loop_points += MergePointsOfMatches(pairs_, &model);
+    ExtendTracks(pairs_, &model);
+    RemoveLargeErrors(MergeOptions().max_reproj_error_px, &model);
     std::sort(merged.begin(), merged.end());
     Add(std::move(model), std::move(merged), std::move(blocks));
   }
@@ -203,7 +300,8 @@ class SubMapJoiner {
   }
 
   std::vector<SceneModel> sub_maps_;
-  const std::vector<CrossPair>& pairs_;
+  const std::vector<CrossPair>& all_pairs_;
+  std::vector<CrossPair> pairs_;  // between sub-maps with a used edge
   const JoinOptions& options_;
   const Context& context_;
   std::vector<Sim3> world_from_;

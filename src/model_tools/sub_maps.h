@@ -64,6 +64,8 @@ struct JoinedMaps {
   // Per model and frame: the sub-map that brought it, counted from 0 in the
   // order of merging.
   std::vector<std::vector<int>> frame_blocks;
+  // Per sub-map: its place in the world of its model.
+  std::vector<Sim3> world_from_sub_map;
   std::vector<SubMapEdge> edges;
   int num_loop_points = 0;  // points that matches across sub-maps merged
   // Why a sub-map is in a model of its own although edges connect it; by
@@ -72,8 +74,9 @@ struct JoinedMaps {
 };
 
 // Places the sub-maps by sub_map_graph.h and merges them, largest first. Points
-// are merged if they share an observation, or if a match across sub-maps
-// connects them and they are within 5 % of their distance from the cameras.
+// are merged if they share an observation, or if a match connects them across
+// two sub-maps with a used edge and both are in about the same direction. Such
+// matches also add keypoints without a point to tracks.
 JoinedMaps JoinSubMaps(std::vector<SceneModel> sub_maps,
                        const std::vector<CrossPair>& pairs,
                        const JoinOptions& options, const Context& context);

@@ -17,13 +17,19 @@ SimulationOptions NoisyDrive(RigPreset rig, PathPreset path) {
   return options;
 }
 
-FrameBlocks Blocks(const Scene& scene, int num_blocks) {
+BlockedModel Split(const Scene& scene, const Reconstruction& model,
+                   int num_blocks) {
   FrameBlocks blocks;
   const size_t num_frames = scene.frames.size();
   for (size_t i = 0; i < num_frames; ++i) {
     blocks.push_back(static_cast<int>(i * num_blocks / num_frames));
   }
-  return blocks;
+  BlockedModel split{model, std::vector<PointBlock>(num_blocks)};
+  split.poses.points.clear();
+  for (const Point3D& point : model.points) {
+    split.blocks[BlockOf(scene, blocks, point)].Add(point);
+  }
+  return split;
 }
 
 class BlockAdjustmentTest
@@ -40,19 +46,17 @@ TEST_P(BlockAdjustmentTest, MinimumIsThatOfTheWholeModel) {
   const BundleResult whole =
       AdjustBundle(simulation.scene, initial, options, Threads(2));
   for (const int num_blocks : {1, 4}) {
-    BundleResult blocked;
-    blocked.estimate = initial;
-    EXPECT_TRUE(SolveInBlocks(
-        simulation.scene, Blocks(simulation.scene, num_blocks), options,
-        RefinedParts::kAll, options.function_tolerance, Threads(2), &blocked));
-    const SolveSummary& solve = blocked.summary.solves.at(0);
+    BlockedModel blocked = Split(simulation.scene, initial, num_blocks);
+    const BundleSummary summary =
+        AdjustBundleInBlocks(simulation.scene, options, Threads(2), &blocked);
+    const SolveSummary& solve = summary.solves.at(0);
     EXPECT_EQ(solve.termination, Termination::kConverged);
     const double cost = whole.summary.solves.at(0).final_cost;
     EXPECT_NEAR(solve.initial_cost, whole.summary.solves.at(0).initial_cost,
                 1e-9 * solve.initial_cost);
     EXPECT_NEAR(solve.final_cost, cost, 1e-7 * cost);
     const ModelDifference difference =
-        CompareModels(simulation.scene, blocked.estimate, whole.estimate);
+        CompareModels(simulation.scene, blocked.poses, whole.estimate);
     EXPECT_LT(difference.max_position, 1e-3);
     EXPECT_LT(difference.max_rotation_deg, 1e-2);
   }

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Clusters of a drive, mapped one by one and joined.
+#include <algorithm>
+#include <cmath>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
 
 #include "cli/shared_drive.h"
 
@@ -103,6 +108,82 @@ TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
   const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
   EXPECT_EQ(report["missing_clusters"].size(), 1u);
   EXPECT_GT(Evaluate(Path("joined/0"))["num_registered"], 60);
+}
+
+// Two circles of 15 m radius, joined by a street of 40 m, in steps of 2 m. The
+// camera looks along the path.
+std::string DrawDistricts() {
+  constexpr double kRadius = 15.0, kStreet = 40.0, kStep = 2.0;
+  const double circle = 2.0 * std::acos(-1.0) * kRadius;
+  std::ostringstream poses;
+  poses.precision(12);
+  for (double s = 0.0; s < 2.0 * circle + kStreet; s += kStep) {
+    // Left of the start, back to it, along x, and right of its end.
+    const double first = std::min(s, circle) / kRadius;
+    const double second = std::max(0.0, s - circle - kStreet) / kRadius;
+    const double along = std::clamp(s - circle, 0.0, kStreet);
+    const double x = kRadius * (std::sin(first) + std::sin(second)) + along;
+    const double y =
+        kRadius * ((1.0 - std::cos(first)) - (1.0 - std::cos(second)));
+    const double heading = first - second;
+    const double c = std::cos(heading), n = std::sin(heading);
+    // Columns: right, down, forward.
+    poses << n << " 0 " << c << ' ' << x << ' ' << -c << " 0 " << n << ' ' << y
+          << " 0 -1 0 0\n";
+  }
+  return poses.str();
+}
+
+class TwoDistricts : public SubMapCommands {
+ protected:
+  static void SetUpTestSuite() {
+    const TempDir dir;
+    const std::string path = (dir.path() / "districts.txt").string();
+    std::ofstream(path) << DrawDistricts();
+    Simulate("--rig stereo --trajectory_path " + path +
+             " --max_num_features 150 --num_points_per_frame 60 "
+             "--pixel_noise 0.3");
+  }
+  // The clusters of each frame of 2 m.
+  std::map<int, std::set<int>> ClustersOfFrames(const Json& clusters) const {
+    std::map<int, std::set<int>> found;
+    for (size_t i = 0; i < clusters["clusters"].size(); ++i) {
+      std::istringstream names(ReadTextFile(
+          Path("clusters/" +
+               clusters["clusters"][i]["image_list"].get<std::string>())));
+      for (std::string name; std::getline(names, name);) {
+        found[std::stoi(name.substr(name.find('/') + 1))].insert(
+            static_cast<int>(i));
+      }
+    }
+    return found;
+  }
+};
+
+// The street is the place to cut: each district is in one cluster, but for
+// frames at its junction.
+TEST_F(TwoDistricts, AreCutAtTheStreetAndJoined) {
+  const Json clusters = Partition(2);
+  ASSERT_EQ(clusters["clusters"].size(), 2u);
+  const auto clusters_of_frame = ClustersOfFrames(clusters);
+  const int num_frames = static_cast<int>(clusters_of_frame.size());
+  EXPECT_EQ(num_frames, 115);
+  const int district1 = *clusters_of_frame.at(20).begin();
+  for (int i = 0; i < num_frames; ++i) {
+    const bool is_street = i >= 44 && i < 71;
+    if (is_street) continue;
+    const std::set<int> expected = {i < 44 ? district1 : 1 - district1};
+    EXPECT_EQ(clusters_of_frame.at(i), expected) << "frame " << i;
+  }
+  MapAll(clusters);
+  Join();
+  Run("mapper --write_report 0 --database_path " + Database() +
+      " --output_path " + Path("single"));
+  const Json joined = Evaluate(Path("joined/0"));
+  const Json single = Evaluate(Path("single/0"));
+  EXPECT_EQ(joined["num_registered"], single["num_registered"]);
+  EXPECT_LT(joined["position_m"]["mean"].get<double>(),
+            1.1 * single["position_m"]["mean"].get<double>());
 }
 
 // Replacing them as results of an earlier run would lose them.

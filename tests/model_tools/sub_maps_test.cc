@@ -12,6 +12,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/eval/evaluation.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "model_tools/sub_map_boundary.h"
 
 namespace mgsfm {
 namespace {
@@ -138,15 +139,20 @@ TEST(SubMaps, PartWithAnotherRigStaysSeparate) {
   EXPECT_EQ(joined.frame_blocks[0].size(), model.scene.frames.size());
 }
 
-// The first and the last part have no common frame, but matches.
-TEST(SubMaps, MatchesCloseALoop) {
-  const SceneModel drive = Drive();
+std::vector<CrossPair> MatchesOfLoop(const SceneModel& drive) {
   std::vector<CrossPair> pairs;
   for (const int frame : {0, 1, 2}) {
     for (CrossPair& pair : MatchesBetween(drive, frame, Range(35, 40))) {
       pairs.push_back(std::move(pair));
     }
   }
+  return pairs;
+}
+
+// The first and the last part have no common frame, but matches.
+TEST(SubMaps, MatchesCloseALoop) {
+  const SceneModel drive = Drive();
+  const std::vector<CrossPair> pairs = MatchesOfLoop(drive);
   ASSERT_FALSE(pairs.empty());
   JoinOptions options;
   options.min_num_loop_points = 10;
@@ -156,6 +162,91 @@ TEST(SubMaps, MatchesCloseALoop) {
   EXPECT_TRUE(std::all_of(joined.edges.begin(), joined.edges.end(),
                           [](const SubMapEdge& edge) { return edge.is_used; }));
   EXPECT_LT(LargestError(joined.models[0], drive), 1e-6);
+}
+
+using Place = std::array<double, 3>;
+
+std::set<Place> PlacesOf(const std::vector<Point3D>& points) {
+  std::set<Place> places;
+  for (const Point3D& point : points) {
+    const Eigen::Vector3d& x = point.point_in_world;
+    places.insert({x.x(), x.y(), x.z()});
+  }
+  return places;
+}
+
+TEST(SubMaps, PointsWithinSubMapsDoNotTakePartInTheJoin) {
+  const SceneModel drive = Drive();
+  const std::vector<CrossPair> pairs = MatchesOfLoop(drive);
+  JoinOptions options;
+  options.min_num_loop_points = 10;
+  std::vector<SceneModel> parts = Parts(drive, 4);
+  const JoinedMaps whole = JoinSubMaps(parts, pairs, options, {});
+  std::vector<std::vector<std::string>> names;
+  for (const SceneModel& part : parts) {
+    names.emplace_back();
+    for (const Image& image : part.scene.images) {
+      names.back().push_back(image.name);
+    }
+  }
+  const SubMapBoundary boundary(names, pairs);
+  std::vector<std::vector<Point3D>> interiors;
+  for (SceneModel& part : parts) {
+    interiors.push_back(boundary.TakeInterior(&part));
+    EXPECT_FALSE(interiors.back().empty());
+    EXPECT_FALSE(part.reconstruction.points.empty());
+  }
+  JoinedMaps joined = JoinSubMaps(std::move(parts), pairs, options, {});
+  ASSERT_EQ(joined.models.size(), 1u);
+  EXPECT_EQ(joined.num_loop_points, whole.num_loop_points);
+  std::vector<Point3D>& points = joined.models[0].reconstruction.points;
+  for (size_t m = 0; m < interiors.size(); ++m) {
+    for (Point3D& point : interiors[m]) {
+      point.point_in_world =
+          joined.world_from_sub_map[m] * point.point_in_world;
+      points.push_back(point);
+    }
+  }
+  EXPECT_EQ(PlacesOf(points), PlacesOf(whole.models[0].reconstruction.points));
+  EXPECT_EQ(LargestError(joined.models[0], drive),
+            LargestError(whole.models[0], drive));
+}
+
+// A keypoint that only one sub-map has a point of.
+TEST(SubMaps, MatchesExtendTracks) {
+  const SceneModel drive = Drive();
+  std::vector<SceneModel> parts = Parts(drive, 4);
+  const std::vector<CrossPair> pairs = MatchesOfLoop(drive);
+  std::set<std::pair<std::string, int>> matched;
+  for (const CrossPair& pair : pairs) {
+    for (const Match& match : pair.matches) {
+      matched.emplace(pair.name1, match.keypoint_idx1);
+    }
+  }
+  SceneModel& first = parts.front();
+  std::vector<Point3D>& points = first.reconstruction.points;
+  points.erase(
+      std::remove_if(points.begin(), points.end(),
+                     [&](const Point3D& point) {
+                       const Observation& o = point.track.front();
+                       const Image& image = first.scene.images[o.image_idx];
+                       return o.keypoint_idx % 2 == 0 &&
+                              matched.count({image.name, o.keypoint_idx}) > 0;
+                     }),
+      points.end());
+  const auto num_observations = [](const SceneModel& model) {
+    return AnalyzeModel(model).num_observations;
+  };
+  JoinOptions options;
+  options.min_num_loop_points = 10;
+  const JoinedMaps joined = JoinSubMaps(parts, pairs, options, {});
+  const JoinedMaps without = JoinSubMaps(parts, {}, options, {});
+  ASSERT_EQ(joined.models.size(), 1u);
+  EXPECT_GT(num_observations(joined.models[0]),
+            num_observations(without.models[0]));
+  for (const Point3D& point : joined.models[0].reconstruction.points) {
+    EXPECT_LT(*point.error_px, 1.0);
+  }
 }
 
 // The name of each image of the drive, by the image of the same sensor that

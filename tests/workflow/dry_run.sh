@@ -45,3 +45,16 @@ expect "$(grep -m1 -o -- '--image_list_path .*/..txt' calls)" \
 expect "$(grep -c -- '--calibration_path w/maps/1/0/rig_config.json' calls)" 2
 expect "$(grep -c -- '--checkpoint_path w/checkpoints/[012] ' calls)" 3
 expect "$(grep -c '^model_merger --graph 1 .*--input_path w/maps ' calls)" 1
+
+# From a database, nothing is extracted or matched.
+python3 - <<EOF
+import sqlite3
+with sqlite3.connect("given.db") as database:
+    database.execute("CREATE TABLE images (image_id INTEGER)")
+    database.executemany("INSERT INTO images VALUES (?)",
+                         [(i,) for i in range(5)])
+EOF
+expect "$(count local extract --config database=given.db work=v)" ""
+expect "$(count local clusters --config database=given.db work=v \
+  images_per_cluster=2)" 1
+expect "$(count local map_all --config database=given.db work=v)" 1

@@ -5,7 +5,10 @@
 # once Snakemake itself are killed. Databases must be equal row by row, models
 # byte by byte.
 #   tests/workflow/workflow_test.sh MGSFM [IMAGES [KEY=VALUE ...]]
-# KEY=VALUE override workflow/config.yaml. Exit code 77: something is not
+# KEY=VALUE override workflow/config.yaml. Without images, for instance for a
+# simulated drive, start with its database:
+#   workflow_test.sh MGSFM . database=/path/database.db num_clusters=6
+# Exit code 77: something is not
 # installed (ctest skips the test).
 set -euo pipefail
 source_folder=$(cd "$(dirname "$0")/../.." && pwd)
@@ -81,7 +84,8 @@ run_workflow slurm "$folder/slurm_work" --retries 8 --latency-wait 20 \
 snakemake_pid=$!
 # Kill Snakemake when some jobs are done.
 until [ -e "$folder/slurm_work/features.db" ] ||
-  [ -e "$folder/slurm_work/pairs.txt" ]; do
+  [ -e "$folder/slurm_work/pairs.txt" ] ||
+  [ -e "$folder/slurm_work/clusters/clusters.json" ]; do
   kill -0 $snakemake_pid 2>/dev/null || fail "Snakemake ended early"
   sleep 0.2
 done

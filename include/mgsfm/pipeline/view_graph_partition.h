@@ -26,7 +26,7 @@ struct PartitionOptions {
       "Only cut the view graph into about this many overlapping clusters of "
       "frames, and write lists of their images. 0: reconstruct."};
   Option<int> num_overlap_frames{
-      "partition_overlap", 10, AtLeast(3), "frames",
+      "partition_overlap", 5, AtLeast(3), "frames",
       "Frames on either side of a cut that both clusters have."};
 
   template <class Visitor>
