@@ -9,7 +9,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/file_reading.h"
 #include "base/text_tools.h"
+#include "io/database/sqlite_snapshot.h"
+#include "io/files/image_reading.h"
 #include "io/files/model_files.h"
 #include "io/files/staged_output.h"
 #include "mgsfm/base/error.h"
@@ -212,6 +215,40 @@ fs::path Canonical(const std::string& path) {
               ") is the name of a file of a model" + remedy);
 }
 
+// The kind of a file of the user's that no table, list or page may replace,
+// even if it is no input; empty for other files.
+std::string KindOfKeptFile(const std::string& target) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(target, ignored)) return "";
+  if (HasDatabaseHeader(target)) return "a database";
+  // The header of an image, with all tags that may precede its size.
+  constexpr size_t kMaxHeader = 1 << 20;
+  const std::string header = ReadFile(target, "", kMaxHeader);
+  return ReadImageSize(header).has_value() ? "an image" : "";
+}
+
+// Whether the command itself reads such a file at its output, and adds to it or
+// refuses it.
+bool IsDatabaseOption(const std::string& option) {
+  return option == "shard_path" || option == "merged_database_path";
+}
+
+void CheckKeptFiles(const std::string& command, const OptionList& options) {
+  for (const Output& output : kOutputs) {
+    const std::string target = ValueOf(options, output.option);
+    const bool is_file = IsNewFile(output) || output.replaces == ExportReplaces;
+    if (command != output.command || target.empty() || !is_file ||
+        IsDatabaseOption(output.option)) {
+      continue;
+    }
+    const std::string kind = KindOfKeptFile(target);
+    if (kind.empty()) continue;
+    throw Error("'" + target + "' (--" + output.option + ") is " + kind +
+                ", which the output would replace; choose another " +
+                output.option);
+  }
+}
+
 // A new file is neither named like a file of a model nor another output.
 void CheckNewFiles(const std::string& command, const OptionList& options) {
   std::map<fs::path, std::string> option_of_file;
@@ -241,6 +278,7 @@ void CheckOutputsAreNoInputs(const std::string& command,
                              const OptionList& options,
                              const std::string& config_path) {
   CheckNewFiles(command, options);
+  CheckKeptFiles(command, options);
   const std::vector<NamedPath> inputs =
       ReadInputs(command, options, config_path);
   for (const Output& output : kOutputs) {

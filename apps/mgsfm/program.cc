@@ -14,6 +14,7 @@
 #include <iostream>
 #include <iterator>
 #include <new>
+#include <opencv2/core.hpp>
 #include <system_error>
 #include <utility>
 
@@ -203,6 +204,19 @@ int PrintError(const std::string& message, ExitCode exit_code) {
   return exit_code;
 }
 
+int PrintLackOfMemory() {
+  return PrintError(
+      "not enough memory; close other programs, raise the limit (ulimit -v) "
+      "or use fewer images or threads (--num_threads)",
+      kExitBadInput);
+}
+
+int PrintInternalError(const std::exception& error) {
+  return PrintError(
+      std::string("internal error, please report it: ") + error.what(),
+      kExitInternalError);
+}
+
 // Describes the files and the reason in an exception of <filesystem>.
 std::string Describe(const std::filesystem::filesystem_error& error) {
   std::string paths = "'" + error.path1().string() + "'";
@@ -252,10 +266,10 @@ int RunProgram(const std::vector<std::string>& arguments,
   } catch (const std::filesystem::filesystem_error& error) {
     return PrintError(Describe(error), kExitBadInput);
   } catch (const std::bad_alloc&) {
-    return PrintError(
-        "not enough memory; close other programs, raise the limit (ulimit -v) "
-        "or use fewer images or threads (--num_threads)",
-        kExitBadInput);
+    return PrintLackOfMemory();
+  } catch (const cv::Exception& error) {
+    return error.code == cv::Error::StsNoMem ? PrintLackOfMemory()
+                                             : PrintInternalError(error);
   } catch (const std::system_error& error) {
     return PrintError("the system refuses a thread or another resource (" +
                           error.code().message() +
@@ -263,9 +277,7 @@ int RunProgram(const std::vector<std::string>& arguments,
                           "-a) or use fewer threads (--num_threads)",
                       kExitBadInput);
   } catch (const std::exception& error) {
-    return PrintError(
-        std::string("internal error, please report it: ") + error.what(),
-        kExitInternalError);
+    return PrintInternalError(error);
   }
 }
 

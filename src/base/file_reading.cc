@@ -25,6 +25,13 @@ namespace {
               ")" + remedy);
 }
 
+// More than anybody types. Devices such as /dev/zero have no end.
+constexpr size_t kMaxDeviceBytes = 1 << 20;
+
+bool IsDevice(const struct stat& status) {
+  return S_ISCHR(status.st_mode) || S_ISBLK(status.st_mode);
+}
+
 // Closes the file at the end of its scope.
 class Descriptor {
  public:
@@ -65,6 +72,10 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
     if (result < 0 && errno == EINTR) continue;
     if (result < 0) ThrowReadError(path, what, errno);
     num_read += static_cast<size_t>(result);
+    if (num_read > kMaxDeviceBytes && IsDevice(status)) {
+      throw Error((what.empty() ? "'" + path.string() + "'" : what) +
+                  " is a device, not a file; give a file");
+    }
   }
   content.resize(num_read);
   return content;

@@ -54,6 +54,10 @@ std::optional<std::string> WhyUnusable(std::string_view text) {
 }
 
 std::string Printable(std::string_view text) {
+  if (text.size() > 2 * kMaxBytes) {
+    return Printable(text.substr(0, kMaxBytes)) + " ... " +
+           Printable(text.substr(text.size() - kMaxBytes));
+  }
   std::string line;
   while (!text.empty()) {
     const size_t size = CharacterSize(text);

@@ -15,7 +15,8 @@ namespace mgsfm {
 std::optional<std::string> WhyUnusable(std::string_view text);
 
 // One line of UTF-8 for messages: blanks instead of control characters, '?'
-// instead of bytes that are not UTF-8.
+// instead of bytes that are not UTF-8. Of more than twice the longest path, for
+// instance a line of a file that is quoted, only both ends are kept.
 std::string Printable(std::string_view text);
 
 // The finite number that a word consists of. Ignores the locale of the process,

@@ -220,7 +220,9 @@ SolveSummary SolveByCeres(const RigProblem<typename R::Observation>& problem,
   ceres_options.function_tolerance = options.function_tolerance;
   ceres_options.parameter_tolerance = options.parameter_tolerance;
   ceres_options.gradient_tolerance = 1e-16;
-  ceres_options.num_threads = std::max(1, context.num_threads);
+  // With several threads, the order in which Ceres adds blocks, and thus the
+  // last bits, would depend on the scheduler.
+  ceres_options.num_threads = 1;
   ceres_options.logging_type = ceres::SILENT;
   StopWhenCancelled callback(context);
   ceres_options.callbacks.push_back(&callback);

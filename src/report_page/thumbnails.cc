@@ -83,6 +83,7 @@ std::vector<Thumbnail> MakeThumbnails(const Scene& scene,
       chosen.size(), context.num_threads,
       [&](size_t i) {
         const Image& image = scene.images[chosen[i]];
+        if (!StaysInFolder(image.name)) return;
         all[i] = {chosen[i],
                   MakeJpeg(std::filesystem::path(image_path) / image.name,
                            scene.cameras[image.camera_idx])};

@@ -193,7 +193,8 @@ class ImageRun {
     try {
       cv::imencode(path.extension().string(), image, file,
                    {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
-    } catch (const cv::Exception&) {
+    } catch (const cv::Exception& exception) {
+      RethrowLackOfMemory(exception);
       throw Error("cannot be written as '" + path.extension().string() +
                   "'; convert it to JPEG or PNG");
     }

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -55,13 +56,7 @@ bool ByName(const NamedView& a, const NamedView& b) { return a.name < b.name; }
 
 // Outputs must not leave their folder.
 void CheckName(const std::string& name) {
-  bool is_inside = !name.empty() && name.front() != '/';
-  for (size_t begin = 0; begin <= name.size();) {
-    const size_t end = std::min(name.find('/', begin), name.size());
-    is_inside &= name.compare(begin, end - begin, "..") != 0;
-    begin = end + 1;
-  }
-  if (is_inside) return;
+  if (StaysInFolder(name)) return;
   throw Error("image '" + name +
               "' has a name outside of the folder of images; rename it in the "
               "model");

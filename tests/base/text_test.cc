@@ -54,6 +54,16 @@ TEST(Printable, IsOneLineOfUtf8) {
   }
 }
 
+TEST(Printable, KeepsBothEndsOfALongText) {
+  const std::string path(4096, 'p');
+  EXPECT_EQ(Printable(path + path), path + path);
+  EXPECT_EQ(Printable(path + std::string(10'000'000, 'x') + path),
+            path + " ... " + path);
+  // The cut goes through a character.
+  const std::string umlauts = "a" + std::string(2 * path.size(), '\xc3');
+  EXPECT_FALSE(WhyUnusable(Printable(umlauts).substr(0, 4000)));
+}
+
 TEST(ParseDouble, TakesWholeFiniteNumbersOnly) {
   EXPECT_EQ(ParseDouble("-1.5e3"), -1500.0);
   EXPECT_EQ(ParseDouble("+2"), 2.0);

@@ -406,6 +406,30 @@ TEST_F(BadInput, FilesThatCannotBeReadToTheEnd) {
   }
 }
 
+TEST_F(BadInput, DevicesWithoutEnd) {
+  for (const char* option : {"image_list_path", "image_timestamps_path",
+                             "gravity_path", "config_path"}) {
+    ExpectRefused(MapperCall(Database(), Out()) + "--" + option + " /dev/zero",
+                  AllOf(HasSubstr("/dev/zero"), HasSubstr("is a device")));
+  }
+}
+
+// A file of another kind may be one line of any length.
+TEST_F(BadInput, LongLinesAreQuotedInPart) {
+  const std::string list = Path("list.txt");
+  std::string line;
+  for (int i = 0; i < 200'000; ++i) line += "1 ";
+  WriteTextFile(list, line);
+  for (const char* option :
+       {"image_timestamps_path", "gravity_path", "config_path"}) {
+    const CommandOutput output =
+        RunMgsfm(MapperCall(Database(), Out()) + "--" + option + " " + list);
+    EXPECT_EQ(output.exit_code, 1) << option;
+    EXPECT_THAT(LastWord(output), HasSubstr(list));
+    EXPECT_LT(output.err.size(), 10'000u) << option;
+  }
+}
+
 // ------------------------------------------------------ rig configurations
 
 TEST_F(BadInput, RigConfigurations) {

@@ -151,5 +151,31 @@ TEST_F(OutputSafety, TablesAndPlotsAreFilesOfTheirOwn) {
       Path("a"), "json");
 }
 
+// A mistyped path must not cost a database or an image.
+TEST_F(OutputSafety, FilesReplaceNoDatabaseAndNoImage) {
+  CopyDatabase("other.db");
+  fs::create_directories(Path("images"));
+  WriteTextFile(Path("images/a.pgm"), "P5 2 1 255\nab");
+  const std::string model = " --input_path " + DemoTruth();
+  for (const std::string file : {"other.db", "images/a.pgm"}) {
+    for (const std::string option : {"json", "svg_path"}) {
+      ExpectRefused("model_evaluator" + model + " --gt_path " + DemoTruth() +
+                        " --" + option + " " + Path(file),
+                    Path(file), option);
+    }
+    const std::string output = " --output_path " + Path(file);
+    ExpectRefused("report" + model + " --image_path " + Path("images") + output,
+                  Path(file), "output_path");
+    ExpectRefused("model_converter --output_type ply" + model + output,
+                  Path(file), "output_path");
+    ExpectRefused("exhaustive_matcher --database_path " + DemoDatabase() +
+                      " --output_pairs_path " + Path(file),
+                  Path(file), "output_pairs_path");
+    ExpectRefused("vocab_tree_builder --database_path " + DemoDatabase() +
+                      " --vocab_tree_path " + Path(file),
+                  Path(file), "vocab_tree_path");
+  }
+}
+
 }  // namespace
 }  // namespace mgsfm

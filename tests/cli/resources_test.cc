@@ -35,8 +35,9 @@ class Resources : public testing::Test {
 };
 
 #ifndef __SANITIZE_ADDRESS__  // sanitizers need terabytes of addresses
-// At each limit, the model is complete, or one line tells why there is none.
-TEST_F(Resources, LittleMemoryIsNoHang) {
+// At each limit, the output is complete, or one line tells why there is none.
+void LimitMemory(const std::string& arguments, const fs::path& output_path,
+                 const fs::path& written_file, const char* complete = "") {
   int num_refused = 0, num_written = 0;
   for (int limit_mib = 230; limit_mib <= 500;
        limit_mib += num_written > 3 ? 50 : 2) {
@@ -46,19 +47,38 @@ TEST_F(Resources, LittleMemoryIsNoHang) {
       continue;
     }
     const CommandOutput output = RunShell(
-        limit + "; timeout -k 1 120 " MGSFM_EXECUTABLE " " + Map("out"));
+        limit + "; timeout -k 1 120 " MGSFM_EXECUTABLE " " + arguments);
     ASSERT_THAT(output.exit_code, AnyOf(Eq(0), Eq(1)))
         << limit_mib << output.err;
-    EXPECT_EQ(fs::exists(Path("out/0/images.bin")), output.exit_code == 0);
-    if (output.exit_code == 1) {
+    if (output.exit_code == 0) {
+      EXPECT_TRUE(fs::exists(written_file)) << limit_mib;
+      EXPECT_THAT(output.err, HasSubstr(complete)) << limit_mib;
+      ++num_written;
+    } else {
       EXPECT_THAT(LastWord(output), HasSubstr("ulimit")) << output.err;
       ++num_refused;
     }
-    num_written += output.exit_code == 0 ? 1 : 0;
-    fs::remove_all(Path("out"));
+    fs::remove_all(output_path);
   }
   EXPECT_GE(num_refused, 1);
   EXPECT_GE(num_written, 1);
+}
+
+TEST_F(Resources, LittleMemoryIsNoHang) {
+  LimitMemory(Map("out"), Path("out"), Path("out/0/images.bin"));
+}
+
+// OpenCV has an exception of its own for a lack of memory.
+TEST_F(Resources, LittleMemoryForImages) {
+  fs::create_directories(Path("images"));
+  std::string image = "P5 400 300 255\n";
+  for (int i = 0; i < 400 * 300; ++i) {
+    image += static_cast<char>(i * i % 251);
+  }
+  WriteTextFile(Path("images/a.pgm"), image);
+  LimitMemory("feature_extractor --num_threads 1 --image_path " +
+                  Path("images") + " --database_path " + Path("a.db"),
+              Path("a.db"), Path("a.db"), "0 were rejected");
 }
 #endif
 

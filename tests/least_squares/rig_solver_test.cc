@@ -141,8 +141,10 @@ TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {
 }
 
 template <class Observation>
-void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver) {
+void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver,
+                    SolverBackend backend = SolverBackend::kNative) {
   RigSolverOptions options;
+  options.backend = backend;
   options.max_num_iterations = 8;
   options.reduced_solver = solver;
   RigState one, three;
@@ -179,6 +181,8 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
     ExpectSameBits(pixels, solver);
     ExpectSameBits(rays, solver);
   }
+  ExpectSameBits(pixels, ReducedSolver::kDirect, SolverBackend::kCeres);
+  ExpectSameBits(rays, ReducedSolver::kDirect, SolverBackend::kCeres);
   ExpectSameBits(MakePixelScene(SceneOfLongTracks()),
                  ReducedSolver::kIterative);
 }

@@ -8,6 +8,7 @@
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "support/model_comparison.h"
+#include "support/threads.h"
 
 namespace mgsfm {
 namespace {
@@ -23,12 +24,17 @@ Simulation DriveWithLorries(RigPreset rig, int seed) {
   return Simulate(options);
 }
 
+MapperResult Map(const Simulation& simulation, const MapperOptions& options,
+                 int num_threads) {
+  return RunMapper({simulation.scene, simulation.view_graph}, options,
+                   Threads(num_threads));
+}
+
 double MaxPositionError(const Simulation& simulation,
                         bool use_motion_continuity) {
   MapperOptions options;
   options.pair_filtering.use_motion_continuity = use_motion_continuity;
-  const MapperResult result =
-      RunMapper({simulation.scene, simulation.view_graph}, options, Context());
+  const MapperResult result = Map(simulation, options, 1);
   EXPECT_EQ(result.models.size(), 1u);
   EXPECT_TRUE(result.unregistered_frames.empty());
   return CompareModels(simulation.scene, result.models[0].reconstruction,
@@ -45,6 +51,28 @@ TEST_P(MovingObjectsTest, LorriesThatKeepTheirDistanceDoNotStopTheRig) {
   // The drive needs the rule: the rig would stand still next to a lorry.
   EXPECT_GT(MaxPositionError(simulation, false), 2.5);
   EXPECT_LT(MaxPositionError(simulation, true), 0.25);
+}
+
+// The motions of the rig between frames are estimated in parallel.
+TEST(MovingObjectsDriveTest, ThreadsDoNotChangeAnyPose) {
+  const Simulation simulation = DriveWithLorries(RigPreset::kStereo, 0);
+  const MapperResult one = Map(simulation, {}, 1);
+  const MapperResult three = Map(simulation, {}, 3);
+  ASSERT_EQ(one.models.size(), three.models.size());
+  for (size_t m = 0; m < one.models.size(); ++m) {
+    const Reconstruction& a = one.models[m].reconstruction;
+    const Reconstruction& b = three.models[m].reconstruction;
+    ASSERT_EQ(a.rig_from_world.size(), b.rig_from_world.size());
+    for (size_t i = 0; i < a.rig_from_world.size(); ++i) {
+      ASSERT_EQ(a.rig_from_world[i].has_value(),
+                b.rig_from_world[i].has_value());
+      if (!a.rig_from_world[i]) continue;
+      EXPECT_EQ(a.rig_from_world[i]->translation,
+                b.rig_from_world[i]->translation);
+      EXPECT_EQ(a.rig_from_world[i]->rotation.coeffs(),
+                b.rig_from_world[i]->rotation.coeffs());
+    }
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(RigsAndSeeds, MovingObjectsTest,

@@ -44,6 +44,28 @@ Json Header(const std::string& page) {
 
 // A small file that states 4 billion pixels is not decoded, and decoders print
 // nothing.
+// The page of a model of somebody else must not show other files.
+TEST(Thumbnails, ShowNoFileOutsideOfTheFolder) {
+  const TempDir dir;
+  Simulation drive = SmallDrive();
+  const std::string file = "P5 64 48 255\n" + std::string(64 * 48, 'a');
+  std::filesystem::create_directories(dir.path() / "images" / "a");
+  WriteTextFile(dir.path() / "secret.pgm", file);
+  WriteTextFile(dir.path() / "images" / "a" / "own.pgm", file);
+  for (Image& image : drive.scene.images) image.name = "missing";
+  drive.scene.images[0].name = "../secret.pgm";
+  drive.scene.images[1].name = "a/../../secret.pgm";
+  drive.scene.images[2].name = (dir.path() / "secret.pgm").string();
+  drive.scene.images[3].name = "a/own.pgm";
+  drive.scene.frames.erase(drive.scene.frames.begin() + 1,
+                           drive.scene.frames.end());
+  drive.scene.frames[0].image_idxs = {0, 1, 2, 3};
+  const std::vector<Thumbnail> thumbnails = MakeThumbnails(
+      drive.scene, (dir.path() / "images").string(), 100'000, {});
+  ASSERT_EQ(thumbnails.size(), 1u);
+  EXPECT_EQ(thumbnails[0].image_idx, 3);
+}
+
 TEST(Thumbnails, HaveABudgetOfPixels) {
   const TempDir dir;
   Simulation drive = SmallDrive();

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random small drives with random options, until the time is over.
+"""Random small drives with random options, until the time is over or a number
+of drives is reached.
 
 Each drive is mapped with the default options, whose model must be complete and
 accurate, and with random valid ones, which may fail to reconstruct it but must
@@ -156,12 +157,14 @@ def main():
     parser.add_argument("program")
     parser.add_argument("minutes", type=float)
     parser.add_argument("--first_seed", type=int, default=1)
+    parser.add_argument("--num_drives", type=int)
     arguments = parser.parse_args()
     program = Program(arguments.program)
     mapper_options = program.mapper_options()
     end = time.monotonic() + 60.0 * arguments.minutes
     seed, failures = arguments.first_seed, []
-    while time.monotonic() < end:
+    stop = seed + (arguments.num_drives or sys.maxsize)
+    while time.monotonic() < end and seed < stop:
         folder = pathlib.Path(tempfile.mkdtemp(prefix="mgsfm_soak_"))
         try:
             test_drive(program, seed, folder, mapper_options)

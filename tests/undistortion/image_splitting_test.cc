@@ -13,6 +13,7 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "support/temp_dir.h"
+#include "support/threads.h"
 #include "undistortion/test_cameras.h"
 
 namespace mgsfm {
@@ -33,14 +34,16 @@ class ImageSplittingTest : public testing::Test {
 
   ImageRunSummary Split(CombinedImages kind,
                         const fs::path& camera_params_path = {},
-                        const fs::path& rig_config_path = {}) const {
+                        const fs::path& rig_config_path = {},
+                        const std::string& output = "out",
+                        int num_threads = 1) const {
     return SplitImages({Path("in"),
                         names_,
                         {},
                         camera_params_path,
-                        Path("out"),
+                        Path(output),
                         rig_config_path},
-                       kind, SplittingOptions(), Context());
+                       kind, SplittingOptions(), Threads(num_threads));
   }
 
   cv::Mat Read(const std::string& name) const {
@@ -119,6 +122,22 @@ TEST_F(ImageSplittingTest, PanoramasBecomeRigsOfKnownCameras) {
   // A second run has nothing to do.
   EXPECT_EQ(Split(CombinedImages::kPanorama, Path("cameras.txt")).num_present,
             3u);
+}
+
+TEST_F(ImageSplittingTest, ThreadsDoNotChangeAFile) {
+  for (int i = 0; i < 4; ++i) {
+    Write("pano/" + std::to_string(i) + ".png", PaintPanorama());
+  }
+  Split(CombinedImages::kPanorama, {}, {}, "one", 1);
+  Split(CombinedImages::kPanorama, {}, {}, "three", 3);
+  size_t num_files = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(Path("one"))) {
+    if (!entry.is_regular_file()) continue;
+    const fs::path name = entry.path().lexically_relative(Path("one"));
+    EXPECT_EQ(ReadTextFile(entry.path()), ReadTextFile(Path("three") / name));
+    ++num_files;
+  }
+  EXPECT_GT(num_files, 4u);
 }
 
 TEST_F(ImageSplittingTest, ViewsKeepPositionAndTime) {

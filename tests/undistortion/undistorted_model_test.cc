@@ -11,6 +11,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "support/threads.h"
 #include "undistortion/test_cameras.h"
 
 namespace mgsfm {
@@ -52,9 +53,11 @@ std::vector<std::vector<View>> PlanAll(const Simulation& simulation,
 
 UndistortedModel Undistort(const Simulation& simulation,
                            const ViewOptions& options,
-                           ViewNaming naming = ViewNaming::kFolders) {
+                           ViewNaming naming = ViewNaming::kFolders,
+                           int num_threads = 1) {
   return UndistortModel(simulation.scene, simulation.ground_truth,
-                        PlanAll(simulation, options), naming, Context());
+                        PlanAll(simulation, options), naming,
+                        Threads(num_threads));
 }
 
 size_t CountObservations(const Reconstruction& model) {
@@ -125,6 +128,20 @@ TEST(UndistortedModel, ProjectionsAgreeWithTheOriginals) {
   }
   EXPECT_THAT(sensors, testing::IsSupersetOf(
                            {"left", "right", "side_front", "side_right"}));
+}
+
+TEST(UndistortedModel, DoesNotDependOnThreads) {
+  const Simulation simulation = SimulateRig();
+  const UndistortedModel one = Undistort(simulation, ViewOptions());
+  const UndistortedModel three =
+      Undistort(simulation, ViewOptions(), ViewNaming::kFolders, 3);
+  ASSERT_EQ(one.scene.images.size(), three.scene.images.size());
+  for (size_t i = 0; i < one.scene.images.size(); ++i) {
+    EXPECT_EQ(one.scene.images[i].keypoints_px,
+              three.scene.images[i].keypoints_px);
+  }
+  EXPECT_EQ(CountObservations(one.reconstruction),
+            CountObservations(three.reconstruction));
 }
 
 TEST(UndistortedModel, RigsAndFramesRemain) {

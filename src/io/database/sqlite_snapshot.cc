@@ -49,8 +49,7 @@ void CheckIsDatabase(const std::string& path) {
   if (!fs::is_regular_file(status)) {
     ThrowDatabaseError(path, "is not a file; give the database file itself");
   }
-  const std::string header = ReadHeader(path);
-  if (header.compare(0, kMagic.size(), kMagic) != 0) {
+  if (!HasDatabaseHeader(path)) {
     ThrowDatabaseError(path,
                        "is not an SQLite database; give the one that COLMAP's "
                        "feature extractor made");
@@ -77,6 +76,10 @@ void CheckIsComplete(const std::string& path) {
 }
 
 }  // namespace
+
+bool HasDatabaseHeader(const std::string& path) {
+  return ReadHeader(path).compare(0, kMagic.size(), kMagic) == 0;
+}
 
 TemporaryFolder::TemporaryFolder()
     : path_((fs::temp_directory_path() / "mgsfm_XXXXXX").string()) {

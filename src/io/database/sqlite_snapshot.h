@@ -11,6 +11,9 @@
 
 namespace mgsfm {
 
+// Whether a file begins like a database.
+bool HasDatabaseHeader(const std::string& path);
+
 // A folder with a random name in the folder for temporary files, readable by
 // this user only, that is removed with all its files at the end of its scope.
 class TemporaryFolder {

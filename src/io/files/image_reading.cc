@@ -5,6 +5,7 @@
 #include <cctype>
 #include <iostream>
 #include <limits>
+#include <new>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <string_view>
@@ -287,7 +288,8 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
                          const_cast<char*>(file.data()));
       image.pixels = cv::imdecode(view, imread_flags);
     }
-  } catch (const cv::Exception&) {
+  } catch (const cv::Exception& exception) {
+    RethrowLackOfMemory(exception);
     image.pixels.release();
   }
   image.warning = capture.Line();
@@ -299,14 +301,31 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
   return image;
 }
 
+bool StaysInFolder(const std::string& name) {
+  bool is_inside = !name.empty() && name.front() != '/';
+  for (size_t begin = 0; begin <= name.size();) {
+    const size_t end = std::min(name.find('/', begin), name.size());
+    is_inside &= name.compare(begin, end - begin, "..") != 0;
+    begin = end + 1;
+  }
+  return is_inside;
+}
+
+void RethrowLackOfMemory(const cv::Exception& exception) {
+  if (exception.code == cv::Error::StsNoMem) throw std::bad_alloc();
+}
+
 QuietImageLibraries::QuietImageLibraries()
     : num_threads_(cv::getNumThreads()),
       log_level_(cv::utils::logging::getLogLevel()),
       terminal_(stderr),
       error_stream_(std::make_unique<ErrorStream>(std::cerr.rdbuf())),
-      terminal_stream_(std::cerr.rdbuf(error_stream_.get())) {
+      terminal_stream_(std::cerr.rdbuf()) {
   cv::setNumThreads(1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  // What follows throws nothing; otherwise std::cerr would keep a buffer that
+  // no longer exists.
+  std::cerr.rdbuf(error_stream_.get());
   // libjpeg and libpng print to stderr, unless OpenCV asked them not to.
   cookie_io_functions_t functions{};
   functions.write = WriteMessage;

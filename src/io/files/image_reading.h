@@ -40,6 +40,14 @@ struct DecodedImage {
 DecodedImage DecodeImage(const std::string& file, int imread_flags,
                          int64_t max_num_pixels);
 
+// Whether the name of an image, relative to the folder of images, stays in it.
+// Models come from others: their names must not select files elsewhere.
+bool StaysInFolder(const std::string& name);
+
+// Throws std::bad_alloc if the exception reports a lack of memory, for which
+// OpenCV has a code.
+void RethrowLackOfMemory(const cv::Exception& exception);
+
 // During its lifetime, the libraries that decode images use one thread, and
 // what they print goes into DecodedImage::warning. Messages that others print
 // to stderr or std::cerr are passed on. One object at a time.

@@ -5,6 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 
+#include "io/files/image_reading.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -23,6 +24,7 @@ void WriteColorImage(const std::filesystem::path& path, int width_px,
     cv::imencode(path.extension().string(), bgr, file,
                  {cv::IMWRITE_JPEG_QUALITY, jpeg_quality});
   } catch (const cv::Exception& exception) {
+    RethrowLackOfMemory(exception);
     throw Error("cannot encode '" + path.string() + "': " + exception.err +
                 "; name it .png or .jpg");
   }

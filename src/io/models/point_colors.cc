@@ -84,7 +84,9 @@ std::vector<std::string> ColorPoints(const Scene& scene,
       [&](size_t image_idx) {
         if (samples[image_idx].empty()) return;
         const Image& image = scene.images[image_idx];
-        const cv::Mat bgr = ReadImage(image_path / image.name);
+        const cv::Mat bgr = StaysInFolder(image.name)
+                                ? ReadImage(image_path / image.name)
+                                : cv::Mat();
         image_was_read[image_idx] = !bgr.empty();
         if (bgr.empty()) return;
         for (const Sample& sample : samples[image_idx]) {
