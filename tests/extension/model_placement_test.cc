@@ -197,7 +197,7 @@ TEST(ModelPlacing, GivenRigsMustBeThatOfTheModel) {
       EXPECT_EQ(message, "no error");
     } else {
       EXPECT_THAT(message, AllOf(HasSubstr("camera 'cam"),
-                                 HasSubstr("leave the pose out")));
+                                 HasSubstr("omit the pose")));
     }
   }
 }

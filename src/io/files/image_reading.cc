@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/files/image_reading.h"
 
+#include <sys/mman.h>
+
 #include <algorithm>
 #include <cctype>
 #include <iostream>
@@ -315,12 +317,31 @@ void RethrowLackOfMemory(const cv::Exception& exception) {
   if (exception.code == cv::Error::StsNoMem) throw std::bad_alloc();
 }
 
+namespace {
+
+// Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
+// the process if it lacks memory there, so that memory is tested first.
+void SetUpCodecs() {
+  // The setup takes 10 MB.
+  constexpr size_t kSetupBytes = size_t{32} << 20;
+  void* memory = mmap(nullptr, kSetupBytes, PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (memory == MAP_FAILED) throw std::bad_alloc();
+  munmap(memory, kSetupBytes);
+  const std::string image = "P5 1 1 255\n0";
+  (void)cv::imdecode(std::vector<char>(image.begin(), image.end()),
+                     cv::IMREAD_GRAYSCALE);
+}
+
+}  // namespace
+
 QuietImageLibraries::QuietImageLibraries()
     : num_threads_(cv::getNumThreads()),
       log_level_(cv::utils::logging::getLogLevel()),
       terminal_(stderr),
       error_stream_(std::make_unique<ErrorStream>(std::cerr.rdbuf())),
       terminal_stream_(std::cerr.rdbuf()) {
+  SetUpCodecs();
   cv::setNumThreads(1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   // What follows throws nothing; otherwise std::cerr would keep a buffer that
