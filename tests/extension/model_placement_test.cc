@@ -196,8 +196,8 @@ TEST(ModelPlacing, GivenRigsMustBeThatOfTheModel) {
     if (factor < 1.01) {
       EXPECT_EQ(message, "no error");
     } else {
-      EXPECT_THAT(message, AllOf(HasSubstr("camera 'cam"),
-                                 HasSubstr("omit the pose")));
+      EXPECT_THAT(message,
+                  AllOf(HasSubstr("camera 'cam"), HasSubstr("omit the pose")));
     }
   }
 }
