@@ -21,7 +21,7 @@ namespace mgsfm {
 // remain; those of all blocks are added and solved. The steps of the other
 // frames and of the points follow block by block. Cost, steps and stopping
 // criteria are those of Levenberg-Marquardt on the whole model, therefore both
-// have the same minimum (docs/maths/bundle.md#blocks). Each iteration visits
+// have the same minimum (docs/maths/bundle.md, Blocks). Each iteration visits
 // every block once and linearises it twice.
 //
 // Memory: the points as below, the equations of the largest block, and twice
