@@ -233,6 +233,13 @@ bool IsDatabaseOption(const std::string& option) {
   return option == "shard_path" || option == "merged_database_path";
 }
 
+void CheckIsNotKept(const std::string& target, const std::string& option) {
+  const std::string kind = KindOfKeptFile(target);
+  if (kind.empty()) return;
+  throw Error("'" + target + "' (--" + option + ") is " + kind +
+              ", which the output would replace; choose another " + option);
+}
+
 void CheckKeptFiles(const std::string& command, const OptionList& options) {
   for (const Output& output : kOutputs) {
     const std::string target = ValueOf(options, output.option);
@@ -241,11 +248,7 @@ void CheckKeptFiles(const std::string& command, const OptionList& options) {
         IsDatabaseOption(output.option)) {
       continue;
     }
-    const std::string kind = KindOfKeptFile(target);
-    if (kind.empty()) continue;
-    throw Error("'" + target + "' (--" + output.option + ") is " + kind +
-                ", which the output would replace; choose another " +
-                output.option);
+    CheckIsNotKept(target, output.option);
   }
 }
 

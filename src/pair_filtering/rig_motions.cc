@@ -70,14 +70,12 @@ CameraPoints CorrespondencesOf(const FrameMatches& input, const ImagePair& pair,
         !input.bearings.HasRay(images.to, target)) {
       continue;
     }
-    points.points.push_back(rig_from_source *
-                            (*depths.distances[images.from][source] *
-                             input.bearings.Ray(images.from, source)));
+    const Vector3d in_source = *depths.distances[images.from][source] *
+                               input.bearings.Ray(images.from, source);
+    points.points.push_back(rig_from_source * in_source);
     points.rays.push_back(input.bearings.Ray(images.to, target));
-    points.depth_sigmas.push_back(
-        depths.RelativeSigma(images.from, source) *
-        (rig_from_source.rotation * (*depths.distances[images.from][source] *
-                                     input.bearings.Ray(images.from, source))));
+    points.depth_sigmas.emplace_back(depths.RelativeSigma(images.from, source) *
+                                     (rig_from_source.rotation * in_source));
   }
   return points;
 }
