@@ -50,7 +50,7 @@ struct RayError {
   }
 };
 
-// Of a point and its depth_sigma in the camera frame.
+// The point and its depth_sigma are in the camera frame.
 RayError ErrorOf(const Vector3d& point, const Vector3d& depth_sigma,
                  const Vector3d& ray, double max_error_rad) {
   RayError error;
