@@ -100,6 +100,11 @@ std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
   return {folder, camera};
 }
 
+[[noreturn]] void ThrowDuplicateFolder(const std::string& what,
+                                       const std::string& folder) {
+  throw Error(what + ": duplicate folder '" + folder + "'");
+}
+
 std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   std::map<std::string, Camera> cameras;
   if (path.empty()) return cameras;
@@ -113,10 +118,17 @@ std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
     const std::string what = path + ", line " + std::to_string(number);
     auto [folder, camera] = ParseCameraLine(line, what);
     if (!cameras.emplace(folder, std::move(camera)).second) {
-      throw Error(what + ": duplicate folder '" + folder + "'");
+      ThrowDuplicateFolder(what, folder);
     }
   }
   return cameras;
+}
+
+[[noreturn]] void ThrowMissingFolder(const std::string& path,
+                                     const std::string& folder,
+                                     const std::string& image_name) {
+  throw Error("'" + path + "' has no line for the folder '" + folder +
+              "' of image '" + image_name + "'; add it");
 }
 
 // No distortion; the principal point is the image centre.
@@ -177,9 +189,7 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
   for (const std::string& name : image_names) {
     const std::string folder = FolderOf(name);
     if (camera_of_folder_.count(folder) == 0) {
-      throw Error("'" + *options_.camera_params_path +
-                  "' has no line for the folder '" + folder + "' of image '" +
-                  name + "'; add it");
+      ThrowMissingFolder(*options_.camera_params_path, folder, name);
     }
     folders.insert(folder);
   }

@@ -74,7 +74,7 @@ std::vector<PlanarMotion> DecomposeHomography(const Eigen::Matrix3d& homography,
                                               double rotation_tolerance) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(
       homography, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d sigma = svd.singularValues();
+  const Eigen::Vector3d& sigma = svd.singularValues();
   if (!(sigma(2) > 1e-9 * sigma(0))) return {};
   // det(R + t n^T) = 1 + t . R n > 0 because both cameras are on the same side.
   const double sign = homography.determinant() > 0.0 ? 1.0 : -1.0;

@@ -154,7 +154,7 @@ std::optional<SubMapEdge> EdgeOfCommonImages(const SceneModel& first,
   transform.rotation = MeanRotation(rotations);
   std::vector<Vector3d> translations;
   for (size_t i = 0; i < centers1.size(); ++i) {
-    translations.push_back(
+    translations.emplace_back(
         centers1[i] - transform.scale * (transform.rotation * centers2[i]));
   }
   transform.translation = MedianOf(translations);
@@ -477,7 +477,7 @@ std::vector<int> RejectWrongLoops(const std::vector<SceneModel>& sub_maps,
                                   std::vector<SubMapEdge>* edges) {
   const auto num_sub_maps = static_cast<int>(sub_maps.size());
   const std::vector<GraphEdge> graph = ToGraph(*edges);
-  const std::vector<int> forest = MaximumSpanningForest(num_sub_maps, graph);
+  std::vector<int> forest = MaximumSpanningForest(num_sub_maps, graph);
   const std::vector<Sim3> world_from =
       PlaceByForest(sub_maps.size(), *edges, forest);
   std::vector<double> lengths;  // of edges: half of either sub-map

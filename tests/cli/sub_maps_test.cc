@@ -61,6 +61,20 @@ class SubMapCommands : public SharedDriveTest {
         "/truth --json " + Path("errors.json"));
     return Json::parse(ReadTextFile(Path("errors.json")));
   }
+  void ExpectAsGood(const std::string& model,
+                    const std::string& reference) const {
+    const Json errors = Evaluate(model);
+    const Json reference_errors = Evaluate(reference);
+    EXPECT_EQ(errors["num_registered"], reference_errors["num_registered"]);
+    EXPECT_LT(errors["position_m"]["mean"].get<double>(),
+              1.1 * reference_errors["position_m"]["mean"].get<double>());
+  }
+  // Maps all images at once for comparison.
+  void ExpectAsGoodAsSingleModel(const std::string& model) const {
+    Run("mapper --write_report 0 --database_path " + Database() +
+        " --output_path " + Path("single"));
+    ExpectAsGood(model, Path("single/0"));
+  }
 };
 
 TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
@@ -68,13 +82,7 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   ASSERT_EQ(clusters["clusters"].size(), 3u);
   MapAll(clusters);
   Join();
-  Run("mapper --write_report 0 --database_path " + Database() +
-      " --output_path " + Path("single"));
-  const Json joined = Evaluate(Path("joined/0"));
-  const Json single = Evaluate(Path("single/0"));
-  EXPECT_EQ(joined["num_registered"], single["num_registered"]);
-  EXPECT_LT(joined["position_m"]["mean"].get<double>(),
-            1.1 * single["position_m"]["mean"].get<double>());
+  ExpectAsGoodAsSingleModel(Path("joined/0"));
   const Json report = Json::parse(ReadTextFile(Path("joined/report.json")));
   EXPECT_EQ(report["sub_maps"].size(), 3u);
   EXPECT_TRUE(report["missing_clusters"].empty());
@@ -91,11 +99,7 @@ TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
   Run(JoinTo("blocked") + " --refine_in_blocks 1");
   const double cost = FinalCost(Path("joined"));
   EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
-  const Json whole = Evaluate(Path("joined/0"));
-  const Json blocked = Evaluate(Path("blocked/0"));
-  EXPECT_EQ(blocked["num_registered"], whole["num_registered"]);
-  EXPECT_LT(blocked["position_m"]["mean"].get<double>(),
-            1.1 * whole["position_m"]["mean"].get<double>());
+  ExpectAsGood(Path("blocked/0"), Path("joined/0"));
 }
 
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
@@ -177,13 +181,7 @@ TEST_F(TwoDistricts, AreCutAtTheStreetAndJoined) {
   }
   MapAll(clusters);
   Join();
-  Run("mapper --write_report 0 --database_path " + Database() +
-      " --output_path " + Path("single"));
-  const Json joined = Evaluate(Path("joined/0"));
-  const Json single = Evaluate(Path("single/0"));
-  EXPECT_EQ(joined["num_registered"], single["num_registered"]);
-  EXPECT_LT(joined["position_m"]["mean"].get<double>(),
-            1.1 * single["position_m"]["mean"].get<double>());
+  ExpectAsGoodAsSingleModel(Path("joined/0"));
 }
 
 // Replacing them as results of an earlier run would lose them.
