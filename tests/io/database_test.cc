@@ -75,13 +75,7 @@ void ExpectSamePairs(const DatabaseContents& a, const DatabaseContents& b) {
     EXPECT_EQ(a.pairs[i].H, b.pairs[i].H);
     ExpectSamePose(a.pairs[i].cam2_from_cam1.value(),
                    b.pairs[i].cam2_from_cam1.value());
-    ASSERT_EQ(a.pairs[i].matches.size(), b.pairs[i].matches.size());
-    for (size_t j = 0; j < a.pairs[i].matches.size(); ++j) {
-      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx1,
-                b.pairs[i].matches[j].keypoint_idx1);
-      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx2,
-                b.pairs[i].matches[j].keypoint_idx2);
-    }
+    ExpectSameMatches(a.pairs[i].matches, b.pairs[i].matches);
   }
 }
 

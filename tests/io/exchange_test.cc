@@ -468,6 +468,21 @@ std::vector<size_t> Ranks(const std::vector<std::string>& names) {
   return ranks;
 }
 
+// Points with place, colour and observations, the last records of a file.
+void ReadPoints(size_t num_points, const std::vector<std::string>& names,
+                std::istream* file, ForeignModel* model) {
+  for (size_t i = 0; i < num_points; ++i) {
+    std::vector<double> place(6);
+    for (double& value : place) *file >> value;
+    size_t num_observations = 0;
+    *file >> num_observations;
+    std::vector<double> numbers(4 * num_observations);
+    for (double& value : numbers) *file >> value;
+    model->points.insert(PointOf(place, numbers, Ranks(names)));
+  }
+  EXPECT_TRUE(file->good());
+}
+
 ForeignModel ParseNvm(const std::string& text) {
   std::istringstream file(text);
   std::string word;
@@ -483,16 +498,7 @@ ForeignModel ParseNvm(const std::string& text) {
     model.images[name] = values;
   }
   file >> num_points;
-  for (size_t i = 0; i < num_points; ++i) {
-    std::vector<double> place(6);
-    for (double& value : place) file >> value;
-    size_t num_observations = 0;
-    file >> num_observations;
-    std::vector<double> numbers(4 * num_observations);
-    for (double& value : numbers) file >> value;
-    model.points.insert(PointOf(place, numbers, Ranks(names)));
-  }
-  EXPECT_TRUE(file.good());
+  ReadPoints(num_points, names, &file, &model);
   return model;
 }
 
@@ -508,16 +514,7 @@ ForeignModel ParseBundler(const std::string& text, const std::string& list) {
     for (double& value : values) file >> value;
     model.images[name] = values;
   }
-  for (size_t i = 0; i < num_points; ++i) {
-    std::vector<double> place(6);
-    for (double& value : place) file >> value;
-    size_t num_observations = 0;
-    file >> num_observations;
-    std::vector<double> numbers(4 * num_observations);
-    for (double& value : numbers) file >> value;
-    model.points.insert(PointOf(place, numbers, Ranks(names)));
-  }
-  EXPECT_TRUE(file.good());
+  ReadPoints(num_points, names, &file, &model);
   return model;
 }
 

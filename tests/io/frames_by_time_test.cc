@@ -61,18 +61,6 @@ TEST(TimeInName, CountersAreNone) {
   }
 }
 
-// The names of the images of each frame.
-std::vector<Names> Frames(const Scene& scene) {
-  std::vector<Names> frames;
-  for (const Frame& frame : scene.frames) {
-    frames.emplace_back();
-    for (const int image_idx : frame.image_idxs) {
-      frames.back().push_back(scene.images[image_idx].name);
-    }
-  }
-  return frames;
-}
-
 class FramesByTimeTest : public testing::Test {
  protected:
   FramesByTimeTest() {
@@ -106,7 +94,7 @@ TEST_F(FramesByTimeTest, NearestImagesMakeFrames) {
                        At("cam2", 50000000)};
   const Scene scene = Load(names);
   EXPECT_EQ(scene.rigs.size(), 1u);
-  EXPECT_THAT(Frames(scene),
+  EXPECT_THAT(NamesOfFrames(scene),
               UnorderedElementsAre(ElementsAre(names[0], names[3]),
                                    ElementsAre(names[1], names[4], names[6]),
                                    ElementsAre(names[2], names[5])));
@@ -125,14 +113,14 @@ TEST_F(FramesByTimeTest, NearestImagesMakeFrames) {
 // nearer one is taken, the earlier one if both are equally near.
 TEST_F(FramesByTimeTest, PairsAreOneToOne) {
   const Names nearer = {At("cam0", 0), At("cam1", 3000), At("cam1", 5000)};
-  EXPECT_THAT(Frames(Load(nearer)),
+  EXPECT_THAT(NamesOfFrames(Load(nearer)),
               UnorderedElementsAre(ElementsAre(nearer[0], nearer[1]),
                                    ElementsAre(nearer[2])));
   EXPECT_THAT(warnings_, HasSubstr("1 images of"));
   const Names tie = {At("cam0", 0), At("cam0", 90000), At("cam0", 4000),
                      At("cam1", 2000), At("cam1", 90000)};
   EXPECT_THAT(
-      Frames(Load(tie)),
+      NamesOfFrames(Load(tie)),
       UnorderedElementsAre(ElementsAre(tie[0], tie[3]), ElementsAre(tie[2]),
                            ElementsAre(tie[1], tie[4])));
 }
@@ -164,7 +152,7 @@ TEST_F(FramesByTimeTest, AgreesWithBruteForce) {
     }
   }
   std::set<Names> found;
-  for (const Names& frame : Frames(Load(names))) {
+  for (const Names& frame : NamesOfFrames(Load(names))) {
     if (frame.size() == 2) found.insert(frame);
   }
   EXPECT_EQ(found, expected);
@@ -188,7 +176,7 @@ TEST_F(FramesByTimeTest, TimesComeFromAFile) {
   WriteTextFile(*options_.image_timestamps_path,
                 "a/1.png 1.5\na/2.png 2.5\nb/x.png 2.500001\n");
   EXPECT_THAT(
-      Frames(Load({"a/1.png", "a/2.png", "b/x.png"})),
+      NamesOfFrames(Load({"a/1.png", "a/2.png", "b/x.png"})),
       ElementsAre(ElementsAre("a/1.png"), ElementsAre("a/2.png", "b/x.png")));
 }
 
@@ -196,7 +184,7 @@ TEST_F(FramesByTimeTest, RigsPairSeparately) {
   options_.rig_name_rule = "(?<rig>[^/]+)/(?<camera>[^/]+)/.*";
   const Names names = {At("r1/cam0", 0), At("r1/cam1", 1000), At("r2/cam0", 0),
                        At("r2/cam1", 2000)};
-  EXPECT_THAT(Frames(Load(names)),
+  EXPECT_THAT(NamesOfFrames(Load(names)),
               UnorderedElementsAre(ElementsAre(names[0], names[1]),
                                    ElementsAre(names[2], names[3])));
 }
@@ -211,8 +199,9 @@ TEST_F(FramesByTimeTest, ConfigurationsNameTheCameras) {
   options_.image_timestamps_path = (dir.path() / "times.txt").string();
   WriteTextFile(*options_.image_timestamps_path,
                 names[0] + " 1\n" + names[1] + " 1.000001\nother/1.png 1\n");
-  EXPECT_THAT(Frames(Load(names)), ElementsAre(ElementsAre(names[0], names[1]),
-                                               ElementsAre("other/1.png")));
+  EXPECT_THAT(
+      NamesOfFrames(Load(names)),
+      ElementsAre(ElementsAre(names[0], names[1]), ElementsAre("other/1.png")));
 }
 
 TEST_F(FramesByTimeTest, BadInputIsNamed) {

@@ -34,18 +34,6 @@ std::string LoadError(const DatabaseContents& contents,
   return ErrorOf([&] { (void)Load(contents, rule); });
 }
 
-// The names of the images in each frame, in the order of frames.
-std::vector<Names> Frames(const Scene& scene) {
-  std::vector<Names> frames;
-  for (const Frame& frame : scene.frames) {
-    frames.emplace_back();
-    for (const int image_idx : frame.image_idxs) {
-      frames.back().push_back(scene.images[image_idx].name);
-    }
-  }
-  return frames;
-}
-
 // The names of the sensors of each rig, the reference first.
 std::vector<Names> Rigs(const Scene& scene) {
   std::vector<Names> rigs;
@@ -74,7 +62,7 @@ void ExpectSameScene(const Scene& a, const Scene& b, bool with_frame_names) {
               b.sensors[i].sensor_from_rig.has_value());
   }
   EXPECT_EQ(Rigs(a), Rigs(b));
-  EXPECT_EQ(Frames(a), Frames(b));
+  EXPECT_EQ(NamesOfFrames(a), NamesOfFrames(b));
   for (size_t i = 0; with_frame_names && i < a.frames.size(); ++i) {
     EXPECT_EQ(a.frames[i].name, b.frames[i].name);
   }
@@ -102,13 +90,7 @@ void ExpectSameViewGraph(const ViewGraph& a, const ViewGraph& b) {
               1e-12);
     EXPECT_TRUE(a.pairs[i].relative_pose->translation_direction->isApprox(
         *b.pairs[i].relative_pose->translation_direction, 1e-12));
-    ASSERT_EQ(a.pairs[i].matches.size(), b.pairs[i].matches.size());
-    for (size_t j = 0; j < a.pairs[i].matches.size(); ++j) {
-      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx1,
-                b.pairs[i].matches[j].keypoint_idx1);
-      EXPECT_EQ(a.pairs[i].matches[j].keypoint_idx2,
-                b.pairs[i].matches[j].keypoint_idx2);
-    }
+    ExpectSameMatches(a.pairs[i].matches, b.pairs[i].matches);
   }
 }
 
@@ -158,7 +140,7 @@ const Names kStereo = {"cam1/0.png", "cam0/0.png", "cam0/1.png",
 TEST(FolderInferenceTest, FoldersAreCamerasAndFilesAreFrames) {
   const Scene scene = LoadNames(kStereo);
   EXPECT_THAT(Rigs(scene), ElementsAre(Names{"cam1", "cam0"}, Names{"phone"}));
-  EXPECT_THAT(Frames(scene),
+  EXPECT_THAT(NamesOfFrames(scene),
               ElementsAre(Names{"cam0/0.png", "cam1/0.png"},
                           Names{"cam0/1.png", "cam1/1.png"},
                           Names{"cam1/2.png"}, Names{"phone/7.png"}));
@@ -196,7 +178,7 @@ TEST(FolderInferenceTest, EqualNamesInSubsequencesAreDifferentFrames) {
     const Scene scene = LoadNames(names);
     EXPECT_THAT(Rigs(scene), ElementsAre(Names{"cam1", "cam2"}));
     EXPECT_EQ(scene.frames.size(), 6u);
-    for (const Names& frame : Frames(scene)) EXPECT_EQ(frame.size(), 2u);
+    for (const Names& frame : NamesOfFrames(scene)) EXPECT_EQ(frame.size(), 2u);
   }
 }
 
@@ -300,7 +282,7 @@ TEST(RuleInferenceTest, GroupsTellCameraFrameAndRig) {
                      "van/s/a/0.png", "van/s/b/0.png"},
                     "(?<rig>[^/]+)/(?<frame>[^/]+)/(?<camera>.)/(?<frame>.*)");
   EXPECT_THAT(Rigs(scene), ElementsAre(Names{"a", "b"}, Names{"a", "b"}));
-  EXPECT_THAT(Frames(scene),
+  EXPECT_THAT(NamesOfFrames(scene),
               ElementsAre(Names{"car/s/a/0.png", "car/s/b/0.png"},
                           Names{"car/t/a/0.png"},
                           Names{"van/s/a/0.png", "van/s/b/0.png"}));
@@ -362,7 +344,7 @@ TEST(TableRigsTest, TablesGoBeforeNames) {
   const Scene& scene = loaded.scene;
   EXPECT_THAT(loaded.rig_source, HasSubstr("database"));
   EXPECT_THAT(Rigs(scene), ElementsAre(Names{"cam0", "cam1"}, Names{"phone"}));
-  EXPECT_THAT(Frames(scene),
+  EXPECT_THAT(NamesOfFrames(scene),
               ElementsAre(Names{"cam0/0.png", "cam1/0.png"},
                           Names{"cam0/1.png", "cam1/2.png"},
                           Names{"cam1/1.png"}, Names{"phone/7.png"}));

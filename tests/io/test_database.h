@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <map>
 #include <string>
@@ -9,9 +11,9 @@
 #include "base/random.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/context.h"
-#include "mgsfm/base/error.h"
 #include "mgsfm/io/database/database.h"
 #include "mgsfm/io/models/scene_loading.h"
+#include "support/error_of.h"
 
 namespace mgsfm {
 
@@ -96,15 +98,25 @@ inline ImageRow& FindImage(DatabaseContents* contents,
                        [&](const ImageRow& row) { return row.name == name; });
 }
 
-// The message of the Error that `function` throws.
-template <class Function>
-std::string ErrorOf(const Function& function) {
-  try {
-    function();
-  } catch (const Error& error) {
-    return error.what();
+// The names of the images in each frame, in the order of frames.
+inline std::vector<std::vector<std::string>> NamesOfFrames(const Scene& scene) {
+  std::vector<std::vector<std::string>> names;
+  for (const Frame& frame : scene.frames) {
+    names.emplace_back();
+    for (const int image_idx : frame.image_idxs) {
+      names.back().push_back(scene.images[image_idx].name);
+    }
   }
-  return "no error";
+  return names;
+}
+
+inline void ExpectSameMatches(const std::vector<Match>& a,
+                              const std::vector<Match>& b) {
+  ASSERT_EQ(a.size(), b.size());
+  for (size_t i = 0; i < a.size(); ++i) {
+    EXPECT_EQ(a[i].keypoint_idx1, b[i].keypoint_idx1);
+    EXPECT_EQ(a[i].keypoint_idx2, b[i].keypoint_idx2);
+  }
 }
 
 }  // namespace mgsfm

@@ -8,7 +8,7 @@
 
 #include "geometry/so3.h"
 #include "matching/feature_world.h"
-#include "mgsfm/base/error.h"
+#include "support/error_of.h"
 #include "support/temp_dir.h"
 
 namespace mgsfm {
@@ -48,16 +48,6 @@ class MatchingTest : public testing::Test {
 
   TempDir dir_;
 };
-
-template <class Function>
-std::string ErrorOf(const Function& function) {
-  try {
-    function();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
 
 NamePair Names(int sensor1, int frame1, int sensor2, int frame2) {
   return {FeatureWorld::ImageName(sensor1, frame1),
