@@ -151,6 +151,7 @@ std::vector<std::vector<View>> PlanAllViews(const Reconstruction& model,
 void LogViews(const Scene& scene,
               const std::vector<std::vector<View>>& views_of_camera,
               const Context& context) {
+  // Bounds the log, not what is written.
   constexpr size_t kMaxNumCameras = 20;
   for (size_t i = 0; i < std::min(kMaxNumCameras, views_of_camera.size());
        ++i) {

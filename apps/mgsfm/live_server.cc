@@ -26,13 +26,17 @@
 namespace mgsfm {
 namespace {
 
+// A browser opens at most six connections to one address: room for ten readers.
 constexpr unsigned kMaxConnections = 64;
 // Browsers send the cookies of all programs that served this address.
 constexpr size_t kMaxRequestBytes = 32768;
+// A request is smaller than two dozen packets, so it arrives in one go.
 constexpr double kMaxRequest_s = 5.0;
+// A report of 10 MB takes 8 s at 10 Mbit/s; slower lines need more.
 constexpr double kMaxConnection_s = 60.0;
 // The time that an incomplete request may take if others wait.
 constexpr double kMinRequest_s = 1.0;
+// The longest time for which the end of the program waits for the loop.
 constexpr int kPollMilliseconds = 50;
 // Between rounds of the loop, so that a flood of requests cannot occupy a core.
 constexpr std::chrono::milliseconds kPause(2);

@@ -13,13 +13,17 @@
 namespace mgsfm {
 namespace {
 
+// The page asks every second, so a quarter of it is the most that it lags.
 constexpr double kStateInterval_s = 0.25;
+// The last messages; the log has all of them.
 constexpr size_t kMaxMessages = 12;
-// A model is shown at most so often, and seldom enough to cost 2 %.
+// A model is published at most at this interval, and so rarely that it costs at
+// most 2 % of the time.
 constexpr double kModelInterval_s = 1.0;
 constexpr double kMinTimeBetweenModelsPerCost = 50.0;
 // Enough for 50,000 points; each model is sent as a whole.
 constexpr size_t kMaxModelBytes = 3'000'000;
+// Time for three requests of the page, which asks every second.
 constexpr double kMaxWaitForReader_s = 3.0;
 
 }  // namespace

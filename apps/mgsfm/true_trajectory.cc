@@ -159,6 +159,8 @@ bool MayBeCounter(const std::string& frame) {
 std::map<size_t, std::pair<double, std::string>> NearestFrames(
     const std::vector<std::string>& frames, const std::vector<TimedPose>& poses,
     double max_difference_s) {
+  // Seconds this large are three million years; nanoseconds this small are one
+  // day.
   constexpr double kMinNanoseconds = 1e14;
   std::map<size_t, std::pair<double, std::string>> frame_of_pose;
   for (const std::string& frame : frames) {

@@ -16,6 +16,7 @@ constexpr std::pair<std::string_view, double> kMaxima[] = {
     {"observations", 1e7}, {"tracks", 1e7},     {"descriptors", 1e8},
     {"words", 1e8},        {"pairs", 1e8}};
 constexpr double kMaxOfOthers = 1e6;
+// Smaller values are negligible beside numbers of size 1 in double precision.
 constexpr double kMinAboveZero = 1e-15;
 
 double MaxOfUnit(std::string_view unit) {

@@ -11,6 +11,7 @@
 namespace mgsfm {
 namespace {
 
+// The longest path that Linux accepts (PATH_MAX).
 constexpr size_t kMaxBytes = 4096;
 
 // The number of bytes of the character that the text begins with, 0 if they

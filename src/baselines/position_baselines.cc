@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-// The loss and iterations of global positioning (GLOMAP).
+// The loss, iterations and tolerance of global positioning (GLOMAP).
 constexpr double kRandomStartLossRad = 0.1;
 constexpr int kNumRandomStartIterations = 100;
 constexpr double kFunctionTolerance = 1e-5;

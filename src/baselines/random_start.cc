@@ -8,6 +8,7 @@ namespace {
 
 using Eigen::Vector3d;
 
+// Half of the sides in random_start.h.
 constexpr double kHalfWidth = 100.0;
 constexpr double kSensorHalfWidth = 1.0;
 

@@ -64,13 +64,14 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
 }
 
 double RoughTolerance(const BundleAdjustmentOptions& options) {
+  // Points and outliers change after these solves (docs/maths/bundle.md).
   constexpr double kFactor = 100.0;
   return std::min(1.0, kFactor * options.function_tolerance);
 }
 
 double GrossErrorPx(const BundleAdjustmentOptions& options, double sigma_px) {
-  // In multiples of max_max_error_px. Initial poses can be inaccurate, so their
-  // noise can raise it further.
+  // The bound in multiples of max_max_error_px. The noise of inaccurate initial
+  // poses can raise it further.
   constexpr double kFactor = 4.0;
   return std::max(kFactor * options.max_max_error_px,
                   options.error_sigma_factor * sigma_px);

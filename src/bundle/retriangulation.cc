@@ -111,6 +111,7 @@ std::optional<Eigen::Vector3d> GaussNewtonStep(const Candidates& candidates,
 // Takes Gauss-Newton steps as long as they improve the hypothesis.
 Hypothesis RefineHypothesis(const Candidates& candidates, double max_error_px,
                             Hypothesis hypothesis) {
+  // The start is a triangulated point, so the steps converge quadratically.
   constexpr int kMaxNumSteps = 3;
   for (int i = 0; i < kMaxNumSteps; ++i) {
     if (hypothesis.inliers.size() < 2) break;

@@ -18,6 +18,8 @@ constexpr double kMinOutlier = 0.01;
 // Image pairs for the initial fit. If 80 % of the images are inliers, all pairs
 // contain an outlier with probability 0.36^200.
 constexpr int kNumTrials = 200;
+// Numbers of reweighted fits, and of alternations between scale and rotation in
+// each. Both are cheap, so they need no test of convergence.
 constexpr int kNumRobustIterations = 30;
 constexpr int kNumIterations = 10;
 // Bound on the root mean square distance from the mean caused by rounding,

@@ -18,10 +18,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Chosen: equal keypoints that were extracted twice are closer, others are not.
+// Extracting the features of an image twice gives equal keypoints but for
+// rounding. A match with features of another image is off by many pixels.
 constexpr double kMaxKeypointDistancePx = 1.0;
-// Chosen: two calibrations of one rig differ less. The shift is relative to the
-// size of the rig.
+// Calibrations of one rig differ less: a camera that turned by half of this is
+// reported as moved. The shift is relative to the size of the rig.
 constexpr double kMaxKnownRotationDeg = 1.0;
 constexpr double kMaxKnownShift = 0.05;
 // Rounding in double precision.

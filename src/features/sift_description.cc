@@ -42,6 +42,7 @@ size_t Area(const PixelRange& rows, const PixelRange& columns) {
 
 // Restricts the range of x to |offset + slope x| < limit.
 void Narrow(float offset, float slope, float limit, PixelRange* range) {
+  // A row of 1e6 pixels changes the offset by at most one pixel.
   constexpr float kMinSlope = 1e-6f;
   if (std::abs(slope) < kMinSlope) {
     if (std::abs(offset) >= limit) range->end = range->begin;

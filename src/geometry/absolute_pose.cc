@@ -136,6 +136,8 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
   return inliers;
 }
 
+// The pose that is returned is refined to a relative change of its cost of
+// 1e-8.
 constexpr PoseStepOptions kConverged{20, 1e-8, 1e-12};
 // Within RANSAC: only a start of the last refinement.
 constexpr PoseStepOptions kLocal{5, 1e-3, 1e-12};

@@ -11,6 +11,7 @@
 namespace mgsfm::internal {
 namespace {
 
+// Doubles in a register of AVX.
 constexpr int kWidth = 4;
 typedef double Four __attribute__((vector_size(8 * kWidth)));
 

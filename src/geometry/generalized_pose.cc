@@ -101,8 +101,8 @@ double SampsonTerms(const UnitMatches& pair, const Rigid3& unit2_from_unit1,
   const double by_s = -0.5 * e / s * by_e;
   const Eigen::Vector3d by_turn = by_e * e_by_turn + by_s * s_by_turn;
   const Eigen::Vector3d by_t = by_e * normal + by_s * s_by_t;
-  // In the axes of the unit: its rotation rotates the cameras and moves their
-  // centres.
+  // The axes are those of the unit. Its rotation rotates the cameras and moves
+  // their centres.
   const Eigen::Quaterniond unit_from_cam =
       pair.cam2_from_unit2.rotation.conjugate();
   const Eigen::Vector3d arm =
@@ -299,9 +299,9 @@ SolveSummary RefineUnitPose(const std::vector<UnitMatches>& pairs,
     summary.message = "too few matches";
     return summary;
   }
-  constexpr PoseStepOptions kOptions{10, 1e-6, 1e-9};
   return MinimizeOverPose(
-      kOptions, [&](const Rigid3& pose) { return Linearize(pairs, pose); },
+      PoseStepOptions(),
+      [&](const Rigid3& pose) { return Linearize(pairs, pose); },
       unit2_from_unit1);
 }
 

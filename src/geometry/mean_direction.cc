@@ -14,6 +14,8 @@ using Eigen::Vector3d;
 
 // Bounds the quadratic cost of the start.
 constexpr size_t kMaxNumStarts = 100;
+// A limit for inputs whose inliers alternate; others end at the tolerance, in
+// radians, which is far below the error of a direction.
 constexpr int kMaxNumMeans = 50;
 constexpr double kTolerance = 1e-9;
 // Normal errors of a direction exceed three medians with probability 2^-9.

@@ -12,6 +12,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// Roots have at least four digits (see below), and each step doubles them: two
+// steps suffice, and nearly double roots need more.
 constexpr int kMaxNumNewtonSteps = 5;
 // Relative to the largest squared distance between the points.
 constexpr double kMaxRelativeResidual = 1e-9;

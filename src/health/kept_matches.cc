@@ -13,7 +13,7 @@ namespace {
 
 // Healthy drives: see docs/results/input_check.md.
 constexpr double kMinShare = 0.6;
-// Frames with fewer matches show nothing.
+// A share of 0.6 of 100 matches has a standard error of 5 %.
 constexpr size_t kMinNumMatches = 100;
 // A median of five tolerates two outliers.
 constexpr size_t kMinNumFrames = 5;

@@ -43,7 +43,7 @@ std::string SensorNames(const Scene& scene) {
 
 void CheckKnownPoses(const std::string& text, const KnownBaseline& baseline,
                      const Scene& scene) {
-  // Chosen: the error of a baseline of 0.3 m that is measured to 3 mm.
+  // The error of a baseline of 0.3 m that is measured to 3 mm.
   constexpr double kTolerance = 0.01;
   for (const auto& [sensor1, sensor2] : baseline.sensor_idxs) {
     const auto& pose1 = scene.sensors[sensor1].sensor_from_rig;

@@ -111,6 +111,8 @@ Json FrontCode(const std::vector<std::string>& names, size_t max_bytes) {
     }
     return json;
   };
+  // Bytes of a name. Few names are longer; shorter ones do not tell images
+  // apart.
   constexpr size_t kMaxLength = 400, kMinLength = 8;
   Json json = encode(kMaxLength);
   for (size_t length = kMaxLength / 2;

@@ -51,6 +51,7 @@ uint32_t CellOf(const Vector3d& point, const AlignedBox3d& box) {
 }
 
 double Weight(const Point3D& point, uint32_t num_in_cell) {
+  // Longer tracks are not shown before points of other places.
   constexpr double kMaxLength = 12.0;
   const double length =
       std::min(static_cast<double>(point.track.size()), kMaxLength);

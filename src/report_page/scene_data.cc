@@ -359,6 +359,7 @@ Json WriteSideFiles(const PageModel& model, const std::vector<size_t>& selected,
                     size_t begin, const AlignedBox3d& box,
                     const std::string& id, const ReportPageOptions& options,
                     const Context& context) {
+  // About 9 MB in base64, which a browser parses at once.
   constexpr size_t kPointsPerFile = 500'000;
   Json names = Json::array();
   for (; begin < selected.size(); begin += kPointsPerFile) {

@@ -13,6 +13,7 @@ namespace {
 using Eigen::Vector2d;
 using Json = nlohmann::ordered_json;
 
+// The chart has 560 px, so that a bin has more than one.
 constexpr size_t kMaxBins = 480;
 constexpr char kSeamStyle[] = "stroke='#e69f00' stroke-dasharray='5 4'";
 

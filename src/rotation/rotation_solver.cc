@@ -29,6 +29,7 @@ constexpr double kMinScaleRad = DegToRad(0.05);
 constexpr double kScaleInSigmas = 6.0;
 // L1 averaging is only a start: it may stop far above step_tolerance_deg.
 constexpr double kL1StepToleranceRad = DegToRad(0.05);
+// Each of its steps is solved only roughly, for the same reason.
 constexpr int kMaxNumAdmmIterations = 300;
 constexpr double kAdmmTolerance = 1e-3;
 // Keeps the equations regular if all edges of a node are outliers.

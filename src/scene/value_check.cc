@@ -8,6 +8,7 @@
 namespace mgsfm {
 namespace {
 
+// Beyond it, neighbouring numbers in double precision are more than 0.1 apart.
 constexpr double kMaxCoordinate = 1e15;
 // Tolerance of the norm of a quaternion that was normalised before it was
 // rounded.

@@ -12,6 +12,7 @@ namespace {
 // Resolution of the height map and of the distance to the road.
 constexpr double kHeightCell_m = 4.0;
 constexpr double kDistanceCell_m = 1.0;
+// Larger than the rounding of coordinates of 100 km.
 constexpr double kMargin_m = 1e-9;
 
 std::vector<Eigen::Vector2d> Positions(const Road& road) {

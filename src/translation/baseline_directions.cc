@@ -210,6 +210,7 @@ struct RefinedDirection {
 
 RefinedDirection RefineDirection(const BaselineMatches& matches,
                                  const Vector3d& start) {
+  // The step, in radians, is far below the error of any direction.
   constexpr int kMaxNumIterations = 20;
   constexpr double kMinStep = 1e-6;
   RefinedDirection refined{start, {}};

@@ -288,6 +288,7 @@ Camera PlanPinhole(const Camera& camera, Camera pinhole, bool is_too_wide,
 
 // Whether the camera sees any pixel of a grid that includes the border.
 bool SeesAny(const Camera& camera, const View& view) {
+  // Steps of less than 1.5 degrees in a face of 90 degrees.
   constexpr int kNumSteps = 64;
   for (int i = 0; i <= kNumSteps; ++i) {
     for (int k = 0; k <= kNumSteps; ++k) {

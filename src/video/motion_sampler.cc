@@ -16,8 +16,11 @@ constexpr int kMotionSizePx = 320;
 // Bounds the cost; the median of 80 displacements is accurate to 0.14 of their
 // standard deviation.
 constexpr int kMaxNumPatches = 80;
+// Patches of 15 x 15 pixels, 5 % of the image: large enough to be distinct, and
+// small enough to move as one.
 constexpr int kPatchRadiusPx = 7;
-// A median of fewer displacements says little.
+// The median of ten displacements is accurate to 0.4 of their standard
+// deviation.
 constexpr size_t kMinNumPatches = 10;
 // Correlation of the same patch in two images; unrelated ones are below 0.7.
 constexpr double kMinCorrelation = 0.8;
@@ -44,7 +47,10 @@ double SharpnessOf(const cv::Mat& gray) {
 }
 
 std::vector<cv::Point> FindPatches(const cv::Mat& small) {
+  // Relative to the strongest corner, as in OpenCV's examples; weak corners are
+  // better than none, and the correlation rejects what is ambiguous.
   constexpr double kMinQuality = 0.01;
+  // Patches share at most a third of their area.
   constexpr double kMinDistancePx = 10.0;
   std::vector<cv::Point2f> corners;
   cv::goodFeaturesToTrack(small, corners, kMaxNumPatches, kMinQuality,

@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSecondInNanoseconds = 1e9;
-// Sharpness needs more pixels than motion; larger images tell nothing more.
+// Sharpness needs more pixels than motion; still larger images add nothing.
 constexpr int kAnalysisSizePx = 640;
 
 std::string SecondsText(int64_t time_ns) {

@@ -35,6 +35,8 @@ constexpr int kNumFactors = 15;
 const double kMaxLogFactor = std::log(2.5);
 // An estimate outside of the searched range by more than a fifth diverged.
 constexpr double kMaxRelativeLogFactor = 1.2;
+// Poses start at those of the previous focal lengths. Steps of 0.2 cross the
+// whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
 constexpr int kMaxNumIterations = 20;
 constexpr int kMaxNumHalvings = 5;
@@ -44,6 +46,9 @@ constexpr double kMaxStep = 0.2;
 constexpr double kMinStep = 1e-5;
 // A check of a focal length need not be accurate.
 constexpr double kMinStepOfMeasurement = 3e-2;
+// A pair is wrong if its median error exceeds that of most pairs by this
+// factor: the medians of right pairs are about equal, as detectors have one
+// accuracy.
 constexpr double kOutlierFactor = 3.0;
 // Lower bound of the keypoint noise; keeps exact (simulated) data from
 // rejecting pairs and from zero variances.
@@ -98,7 +103,7 @@ Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
   return unknowns;
 }
 
-// At most max_num_pairs pairs of each unknown, at equal spacing.
+// Selects at most max_num_pairs pairs of each unknown, at equal spacing.
 std::vector<FocalPair> SelectPairs(const Scene& scene,
                                    const ViewGraph& view_graph,
                                    const Unknowns& unknowns,

@@ -30,7 +30,8 @@ constexpr double kRansacErrorPx = 4.0;
 // A sample of five inliers at an inlier ratio of 0.4 is found with probability
 // 1 - (1 - 0.4^5)^500 = 0.994.
 constexpr int kMaxNumTrials = 500;
-// Damping of poses, relative and absolute.
+// Damping of poses, relative and absolute. It only acts on directions that no
+// match determines.
 constexpr double kRelativeDamping = 1e-6;
 constexpr double kAbsoluteDamping = 1e-9;
 // Relative decrease of the cost at which a pose has converged.
@@ -41,6 +42,8 @@ constexpr RobustLoss kLoss = {RobustLossType::kCauchy, kFocalLossScalePx};
 // both epipoles, which constrain nothing, have residual 0.
 double PixelDistance(const Matrix3d& E, const std::optional<RayPatch>& a,
                      const std::optional<RayPatch>& b) {
+  // At a focal length of 1000 px, such a match is within 1e-9 rad of both
+  // epipoles.
   constexpr double kMinVariance = 1e-24;
   if (!a || !b) return 0.0;
   const Vector3d line2 = E * a->ray;

@@ -15,6 +15,7 @@ namespace mgsfm::internal {
 // One image pair in the calibration of focal lengths; see
 // mgsfm/view_graph/focal_length_calibration.h.
 
+// The error of a keypoint, up to which the loss is nearly quadratic.
 constexpr double kFocalLossScalePx = 1.0;
 
 // A camera with its focal lengths multiplied by exp(s).

@@ -17,6 +17,8 @@ using Eigen::Vector2d;
 constexpr double kMaxFitError_px = 0.5;
 // Beyond it, lenses show their own mount.
 constexpr double kMaxViewAngle_deg = 110.0;
+// Directions of the fit, less than two degrees apart from the axis outwards.
+// The lens is smooth, and the fit has at most six unknowns.
 constexpr int kNumAngles = 60;
 constexpr int kNumAzimuths = 24;
 constexpr int kNumRadial = 4;

@@ -10,7 +10,8 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kMaxSize = 1 << 20;
+constexpr int kMaxSize = 1 << 20;  // of a side of an image, in pixels
+// A matrix is a list of rows, and at most 4 x 4; lenses have fewer parameters.
 constexpr int kMaxDepth = 3;
 constexpr size_t kMaxNumNumbers = 64;
 

@@ -195,6 +195,8 @@ void SqliteDatabase::LimitWork(uint64_t file_size) {
   };
   sqlite3_progress_handler(db_.get(), kStepsPerCall, count,
                            num_steps_left_.get());
+  // A value cannot be longer than its file. The lower bound exceeds the text of
+  // any statement; the upper one is the default of SQLite.
   constexpr uint64_t kMinLength = 1'000'000, kMaxLength = 1'000'000'000;
   sqlite3_limit(
       db_.get(), SQLITE_LIMIT_LENGTH,
