@@ -53,7 +53,7 @@ struct BundleAdjusterOptions {
   }
 };
 
-// Over all observations whose points project into the images.
+// Statistics of all observations whose points project into the images.
 struct ReprojectionErrors {
   size_t num_observations = 0;
   double mean_px = 0.0;

@@ -226,7 +226,7 @@ void LogDistances(const ModelAlignerOptions& options,
     squared_sum += distance * distance;
   }
   if (num_used < options.min_common_images) {
-    throw Error("'" + *options.input_path + "' has another shape than the " +
+    throw Error("'" + *options.input_path + "' differs in shape from the " +
                 std::to_string(distances.size()) + " positions in '" +
                 reference +
                 "', of which no similarity brings --min_common_images within "
@@ -268,8 +268,8 @@ Eigen::Vector3d MeanPoint(const SceneModel& model) {
   return sum / static_cast<double>(model.reconstruction.points.size());
 }
 
-// From the world east, north and up of the first position to that of the type.
-// `scale` is that of the alignment.
+// The transform from the east-north-up world of the first position to that of
+// the type. `scale` is that of the alignment.
 Sim3 FromEastNorthUp(AlignmentType type, double scale, ToolModel* input) {
   Sim3 transform;
   const bool keeps_world =

@@ -29,7 +29,8 @@ bool IsUpper(char c) {
 
 std::string FirstSentence(const std::string& text) {
   for (size_t i = 0; i + 2 < text.size(); ++i) {
-    // Not the dots of "0, 1, ... and so on".
+    // A sentence that follows starts with a capital letter; the dots of
+    // "0, 1, ... and so on" do not end one.
     if (text.compare(i, 2, ". ") == 0 && IsUpper(text[i + 2])) {
       return text.substr(0, i + 1);
     }
@@ -78,7 +79,7 @@ std::string Escape(const std::string& text, std::string_view characters) {
   return escaped;
 }
 
-// For a word in '...', in which zsh and bash know no escapes.
+// Escapes a word in '...', in which zsh and bash know no escape sequences.
 std::string EscapeQuotes(const std::string& text) {
   std::string escaped;
   for (const char c : text) {

@@ -21,8 +21,9 @@ struct LiveViewOptions {
                    "stage and the remaining time. 0: any free port, -1: none."};
   Option<std::string> address{
       "live_address", "127.0.0.1",
-      "Address of this machine on which live_port listens, in numbers. Others "
-      "than 127.0.0.1 and ::1 let everybody on the network watch."};
+      "Address of this machine on which live_port listens, in numbers. "
+      "Addresses other than 127.0.0.1 and ::1 let everybody on the network "
+      "watch."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

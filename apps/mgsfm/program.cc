@@ -71,7 +71,7 @@ std::vector<Command> AllCommands() {
 
 namespace {
 
-// For docs/reference/options.md.
+// Prints docs/reference/options.md.
 void PrintOptionsMarkdown() {
   std::cout << "# Options\n\n"
                "Made by `scripts/gen_docs.sh` from the program itself; do not "

@@ -8,7 +8,7 @@
 namespace mgsfm {
 
 std::string FormatHoursMinutes(double seconds) {
-  // Beyond a century, an estimate says nothing.
+  // An estimate of more than a century is meaningless.
   constexpr double kMaxMinutes = 60.0 * 24.0 * 36525.0;
   const auto minutes = static_cast<long>(
       std::clamp(std::ceil(seconds / 60.0), 0.0, kMaxMinutes));

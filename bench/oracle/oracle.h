@@ -23,38 +23,33 @@ namespace mgsfm {
 //   final points. Its result is the optimum that the mapper should reach. A
 //   larger error means incomplete convergence or a wrong local minimum.
 // - The full oracle adjusts all true tracks in the verified matches: the
-// connected
-//   components of the matches between keypoints of the same static point. A
-//   mapper that discards observations or accepts wrong ones weakens the oracle,
-//   but not the full oracle.
+//   connected components of the matches between keypoints of the same static
+//   point. A mapper that discards observations or accepts wrong ones weakens
+//   the oracle, but not the full oracle.
 //
 // The ratios divide the mean position error of the mapper by that of an oracle.
 // The following conventions make them fair:
 //
 // - Errors are those of model_evaluator: positions and rotations of images
-// against
-//   the truth of each image at its own capture time, after the robust
+//   against the truth of each image at its own capture time, after the robust
 //   similarity alignment of AlignPoses for each model separately. The gauge of
 //   a solve does not affect them.
 // - The mapper and its oracle are compared over the images registered by the
 //   mapper, the full oracle over all images. The fractions of registered images
 //   must be compared, too.
 // - Intrinsics and rig extrinsics are fixed or refined as in the mapper, with
-// the
-//   same options and the same scene. Simulated intrinsics are exact and have a
-//   prior, so they are fixed by default; rig extrinsics are free.
+//   the same options and the same scene. Simulated intrinsics are exact and
+//   have a prior, so they are fixed by default; rig extrinsics are free.
 // - The loss is Huber with the threshold of the last solve of the mapper, which
 //   follows its estimate of the noise.
 // - A solve that starts at the truth is biased towards it until convergence,
-// most
-//   in the weak modes of a long drive: a bend by one standard deviation
+//   most in the weak modes of a long drive: a bend by one standard deviation
 //   increases the cost by only one half. The oracles therefore stop at a
 //   relative change of the cost of 1e-8 instead of 1e-6. At this point only
 //   points near infinity still change.
 // - Points of the oracle start at the intersection of the rays of the true
-// poses,
-//   because a track may contain wrong observations. Those of the full oracle
-//   start at the truth. There is no minimum triangulation angle.
+//   poses, because a track may contain wrong observations. Those of the full
+//   oracle start at the truth. There is no minimum triangulation angle.
 
 // Errors of the rig extrinsics after alignment.
 struct RigErrors {

@@ -135,9 +135,10 @@ size_t EditDistance(const std::string& a, const std::string& b) {
 }
 
 // The shortest of the names that contain the part, unless it is too short to
-// say anything.
+// be specific.
 const std::string* ShortestWithPart(const std::string& part,
                                     const std::vector<std::string>& names) {
+  // Three letters occur in many names by chance.
   constexpr size_t kMinPartSize = 4;
   if (part.size() < kMinPartSize) return nullptr;
   const std::string* shortest = nullptr;

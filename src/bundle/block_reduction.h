@@ -33,7 +33,7 @@ struct BlockUnknowns {
   std::vector<int> in_model;  // of the shared ones
 };
 
-// Without coordinates that are held, or that the block leaves constant.
+// Leaves out coordinates that are held or that the block keeps constant.
 BlockUnknowns SplitUnknowns(const BuiltProblem& built,
                             const SharedUnknowns& unknowns, const Mask& is_held,
                             const RigEquationsBase& equations);

@@ -39,7 +39,8 @@ struct HeldPoses {
   std::vector<PoseMask> frames, sensors;  // 1 if held
 };
 
-// By FixGauge() of a problem that has all frames and no observations.
+// The poses that FixGauge() holds in a problem of all frames, which needs no
+// observations.
 HeldPoses FindHeldPoses(const Scene& scene, const Reconstruction& poses,
                         const BundleAdjustmentOptions& options) {
   BundleProblem problem;

@@ -48,7 +48,7 @@ struct OrientedPoint {
   float scale;  // in pixels of the prepared image
 };
 
-// In the order of detection, then of descending peaks.
+// Sorted by detection, then by descending peak.
 std::vector<OrientedPoint> FindOrientations(const ScaleSpace& space,
                                             const SiftOptions& options,
                                             GradientDescriber* describer) {

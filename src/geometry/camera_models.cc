@@ -74,7 +74,7 @@ CameraModelInfo MakeInfo(CameraModelId id, std::string_view name) {
   });
 }
 
-// For hot loops: all calls of the model are inlined.
+// All calls of the model are inlined, for hot loops.
 template <class Model>
 [[gnu::flatten]] bool Project(const double* params, const double* point_in_cam,
                               double* pixel) {

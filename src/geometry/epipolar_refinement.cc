@@ -17,8 +17,8 @@ using Basis = Eigen::Matrix<double, 3, 2>;
 using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
-// Relative to the diagonal of the normal equations. The start is close to
-// Gauss-Newton. Above the upper bound no step decreases the cost.
+// Damping relative to the diagonal of the normal equations. The start is close
+// to Gauss-Newton. Above the upper bound no step decreases the cost.
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;

@@ -17,8 +17,9 @@ Eigen::Vector3d EastNorthUp(const Eigen::Vector3d& latitude_longitude_altitude,
 Eigen::Vector3d LatitudeLongitudeAltitude(const Eigen::Vector3d& east_north_up,
                                           const Eigen::Vector3d& origin);
 
-// From the east-north-up frame of an origin to the earth-centred frame of
-// WGS84: x towards the meridian of Greenwich, z towards the north pole (m).
+// The transform from the east-north-up frame of an origin to the earth-centred
+// frame of WGS84: x towards the meridian of Greenwich, z towards the north pole
+// (m).
 Rigid3 EarthFromEastNorthUp(const Eigen::Vector3d& origin);
 
 }  // namespace mgsfm

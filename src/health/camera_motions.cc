@@ -64,7 +64,7 @@ struct Motion {
   Vector3d rotation;                  // angle-axis
   std::optional<Vector3d> direction;  // of the translation
 };
-// By the ranks of both frames.
+// Keys are the ranks of both frames.
 using Motions = std::map<std::pair<int, int>, Motion>;
 
 std::vector<Motions> CollectMotions(const Scene& scene,

@@ -73,7 +73,7 @@ Finding Describe(const Scene& scene, int sensor_idx,
                 typical.y * camera.height_px);
   const std::string text = std::to_string(images.size()) +
                            " images of camera '" + sensor.name +
-                           "' have another size than its " + numbers;
+                           "' do not have its size of " + numbers;
   return {Cause::kWrongImageSize,
           {sensor.name},
           {scene.frames[scene.images[images.front().first].frame_idx].name,

@@ -33,7 +33,7 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
                        context);
 }
 
-// In metres for WGS84 positions, otherwise in the unit of the database.
+// Positions in metres if they are WGS84, otherwise in the unit of the database.
 std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
     const FeatureDatabase& database, const Scene& scene, bool is_gps) {
   using CoordinateSystem = PosePriorRow::CoordinateSystem;

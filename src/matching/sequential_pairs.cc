@@ -29,7 +29,8 @@ std::vector<int> FrameDistances(const SequentialPairOptions& options) {
   return distances;
 }
 
-// 0 and FrameDistances.
+// The distances in frames at which different sensors are paired: those of one
+// sensor, and 0.
 std::vector<int> SensorPairDistances(const SequentialPairOptions& options) {
   std::vector<int> distances = FrameDistances(options);
   distances.insert(distances.begin(), 0);

@@ -12,7 +12,7 @@ namespace mgsfm {
 //
 // The parts are subtrees of the maximum spanning forest, because the forest
 // crosses every weak place of the graph by its strongest edge. A tree is cut
-// again and again. A set that shall become m parts of s nodes is cut at an edge
+// again and again. A set that is to become m parts of s nodes is cut at an edge
 // that leaves about j s nodes on one side, j = 1, ..., m - 1:
 //
 //   1. the strongest edge within s / 10 of a multiple, or without any

@@ -82,7 +82,7 @@ std::optional<Sim3> AlignToGroundPlane(
              .eigenvectors();
   Eigen::Vector3d along = projection * axes.col(2);
   if (along.norm() < 0.5) along = normal.unitOrthogonal();
-  // In the direction of travel.
+  // The x axis is in the direction of travel.
   if (along.dot(centers.back() - centers.front()) < 0.0) along = -along;
 
   Eigen::Matrix3d rotation;

@@ -20,10 +20,11 @@
 namespace mgsfm {
 namespace {
 
-// Radians. Sub-maps that are 0.5 m apart after averaging shift points at 10 m
-// by this.
+// In radians: sub-maps that are 0.5 m apart after averaging shift a point at a
+// distance of 10 m by this angle.
 constexpr double kMaxAngleBetweenEqualPoints = 0.05;
-// Of two views with the least angle.
+// The largest ratio of the distances of two equal points from one camera. The
+// depth of a point that two views see at a small angle has a large error.
 constexpr double kMaxDistanceRatio = 2.0;
 
 size_t NumFrames(const SceneModel& model) {

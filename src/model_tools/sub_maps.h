@@ -36,7 +36,7 @@ struct JoinOptions {
   }
 };
 
-// Matches between images that no sub-map has both of, by name.
+// Matches of two images, given by name, that are in no common sub-map.
 struct CrossPair {
   std::string name1;
   std::string name2;
@@ -53,7 +53,7 @@ struct SubMapEdge {
   // The same places in the worlds of both.
   std::array<Eigen::Vector3d, 4> anchors1, anchors2;
   bool is_used = true;
-  // For loop closures, the contradiction with the chain of sub-maps.
+  // The contradiction of a loop closure with the chain of sub-maps.
   std::optional<double> rotation_error_deg;
   std::optional<double> drift;  // share of the path length
 };

@@ -11,9 +11,9 @@ namespace mgsfm {
 // The pairs of neighbours that are used divide the frames into parts. The cut
 // between two parts is contested if the motion of the rig contradicts pairs of
 // neighbours across it (motion_continuity.h): the parts belong together, but
-// nobody knows how. Loop pairs alone do not decide it, since duplicate
-// structures are most dangerous where they meet no resistance. This holds for
-// all parts that contested cuts separate from each other. Parts that no
+// their relative pose is unknown. Loop pairs alone do not decide it, because
+// nothing there contradicts duplicate structures. This holds for all parts that
+// contested cuts separate from each other. Parts that no
 // rejected pair connects, such as drives of different days, may be joined.
 //
 // Empty without temporal order. Cost: linear in the pairs.

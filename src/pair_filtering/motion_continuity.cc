@@ -217,7 +217,7 @@ bool Continues(const Steps& steps, const Velocity& rival, const Velocity& best,
                      });
 }
 
-// Whether another motion than that with the largest share has support, and goes
+// Whether a motion other than that with the largest share has support, and goes
 // on.
 bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
@@ -292,7 +292,7 @@ class MotionSearch {
     Velocity velocity;
   };
 
-  // Of the steps in [begin, end).
+  // The cost of skipping the steps in [begin, end).
   double SkipCost(size_t begin, size_t end) const {
     return skip_cost_before_[end] - skip_cost_before_[begin];
   }

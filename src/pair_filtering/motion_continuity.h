@@ -44,8 +44,8 @@ namespace mgsfm {
 
 struct MotionHypothesis {
   Rigid3 later_from_earlier;  // rig frames
-  // Of the matches of the step: those that agree, and those that agree with no
-  // earlier hypothesis.
+  // Shares of the matches of the step: those that agree, and those that agree
+  // with no earlier hypothesis.
   double share = 1.0;
   double own_share = 1.0;
   // One camera does not measure how far it moved: any non-negative multiple of

@@ -37,6 +37,7 @@ constexpr int kMaxNumTrials = 300;
 constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0, 1.0};
 // Loss scale, relative to the bound: that of RANSAC (geometry/absolute_pose.h).
 constexpr double kRefinementLossScale = 0.5;
+// The same depth within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
 
 // One image pair, from the image with the points to that with the rays.
@@ -114,7 +115,7 @@ Correspondences Collect(const FrameMatches& input, bool has_later_points,
   return collected;
 }
 
-// With the points of the frame that has more.
+// The correspondences with the points of whichever frame has more.
 Correspondences CollectMost(const FrameMatches& input, double max_error_px) {
   Correspondences earlier = Collect(input, false, max_error_px);
   Correspondences later = Collect(input, true, max_error_px);

@@ -72,7 +72,7 @@ struct RigMotion {
   double own_share = 0.0;
 };
 
-// At most three motions; none without depths.
+// Returns at most three motions, and none without depths.
 [[nodiscard]] std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
                                                     double max_error_px,
                                                     Random random);

@@ -16,7 +16,7 @@ class TemporalOrder {
 
   // 1 for consecutive frames; nullopt for frames of different rigs.
   std::optional<int> Gap(int frame_idx1, int frame_idx2) const;
-  // For frames of one rig.
+  // Both frames are of one rig.
   bool IsBefore(int frame_idx1, int frame_idx2) const {
     return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
   }

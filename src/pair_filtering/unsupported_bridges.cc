@@ -105,7 +105,7 @@ void VisitComponent(const LinkGraph& graph, int root, int* num_entered,
   }
 }
 
-// Without the links in `is_left_out`.
+// The graph without the links in `is_left_out`.
 LinkGraph LeaveOut(const LinkGraph& graph, const Mask& is_left_out) {
   LinkGraph rest;
   rest.links_of_frame.resize(graph.links_of_frame.size());

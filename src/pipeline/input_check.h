@@ -22,7 +22,7 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
 // not if the estimate agrees with the initial value.
 void AddUncertainFocalLengths(const Scene& scene, MapperResult* result);
 
-// At most five findings, as warnings.
+// Logs at most five findings, as warnings.
 void LogFindings(const MapperResult& result, const Context& context);
 
 }  // namespace mgsfm

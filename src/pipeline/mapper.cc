@@ -191,7 +191,7 @@ std::vector<MapperModel> ReconstructComponent(
   return {std::move(model)};
 }
 
-// By descending number of frames; the parts of split components move.
+// Sorts by descending number of frames, which splitting a component changes.
 void SortBySize(std::vector<MapperModel>* models) {
   const auto num_frames = [](const MapperModel& model) {
     const auto& poses = model.reconstruction.rig_from_world;

@@ -37,7 +37,7 @@ constexpr double kRefinedError_rad = 2e-3;
 // A pair contradicts the path beyond this angle, plus the drift: the error of
 // pairs with the minimum number of matches.
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// Of the median step. Shorter displacements are noise.
+// Displacements below this share of the median step are noise.
 constexpr double kMinDisplacement = 0.2;
 // One match more that contradicts than agrees may be a mismatch.
 constexpr int kMinBalance = 2;
@@ -234,7 +234,7 @@ std::vector<std::optional<PlacedFrames>> PlaceFrames(
   return placed;
 }
 
-// Of pairs of sensors whose places in the rig are known.
+// Expects pairs only of sensors whose places in the rig are known.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
                                       const RigPath& path,
                                       const Mask& is_near_object,

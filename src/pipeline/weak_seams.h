@@ -26,7 +26,7 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const Context& context,
                                       const MapperModel& model);
 
-// At least min_num_frames registered frames, and points.
+// Whether a model has points and at least min_num_frames registered frames.
 bool IsLargeEnough(const MapperModel& model, const MapperOptions& options);
 
 }  // namespace mgsfm

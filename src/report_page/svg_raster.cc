@@ -169,7 +169,7 @@ class Raster {
     return kSupersampling * std::max(1, static_cast<int>(std::lround(
                                             value * scale_ / kSupersampling)));
   }
-  // In the part of the canvas that is not clipped.
+  // Coordinates in the part of the canvas that is not clipped.
   cv::Point2d ToCanvas(double x, double y) const {
     return {x * scale_ - clip_.x, y * scale_ - clip_.y};
   }

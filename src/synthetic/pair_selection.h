@@ -12,8 +12,8 @@ namespace mgsfm {
 struct PairPlan {
   int image1;
   int image2;
-  // For pairs that match a duplicate to its original: the duplicate structure,
-  // and whether image 1 observes the duplicate.
+  // The duplicate structure of a pair that matches it to its original, and
+  // whether image 1 observes the duplicate.
   int duplicate = -1;
   bool first_sees_copy = false;
 

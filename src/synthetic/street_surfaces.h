@@ -19,7 +19,7 @@ struct Surface {
   double radius_m;    // of a cylinder; 0 for walls
   double bottom_m;
   double top_m;
-  // For facades: the position along the road and the side (1 left, -1 right).
+  // The position of a facade along the road, and its side (1 left, -1 right).
   int node = -1;
   int side = 0;
   // The duplicate structure of which this surface is the original or the copy.

@@ -25,7 +25,7 @@ struct NamedView {
 
 // ------------------------------------------------------------------- names
 
-// Without '/', and with no dot but that of the extension.
+// The name without '/' and without dots, except that of the extension.
 std::string FlatName(const std::string& name, int copy) {
   const size_t slash = name.rfind('/');
   const size_t dot = name.rfind('.');

@@ -13,7 +13,7 @@
 namespace mgsfm {
 namespace {
 
-// Lets one allocation after the other fail in a call that succeeds otherwise.
+// Makes each allocation in turn fail in a call that otherwise succeeds.
 // Only std::bad_alloc and Error may leave it, and it must release all memory.
 // The environment variable MGSFM_FAULT_STRIDE selects every n-th allocation;
 // by default at most `max_runs` of them fail.

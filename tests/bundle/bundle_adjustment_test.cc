@@ -422,7 +422,7 @@ TEST(AdjustBundleTest, UnknownFocalLengthIsEstimated) {
   EXPECT_NEAR(focal(), truth, 1e-3 * truth);
   options.refine_focal_length = RefineMode::kNo;
   EXPECT_EQ(focal(), 1.02 * truth);
-  // A prior one is constant, or stays within its standard deviation.
+  // A prior focal length is constant, or stays within its standard deviation.
   for (Camera& camera : simulation.scene.cameras) {
     camera.has_prior_focal_length = true;
   }

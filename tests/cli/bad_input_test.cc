@@ -122,7 +122,7 @@ class BadInput : public testing::Test {
         AllOf(HasSubstr(Database()), HasSubstr(message), HasSubstr(remedy)));
   }
 
-  // After one change to the good database.
+  // Makes one change to a copy of the good database.
   void ExpectRefusedAfter(const std::string& sql, const std::string& message,
                           const std::string& remedy) const {
     Restore();
@@ -138,7 +138,7 @@ class BadInput : public testing::Test {
     OpenDatabase(Database()).Edit(table, column, edit);
     ExpectDatabaseRefused(message, remedy);
   }
-  // Too short, too long, and nothing but one byte.
+  // The values are too short, too long, and a single byte.
   void ExpectLengthsRefused(const std::string& table, const std::string& column,
                             const std::string& message,
                             const std::string& remedy) const {

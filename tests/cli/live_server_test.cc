@@ -211,7 +211,7 @@ TEST_F(LiveServerTest, SlowReadersDelayNobody) {
     clients.back()->Send("GET /model HTTP/1.1\r\nHost: localhost\r\n\r\n");
   }
   ExpectGoodService();
-  // A new content does not disturb those that read the old one.
+  // New content does not disturb clients that still read the old one.
   server_.Publish("/model", "application/json", "y");
   const std::string old = clients.front()->Receive();
   EXPECT_EQ(old.size() - old.find("\r\n\r\n") - 4, 30'000'000u);

@@ -182,7 +182,7 @@ TEST_F(OptionExtremes, ToolsOnModels) {
         "--input_path " + model + output + " --output_type txt", "");
 }
 
-// Larger counts are larger drives, up to the memory of the machine.
+// Larger counts make larger drives, which only memory limits.
 TEST_F(OptionExtremes, Simulation) {
   WriteTextFile(Path("small.ini"),
                 "num_frames = 4\nnum_points_per_frame = 20\n"

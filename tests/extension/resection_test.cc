@@ -52,7 +52,7 @@ void ExpectNear(const Rigid3& pose, const Rigid3& truth, double max_deg,
   EXPECT_LT((pose.Center() - truth.Center()).norm(), max_m);
 }
 
-// Removed frames that observe enough remaining points.
+// The frames were removed and observe enough of the remaining points.
 void ExpectAdded(const Simulation& simulation, const ResectionResult& result,
                  int first, int last, double max_deg, double max_m) {
   for (int i = first; i <= last; ++i) {

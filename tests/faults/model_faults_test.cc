@@ -133,7 +133,8 @@ TEST_F(FaultTest, Evaluate) {
 class ModelFaultTest : public FaultTest,
                        public testing::WithParamInterface<FaultCase> {};
 
-// Next to a drive: its model `sim/truth`, a list of images, and an NVM file.
+// The inputs are a drive, its model `sim/truth`, a list of images and an NVM
+// file.
 TEST_P(ModelFaultTest, OldOrNew) {
   PrepareDrive();
   fs::create_directories(Before() / "out");

@@ -74,7 +74,7 @@ bool IsHidden(const fs::path& relative) {
   return false;
 }
 
-// A page or JSON that is cut off has another end, or none.
+// A truncated page or JSON ends differently, or has no end.
 std::string EndOf(const std::string& content) {
   return content.substr(content.size() - std::min<size_t>(content.size(), 2));
 }

@@ -11,7 +11,7 @@ namespace mgsfm {
 constexpr char kDamaged[] = "damaged";
 
 // The features of all images by name. An image that one run leaves out and the
-// next one adds gets another id than in a run without faults.
+// next one adds gets a different id from that in a run without faults.
 std::string FeaturesByName(const std::filesystem::path& path);
 
 // Contents of the files that users see. Databases count by their rows, which

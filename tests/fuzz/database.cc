@@ -228,7 +228,7 @@ void ReadAndWriteAgain(const std::string& path) {
              Describer().Describe(contents));
 }
 
-// All that the steps before reconstruction read.
+// Everything that the steps before reconstruction read.
 void ReadFeatures(const std::string& path) {
   Accepts([&] {
     const FeatureDatabase database(path, FeatureDatabase::OpenMode::kExisting);

@@ -55,7 +55,7 @@ inline std::vector<std::string> ReadModelFiles(
   return files;
 }
 
-// If a model makes a scene, the model that is written of it must read back
+// If a model forms a scene, the model written from it must read back
 // identically. `source` is the path in messages.
 inline void FuzzCheckReadsBack(const Model& model,
                                const std::filesystem::path& source,

@@ -310,7 +310,7 @@ TEST_F(DatabaseMerging, VehiclesShareTheirRigAndSessionsTheirNames) {
   for (const auto& [vehicle, ids] : rigs) EXPECT_EQ(ids.size(), 1u) << vehicle;
   EXPECT_EQ(cameras.size(), 4u);
   for (const auto& [camera, ids] : cameras) EXPECT_EQ(ids.size(), 1u) << camera;
-  // One calibration for both sessions of a vehicle, or none.
+  // Both sessions of a vehicle have the same calibration, or it is an error.
   MakeDifferentRig();
   EXPECT_THROW(MergeDatabases({{Path("a.db"), "mon/", "van"},
                                {Path("b.db"), "tue/", "van"}},

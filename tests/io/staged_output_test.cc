@@ -119,7 +119,7 @@ TEST_F(StagedOutputTest, TakesTargetsInAllForms) {
   EXPECT_EQ(FilesIn(target_ / "b" / "c"), expected);
   EXPECT_FALSE(fs::exists(target_ / "a"));
 
-  // Through a link the folder it points to is written.
+  // A link is followed: the folder that it points to is written.
   fs::create_directory(dir_.path() / "elsewhere");
   fs::create_directory_symlink(dir_.path() / "elsewhere", dir_.path() / "link");
   WriteNewModel(dir_.path() / "link");
@@ -386,7 +386,7 @@ class StagedOutputFault : public testing::TestWithParam<bool> {
   }
 };
 
-// A disk that fails once, as with EBUSY: old or new, never a mixture.
+// A disk that fails once, as with EBUSY, leaves the old or the new output.
 TEST_P(StagedOutputFault, AFailedCallLeavesTheOldOrTheNewOutput) {
   for (const Replacement& r : Replacements()) {
     const int num_calls = CountCalls(r);

@@ -230,8 +230,8 @@ TEST(RigEquationsTest, RaysAndBaselinesSolveTheFullEquations) {
   }
 }
 
-// If a point is more than twice too far, its step leads behind the cameras. Its
-// step is shortened; those of the others are not.
+// The step of a point at more than twice its true distance leads behind the
+// cameras. This step is shortened; those of the other points are not.
 TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   const Freedom freedom{"", true, true};
   RigSceneOptions options = SmallScene(

@@ -39,7 +39,7 @@ Sim3 RandomSimilarity(uint64_t seed) {
           30.0 * vector()};
 }
 
-// By name: a part of a drive has other indices.
+// Poses by image name, because the indices in a part of a drive differ.
 std::map<std::string, Rigid3> PosesOf(const SceneModel& model) {
   std::map<std::string, Rigid3> poses;
   for (size_t i = 0; i < model.scene.images.size(); ++i) {

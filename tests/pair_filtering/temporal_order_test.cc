@@ -107,7 +107,7 @@ TEST(TemporalOrder, APathMayVisitPlacesAgain) {
   EXPECT_TRUE(FramePairIndex(scene, view_graph).is_sequence());
 }
 
-// Where all frames match alike, order in time cannot show.
+// If all frames match equally well, matches do not show an order in time.
 TEST(TemporalOrder, ImagesOfOneObjectAreNoSequence) {
   std::vector<std::string> names;
   for (int i = 0; i < 40; ++i) names.push_back(std::to_string(100 + i));

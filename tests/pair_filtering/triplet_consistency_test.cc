@@ -83,7 +83,7 @@ TEST(TripletConsistency, AgreesWithTryingAllKeypoints) {
     const std::vector<int> expected =
         CountByTryingAll(view_graph, is_used, kNumImages, kNumKeypoints);
     EXPECT_EQ(CountTripletConsistentMatches(view_graph, is_used), expected);
-    // The test is only meaningful with some but not all.
+    // The test is only meaningful if some but not all are consistent.
     EXPECT_GT(*std::max_element(expected.begin(), expected.end()), 0);
     EXPECT_LT(*std::max_element(expected.begin(), expected.end()), 12);
     for (size_t i = 0; i < is_used.size(); i += 4) is_used[i] = false;

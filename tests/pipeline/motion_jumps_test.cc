@@ -17,7 +17,8 @@ namespace {
 constexpr int kNumFrames = 30;
 constexpr int kLastBefore = 17;  // the frame before the jump
 
-// The true lengths of all baselines, in another unit than the model.
+// The true lengths of all baselines, in a unit that differs from that of the
+// model.
 class Drive {
  public:
   Drive() {

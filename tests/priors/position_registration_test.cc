@@ -60,7 +60,7 @@ TEST(PositionRegistrationTest, RecoversTheWorldDespiteOutliers) {
   EXPECT_NEAR(*summary.rms, 0.1 * std::sqrt(3.0), 0.06);
 }
 
-// Against most of the positions, by those within the bound.
+// The few positions within the bound outweigh the others.
 TEST(PositionRegistrationTest, MostPositionsMayBeOutliers) {
   const Simulation simulation = Simulate(DriveOptions(PathPreset::kLoop));
   const PositionPriors priors = MeasuredPositions(simulation, 0.1, 0.65);

@@ -42,8 +42,6 @@ Json Header(const std::string& page) {
   return Json::parse(page.substr(at, page.find("</script>", at) - at));
 }
 
-// A small file that states 4 billion pixels is not decoded, and decoders print
-// nothing.
 // The page of a model of somebody else must not show other files.
 TEST(Thumbnails, ShowNoFileOutsideOfTheFolder) {
   const TempDir dir;
@@ -66,6 +64,8 @@ TEST(Thumbnails, ShowNoFileOutsideOfTheFolder) {
   EXPECT_EQ(thumbnails[0].image_idx, 3);
 }
 
+// A small file that states 4 billion pixels is not decoded, and decoders print
+// nothing.
 TEST(Thumbnails, HaveABudgetOfPixels) {
   const TempDir dir;
   Simulation drive = SmallDrive();

@@ -35,7 +35,7 @@ struct PointBlock {
 
   size_t size() const { return positions.size(); }
   void Add(const Point3D& point);
-  // Without errors.
+  // The points have no errors.
   std::vector<Point3D> Unpack() const;
 };
 

@@ -185,9 +185,9 @@ struct BundleAdjustmentOptions {
       "rotation of the rig. 0 disables the test."};
   Option<double> min_two_view_relative_distance{
       "min_two_view_relative_distance", 0.1, Between(0.0, 1.0),
-      "Points with two observations nearer to one of their cameras, in median "
-      "distances, are removed. Most are wrong matches, and near points "
-      "constrain the frame strongly."};
+      "Points with only two observations are removed if they are nearer to a "
+      "camera than this, in median distances. Most are wrong matches, and near "
+      "points constrain the frame strongly."};
   Option<int> min_num_observations_per_frame{
       "min_num_observations_per_frame", 6, AtLeast(0), "observations",
       "Frames with fewer observations are reported as weak."};

@@ -115,8 +115,8 @@ struct Evaluation {
   // Errors of registered images after alignment; nullopt without true poses.
   std::optional<ErrorStatistics> rotation_deg, position_m;
   std::vector<AreaUnderCurve> rotation_auc, position_auc;
-  // In the scale of the alignment; nullopt without true poses, or if the path
-  // is too short.
+  // Errors in the scale of the alignment; nullopt without true poses, or if the
+  // path is too short.
   std::optional<SegmentErrors> segments;
   std::optional<StepErrors> steps;
   std::vector<SensorErrors> sensors;

@@ -101,7 +101,7 @@ struct ModelStatistics {
   size_t num_points = 0, num_observations = 0;
   double mean_track_length = 0.0;
   double mean_observations_per_image = 0.0;
-  // Over points with a known error.
+  // The mean over the points with a known error.
   std::optional<double> mean_reprojection_error_px;
 };
 

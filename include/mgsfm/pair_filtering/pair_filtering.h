@@ -88,8 +88,8 @@ struct PairFilteringOptions {
       "graph."};
   Option<bool> use_unsupported_bridges{
       "use_unsupported_bridges", true,
-      "Reject pairs that alone connect two components without triplet support "
-      "and against other pairs."};
+      "Reject a pair that alone connects two components if it has no triplet "
+      "support and other pairs contradict it."};
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "In a sequence, reject pairs of neighbouring frames whose baseline "
@@ -124,8 +124,8 @@ struct PairFilteringOptions {
       "Upper limit of the drift bound of rotations."};
   Option<double> min_share_against_bridge{
       "min_share_against_bridge", 0.5, AtLeast(0.0),
-      "Matches of contradicting pairs, relative to those of a bridge, from "
-      "which the bridge is rejected."};
+      "A bridge is rejected if the pairs that contradict it have at least this "
+      "multiple of its matches."};
   Option<double> max_baseline_drift{
       "max_baseline_drift", 0.2, GreaterThan(0.0),
       "Largest drift bound of positions, as a share of the path length. It is "

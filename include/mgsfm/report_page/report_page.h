@@ -32,9 +32,10 @@ struct ReportPageInput {
   std::string image_path = {};            // for thumbnails; "" for none
   // Per frame, in [0, 1]; empty if unknown.
   std::vector<std::optional<double>> frame_confidence = {};
-  // cam_from_model is of the reconstruction, cam_from_world true.
+  // cam_from_model holds poses of the reconstruction, cam_from_world true ones.
   std::optional<PoseComparison> truth = {};
-  // cam_from_model is of another model, cam_from_world of the reconstruction.
+  // cam_from_model holds poses of another model, cam_from_world those of the
+  // reconstruction.
   std::optional<PoseComparison> other = {};
 };
 

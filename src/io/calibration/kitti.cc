@@ -132,7 +132,7 @@ bool IsProjection(const Line& line) {
     const auto number = ParseDouble(word);
     if (number) n.push_back(*number);
   }
-  // The focal length tells it from a pose.
+  // A pose, which also has 12 numbers, has no entry as large as a focal length.
   return n.size() == 12 && line.words.size() == 12 && n[0] > 10.0 &&
          n[4] == 0.0 && n[8] == 0.0 && n[9] == 0.0 && n[10] == 1.0;
 }

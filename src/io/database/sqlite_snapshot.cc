@@ -56,7 +56,7 @@ void CheckIsDatabase(const std::string& path) {
   }
 }
 
-// SQLite itself would not notice if no page is missing that is read.
+// SQLite itself notices a missing page only when it reads the page.
 void CheckIsComplete(const std::string& path) {
   const std::string header = ReadHeader(path);
   const uint64_t page_size = BigEndian(header, 16, 2);

@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// In the images of the model; nullopt for a camera without a pose.
+// The place of a camera in the images of the model; nullopt without a pose.
 using PlaceOfCamera = std::vector<std::optional<size_t>>;
 
 // "a/list.txt" of "a/bundle.out", "a/b.list.txt" of "a/b.bundle.out".

@@ -31,7 +31,7 @@ struct ImportFormat {
 const ImportFormat* FindImportFormat(std::string_view name);
 std::vector<std::string> ImportFormatNames();
 
-// By the extension of the file; nullptr if it is that of no format.
+// Goes by the extension of the file; nullptr if no format has it.
 const ImportFormat* GuessImportFormat(const std::filesystem::path& path);
 
 // VisualSFM, of which the first model is read. Principal points are those of a

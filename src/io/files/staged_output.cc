@@ -90,7 +90,7 @@ void CheckRunFolder(const fs::path& folder) {
       ThrowNotReplaceable(path, "is a file, and a model would replace it");
     }
     if (!IsOnDeviceOf(path, folder)) {
-      ThrowNotReplaceable(path, "is on another file system than its parent");
+      ThrowNotReplaceable(path, "is not on the file system of its parent");
     }
     CheckModelFolder(path);
   }

@@ -18,7 +18,8 @@ namespace {
 
 using Poses = std::vector<std::pair<int, Rigid3>>;
 
-// In median intervals (docs/reference/formats.md).
+// The largest gap that is interpolated, in median intervals
+// (docs/reference/formats.md).
 constexpr double kMaxGapRatio = 10.0;
 
 // The image of the reference sensor, else the first one.

@@ -18,16 +18,16 @@ enum class PositionFileFormat {
   kEuroc,  // timestamp,px,py,pz,qw,qx,qy,qz,... (ns)
 };
 
-// By the first line that is not empty and no comment: 12 or 8 numbers and
-// nothing else are poses. Throws Error if the file cannot be read.
+// Goes by the first line that is neither empty nor a comment: 12 or 8 numbers
+// and nothing else are poses. Throws Error if the file cannot be read.
 PositionFileFormat DetectPositionFormat(const std::string& path);
 
 // Poses rig_from_world by the index of a frame, from those of the reference
 // camera. Poses of KITTI are those of the frames in the natural order of their
 // names. Those of TUM and EuRoC are interpolated at the times of images; frames
 // beyond the trajectory, or in a gap of more than ten median intervals, get
-// none. Throws Error for malformed lines, another number of poses than frames,
-// and images without a time. `format` is not kNamed.
+// none. Throws Error for malformed lines, a number of poses that differs from
+// that of frames, and images without a time. `format` is not kNamed.
 std::vector<std::pair<int, Rigid3>> ReadTrajectoryPoses(
     const Scene& scene, const std::string& path, PositionFileFormat format);
 

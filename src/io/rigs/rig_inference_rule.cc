@@ -63,7 +63,7 @@ std::string WithUniqueNames(const std::string& rule) {
   return unique;
 }
 
-// Without messages on the standard error stream.
+// RE2 writes no messages to the standard error stream.
 RE2::Options QuietOptions() {
   RE2::Options options;
   options.set_log_errors(false);

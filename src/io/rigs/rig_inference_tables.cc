@@ -190,7 +190,7 @@ void TableAssigner::NameSensors() {
     }
     return;
   }
-  // Names that tell nothing: numbers in the order of the first images.
+  // Names without a meaning: numbers in the order of the first images.
   std::set<int> named;
   for (const int sensor : assignment_.sensor_of_image) {
     if (!named.insert(sensor).second) continue;

@@ -85,8 +85,8 @@ class FeatureDatabase {
   enum class OpenMode {
     kExisting,  // Error if there is no file
     kOrCreate,
-    // Without locks: any number of processes may read at the same time, and
-    // none may write. Functions that write throw ContractError.
+    // No locks are taken: any number of processes may read at the same time,
+    // and none may write. Functions that write throw ContractError.
     kReadOnly,
   };
   FeatureDatabase(const std::string& path, OpenMode mode);
@@ -120,9 +120,9 @@ class FeatureDatabase {
   // Empty without a row. Keypoints with fewer columns are completed.
   std::vector<FeatureKeypoint> ReadKeypoints(ImageId image_id) const;
   DescriptorMatrix ReadDescriptors(ImageId image_id) const;
-  // In the order of the arguments: keypoint_idx1 is of image_id1.
+  // Matches follow the order of the arguments: keypoint_idx1 is of image_id1.
   std::vector<Match> ReadMatches(ImageId image_id1, ImageId image_id2) const;
-  // In the order of the arguments, too. nullopt without a row.
+  // Also follows the order of the arguments; nullopt without a row.
   std::optional<TwoViewGeometryRow> ReadTwoViewGeometry(
       ImageId image_id1, ImageId image_id2) const;
   // Sorted by image. Positions that are not finite are skipped; a database of

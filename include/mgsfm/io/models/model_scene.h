@@ -14,8 +14,8 @@ namespace mgsfm {
 
 // A model in the types of the stages.
 struct ModelScene {
-  // In canonical order. Intrinsics count as known (has_prior_focal_length), as
-  // a model does not store which are. Sensor poses are known only if a
+  // Its order is canonical. Intrinsics count as known (has_prior_focal_length),
+  // as a model does not store which are. Sensor poses are known only if a
   // rig_config.json gives them; those of the model are estimates.
   Scene scene;
   Reconstruction reconstruction;  // positions are those of scene

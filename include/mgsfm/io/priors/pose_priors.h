@@ -76,7 +76,7 @@ struct PosePriorOptions {
     const Scene& scene, const std::vector<PosePriorRow>& rows,
     const std::string& database_path, const PosePriorOptions& options);
 
-// With the rows that a database has, which is only read.
+// Reads the rows of a database, which it does not change.
 [[nodiscard]] PositionPriors ReadPositionPriors(
     const Scene& scene, const std::string& database_path,
     const PosePriorOptions& options);
