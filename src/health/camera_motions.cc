@@ -20,9 +20,12 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Bounds the cost, which grows with the number of lags.
+// Bounds the cost, which grows with the number of lags. With twice as many, a
+// camera of another vehicle can pass for one that lags
+// (docs/results/constants.md).
 constexpr int kMaxLag = 5;
 // Frames of a motion: the smallest gap with several cycles of three frames.
+// With 2, a lag of EuRoC is not noticed (docs/results/constants.md).
 constexpr int kMaxGap = 3;
 // The largest motions tell most; bounds the cost.
 constexpr size_t kMaxNumMotions = 400;
@@ -30,12 +33,15 @@ constexpr size_t kMaxNumMotions = 400;
 constexpr int kMinNumMotions = 12;
 // Normal errors of a cycle, with three components, exceed this in 1 of 2000.
 constexpr double kMaxCycleErrorInSigmas = 4.2;
-// The error of a wrong pair counts at most this much. Chosen.
+// The error of a wrong pair counts at most this much. With half of it, a camera
+// of another vehicle is not noticed (docs/results/constants.md).
 constexpr double kTruncationRad = DegToRad(5.0);
 // On sound drives the best lag is 0, so that the ratio is 1; a lag of one frame
-// raises the error 4.1 times or more (docs/results/input_check.md).
+// raises the error 2.9 times or more (docs/results/constants.md).
 constexpr double kMinErrorRatio = 1.5;
-// Chosen: a smaller difference is no evidence, however precise.
+// A smaller difference is no evidence, however precise. A lag raises the error
+// by at least 0.056 degrees: three frames on EuRoC, where the drone stands
+// still (docs/results/constants.md).
 constexpr double kMinErrorDropRad = DegToRad(0.05);
 // The middle between no lag, 0.5, and a lag that all motions show.
 constexpr double kMinShareBetter = 0.75;
@@ -49,14 +55,16 @@ constexpr double kMinForeignErrorInSigmas = 6.0;
 // The direction of a motion of this size is accurate to 1 / 5 rad.
 constexpr double kMinMotionInSigmas = 5.0;
 // Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
-// Chosen.
+// Half or twice the angle changes no verdict (docs/results/constants.md).
 constexpr double kMinVerticalShare = 0.8;
-// Chosen: directions are opposite if they differ by more than 134 degrees, and
-// the rotation between the cameras must be far more certain than that.
+// Directions are opposite if they differ by more than 134 degrees, the middle
+// between perpendicular and opposite. The rotation between the cameras must be
+// far more certain than that.
 constexpr double kOppositeCosine = -0.7;
 constexpr double kMaxUncertaintyRad = DegToRad(10.0);
-// Chosen: the pairs between two cameras agree if their median deviates less;
-// those of mirrored images deviate by any angle.
+// The pairs between two cameras agree if their median deviates less; those of
+// mirrored images deviate by any angle. Half or twice the value changes no
+// verdict (docs/results/constants.md).
 constexpr double kMaxDeviationRad = DegToRad(5.0);
 
 // A motion of one sensor between two frames.

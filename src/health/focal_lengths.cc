@@ -15,7 +15,8 @@ namespace {
 constexpr int kFewPairs = 40;
 constexpr int kManyPairs = 300;
 constexpr double kSuspiciousErrorInSigmas = 1.0;
-// Healthy cameras: see docs/results/input_check.md.
+// Healthy cameras: see docs/results/input_check.md. With twice the logarithm,
+// an error of 30 % is not noticed (docs/results/constants.md).
 const double kMinLogFactor = std::log(1.15);
 constexpr double kMinErrorInSigmas = 2.5;
 // Farther from the known value the linearisation is not valid, and the motion

@@ -11,6 +11,9 @@
 namespace mgsfm {
 namespace {
 
+// Half and twice these values, or their distances from the size and the centre
+// of the image, change no verdict (docs/results/constants.md).
+//
 // Images with fewer keypoints do not show how large they are.
 constexpr size_t kMinNumKeypoints = 50;
 // A few keypoints may be far outside, for example those of a broken detector.

@@ -30,15 +30,19 @@ constexpr double kMinStretchShare = 0.05;
 // Steps of sound rigs reach 0.54 degrees, at 1.6 standard deviations
 // (docs/results/input_check.md).
 constexpr double kMinStepRad = DegToRad(0.5);
-// Chosen: twice kMinStepRad, as a known rotation has an error of its own.
+// Twice kMinStepRad, as a known rotation has an error of its own. Half or twice
+// the value names an error of 5 degrees as well (docs/results/constants.md).
 constexpr double kMinKnownErrorRad = DegToRad(1.0);
 // Normal noise in three dimensions exceeds this with a probability of 1.1e-3.
 constexpr double kMinKnownErrorInSigmas = 4.0;
-// Of samples that agree with a pose, for swapped cameras. Chosen: directions of
-// swapped cameras are opposite, and those of short baselines scatter most.
+// Errors of samples that agree with a pose, for swapped cameras: directions of
+// swapped cameras are opposite, and those of short baselines scatter most. Half
+// or twice the values change no verdict (docs/results/constants.md).
 constexpr double kMaxPoseErrorRad = DegToRad(15.0);
 constexpr double kMaxDirectionErrorRad = DegToRad(45.0);
-// Of all samples, by one pose or the other. Chosen: 30 % may be wrong pairs.
+// The share of all samples that agree with one pose or the other: 30 % may be
+// wrong pairs. Half or twice as many change no verdict
+// (docs/results/constants.md).
 constexpr double kMinExplainedShare = 0.7;
 
 std::string Number(const char* format, double value) {

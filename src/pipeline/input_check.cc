@@ -22,9 +22,11 @@
 namespace mgsfm {
 namespace {
 
-// Chosen; docs/guides/warnings.md states it.
+// One missing image in ten deserves a warning; docs/guides/warnings.md states
+// the share. Half or twice as many change no verdict
+// (docs/results/constants.md).
 constexpr double kMinRegisteredShare = 0.9;
-// Chosen: a camera with one or two images shows no share.
+// One or two images do not show whether a camera shares frames with others.
 constexpr int kMinNumImagesOfCamera = 3;
 // More wrong than right priors of two are wrong by chance; fewer priors than
 // this show no share.
@@ -32,7 +34,8 @@ constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
 // Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
-// An estimated focal length this close to the initial one confirms it. Chosen.
+// An estimated focal length this close to the initial one confirms it: two
+// standard deviations at the default of max_focal_length_sigma.
 constexpr double kMaxConfirmedChange = 0.02;
 
 void Append(std::vector<Finding> from, std::vector<Finding>* to) {

@@ -24,14 +24,15 @@ using Eigen::Vector3d;
 // The lower quartile of five samples is the second smallest, so that four of
 // them must contradict the rig.
 constexpr size_t kMinNumFrames = 5;
-// Chosen far above the errors of a calibration and of single pairs.
+// Far above the errors of a calibration and of single pairs. With twice the
+// value, an error of 15 degrees is accepted (docs/results/constants.md).
 constexpr double kMaxRotationDeg = 10.0;
 // Unit vectors that scatter by 26 degrees have a mean of length cos(26 deg).
 constexpr double kMinMeanDirection = 0.9;
 // An inverted translation is wrong by 180 degrees, exchanged axes by 90: half
 // of the smaller.
 constexpr double kMaxDirectionDeg = 45.0;
-// Chosen: twice as many as frames, because motions overlap.
+// Twice as many as frames, because each frame is in several motions.
 constexpr size_t kMinNumMotions = 10;
 // An error of one degree turns the axis of such a rotation by 0.2 rad, less
 // than half of what kMaxAxisError allows.
@@ -41,7 +42,8 @@ constexpr double kMaxAxisError = 0.25;
 // Two cameras of a rig rotate by equal angles, whatever their poses in it.
 // Wrong pairs do not, and on a straight drive all large rotations are those of
 // wrong pairs.
-// Chosen: the error of a pair, which is larger for large rotations.
+// The error of a pair, which is larger for large rotations. Half or twice the
+// values change no verdict (docs/results/constants.md).
 constexpr double kMaxAngleDifference = 0.1;  // relative, and
 constexpr double kMaxAngleDifferenceDeg = 1.0;
 // A majority.
