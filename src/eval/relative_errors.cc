@@ -7,6 +7,7 @@
 namespace mgsfm {
 namespace {
 
+// Segments have 100, 200, ..., 800 m, as in the evaluation of KITTI odometry.
 constexpr double kUnitLength_m = 100.0;
 
 std::vector<const ImagePoses*> ReferenceImages(

@@ -32,6 +32,7 @@ void KeepItems(const std::vector<int>& new_idx, std::vector<Item>* items) {
 
 void KeepObservations(const std::vector<int>& new_image_idx,
                       std::vector<Point3D>* points) {
+  // Two rays determine a point.
   constexpr size_t kMinTrackLength = 2;
   for (Point3D& point : *points) {
     std::vector<Observation> track;

@@ -28,6 +28,7 @@ std::optional<double> ReprojectionErrorPx(const SceneModel& model,
 }  // namespace
 
 void RemoveLargeErrors(double max_error_px, SceneModel* model) {
+  // Two rays determine a point.
   constexpr size_t kMinTrackLength = 2;
   std::vector<Point3D> kept;
   for (Point3D& point : model->reconstruction.points) {

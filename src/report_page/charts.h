@@ -21,8 +21,8 @@ std::string TrackLengthChart(const PageModel& model);
 // The sensors of the largest rigs from above and from behind, with ellipses of
 // their uncertainty if the report has it.
 std::string RigChart(const PageModel& model);
-// Frames against frames: common points, and pairs of the view graph without
-// any, and groups of rejected pairs.
+// A matrix of frames against frames with their common points, the pairs of the
+// view graph without any, and the groups of rejected pairs.
 std::string ViewGraphChart(const PageModel& model);
 // Time and memory per stage.
 std::string StageChart(const PageModel& model);

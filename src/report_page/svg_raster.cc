@@ -23,7 +23,7 @@ using Attributes = std::map<std::string, std::string>;
 
 // The drawing is made at twice the size and halved, for smooth edges.
 constexpr int kSupersampling = 2;
-// Coordinates of OpenCV are integers with so many fractional bits.
+// The number of fractional bits of integer coordinates in OpenCV.
 constexpr int kShift = 4;
 
 struct Element {

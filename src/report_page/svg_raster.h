@@ -5,8 +5,8 @@
 
 namespace mgsfm {
 
-// Draws what SvgDrawing writes (src/eval/svg.h) as a PNG file with so many
-// pixels per unit. Fonts are those of OpenCV, so that the result does not
+// Draws what SvgDrawing writes (src/eval/svg.h) as a PNG file with
+// `pixels_per_unit`. Fonts are those of OpenCV, so that the result does not
 // depend on the machine; they have ASCII characters only, others become '?'.
 std::string RasterizeSvg(const std::string& svg, double pixels_per_unit);
 

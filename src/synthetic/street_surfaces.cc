@@ -12,6 +12,7 @@
 namespace mgsfm {
 namespace {
 
+// The grid in which rays look for surfaces; it does not change what they meet.
 constexpr double kCell_m = 5.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

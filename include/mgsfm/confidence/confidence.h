@@ -21,8 +21,8 @@ namespace mgsfm {
 //   num_tracks   points observed on both sides,
 //   confirmed    confirmed matches of used pairs between the sides,
 //   against      matches of the largest group of rejected pairs between the
-//                sides. Such a group tells a different story of the trajectory
-//                with one voice; isolated wrong pairs do not.
+//                sides. The pairs of such a group agree on another trajectory;
+//                isolated wrong pairs do not.
 //
 // The confidence of a cut is the share that agrees, less if few points cross:
 //

@@ -13,8 +13,8 @@ namespace mgsfm {
 
 enum class ViewNaming {
   kFolders,  // cam0/a.jpg becomes cam0_left/a.jpg
-  // cam0_left_a.jpg. Names are unique also without what follows their first
-  // dot, which some programs cut off.
+  // cam0_left_a.jpg. Names stay unique if everything after their first dot
+  // is cut off, as some programs do.
   kFlat,
 };
 

@@ -32,7 +32,7 @@ struct MergedStructure {
 
 // The union, in canonical order and with the ids 1, 2, ...: images by name,
 // everything else by its first image. The result depends neither on the order
-// of the inputs nor on their ids. Equal are
+// of the inputs nor on their ids. These are equal:
 // - images of the same name, with prefix;
 // - cameras of equal images, or whose images are in the same folder of two
 //   inputs of one vehicle;

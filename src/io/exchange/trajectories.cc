@@ -36,8 +36,8 @@ bool HasOnly(const std::string& text, const char* characters) {
          text.find_first_not_of(characters) == std::string::npos;
 }
 
-// The time in the name of an image; the number itself, in seconds, if it is
-// none of an epoch.
+// The time in the name of an image; the number itself, in seconds, if it is not
+// a time since the epoch.
 std::optional<int64_t> TimeOfName(const std::string& stem) {
   // The function expects an extension.
   if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
