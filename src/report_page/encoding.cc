@@ -87,7 +87,7 @@ std::string ToScriptJson(const Json& json) {
 }
 
 std::string Shorten(const std::string& text, size_t max_bytes) {
-  const std::string valid = ToValidUtf8(text);
+  std::string valid = ToValidUtf8(text);
   if (valid.size() <= max_bytes) return valid;
   static const std::string kEllipsis = "\u2026";
   const size_t num_kept =

@@ -109,11 +109,11 @@ void AddMismatches(double mismatch_ratio, size_t num_keypoints2, Random random,
   for (Match& match : *matches) {
     const bool is_wrong = random.Uniform() < mismatch_ratio;
     if (is_wrong) mismatches.push_back(&match);
-    is_taken[match.keypoint_idx2] = is_wrong ? 0 : 1;
+    is_taken[match.keypoint_idx2] = !is_wrong;
   }
   std::vector<uint32_t> pool;
   for (size_t i = 0; i < is_taken.size(); ++i) {
-    if (is_taken[i] == 0) pool.push_back(static_cast<uint32_t>(i));
+    if (!is_taken[i]) pool.push_back(static_cast<uint32_t>(i));
   }
   for (Match* match : mismatches) {
     const uint32_t size = static_cast<uint32_t>(pool.size());
@@ -211,22 +211,21 @@ void PairMaker::MoveAlongEpipolarLines(const PairPlan& plan,
   const Features& features1 = photographs_.features[plan.image1];
   const Features& features2 = photographs_.features[plan.image2];
   Mask is_taken(features2.size(), false);
-  for (const Match& match : *matches) is_taken[match.keypoint_idx2] = 1;
+  for (const Match& match : *matches) is_taken[match.keypoint_idx2] = true;
   for (Match& match : *matches) {
     if (random.Uniform() >= options_.epipolar_outlier_ratio) continue;
     const Eigen::Vector3d& ray1 = features1.rays[match.keypoint_idx1];
     std::vector<uint32_t> on_line;
     for (size_t i = 0; i < features2.size(); ++i) {
-      if (is_taken[i] == 0 &&
-          std::abs(SampsonAngle(pose, ray1, features2.rays[i])) <
-              max_error_rad) {
+      if (!is_taken[i] && std::abs(SampsonAngle(
+                              pose, ray1, features2.rays[i])) < max_error_rad) {
         on_line.push_back(static_cast<uint32_t>(i));
       }
     }
     if (on_line.empty()) continue;
     match.keypoint_idx2 =
         on_line[random.Index(static_cast<uint32_t>(on_line.size()))];
-    is_taken[match.keypoint_idx2] = 1;
+    is_taken[match.keypoint_idx2] = true;
   }
 }
 

@@ -45,7 +45,7 @@ PositionRigProblem::PositionRigProblem(const RefinementInput& input,
   for (size_t i = 0; i < known.frame_idx.size(); ++i) {
     problem_.images.push_back({known.frame_idx[i], known.sensor_idx[i], -1});
     const auto& world_from_cam = known.world_from_cam[i];
-    problem_.held_cam_from_world.push_back(Eigen::Matrix3d::Identity());
+    problem_.held_cam_from_world.emplace_back(Eigen::Matrix3d::Identity());
     if (world_from_cam) {
       problem_.held_cam_from_world.back() = world_from_cam->transpose();
     }

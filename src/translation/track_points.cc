@@ -183,7 +183,7 @@ FramePlacement PlaceFramesByPoints(const PositionProblem& problem,
     std::vector<Vector3d> starts, directions;
     for (const LineOfSight& line : lines[f]) {
       starts.push_back(line.point);
-      directions.push_back(-line.ray);
+      directions.emplace_back(-line.ray);
     }
     const auto center =
         TriangulateRobust(starts, directions, {max_error_rad, max_error_rad});
