@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <cmath>
+#include <limits>
 
 #include "geometry/epipolar.h"
 #include "geometry/epipolar_linearization.h"
@@ -73,12 +75,23 @@ struct NormalEquations {
 
 NormalEquations<5> LinearizePose(const RayMatches& matches,
                                  const Rigid3& cam2_from_cam1,
-                                 double loss_scale) {
+                                 const PoseRefinementOptions& options) {
   const EpipolarPose pose{cam2_from_cam1.rotation.toRotationMatrix(),
                           cam2_from_cam1.translation};
   const internal::PoseSums sums = internal::SumSampsonTerms(
-      matches, pose, TangentBasis(pose.direction), loss_scale);
-  return {sums.hessian, sums.gradient, sums.cost};
+      matches, pose, TangentBasis(pose.direction), options.loss_scale_rad);
+  NormalEquations<5> equations{sums.hessian, sums.gradient, sums.cost};
+  if (options.rotation_prior) {
+    const double weight = options.rotation_prior->weight;
+    // Its Jacobian is the identity up to the square of the angle.
+    const Eigen::Vector3d error =
+        LogSO3(cam2_from_cam1.rotation *
+               options.rotation_prior->cam2_from_cam1.conjugate());
+    equations.hessian.topLeftCorner<3, 3>().diagonal().array() += weight;
+    equations.gradient.head<3>() += weight * error;
+    equations.cost += 0.5 * weight * error.squaredNorm();
+  }
+  return equations;
 }
 
 NormalEquations<3> LinearizeRotation(const RayMatches& matches,
@@ -178,10 +191,26 @@ SolveSummary RefineRelativePose(const RayMatches& matches,
   cam2_from_cam1->translation.normalize();
   return Minimize(
       options,
-      [&](const Rigid3& pose) {
-        return LinearizePose(matches, pose, options.loss_scale_rad);
-      },
+      [&](const Rigid3& pose) { return LinearizePose(matches, pose, options); },
       PerturbRelativePose, cam2_from_cam1);
+}
+
+double DirectionSigmaRad(const RayMatches& matches,
+                         const PoseRefinementOptions& options,
+                         const Rigid3& cam2_from_cam1) {
+  const Matrix5d hessian =
+      LinearizePose(matches, cam2_from_cam1, options).hessian;
+  const Eigen::Matrix<double, 3, 2> mixed = hessian.topRightCorner<3, 2>();
+  const Eigen::Matrix2d information =
+      hessian.bottomRightCorner<2, 2>() -
+      mixed.transpose() *
+          hessian.topLeftCorner<3, 3>().completeOrthogonalDecomposition().solve(
+              mixed);
+  const double least =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(information)
+          .eigenvalues()[0];
+  return least > 0.0 ? options.loss_scale_rad / std::sqrt(least)
+                     : std::numeric_limits<double>::infinity();
 }
 
 SolveSummary RefineRotation(const RayMatches& matches,

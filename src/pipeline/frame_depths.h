@@ -10,13 +10,22 @@
 
 namespace mgsfm {
 
-// Depths of keypoints by pairs within frames, whose baselines have the same
-// length in all frames (links of scale averaging,
-// translation/scale_averaging.h) and the centres of the sensors that these
-// pairs connect. The unit of length is arbitrary; the origin of a rig is one of
-// these sensors. Pairs are measured with their own rotations. `noise_px` is the
-// standard deviation of keypoints, from which those of the distances follow.
-// Without overlapping views nothing is known.
+// The places of the sensors in their rig, and the depths of keypoints that
+// match within frames, in an arbitrary unit of length.
+//
+// The relative pose (R, t) of two sensors is the same in all frames, so that
+// all their matches determine it together (geometry/epipolar.h):
+//
+//   min_(R,t) sum_m rho(r_m) + (sigma / sigma_R)^2 / 2 angle(R, R_avg)^2,
+//
+// with the averaged rotation R_avg as prior, as the matches of a narrow overlap
+// determine only combinations of rotation and direction. Common keypoints
+// relate the lengths of the baselines (translation/scale_averaging.h). Sensors
+// are placed along the spanning tree of the most certain directions; the origin
+// of a rig is one of them. Sensors without a baseline to the others have no
+// place. `noise_px` is the standard deviation of keypoints, from which those of
+// the distances follow.
+// Cost: linear in the matches within frames; parallel over pairs of sensors.
 [[nodiscard]] FrameDepths MeasureFrameDepths(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
     const ViewGraph& view_graph, const RotationEstimate& rotations,

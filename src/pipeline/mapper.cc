@@ -309,8 +309,9 @@ RotationsOfScene EstimateRotationsOfScene(
   if (num_pairs > 0) {
     context.Info(std::to_string(num_pairs) + " of " +
                  std::to_string(view_graph->pairs.size()) +
-                 " image pairs contradict the motion of the rig, as those on "
-                 "vehicles that move along do; they are not used");
+                 " image pairs contradict the motion of the rig: they show "
+                 "vehicles that move along, or have few matches; they are not "
+                 "used");
   }
   result.rotation = average("second ", motion.pair_is_discontinuous);
   result.length_hints.expected = std::move(motion.pair_length);

@@ -327,14 +327,7 @@ void CollectDepths(const BaselineMatches& matches,
     baseline->depths[1].push_back({static_cast<int>(used[m].keypoint_idx2),
                                    static_cast<float>(std::log((*depths)[1]))});
   }
-  for (auto& depths : baseline->depths) {
-    std::sort(depths.begin(), depths.end(),
-              [](const DepthSample& a, const DepthSample& b) {
-                return a.keypoint_idx != b.keypoint_idx
-                           ? a.keypoint_idx < b.keypoint_idx
-                           : a.log_depth < b.log_depth;
-              });
-  }
+  for (auto& depths : baseline->depths) SortByKeypoint(&depths);
 }
 
 // The angle of one pixel in the camera of an image.
@@ -420,6 +413,15 @@ void MeasureBaseline(const Scene& scene, const Bearings& bearings,
 }
 
 }  // namespace
+
+void SortByKeypoint(std::vector<DepthSample>* depths) {
+  std::sort(depths->begin(), depths->end(),
+            [](const DepthSample& a, const DepthSample& b) {
+              return a.keypoint_idx != b.keypoint_idx
+                         ? a.keypoint_idx < b.keypoint_idx
+                         : a.log_depth < b.log_depth;
+            });
+}
 
 std::vector<BaselineDirection> EstimateBaselineDirections(
     const Scene& scene, const Bearings& bearings, const ViewGraph& view_graph,

@@ -24,6 +24,9 @@ struct DepthSample {
   float log_depth;
 };
 
+// By keypoint, then by depth.
+void SortByKeypoint(std::vector<DepthSample>* depths);
+
 // The measured direction of the baseline of one image pair.
 struct BaselineDirection {
   int image_idx1 = 0;
