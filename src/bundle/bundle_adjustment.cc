@@ -3,9 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <string>
-#include <utility>
 
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
@@ -35,15 +32,19 @@ bool SolveOnce(const Scene& scene, const BundlePriors& priors,
   return is_usable;
 }
 
-PointFilterOptions MakeFilterOptions(const BundleAdjustmentOptions& options,
+PointFilterOptions MakeFilterOptions(const Scene& scene,
+                                     const Reconstruction& estimate,
+                                     const BundleAdjustmentOptions& options,
                                      double max_error_px,
-                                     double median_distance) {
+                                     const Context& context) {
   PointFilterOptions filter;
   filter.max_error_px = max_error_px;
   filter.min_num_observations = options.min_num_observations;
   filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
   filter.min_group_share = options.min_track_share;
+  const double median_distance =
+      MedianDistance(scene, estimate, context.num_threads);
   if (!std::isfinite(median_distance)) return filter;  // without points
   filter.min_two_view_distance =
       options.min_two_view_relative_distance * median_distance;
@@ -51,29 +52,6 @@ PointFilterOptions MakeFilterOptions(const BundleAdjustmentOptions& options,
     filter.max_distance = options.max_relative_distance * median_distance;
   }
   return filter;
-}
-
-PointFilterOptions MakeFilterOptions(const Scene& scene,
-                                     const Reconstruction& estimate,
-                                     const BundleAdjustmentOptions& options,
-                                     double max_error_px,
-                                     const Context& context) {
-  return MakeFilterOptions(
-      options, max_error_px,
-      MedianDistance(scene, estimate, context.num_threads));
-}
-
-double RoughTolerance(const BundleAdjustmentOptions& options) {
-  constexpr double kFactor = 100.0;
-  return std::min(1.0, kFactor * options.function_tolerance);
-}
-
-double GrossErrorPx(const BundleAdjustmentOptions& options, double sigma_px) {
-  // In multiples of max_max_error_px. Initial poses can be inaccurate, so their
-  // noise can raise it further.
-  constexpr double kFactor = 4.0;
-  return std::max(kFactor * options.max_max_error_px,
-                  options.error_sigma_factor * sigma_px);
 }
 
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
@@ -87,17 +65,6 @@ double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
       *options.loss_scale_px,
       std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
-}
-
-std::string DescribeSolve(const BundleSummary& summary) {
-  const SolveSummary& solve = summary.solves.back();
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                summary.solves.size(), solve.num_iterations, solve.initial_cost,
-                solve.final_cost,
-                std::string(TerminationName(solve.termination)).c_str());
-  return line;
 }
 
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

@@ -80,24 +80,6 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   EXPECT_TRUE(report["missing_clusters"].empty());
 }
 
-double FinalCost(const std::string& folder) {
-  const Json report = Json::parse(ReadTextFile(folder + "/report.json"));
-  return report["models"][0]["adjustment"].back()["final_cost"];
-}
-
-TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
-  MapAll(Partition(3));
-  Join();
-  Run(JoinTo("blocked") + " --refine_in_blocks 1");
-  const double cost = FinalCost(Path("joined"));
-  EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
-  const Json whole = Evaluate(Path("joined/0"));
-  const Json blocked = Evaluate(Path("blocked/0"));
-  EXPECT_EQ(blocked["num_registered"], whole["num_registered"]);
-  EXPECT_LT(blocked["position_m"]["mean"].get<double>(),
-            1.1 * whole["position_m"]["mean"].get<double>());
-}
-
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
   const Json clusters = Partition(4);
   const int failing = clusters["calibration_clusters"][0] == 0 ? 1 : 0;
