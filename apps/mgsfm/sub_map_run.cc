@@ -156,9 +156,10 @@ JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
 BundleSummary Adjust(const SubMapRun& run, SceneModel* joined,
                      const Context& context) {
   Reconstruction& model = joined->reconstruction;
+  const CandidateSource tracks = FixedCandidates(GroupTracks(model));
   BundleResult result =
-      RefineReconstruction(joined->scene, FixedCandidates(GroupTracks(model)),
-                           model, run.bundle_adjustment, context);
+      RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
+                           run.bundle_adjustment, context);
   model = std::move(result.estimate);
   return std::move(result.summary);
 }

@@ -23,8 +23,13 @@ bool SolveOnce(const Scene& scene, const BundlePriors& priors,
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
+  RigSolver<PixelObservation> solver(built.problem, solver_options, context);
+  // The native solver holds its own copy, in its own order.
+  if (options.backend == SolverBackend::kNative) {
+    built.problem.observations = std::vector<PixelObservation>();
+  }
   SolveSummary summary =
-      SolveRigProblem(built.problem, solver_options, context, &built.state);
+      solver.Solve(solver_options.max_num_iterations, &built.state);
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;

@@ -23,7 +23,7 @@ constexpr double kGrossErrorFactor = 4.0;
 struct RefinementInput {
   const Scene& scene;
   const CandidateSource& candidates;
-  const Reconstruction& initial;
+  const Reconstruction& initial;  // without points
   const BundleAdjustmentOptions& options;
   const Context& context;
   const BundlePriors& priors;
@@ -198,19 +198,22 @@ bool SolveAndTriangulate(const RefinementInput& input,
 
 BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
-    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
     const RefinementStore& store) {
-  const RefinementInput input{scene,   candidates, initial, options,
-                              context, priors,     fixed};
   BundleResult result;
-  result.estimate = initial;
+  std::swap(result.estimate.points, initial.points);
+  const Reconstruction initial_poses = initial;
+  std::swap(result.estimate.points, initial.points);
+  result.estimate = std::move(initial);
+  const RefinementInput input{scene,   candidates, initial_poses, options,
+                              context, priors,     fixed};
   if (SolveAndTriangulate(input, store, &result)) {
     FilterFinalPoints(input, &result);
     DropFramesWithoutObservations(input, &result);
   }
   ComputePointErrors(scene, context.num_threads, &result.estimate);
-  FinishSummary(scene, initial, options, &result);
+  FinishSummary(scene, initial_poses, options, &result);
   return result;
 }
 

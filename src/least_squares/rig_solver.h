@@ -62,7 +62,8 @@ struct RigSolverOptions {
 template <class Observation>
 class RigSolver {
  public:
-  // The problem must outlive the solver.
+  // The problem must outlive the solver. Observations are copied by the native
+  // backend, and may be freed.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();
