@@ -39,11 +39,6 @@ struct ModelMergerOptions {
       "With graph: database with the matches, for loop closures between "
       "clusters. It is only read."};
   Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
-  Option<bool> refine_in_blocks{
-      "refine_in_blocks", false,
-      "With graph: hold the equations of one sub-map at a time, and reach the "
-      "solution of one solve for all. It saves memory if sub-maps share few "
-      "frames."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of common images, or of cameras in common frames."};
@@ -60,7 +55,7 @@ struct ModelMergerOptions {
   void Describe(Visitor& visit) {
     visit(input_path1, input_path2, output_path, min_common_images,
           max_reproj_error, output_format, rigs, graph, input_path,
-          cluster_path, database_path, refine, refine_in_blocks);
+          cluster_path, database_path, refine);
     visit.Group("Join", join);
     visit.Group("BundleAdjustment", bundle_adjustment);
   }
@@ -88,9 +83,8 @@ int JoinGraph(const ModelMergerOptions& options, const Context& context) {
   }
   return JoinClusters(
       {options.input_path, options.cluster_path, options.database_path,
-       options.output_path, options.refine, options.refine_in_blocks,
-       options.output_format, options.rigs, options.join,
-       options.bundle_adjustment},
+       options.output_path, options.refine, options.output_format, options.rigs,
+       options.join, options.bundle_adjustment},
       context);
 }
 

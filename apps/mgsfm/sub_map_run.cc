@@ -16,9 +16,7 @@
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
-#include "mgsfm/bundle/block_adjustment.h"
 #include "mgsfm/io/rigs/rig_config.h"
-#include "model_tools/sub_map_boundary.h"
 #include "partition_run.h"
 
 namespace mgsfm {
@@ -137,68 +135,31 @@ std::vector<CrossPair> ReadCrossPairs(const std::string& database_path,
   return pairs;
 }
 
-// The sub-maps, and the points that the join does not need, if they are set
-// aside for an adjustment in blocks.
-struct LoadedSubMaps {
+std::vector<SceneModel> LoadSubMaps(const SubMapRun& run,
+                                    const SubMapFiles& files,
+                                    const Context& context) {
   std::vector<SceneModel> models;
-  std::vector<PointBlock> interiors;
-};
-
-LoadedSubMaps LoadSubMaps(const SubMapRun& run, const SubMapFiles& files,
-                          const NamesOfSubMaps& names,
-                          const std::vector<CrossPair>& pairs,
-                          const Context& context) {
-  const SubMapBoundary boundary(names, pairs);
-  LoadedSubMaps loaded;
   for (const std::string& folder : files.folders) {
-    SceneModel model = ReadToolModel(folder, run.rigs, context).model;
-    if (run.adjusts_in_blocks) {
-      loaded.interiors.push_back(PackPoints(boundary.TakeInterior(&model)));
-      model.reconstruction.points.shrink_to_fit();
-    }
-    loaded.models.push_back(std::move(model));
+    models.push_back(ReadToolModel(folder, run.rigs, context).model);
   }
-  return loaded;
+  return models;
 }
 
-// The points of a joined model in blocks, with those that were set aside.
-BlockedModel DivideIntoBlocks(size_t model_idx, const NamesOfSubMaps& names,
-                              std::vector<PointBlock>* interiors,
-                              JoinedMaps* joined) {
-  const Scene& scene = joined->models[model_idx].scene;
-  Reconstruction& model = joined->models[model_idx].reconstruction;
-  std::map<std::string, int> image_of_name;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    image_of_name.emplace(scene.images[i].name, static_cast<int>(i));
-  }
-  BlockedModel blocked;
-  blocked.blocks.resize(joined->sub_maps[model_idx].size());
-  const auto add = [&](const Point3D& point) {
-    blocked.blocks[BlockOf(scene, joined->frame_blocks[model_idx], point)].Add(
-        point);
-  };
-  for (const Point3D& point : std::exchange(model.points, {})) add(point);
-  for (const int m : joined->sub_maps[model_idx]) {
-    const Sim3& world_from_sub_map = joined->world_from_sub_map[m];
-    for (Point3D& point : std::exchange((*interiors)[m], {}).Unpack()) {
-      point.point_in_world = world_from_sub_map * point.point_in_world;
-      for (Observation& o : point.track) {
-        o.image_idx = image_of_name.at(names[m][o.image_idx]);
-      }
-      std::sort(point.track.begin(), point.track.end());
-      add(point);
-    }
-  }
-  blocked.poses = std::move(model);
-  return blocked;
+JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
+                const Context& context) {
+  const std::vector<CrossPair> pairs =
+      ReadCrossPairs(run.database_path, ReadNames(files), context);
+  return JoinSubMaps(LoadSubMaps(run, files, context), pairs, run.join,
+                     context);
 }
 
 BundleSummary Adjust(const SubMapRun& run, SceneModel* joined,
                      const Context& context) {
   Reconstruction& model = joined->reconstruction;
+  const CandidateSource tracks = FixedCandidates(GroupTracks(model));
   BundleResult result =
-      RefineReconstruction(joined->scene, FixedCandidates(GroupTracks(model)),
-                           model, run.bundle_adjustment, context);
+      RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
+                           run.bundle_adjustment, context);
   model = std::move(result.estimate);
   return std::move(result.summary);
 }
@@ -300,31 +261,6 @@ Json FinishModel(const SubMapRun& run, const fs::path& folder,
   return DescribeModel(AnalyzeModel(*model), sub_maps, bundle);
 }
 
-// The same for a model in blocks, whose scene is that of `model`.
-Json FinishBlocks(const SubMapRun& run, const fs::path& folder,
-                  const std::vector<int>& sub_maps, BlockedModel blocked,
-                  SceneModel* model, const Context& context) {
-  CheckFormat(model->scene, run.output_format);
-  std::optional<BundleSummary> bundle;
-  if (run.adjusts) {
-    bundle =
-        RefineInBlocks(model->scene, run.bundle_adjustment, context, &blocked);
-  }
-  const PointStream points{
-      blocked.NumPoints(), [&](const PointStream::Visitor& visitor) {
-        blocked.VisitPoints(model->scene, context.num_threads, visitor);
-      }};
-  WriteModel(folder, model->scene, blocked.poses, points, run.output_format,
-             context);
-  WriteRigConfig((folder / "rig_config.json").string(), model->scene,
-                 blocked.poses);
-  model->reconstruction = std::move(blocked.poses);
-  ModelStatistics statistics = AnalyzeModel(*model);
-  statistics.num_points = blocked.NumPoints();
-  statistics.num_observations = blocked.NumObservations();
-  return DescribeModel(statistics, sub_maps, bundle);
-}
-
 // "12 frames, 48 images and 3600 points of 3 sub-maps".
 std::string DescribeEntry(const Json& model) {
   ModelStatistics statistics;
@@ -352,26 +288,15 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
                                       "clusters first");
     return kExitNotSolvable;
   }
-  const NamesOfSubMaps names = ReadNames(files);
-  const std::vector<CrossPair> pairs =
-      ReadCrossPairs(run.database_path, names, context);
-  LoadedSubMaps loaded = LoadSubMaps(run, files, names, pairs, context);
-  JoinedMaps joined =
-      JoinSubMaps(std::move(loaded.models), pairs, run.join, context);
+  JoinedMaps joined = Join(run, files, context);
   LogEdges(files, joined, context);
   Json report = DescribeSubMaps(files, joined);
   report["models"] = Json::array();
   for (size_t i = 0; i < joined.models.size(); ++i) {
     const fs::path folder = output.StagingDir() / std::to_string(i);
     fs::create_directory(folder);
-    SceneModel& model = joined.models[i];
-    report["models"].push_back(
-        run.adjusts_in_blocks
-            ? FinishBlocks(
-                  run, folder, joined.sub_maps[i],
-                  DivideIntoBlocks(i, names, &loaded.interiors, &joined),
-                  &model, context)
-            : FinishModel(run, folder, joined.sub_maps[i], &model, context));
+    report["models"].push_back(FinishModel(run, folder, joined.sub_maps[i],
+                                           &joined.models[i], context));
     context.Info("model " + std::to_string(i) + ": " +
                  DescribeEntry(report["models"].back()));
   }

@@ -17,7 +17,6 @@ struct SubMapRun {
   std::string database_path;  // for matches across clusters; may be empty
   std::string output_path;
   bool adjusts = true;
-  bool adjusts_in_blocks = false;  // sub-map by sub-map
   ModelFormat output_format = ModelFormat::kBinary;
   ToolRigOptions rigs;
   JoinOptions join;

@@ -62,6 +62,12 @@ void WriteToolModel(const ToolModel& model, ModelFormat format,
 
 ObservationGroups GroupTracks(const Reconstruction& model) {
   ObservationGroups groups;
+  size_t num_observations = 0;
+  for (const Point3D& point : model.points) {
+    num_observations += point.track.size();
+  }
+  groups.observations.reserve(num_observations);
+  groups.offsets.reserve(model.points.size() + 1);
   for (const Point3D& point : model.points) {
     groups.observations.insert(groups.observations.end(), point.track.begin(),
                                point.track.end());

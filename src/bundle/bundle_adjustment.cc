@@ -3,9 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <string>
-#include <utility>
 
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
@@ -26,8 +23,13 @@ bool SolveOnce(const Scene& scene, const BundlePriors& priors,
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
+  RigSolver<PixelObservation> solver(built.problem, solver_options, context);
+  // The native solver holds its own copy, in its own order.
+  if (options.backend == SolverBackend::kNative) {
+    built.problem.observations = std::vector<PixelObservation>();
+  }
   SolveSummary summary =
-      SolveRigProblem(built.problem, solver_options, context, &built.state);
+      solver.Solve(solver_options.max_num_iterations, &built.state);
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;
@@ -35,15 +37,19 @@ bool SolveOnce(const Scene& scene, const BundlePriors& priors,
   return is_usable;
 }
 
-PointFilterOptions MakeFilterOptions(const BundleAdjustmentOptions& options,
+PointFilterOptions MakeFilterOptions(const Scene& scene,
+                                     const Reconstruction& estimate,
+                                     const BundleAdjustmentOptions& options,
                                      double max_error_px,
-                                     double median_distance) {
+                                     const Context& context) {
   PointFilterOptions filter;
   filter.max_error_px = max_error_px;
   filter.min_num_observations = options.min_num_observations;
   filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
   filter.min_group_share = options.min_track_share;
+  const double median_distance =
+      MedianDistance(scene, estimate, context.num_threads);
   if (!std::isfinite(median_distance)) return filter;  // without points
   filter.min_two_view_distance =
       options.min_two_view_relative_distance * median_distance;
@@ -51,30 +57,6 @@ PointFilterOptions MakeFilterOptions(const BundleAdjustmentOptions& options,
     filter.max_distance = options.max_relative_distance * median_distance;
   }
   return filter;
-}
-
-PointFilterOptions MakeFilterOptions(const Scene& scene,
-                                     const Reconstruction& estimate,
-                                     const BundleAdjustmentOptions& options,
-                                     double max_error_px,
-                                     const Context& context) {
-  return MakeFilterOptions(
-      options, max_error_px,
-      MedianDistance(scene, estimate, context.num_threads));
-}
-
-double RoughTolerance(const BundleAdjustmentOptions& options) {
-  // Points and outliers change after these solves (docs/maths/bundle.md).
-  constexpr double kFactor = 100.0;
-  return std::min(1.0, kFactor * options.function_tolerance);
-}
-
-double GrossErrorPx(const BundleAdjustmentOptions& options, double sigma_px) {
-  // The bound in multiples of max_max_error_px. The noise of inaccurate initial
-  // poses can raise it further.
-  constexpr double kFactor = 4.0;
-  return std::max(kFactor * options.max_max_error_px,
-                  options.error_sigma_factor * sigma_px);
 }
 
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
@@ -88,17 +70,6 @@ double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px) {
   return std::min(
       *options.loss_scale_px,
       std::max(kMinKeypointSigmaPx, options.loss_sigma_factor * sigma_px));
-}
-
-std::string DescribeSolve(const BundleSummary& summary) {
-  const SolveSummary& solve = summary.solves.back();
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                summary.solves.size(), solve.num_iterations, solve.initial_cost,
-                solve.final_cost,
-                std::string(TerminationName(solve.termination)).c_str());
-  return line;
 }
 
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

@@ -80,32 +80,23 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
   return errors;
 }
 
-void AppendNoiseErrors(const Scene& scene, const Reconstruction& reconstruction,
-                       int num_threads, std::vector<double>* errors) {
-  const std::vector<double> of_observations =
+double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
+                    int num_threads) {
+  std::vector<double> errors =
       ReprojectionErrors(scene, reconstruction, num_threads);
   const std::vector<size_t> begin = FirstErrorOfPoints(scene, reconstruction);
-  errors->reserve(errors->size() + of_observations.size());
+  size_t num_kept = 0;
   for (size_t i = 0; i < reconstruction.points.size(); ++i) {
     const size_t num_residuals = 2 * (begin[i + 1] - begin[i]);
     if (num_residuals <= 3) continue;
     const double factor = std::sqrt(static_cast<double>(num_residuals) /
                                     static_cast<double>(num_residuals - 3));
     for (size_t k = begin[i]; k < begin[i + 1]; ++k) {
-      errors->push_back(factor * of_observations[k]);
+      errors[num_kept++] = factor * errors[k];
     }
   }
-}
-
-double NoiseSigmaPx(std::vector<double> errors) {
+  errors.resize(num_kept);
   return errors.empty() ? 0.0 : RobustSigma<2>(std::move(errors));
-}
-
-double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
-                    int num_threads) {
-  std::vector<double> errors;
-  AppendNoiseErrors(scene, reconstruction, num_threads, &errors);
-  return NoiseSigmaPx(std::move(errors));
 }
 
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
@@ -163,31 +154,20 @@ double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
   return std::sqrt(squared);
 }
 
-void AppendDistances(const Scene& scene, const Reconstruction& reconstruction,
-                     int num_threads, std::vector<double>* distances) {
+double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
+                      int num_threads) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
-  const size_t num_before = distances->size();
-  distances->resize(num_before + reconstruction.points.size());
+  std::vector<double> distances(reconstruction.points.size());
   ParallelFor(
-      reconstruction.points.size(), num_threads,
+      distances.size(), num_threads,
       [&](size_t i) {
         const Point3D& point = reconstruction.points[i];
-        (*distances)[num_before + i] =
+        distances[i] =
             NearestDistance(CentersOf(views, point), point.point_in_world);
       },
       256);
-}
-
-double MedianDistance(std::vector<double> distances) {
   return distances.empty() ? std::numeric_limits<double>::infinity()
                            : Median(std::move(distances));
-}
-
-double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
-                      int num_threads) {
-  std::vector<double> distances;
-  AppendDistances(scene, reconstruction, num_threads, &distances);
-  return MedianDistance(std::move(distances));
 }
 
 void ComputePointErrors(const Scene& scene, int num_threads,

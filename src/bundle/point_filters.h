@@ -32,11 +32,6 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
 double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
                     int num_threads);
 
-// The same in parts: the errors of the points of one, and their result.
-void AppendNoiseErrors(const Scene& scene, const Reconstruction& reconstruction,
-                       int num_threads, std::vector<double>* errors);
-double NoiseSigmaPx(std::vector<double> errors);
-
 struct PointFilterOptions {
   double max_error_px = 4.0;
   int min_num_observations = 2;
@@ -67,11 +62,6 @@ double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
 // that observes it; infinite without points.
 double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
                       int num_threads);
-
-// The same in parts.
-void AppendDistances(const Scene& scene, const Reconstruction& reconstruction,
-                     int num_threads, std::vector<double>* distances);
-double MedianDistance(std::vector<double> distances);
 
 // Sets Point3D::error_px to the mean over observations with a finite error.
 void ComputePointErrors(const Scene& scene, int num_threads,

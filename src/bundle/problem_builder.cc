@@ -191,11 +191,11 @@ void AddGravityPriors(const GravityTerms& gravity,
 
 }  // namespace
 
-BuiltProblem BuildFreeProblem(const Scene& scene,
-                              const Reconstruction& reconstruction,
-                              const BundleAdjustmentOptions& options,
-                              RefinedParts parts, const BundlePriors& priors,
-                              const FixedPoses& fixed) {
+BuiltProblem BuildProblem(const Scene& scene,
+                          const Reconstruction& reconstruction,
+                          const BundleAdjustmentOptions& options,
+                          RefinedParts parts, const BundlePriors& priors,
+                          const FixedPoses& fixed) {
   const ProblemInput input{scene, reconstruction, options,
                            parts, priors,         fixed};
   BuiltProblem built;
@@ -214,17 +214,6 @@ BuiltProblem BuildFreeProblem(const Scene& scene,
   }
   AddPositionPriors(input, image_idxs, &problem);
   if (priors.gravity) AddGravityPriors(*priors.gravity, image_idxs, &problem);
-  return built;
-}
-
-BuiltProblem BuildProblem(const Scene& scene,
-                          const Reconstruction& reconstruction,
-                          const BundleAdjustmentOptions& options,
-                          RefinedParts parts, const BundlePriors& priors,
-                          const FixedPoses& fixed) {
-  BuiltProblem built =
-      BuildFreeProblem(scene, reconstruction, options, parts, priors, fixed);
-  BundleProblem& problem = built.problem;
   const bool some_frame_is_fixed = std::any_of(
       built.frame_idxs.begin(), built.frame_idxs.end(),
       [&](int frame_idx) { return IsSet(fixed.frames, frame_idx); });

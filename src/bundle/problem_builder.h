@@ -36,14 +36,6 @@ BuiltProblem BuildProblem(const Scene& scene,
                           RefinedParts parts, const BundlePriors& priors = {},
                           const FixedPoses& fixed = {});
 
-// The same without a fixed gauge.
-BuiltProblem BuildFreeProblem(const Scene& scene,
-                              const Reconstruction& reconstruction,
-                              const BundleAdjustmentOptions& options,
-                              RefinedParts parts,
-                              const BundlePriors& priors = {},
-                              const FixedPoses& fixed = {});
-
 // The refined coordinates of sensor_from_rig, and its prior if there is one.
 // SensorPrior::sensor is the index in the scene.
 struct RefinedSensor {

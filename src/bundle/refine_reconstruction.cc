@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <cstdio>
 #include <optional>
 #include <string>
@@ -13,10 +14,16 @@
 namespace mgsfm {
 namespace {
 
+// All solves but the last prepare a triangulation, which needs less accuracy.
+constexpr double kRoughToleranceFactor = 100.0;
+// The bound of gross outliers in multiples of max_max_error_px. Initial poses
+// can be inaccurate, so their noise can raise it further.
+constexpr double kGrossErrorFactor = 4.0;
+
 struct RefinementInput {
   const Scene& scene;
   const CandidateSource& candidates;
-  const Reconstruction& initial;
+  const Reconstruction& initial;  // without points
   const BundleAdjustmentOptions& options;
   const Context& context;
   const BundlePriors& priors;
@@ -49,11 +56,17 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
-  const Context context = ContextOfSolve(input, summary);
   const bool is_usable =
       SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                function_tolerance, context, result);
-  input.context.Debug(DescribeSolve(summary));
+                function_tolerance, ContextOfSolve(input, summary), result);
+  const SolveSummary& solve = summary.solves.back();
+  char line[160];
+  std::snprintf(line, sizeof(line),
+                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
+                summary.solves.size(), solve.num_iterations, solve.initial_cost,
+                solve.final_cost,
+                std::string(TerminationName(solve.termination)).c_str());
+  input.context.Debug(line);
   return is_usable;
 }
 
@@ -93,7 +106,9 @@ PointFilterOptions FilterOf(const RefinementInput& input,
 void RemoveGrossErrors(const RefinementInput& input, BundleResult* result) {
   BundleRound round =
       StartRound(input, result->estimate, input.options.num_rounds);
-  round.max_error_px = GrossErrorPx(input.options, round.sigma_px);
+  round.max_error_px =
+      std::max(kGrossErrorFactor * input.options.max_max_error_px,
+               input.options.error_sigma_factor * round.sigma_px);
   PointFilterOptions filter;
   filter.max_error_px = round.max_error_px;
   FilterPoints(input.scene, filter, input.context.num_threads,
@@ -144,7 +159,8 @@ void DropFramesWithoutObservations(const RefinementInput& input,
 // the solve fails.
 bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
-  const double rough_tolerance = RoughTolerance(options);
+  const double rough_tolerance =
+      std::min(1.0, kRoughToleranceFactor * options.function_tolerance);
   if (step == 0) {
     return Solve(input, RefinedParts::kTranslations, rough_tolerance, result);
   }
@@ -178,28 +194,27 @@ bool SolveAndTriangulate(const RefinementInput& input,
   return true;
 }
 
-BundleResult Refine(const RefinementInput& input, Reconstruction start,
-                    const RefinementStore& store) {
-  BundleResult result;
-  result.estimate = std::move(start);
-  if (SolveAndTriangulate(input, store, &result)) {
-    FilterFinalPoints(input, &result);
-    DropFramesWithoutObservations(input, &result);
-  }
-  ComputePointErrors(input.scene, input.context.num_threads, &result.estimate);
-  FinishSummary(input.scene, input.initial, input.options, &result);
-  return result;
-}
-
 }  // namespace
 
 BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
-    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors, const FixedPoses& fixed,
     const RefinementStore& store) {
-  return Refine({scene, candidates, initial, options, context, priors, fixed},
-                initial, store);
+  BundleResult result;
+  std::swap(result.estimate.points, initial.points);
+  const Reconstruction initial_poses = initial;
+  std::swap(result.estimate.points, initial.points);
+  result.estimate = std::move(initial);
+  const RefinementInput input{scene,   candidates, initial_poses, options,
+                              context, priors,     fixed};
+  if (SolveAndTriangulate(input, store, &result)) {
+    FilterFinalPoints(input, &result);
+    DropFramesWithoutObservations(input, &result);
+  }
+  ComputePointErrors(scene, context.num_threads, &result.estimate);
+  FinishSummary(scene, initial_poses, options, &result);
+  return result;
 }
 
 Reconstruction TriangulateCandidates(const Scene& scene,

@@ -183,6 +183,7 @@ bool IsAcceptable(const Candidates& candidates, const Hypothesis& hypothesis,
 Point3D MakePoint(const Hypothesis& hypothesis, Candidates* candidates) {
   Point3D point;
   point.point_in_world = hypothesis.point;
+  point.track.reserve(hypothesis.inliers.size());
   size_t next = 0;
   size_t num_left = 0;
   for (size_t i = 0; i < candidates->size(); ++i) {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <string>
-
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "mgsfm/base/context.h"
@@ -27,25 +25,12 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
                                      double max_error_px,
                                      const Context& context);
 
-PointFilterOptions MakeFilterOptions(const BundleAdjustmentOptions& options,
-                                     double max_error_px,
-                                     double median_distance);
-
-// All solves but the last prepare a triangulation, which needs less accuracy.
-double RoughTolerance(const BundleAdjustmentOptions& options);
-
-// The bound of gross outliers before the first solve.
-double GrossErrorPx(const BundleAdjustmentOptions& options, double sigma_px);
-
 // The bound on reprojection errors of inliers; it doubles for each round left.
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left);
 
 // The scale of the Huber loss for this noise of keypoints.
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
-
-// The last solve, for the log.
-std::string DescribeSolve(const BundleSummary& summary);
 
 // Lists weak frames and sensors without observations.
 void FinishSummary(const Scene& scene, const Reconstruction& initial,

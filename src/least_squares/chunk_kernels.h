@@ -334,7 +334,7 @@ MGSFM_ALWAYS_INLINE void AddSquareOfPoint(const double* J, double* v) {
 }
 
 // Adds the observations of a point to its images and its own equations, and
-// leaves its couplings in the workspace. If not null, `kept` receives y, P, K
+// leaves its couplings in the workspace. If not null, `kept` receives P and K
 // of each observation (kept_size values).
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
@@ -365,10 +365,9 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
     }
     if (kept != nullptr) {
       double* to = kept + kept_size * (k - s.point_begin[point]);
-      std::copy_n(o.y, 3, to);
-      std::copy_n(o.P, 3 * kDim, to + 3);
+      std::copy_n(o.P, 3 * kDim, to);
       if (R::kHasCamera) {
-        std::copy_n(o.K, kDim * pose.num_free_params, to + 3 + 3 * kDim);
+        std::copy_n(o.K, kDim * pose.num_free_params, to + 3 * kDim);
       }
     }
   }

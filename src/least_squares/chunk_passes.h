@@ -20,7 +20,7 @@ template <class R>
 struct LinearizeOutput {
   std::vector<PointHessian>& hessians;
   std::vector<Eigen::Vector3d>& gradients;
-  // y, P and K of all observations for MultiplyChunk; empty if direct.
+  // P and K of all observations for MultiplyChunk; empty if direct.
   std::vector<double>& kept;
   size_t kept_size = 0;
 };
@@ -285,8 +285,9 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
         const int i = s.observation_image[k];
         const int image = images[i].image;
         const ImagePose& pose = in.poses[image];
-        const double* y = linear.kept.data() + linear.kept_size * k;
-        const double* P = y + 3;
+        double y[3], x[3];
+        TransformPoint(pose, in.points[p].data(), y, x);
+        const double* P = linear.kept.data() + linear.kept_size * k;
         const double* K = P + 3 * kDim;
         const int num_free = R::kHasCamera ? pose.num_free_params : 0;
         const double* params =

@@ -10,6 +10,42 @@
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
+namespace {
+
+// Chunks repeat each other's pairs. Adding up those of some chunks at a time
+// needs far less memory than those of all.
+constexpr size_t kNumChunksAtATime = 32;
+
+bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
+  return a.pair < b.pair;
+}
+
+// Replaces equal neighbours by their sum.
+void SumEqualPairs(std::vector<WeightedPair>* weights) {
+  size_t num_sums = 0;
+  for (const WeightedPair weight : *weights) {
+    if (num_sums == 0 || (*weights)[num_sums - 1].pair != weight.pair) {
+      (*weights)[num_sums++] = weight;
+      continue;
+    }
+    int& sum = (*weights)[num_sums - 1].weight;
+    sum += std::min(weight.weight, kInfiniteWeight - sum);
+  }
+  weights->resize(num_sums);
+}
+
+// Moves weights into sorted sums.
+void AddWeights(std::vector<WeightedPair>* added,
+                std::vector<WeightedPair>* sums) {
+  std::sort(added->begin(), added->end(), IsBefore);
+  SumEqualPairs(added);
+  const auto middle = sums->insert(sums->end(), added->begin(), added->end());
+  std::inplace_merge(sums->begin(), middle, sums->end(), IsBefore);
+  SumEqualPairs(sums);
+  added->clear();
+}
+
+}  // namespace
 
 PointCutter::PointCutter(bool points_are_free, const Mask& block_is_border,
                          const std::vector<BlockPairKey>& inseparable,
@@ -50,30 +86,24 @@ std::vector<WeightedPair> PointCutter::WeightsOfChunk(
 
 // Sums the weights over all chunks.
 void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
-  std::vector<std::vector<WeightedPair>> of_chunks(s_.chunks.size());
-  ParallelFor(
-      s_.chunks.size(), num_threads_,
-      [&](size_t c) { of_chunks[c] = WeightsOfChunk(s_.chunks[c]); }, 1);
-  std::vector<WeightedPair> all;
+  std::vector<WeightedPair> added;
   for (const BlockPairKey pair : inseparable) {
-    all.push_back({pair, kInfiniteWeight});
+    added.push_back({pair, kInfiniteWeight});
   }
-  for (std::vector<WeightedPair>& weights : of_chunks) {
-    all.insert(all.end(), weights.begin(), weights.end());
-    weights = {};
-  }
-  std::sort(all.begin(), all.end(),
-            [](const WeightedPair& a, const WeightedPair& b) {
-              return a.pair < b.pair;
-            });
-  for (const WeightedPair& weight : all) {
-    if (weights_.empty() || weights_.back().pair != weight.pair) {
-      weights_.push_back(weight);
-      continue;
+  for (size_t first = 0; first < s_.chunks.size(); first += kNumChunksAtATime) {
+    std::vector<std::vector<WeightedPair>> of_chunks(
+        std::min(kNumChunksAtATime, s_.chunks.size() - first));
+    ParallelFor(
+        of_chunks.size(), num_threads_,
+        [&](size_t c) { of_chunks[c] = WeightsOfChunk(s_.chunks[first + c]); },
+        1);
+    for (const std::vector<WeightedPair>& weights : of_chunks) {
+      added.insert(added.end(), weights.begin(), weights.end());
     }
-    int& sum = weights_.back().weight;
-    sum += std::min(weight.weight, kInfiniteWeight - sum);
+    // A merge takes as long as there are sums; it waits for as many new ones.
+    if (added.size() > weights_.size()) AddWeights(&added, &weights_);
   }
+  AddWeights(&added, &weights_);
 }
 
 void PointCutter::Cut(int num_kept) {

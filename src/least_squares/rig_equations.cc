@@ -170,7 +170,7 @@ void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
   const auto last = structure_.chunk_pairs.begin() + chunk.pairs.end;
   const auto find = [&](size_t bound) {
     return std::partition_point(first, last, [&](const ChunkPair& pair) {
-      return pair.position * kNumSections < bound * num_values;
+      return size_t{pair.position} * kNumSections < bound * num_values;
     });
   };
   const auto end = find(section + 1);

@@ -57,14 +57,6 @@ class RigEquationsBase : public DampedProblem {
     solver_.Solve(B, *X);
   }
 
-  // The system of Linearize(): the lower triangle of the reduced matrix with
-  // damping, D_z without bounds, and the right-hand side.
-  const Eigen::SparseMatrix<double>& matrix() const { return matrix_; }
-  const Eigen::VectorXd& diagonal() const { return diagonal_; }
-  Eigen::VectorXd RightHandSide() const { return correction_ - gradient_; }
-  // The step of TryStep(), instead of that of Solve().
-  void SetStep(const Eigen::VectorXd& step) { step_ = step; }
-
   const RigStructure& structure() const { return structure_; }
   const Eigen::VectorXd& step() const { return step_; }
   // The change of a pose block by the last step.

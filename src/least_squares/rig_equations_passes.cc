@@ -29,14 +29,14 @@ RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
     const double* values = R::Measured(problem.observations[o]);
     measured_.insert(measured_.end(), values, values + R::kDim);
   }
-  structure_.observation_order = {};
+  structure_.observation_order = std::vector<uint32_t>();
   if (!structure_.is_iterative) return;
   int num_params = 0;
   for (const RigProblemBase::Camera& camera : problem.cameras) {
     num_params =
         std::max(num_params, static_cast<int>(camera.free_params.size()));
   }
-  kept_size_ = 3 + R::kDim * (3 + num_params);
+  kept_size_ = R::kDim * (3 + num_params);
   kept_.resize(kept_size_ * problem.observations.size());
 }
 

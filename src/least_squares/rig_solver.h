@@ -45,8 +45,8 @@ enum class ReducedSolver {
 // Results are the same to the last bit for every number of threads. Cost of an
 // iteration: linear in the observations, for each point quadratic in the number
 // of frames that observe it, and the factorisation, or some tens of passes over
-// the observations. Memory: about 100 bytes per observation, 200 if iterative,
-// plus the factor.
+// the observations. Memory: about 70 bytes per observation, 100 if iterative,
+// plus the matrix and its factor.
 struct RigSolverOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
@@ -62,7 +62,8 @@ struct RigSolverOptions {
 template <class Observation>
 class RigSolver {
  public:
-  // The problem must outlive the solver.
+  // The problem must outlive the solver. Observations are copied by the native
+  // backend, and may be freed.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();

@@ -399,11 +399,16 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
   const int* blocks = s->chunk_blocks.data() + chunk->blocks.begin;
   chunk->pairs.begin = s->chunk_pairs.size();
   size_t num_values = 0;
+  // A chunk has a dense table of its blocks, which therefore are few.
+  MGSFM_CHECK_LE(chunk->blocks.size(), size_t{1} << 16);
   for (const BlockPairKey pair : pairs) {
     const int column = blocks[ColumnOf(pair)], row = blocks[RowOf(pair)];
     const auto [first, stride] =
         s->pattern.Find(s->block_rank[column], s->block_rank[row]);
-    s->chunk_pairs.push_back({RowOf(pair), ColumnOf(pair), stride, first});
+    s->chunk_pairs.push_back({static_cast<uint16_t>(RowOf(pair)),
+                              static_cast<uint16_t>(ColumnOf(pair)),
+                              static_cast<uint32_t>(stride),
+                              static_cast<uint32_t>(first)});
     num_values +=
         static_cast<size_t>(s->block_size[column]) * s->block_size[row];
   }
@@ -432,6 +437,9 @@ RigStructure::RigStructure(const RigProblemBase& problem,
   }
   std::vector<Pairs> pairs_of_chunks = std::move(graph.pairs_of_chunks);
   PlaceBlocks(is_border, std::move(graph), this);
+  size_t num_pairs = 0;
+  for (const Pairs& of_chunk : pairs_of_chunks) num_pairs += of_chunk.size();
+  chunk_pairs.reserve(num_pairs);
   for (size_t c = 0; c < chunks.size(); ++c) {
     PlaceChunk(std::move(pairs_of_chunks[c]), &chunks[c], this);
   }

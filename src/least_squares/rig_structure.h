@@ -43,11 +43,12 @@ struct ChunkImage {
 // A nonzero block of the reduced matrix: two blocks of unknowns of a chunk, row
 // not before column in the elimination order. Column k of the block starts at
 // position + k * stride in the values of the matrix.
+// There can be millions of them.
 struct ChunkPair {
-  int row = 0;
-  int column = 0;
-  int stride = 0;
-  size_t position = 0;
+  uint16_t row = 0;
+  uint16_t column = 0;
+  uint32_t stride = 0;
+  uint32_t position = 0;  // Eigen counts values by int
 };
 
 struct ChunkRanges {

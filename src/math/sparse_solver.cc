@@ -160,19 +160,6 @@ struct SparseCholesky::Impl {
     return common.status == CHOLMOD_OK && factor->minor == factor->n;
   }
 
-  void CopySimplicialCorner(Eigen::Index first, Eigen::MatrixXd* corner) const {
-    const auto* begin = static_cast<const int*>(factor->p);
-    const auto* count = static_cast<const int*>(factor->nz);
-    const auto* row = static_cast<const int*>(factor->i);
-    const auto* value = static_cast<const double*>(factor->x);
-    for (Eigen::Index j = 0; j < corner->cols(); ++j) {
-      const int of_column = begin[first + j];
-      for (int k = of_column; k < of_column + count[first + j]; ++k) {
-        (*corner)(row[k] - first, j) = value[k];
-      }
-    }
-  }
-
   const int num_threads;
 
   cholmod_common common;
@@ -250,20 +237,6 @@ void SparseCholesky::Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
   MGSFM_CHECK_MSG(ok, "CHOLMOD solve failed");
   X = Eigen::Map<const Eigen::MatrixXd>(
       static_cast<const double*>(impl_->solution->x), B.rows(), B.cols());
-}
-
-Eigen::MatrixXd SparseCholesky::FactorCorner(Eigen::Index first) const {
-  MGSFM_CHECK(impl_->is_factorized);
-  MGSFM_CHECK_EQ(impl_->factor->ordering, CHOLMOD_NATURAL);
-  const auto size = static_cast<Eigen::Index>(impl_->factor->n) - first;
-  Eigen::MatrixXd corner = Eigen::MatrixXd::Zero(size, size);
-  if (impl_->supernodal) {
-    impl_->supernodal->CopyCorner(static_cast<const double*>(impl_->factor->x),
-                                  static_cast<int>(first), &corner);
-  } else {
-    impl_->CopySimplicialCorner(first, &corner);
-  }
-  return corner;
 }
 
 SparseLeastSquares::SparseLeastSquares(Eigen::SparseMatrix<double> A,

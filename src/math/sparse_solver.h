@@ -61,10 +61,6 @@ class SparseCholesky {
   void Solve(const Eigen::Ref<const Eigen::MatrixXd>& B,
              Eigen::Ref<Eigen::MatrixXd> X) const;
 
-  // The rows and columns of L from `first` on, for the natural order. Its
-  // product with its transpose is the Schur complement of the rows before.
-  Eigen::MatrixXd FactorCorner(Eigen::Index first) const;
-
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

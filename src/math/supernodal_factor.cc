@@ -406,20 +406,4 @@ void SupernodalFactor::Solve(const double* values,
   }
 }
 
-void SupernodalFactor::CopyCorner(const double* values, int first,
-                                  Eigen::MatrixXd* corner) const {
-  for (int s = 0; s < NumSupernodes(); ++s) {
-    const double* L = values + value_begin_[s];
-    const int* rows = rows_.data() + row_begin_[s];
-    for (int j = std::max(0, first - first_column_[s]); j < NumColumns(s);
-         ++j) {
-      const int column = first_column_[s] + j - first;
-      for (int i = j; i < NumRows(s); ++i) {
-        (*corner)(rows[i] - first, column) =
-            L[i + static_cast<size_t>(j) * NumRows(s)];
-      }
-    }
-  }
-}
-
 }  // namespace mgsfm

@@ -45,10 +45,6 @@ class SupernodalFactor {
   // are in the order of elimination.
   void Solve(const double* values, Eigen::Ref<Eigen::MatrixXd> X) const;
 
-  // The rows and columns of L from `first` on.
-  void CopyCorner(const double* values, int first,
-                  Eigen::MatrixXd* corner) const;
-
  private:
   friend class SupernodalRun;
 

@@ -30,23 +30,27 @@ std::optional<double> ReprojectionErrorPx(const SceneModel& model,
 void RemoveLargeErrors(double max_error_px, SceneModel* model) {
   // Two rays determine a point.
   constexpr size_t kMinTrackLength = 2;
-  std::vector<Point3D> kept;
-  for (Point3D& point : model->reconstruction.points) {
-    std::vector<Observation> track;
+  std::vector<Point3D>& points = model->reconstruction.points;
+  for (Point3D& point : points) {
     double sum_px = 0.0;
+    size_t num_kept = 0;
     for (const Observation& o : point.track) {
       const auto error_px =
           ReprojectionErrorPx(*model, point.point_in_world, o);
       if (!error_px || *error_px > max_error_px) continue;
-      track.push_back(o);
+      point.track[num_kept++] = o;
       sum_px += *error_px;
     }
-    if (track.size() < kMinTrackLength) continue;
-    point.error_px = sum_px / static_cast<double>(track.size());
-    point.track = std::move(track);
-    kept.push_back(std::move(point));
+    point.track.resize(num_kept);
+    point.track.shrink_to_fit();
+    if (num_kept > 0) point.error_px = sum_px / static_cast<double>(num_kept);
   }
-  model->reconstruction.points = std::move(kept);
+  points.erase(std::remove_if(points.begin(), points.end(),
+                              [](const Point3D& point) {
+                                return point.track.size() < kMinTrackLength;
+                              }),
+               points.end());
+  points.shrink_to_fit();
 }
 
 ModelStatistics AnalyzeModel(const SceneModel& model) {

@@ -206,7 +206,6 @@ class SubMapJoiner {
     pairs_ = TrustedPairs();
     world_from_ = AverageSimilarities(sub_maps_, joined_.edges, forest);
     joined_.conflicts.resize(sub_maps_.size());
-    joined_.world_from_sub_map.resize(sub_maps_.size());
     for (const std::vector<int>& component :
          OrderOfMerging(sub_maps_.size(), joined_.edges, forest)) {
       context_.CheckInterrupted();
@@ -248,10 +247,7 @@ class SubMapJoiner {
   void MergeComponent(const std::vector<int>& component) {
     SceneModel model = std::move(sub_maps_[component.front()]);
     TransformWorld(world_from_[component.front()], &model.reconstruction);
-    joined_.world_from_sub_map[component.front()] =
-        world_from_[component.front()];
     std::vector<int> merged = {component.front()};
-    std::vector<int> blocks(model.scene.frames.size(), 0);
     for (size_t i = 1; i < component.size(); ++i) {
       const int m = component[i];
       MergeOptions options;
@@ -260,27 +256,22 @@ class SubMapJoiner {
         (void)MergeModels(sub_maps_[m], options, &model);
       } catch (const Error& error) {
         joined_.conflicts[m] = error.what();
-        std::vector<int> block(sub_maps_[m].scene.frames.size(), 0);
-        Add(std::move(sub_maps_[m]), {m}, std::move(block));
+        Add(std::move(sub_maps_[m]), {m});
         continue;
       }
       sub_maps_[m] = SceneModel();
-      joined_.world_from_sub_map[m] = world_from_[m];
-      blocks.resize(model.scene.frames.size(), static_cast<int>(merged.size()));
       merged.push_back(m);
     }
     joined_.num_loop_points += MergePointsOfMatches(pairs_, &model);
     ExtendTracks(pairs_, &model);
     RemoveLargeErrors(MergeOptions().max_reproj_error_px, &model);
     std::sort(merged.begin(), merged.end());
-    Add(std::move(model), std::move(merged), std::move(blocks));
+    Add(std::move(model), std::move(merged));
   }
 
-  void Add(SceneModel model, std::vector<int> sub_maps,
-           std::vector<int> frame_blocks) {
+  void Add(SceneModel model, std::vector<int> sub_maps) {
     joined_.models.push_back(std::move(model));
     joined_.sub_maps.push_back(std::move(sub_maps));
-    joined_.frame_blocks.push_back(std::move(frame_blocks));
   }
 
   void SortModels() {
@@ -293,11 +284,9 @@ class SubMapJoiner {
     for (const size_t i : order) {
       sorted.models.push_back(std::move(joined_.models[i]));
       sorted.sub_maps.push_back(std::move(joined_.sub_maps[i]));
-      sorted.frame_blocks.push_back(std::move(joined_.frame_blocks[i]));
     }
     joined_.models = std::move(sorted.models);
     joined_.sub_maps = std::move(sorted.sub_maps);
-    joined_.frame_blocks = std::move(sorted.frame_blocks);
   }
 
   std::vector<SceneModel> sub_maps_;

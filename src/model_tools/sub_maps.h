@@ -61,11 +61,6 @@ struct SubMapEdge {
 struct JoinedMaps {
   std::vector<SceneModel> models;          // by descending number of frames
   std::vector<std::vector<int>> sub_maps;  // per model, ascending
-  // Per model and frame: the sub-map that brought it, counted from 0 in the
-  // order of merging.
-  std::vector<std::vector<int>> frame_blocks;
-  // Per sub-map: its place in the world of its model.
-  std::vector<Sim3> world_from_sub_map;
   std::vector<SubMapEdge> edges;
   int num_loop_points = 0;  // points that matches across sub-maps merged
   // Why a sub-map is in a model of its own although edges connect it; by

@@ -178,7 +178,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   }
   BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
     return RefineReconstruction(
-        scene, MakeObservedSource(input, options, context), initial,
+        scene, MakeObservedSource(input, options, context), std::move(initial),
         options.bundle_adjustment, context, used_priors, input.held,
         MakeRefinementStore(input.stages));
   });

@@ -30,13 +30,12 @@ MapperResult TriangulatePoints(const MapperInput& input,
   const CandidateSource candidates = MakeCandidateSource(
       scene, verified.estimate, Mask(verified.estimate.pairs.size(), true),
       options, context);
-  const Reconstruction initial =
-      Timed("triangulation", context, &model.times, [&] {
-        return TriangulateCandidates(scene, candidates, start,
-                                     options.bundle_adjustment, context);
-      });
+  Reconstruction initial = Timed("triangulation", context, &model.times, [&] {
+    return TriangulateCandidates(scene, candidates, start,
+                                 options.bundle_adjustment, context);
+  });
   BundleResult bundle = Timed("refinement", context, &model.times, [&] {
-    return RefineReconstruction(scene, candidates, initial,
+    return RefineReconstruction(scene, candidates, std::move(initial),
                                 options.bundle_adjustment, context);
   });
   model.bundle = std::move(bundle.summary);

@@ -88,20 +88,6 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   EXPECT_TRUE(report["missing_clusters"].empty());
 }
 
-double FinalCost(const std::string& folder) {
-  const Json report = Json::parse(ReadTextFile(folder + "/report.json"));
-  return report["models"][0]["adjustment"].back()["final_cost"];
-}
-
-TEST_F(SubMapCommands, BlocksDoNotChangeTheJoinedModel) {
-  MapAll(Partition(3));
-  Join();
-  Run(JoinTo("blocked") + " --refine_in_blocks 1");
-  const double cost = FinalCost(Path("joined"));
-  EXPECT_NEAR(FinalCost(Path("blocked")), cost, 1e-3 * cost);
-  ExpectAsGood(Path("blocked/0"), Path("joined/0"));
-}
-
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
   const Json clusters = Partition(4);
   const int failing = clusters["calibration_clusters"][0] == 0 ? 1 : 0;

@@ -62,28 +62,6 @@ TEST(SparseCholesky, AgreesWithDense) {
   }
 }
 
-// Of a simplicial and of a supernodal factor.
-TEST(SparseCholesky, CornerOfTheFactorIsThatOfTheSchurComplement) {
-  Random random(11);
-  for (const int num_dense : {0, 150}) {
-    SparseMatrix H = MakeMatrix(200, 1.0, &random);
-    for (int i = 0; i < num_dense; ++i) {
-      for (int k = 0; k < num_dense; ++k) H.coeffRef(i, k) += i == k ? 1 : 0.01;
-    }
-    H.makeCompressed();
-    SparseCholesky solver;
-    solver.Analyze(H, SparseCholesky::Order::kNatural);
-    ASSERT_TRUE(solver.Factorize(H));
-    for (const int first : {0, 30, 150}) {
-      const MatrixXd expected = MatrixXd(H).llt().matrixL();
-      const MatrixXd corner = solver.FactorCorner(first);
-      const MatrixXd of_expected =
-          expected.bottomRightCorner(200 - first, 200 - first);
-      EXPECT_LT((corner - of_expected).norm(), 1e-10 * of_expected.norm());
-    }
-  }
-}
-
 TEST(SparseCholesky, ReadsLowerTriangleOnlyAndSolvesInPlace) {
   Random random(2);
   const SparseMatrix H = MakeMatrix(50, 0.5, &random);

@@ -324,7 +324,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 // one before it.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
-    const Reconstruction& initial, const BundleAdjustmentOptions& options,
+    Reconstruction initial, const BundleAdjustmentOptions& options,
     const Context& context, const BundlePriors& priors = {},
     const FixedPoses& fixed = {}, const RefinementStore& store = {});
 

@@ -100,9 +100,9 @@ class ModelFile {
 // Positions of what is written, sorted by id, and the camera of each sensor.
 class ModelWriter {
  public:
-  ModelWriter(const Scene& scene, const Reconstruction& poses,
-              const PointStream& points, const Context& context)
-      : scene_(scene), model_(poses), points_(points), context_(context) {
+  ModelWriter(const Scene& scene, const Reconstruction& reconstruction,
+              const Context& context)
+      : scene_(scene), model_(reconstruction), context_(context) {
     SelectImages();
     AssignCameras();
   }
@@ -131,7 +131,6 @@ class ModelWriter {
 
   const Scene& scene_;
   const Reconstruction& model_;
-  const PointStream& points_;
   const Context& context_;
   std::vector<int> image_idxs_, frame_idxs_, rig_idxs_;
   std::vector<WrittenCamera> cameras_;
@@ -262,13 +261,11 @@ void ModelWriter::WriteImages(ModelFile file) const {
     point_ids[image_idx].assign(scene_.images[image_idx].keypoints_px.size(),
                                 kNoPoint);
   }
-  uint64_t point_id = 0;
-  points_.visit([&](const Point3D& point) {
-    ++point_id;
-    for (const Observation& o : point.track) {
-      point_ids[o.image_idx][o.keypoint_idx] = point_id;
+  for (size_t i = 0; i < model_.points.size(); ++i) {
+    for (const Observation& o : model_.points[i].track) {
+      point_ids[o.image_idx][o.keypoint_idx] = i + 1;
     }
-  });
+  }
 
   file.WriteCount(image_idxs_.size());
   for (const int image_idx : image_idxs_) {
@@ -283,11 +280,11 @@ void ModelWriter::WriteImages(ModelFile file) const {
     for (size_t i = 0; i < image.keypoints_px.size(); ++i) {
       file.Write<double>(image.keypoints_px[i].x());
       file.Write<double>(image.keypoints_px[i].y());
-      const uint64_t of_keypoint = point_ids[image_idx][i];
+      const uint64_t point_id = point_ids[image_idx][i];
       if (file.is_text()) {
-        file.Write<int64_t>(static_cast<int64_t>(of_keypoint));
+        file.Write<int64_t>(static_cast<int64_t>(point_id));
       } else {
-        file.Write<uint64_t>(of_keypoint);
+        file.Write<uint64_t>(point_id);
       }
     }
     file.EndLine();
@@ -296,11 +293,11 @@ void ModelWriter::WriteImages(ModelFile file) const {
 }
 
 void ModelWriter::WritePoints(ModelFile file) const {
-  file.WriteCount(points_.num_points);
-  uint64_t point_id = 0;
-  points_.visit([&](const Point3D& point) {
+  file.WriteCount(model_.points.size());
+  for (size_t i = 0; i < model_.points.size(); ++i) {
     context_.CheckInterrupted();
-    file.Write<uint64_t>(++point_id);
+    const Point3D& point = model_.points[i];
+    file.Write<uint64_t>(i + 1);
     for (const double value : point.point_in_world) file.Write(value);
     for (const uint8_t value : point.color) file.Write(value);
     file.Write(point.error_px.value_or(kNoError));
@@ -310,7 +307,7 @@ void ModelWriter::WritePoints(ModelFile file) const {
       file.Write<uint32_t>(static_cast<uint32_t>(o.keypoint_idx));
     }
     file.EndLine();
-  });
+  }
   file.Close();
 }
 
@@ -331,8 +328,7 @@ void CheckFormat(const std::string& image_name, ModelFormat format) {
 namespace {
 
 // Nothing is written that no reader would take.
-void CheckValues(const Scene& scene, const Reconstruction& model,
-                 const PointStream& points) {
+void CheckValues(const Scene& scene, const Reconstruction& model) {
   const auto check = [](const std::optional<std::string>& problem,
                         const std::string& element, const std::string& name) {
     if (!problem) return;
@@ -351,32 +347,20 @@ void CheckValues(const Scene& scene, const Reconstruction& model,
     const std::optional<Rigid3>& pose = model.rig_from_world[i];
     if (pose) check(WhyImplausible(*pose), "frame", scene.frames[i].name);
   }
-  uint64_t point_id = 0;
-  points.visit([&](const Point3D& point) {
-    check(WhyImplausible(point.point_in_world), "point",
-          std::to_string(++point_id));
-  });
+  for (size_t i = 0; i < model.points.size(); ++i) {
+    check(WhyImplausible(model.points[i].point_in_world), "point",
+          std::to_string(i + 1));
+  }
 }
 
 }  // namespace
 
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
-                const Reconstruction& poses, const PointStream& points,
-                ModelFormat format, const Context& context) {
-  CheckFormat(scene, format);
-  CheckValues(scene, poses, points);
-  ModelWriter(scene, poses, points, context).Write(folder, format);
-}
-
-void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context) {
-  const PointStream points{reconstruction.points.size(),
-                           [&](const PointStream::Visitor& visitor) {
-                             for (const Point3D& point : reconstruction.points)
-                               visitor(point);
-                           }};
-  WriteModel(folder, scene, reconstruction, points, format, context);
+  CheckFormat(scene, format);
+  CheckValues(scene, reconstruction);
+  ModelWriter(scene, reconstruction, context).Write(folder, format);
 }
 
 }  // namespace mgsfm

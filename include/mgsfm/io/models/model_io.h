@@ -4,7 +4,6 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -43,19 +42,6 @@ struct EnumTable<ModelFormat> {
 void WriteModel(const std::filesystem::path& folder, const Scene& scene,
                 const Reconstruction& reconstruction, ModelFormat format,
                 const Context& context = {});
-
-// The points of a model in their order, for models that hold them elsewhere.
-// They are visited several times.
-struct PointStream {
-  using Visitor = std::function<void(const Point3D&)>;
-  size_t num_points = 0;
-  std::function<void(const Visitor&)> visit;
-};
-
-// The same with these points instead of those of the reconstruction.
-void WriteModel(const std::filesystem::path& folder, const Scene& scene,
-                const Reconstruction& poses, const PointStream& points,
-                ModelFormat format, const Context& context = {});
 
 // Throws Error, naming the image, if the format cannot represent its name: in
 // text, names end at the first blank.
