@@ -14,11 +14,14 @@ namespace mgsfm {
 // nobody knows how. Loop pairs alone do not decide it, since duplicate
 // structures are most dangerous where they meet no resistance. This holds for
 // all parts that contested cuts separate from each other. Parts that no
-// rejected pair connects, such as drives of different days, may be joined.
+// rejected pair connects, such as drives of different days, may be joined,
+// unless the motion of the rig contradicts the loop pair itself: it knows where
+// the rig is also where no pair crosses a cut.
 //
-// Empty without temporal order. Cost: linear in the pairs.
+// `loop_contradicts_motion` is empty if no loop pair does. The result is empty
+// without temporal order. Cost: linear in the pairs.
 [[nodiscard]] Mask FindLoopsAcrossContestedCuts(
     const FramePairIndex& index, const Mask& is_used,
-    const Mask& pair_is_discontinuous);
+    const Mask& pair_is_discontinuous, const Mask& loop_contradicts_motion);
 
 }  // namespace mgsfm
