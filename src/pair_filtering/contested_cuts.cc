@@ -9,9 +9,11 @@ namespace mgsfm {
 
 Mask FindLoopsAcrossContestedCuts(const FramePairIndex& index,
                                   const Mask& is_used,
-                                  const Mask& pair_is_discontinuous) {
+                                  const Mask& pair_is_discontinuous,
+                                  const Mask& loop_contradicts_motion) {
   Mask is_loop_across(is_used.size(), false);
-  if (!index.is_sequence() || !pair_is_discontinuous.Any()) {
+  if (!index.is_sequence() ||
+      (!pair_is_discontinuous.Any() && !loop_contradicts_motion.Any())) {
     return is_loop_across;
   }
   UnionFind parts(index.num_frames());
@@ -31,7 +33,8 @@ Mask FindLoopsAcrossContestedCuts(const FramePairIndex& index,
     is_loop_across[i] =
         is_used[i] && index.IsLoop(frames) &&
         parts.Find(frames.frame_idx1) != parts.Find(frames.frame_idx2) &&
-        groups.Find(frames.frame_idx1) == groups.Find(frames.frame_idx2);
+        (groups.Find(frames.frame_idx1) == groups.Find(frames.frame_idx2) ||
+         (!loop_contradicts_motion.empty() && loop_contradicts_motion[i]));
   }
   return is_loop_across;
 }

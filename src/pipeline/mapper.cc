@@ -113,6 +113,7 @@ struct Measurements {
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
   const LengthHints& length_hints;
+  const std::vector<std::optional<Rigid3>>& pair_on_path;
   const ModelObserver& observer;
   StageStore* stage_store;  // may be null
 };
@@ -177,13 +178,12 @@ std::vector<MapperModel> ReconstructComponent(
   input.observer = measurements.observer;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
-  model.confidence =
-      EstimateConfidence({scene, index, view_graph, input.pair_is_used,
-                          model.rejected_groups, model.reconstruction,
-                          FindMotionJumps(scene, index, view_graph,
-                                          measurements.length_hints.expected,
-                                          model.reconstruction)},
-                         options.confidence);
+  model.confidence = EstimateConfidence(
+      {scene, index, view_graph, input.pair_is_used, model.rejected_groups,
+       model.reconstruction,
+       FindMotionJumps(scene, index, view_graph, measurements.pair_on_path,
+                       model.reconstruction)},
+      options.confidence);
   if (options.weak_seams == WeakSeams::kSplit &&
       !model.confidence.seams.empty()) {
     return SplitAtSeams(input, index, options, context, model);
@@ -272,7 +272,21 @@ void ReplacePairs(std::vector<std::optional<ImagePair>> pair_of_scene,
 struct RotationsOfScene {
   EstimatedRotations rotation;
   LengthHints length_hints;
+  std::vector<std::optional<Rigid3>> pair_on_path;  // per pair, or empty
 };
+
+// Of pairs between frames that have a baseline.
+std::vector<std::optional<double>> BaselineLengths(
+    const FramePairIndex& index,
+    const std::vector<std::optional<Rigid3>>& poses) {
+  std::vector<std::optional<double>> lengths(poses.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!poses[i] || !index.Of(i).IsBetweenFrames()) continue;
+    const double length = poses[i]->translation.norm();
+    if (length > 0.0) lengths[i] = length;
+  }
+  return lengths;
+}
 
 // Rotations. In a sequence where objects move along with the rig, the matches
 // of the static scene replace those of the view graph, and rotations are
@@ -284,15 +298,17 @@ RotationsOfScene EstimateRotationsOfScene(
     StageStore* stage_store, ViewGraph* view_graph,
     std::vector<StageTime>* times) {
   const auto average = [&](const std::string& prefix,
-                           const Mask& pair_is_discontinuous) {
+                           const Mask& pair_is_discontinuous,
+                           const Mask& loop_contradicts_path) {
     const StageFolder stages{stage_store, prefix};
     return Saved(stages, "rotation averaging", context, times, [&] {
-      return EstimateRotations(
-          scene, index, *view_graph, gravity_priors, options.rotation_averaging,
-          options.pair_filtering, context, pair_is_discontinuous);
+      return EstimateRotations(scene, index, *view_graph, gravity_priors,
+                               options.rotation_averaging,
+                               options.pair_filtering, context,
+                               pair_is_discontinuous, loop_contradicts_path);
     });
   };
-  RotationsOfScene result{average("first ", {}), {}};
+  RotationsOfScene result{average("first ", {}, {}), {}, {}};
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return result;
   }
@@ -313,8 +329,10 @@ RotationsOfScene EstimateRotationsOfScene(
                  "vehicles that move along, or have few matches; they are not "
                  "used");
   }
-  result.rotation = average("second ", motion.pair_is_discontinuous);
-  result.length_hints.expected = std::move(motion.pair_length);
+  result.rotation = average("second ", motion.pair_is_discontinuous,
+                            motion.loop_contradicts_path);
+  result.length_hints.expected = BaselineLengths(index, motion.pair_on_path);
+  result.pair_on_path = std::move(motion.pair_on_path);
   return result;
 }
 
@@ -354,7 +372,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  auto [rotation, length_hints] = EstimateRotationsOfScene(
+  auto [rotation, length_hints, pair_on_path] = EstimateRotationsOfScene(
       scene, bearings, index, view_graph, input.gravity_priors, options,
       context, input.stage_store, &verified.estimate, &result.times);
   result.rotation = std::move(rotation.summary);
@@ -369,6 +387,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
                                   input.position_priors,
                                   gravity,
                                   length_hints,
+                                  pair_on_path,
                                   input.observer,
                                   input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);

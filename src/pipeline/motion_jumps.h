@@ -13,18 +13,20 @@
 namespace mgsfm {
 
 // Finds where a model contradicts the motion of the rig: neighbours in time
-// whose distance differs from the expected one by more than half of the larger
-// of both, and by more than a typical step. A cut that few correct pairs cross
-// can leave the distance open, and a wrong pair decides it.
+// whose baseline differs from the expected one, in length or direction, by more
+// than half of the longer of both, and by more than a typical step. A cut that
+// few correct pairs cross can leave the distance open, and a wrong pair decides
+// it; on a vehicle alongside, pairs turn the direction.
 //
-// `expected_length` per pair of the view graph, in one unit, which is the
-// median ratio of distances in the model and expected ones. Of the image pairs
-// of equal sensors, the median counts. Empty without expected lengths.
-// Cost: linear in the pairs.
+// `expected` per pair of the view graph: cam2_from_cam1, in one unit of length.
+// The baselines within frames give this unit in the model, since a small model
+// can contradict most steps; without them, it is the median ratio of the
+// lengths of steps. Of the image pairs of equal sensors, the median counts.
+// Empty without expected poses. Cost: linear in the pairs.
 [[nodiscard]] std::vector<std::pair<int, int>> FindMotionJumps(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,
-    const std::vector<std::optional<double>>& expected_length,
+    const std::vector<std::optional<Rigid3>>& expected,
     const Reconstruction& reconstruction);
 
 }  // namespace mgsfm

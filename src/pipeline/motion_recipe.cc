@@ -13,6 +13,7 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "pair_filtering/loop_consistency.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
 #include "pipeline/frame_depths.h"
@@ -446,20 +447,23 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
-// The lengths of pairs that have a baseline on the path.
-std::vector<std::optional<double>> LengthsNearObjects(
+// The relative poses of pairs next to objects and of those within frames.
+std::vector<std::optional<Rigid3>> PosesNearObjects(
     const MotionProblem& problem, const Mask& is_near_object,
     const std::vector<ExpectedPair>& expected) {
-  std::vector<std::optional<double>> lengths(problem.view_graph.pairs.size());
+  std::vector<std::optional<Rigid3>> poses(problem.view_graph.pairs.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (problem.index.Of(i).IsBetweenFrames()) continue;
+    poses[i] = RelativePoseBy(problem, i, {});
+  }
   for (const ExpectedPair& e : expected) {
     const FramePair& frames = problem.index.Of(e.pair_idx);
-    const double length = e.cam2_from_cam1.translation.norm();
-    if (length > 0.0 && (is_near_object[frames.frame_idx1] ||
-                         is_near_object[frames.frame_idx2])) {
-      lengths[e.pair_idx] = length;
+    if (is_near_object[frames.frame_idx1] ||
+        is_near_object[frames.frame_idx2]) {
+      poses[e.pair_idx] = e.cam2_from_cam1;
     }
   }
-  return lengths;
+  return poses;
 }
 
 // Estimates the pairs next to objects again, from matches that agree.
@@ -475,7 +479,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   MotionOfScene motion;
   motion.pair_is_discontinuous = Mask(num_pairs, false);
   motion.pair_of_scene.resize(num_pairs);
-  motion.pair_length = LengthsNearObjects(problem, is_near_object, expected);
+  motion.pair_on_path = PosesNearObjects(problem, is_near_object, expected);
   std::vector<ExpectedPair> judged =
       SelectDoubtful(problem, path, is_near_object, expected);
   for (const ExpectedPair& e : judged) {
@@ -572,8 +576,12 @@ MotionOfScene FindMotionOfScene(
     const RigPath path =
         FindRigPath(*index.order(), index.num_frames(),
                     FindHypothesesWithDepths(problem, context));
-    return JudgeByMatches(problem, RefinePath(problem, path), verification,
-                          context);
+    const RigPath refined = RefinePath(problem, path);
+    MotionOfScene motion =
+        JudgeByMatches(problem, refined, verification, context);
+    motion.loop_contradicts_path =
+        FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
+    return motion;
   }
   const auto lengths =
       AverageLengths(problem, rotations, min_parallax_deg, context);

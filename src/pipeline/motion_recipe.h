@@ -23,9 +23,12 @@ struct MotionOfScene {
   // Per pair: its matches on the static scene, and the relative pose they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
-  // Per pair next to an object: the length of its baseline on the path, in one
-  // unit.
-  std::vector<std::optional<double>> pair_length;
+  // Per pair: its frames are distant in the sequence, and further apart on the
+  // path than the drift bound of positions allows.
+  Mask loop_contradicts_path;
+  // Per pair next to an object: cam2_from_cam1 on the path. All are in one unit
+  // of length, and so are those of pairs within frames.
+  std::vector<std::optional<Rigid3>> pair_on_path;
 };
 
 // Decides for neighbours in a sequence which matches show the static scene:

@@ -194,14 +194,12 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
 
 }  // namespace
 
-EstimatedRotations EstimateRotations(const Scene& scene,
-                                     const FramePairIndex& index,
-                                     const ViewGraph& view_graph,
-                                     const GravityPriors& gravity,
-                                     const RotationAveragingOptions& options,
-                                     const PairFilteringOptions& filtering,
-                                     const Context& context,
-                                     const Mask& pair_is_discontinuous) {
+EstimatedRotations EstimateRotations(
+    const Scene& scene, const FramePairIndex& index,
+    const ViewGraph& view_graph, const GravityPriors& gravity,
+    const RotationAveragingOptions& options,
+    const PairFilteringOptions& filtering, const Context& context,
+    const Mask& pair_is_discontinuous, const Mask& loop_contradicts_path) {
   EstimatedRotations result;
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
@@ -210,8 +208,8 @@ EstimatedRotations EstimateRotations(const Scene& scene,
     is_used.Remove(pair_is_discontinuous);
     Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
            &result.verdicts);
-    const Mask is_loop_across =
-        FindLoopsAcrossContestedCuts(index, is_used, pair_is_discontinuous);
+    const Mask is_loop_across = FindLoopsAcrossContestedCuts(
+        index, is_used, pair_is_discontinuous, loop_contradicts_path);
     is_used.Remove(is_loop_across);
     Reject(is_loop_across, RejectionReason::kUnsupportedBridge,
            &result.verdicts);

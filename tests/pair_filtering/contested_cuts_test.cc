@@ -50,6 +50,11 @@ class Drive {
     return view_graph_.pairs.size() - 1;
   }
 
+  void ContradictMotion(size_t pair) {
+    contradicts_motion_ = Mask(view_graph_.pairs.size(), false);
+    contradicts_motion_[pair] = true;
+  }
+
   // Moves the last part to another rig.
   void SeparateLastPart() {
     scene_.rigs.push_back({RigId(2), 0, {1}});
@@ -60,7 +65,8 @@ class Drive {
 
   Mask FindLoops(SequenceMode mode = SequenceMode::kYes) const {
     return FindLoopsAcrossContestedCuts(
-        FramePairIndex(scene_, view_graph_, mode), is_used_, is_discontinuous_);
+        FramePairIndex(scene_, view_graph_, mode), is_used_, is_discontinuous_,
+        contradicts_motion_);
   }
 
  private:
@@ -68,6 +74,7 @@ class Drive {
   Scene scene_;
   ViewGraph view_graph_;
   Mask is_used_, is_discontinuous_;
+  Mask contradicts_motion_;  // empty or per pair
 };
 
 // Contested cuts A | B | C.
@@ -109,6 +116,24 @@ TEST(ContestedCutsTest, PartsThatNoRejectedPairConnectsMayBeJoined) {
 }
 
 // Other pairs of neighbours still connect the frames on both sides.
+TEST(ContestedCutsTest, LoopsBetweenPartsMustNotContradictTheMotion) {
+  Drive drive;
+  const size_t wrong = drive.Add(5, 65, Verdict::kUsed);
+  const size_t right = drive.Add(25, 70, Verdict::kUsed);
+  drive.ContradictMotion(wrong);
+  const Mask is_loop_across = drive.FindLoops();
+  EXPECT_TRUE(is_loop_across[wrong]);
+  EXPECT_FALSE(is_loop_across[right]);
+}
+
+// The path drifts; the pairs of neighbours within a part decide.
+TEST(ContestedCutsTest, LoopsWithinAPartMayContradictTheMotion) {
+  Drive drive;
+  const size_t loop = drive.Add(0, 19, Verdict::kUsed);
+  drive.ContradictMotion(loop);
+  EXPECT_FALSE(drive.FindLoops()[loop]);
+}
+
 TEST(ContestedCutsTest, AContestedPairWithinAPartIsNoCut) {
   Drive drive;
   drive.Add(19, 20, Verdict::kDiscontinuous);

@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -17,18 +18,33 @@ namespace {
 constexpr int kNumFrames = 30;
 constexpr int kLastBefore = 17;  // the frame before the jump
 
-// The true lengths of all baselines, in a unit that differs from that of the
+// The true relative poses of all pairs, in a unit that differs from that of the
 // model.
 class Drive {
  public:
   Drive() {
     SimulationOptions options;
+    options.rig = RigPreset::kStereo;
     options.num_frames = kNumFrames;
     simulation_ = Simulate(options);
     for (const ImagePair& pair : simulation_.view_graph.pairs) {
-      const auto cam1 = CamFromWorld(pair.image_idx1);
-      const auto cam2 = CamFromWorld(pair.image_idx2);
-      lengths_.push_back(3.0 * (cam1.Center() - cam2.Center()).norm());
+      Rigid3 cam2_from_cam1 = CamFromWorld(pair.image_idx2) *
+                              CamFromWorld(pair.image_idx1).Inverse();
+      cam2_from_cam1.translation *= 3.0;
+      expected_.emplace_back(cam2_from_cam1);
+    }
+  }
+
+  // Moves all frames from the first one by other steps.
+  template <class Function>
+  void ChangeSteps(const Function& change) {
+    auto& poses = simulation_.ground_truth.rig_from_world;
+    std::vector<Eigen::Vector3d> centers;
+    for (const auto& pose : poses) centers.push_back(pose->Center());
+    Eigen::Vector3d center = centers[0];
+    for (int i = 1; i < kNumFrames; ++i) {
+      center += change(Eigen::Vector3d(centers[i] - centers[i - 1]));
+      poses[i] = Rigid3::FromRotationAndCenter(poses[i]->rotation, center);
     }
   }
 
@@ -43,7 +59,7 @@ class Drive {
     }
   }
 
-  std::vector<std::pair<int, int>> FindJumps() const { return Find(lengths_); }
+  std::vector<std::pair<int, int>> FindJumps() const { return Find(expected_); }
   // All of them across the gap, with the frames next to it.
   void ExpectJumps() const {
     const auto jumps = FindJumps();
@@ -55,11 +71,11 @@ class Drive {
     }
   }
   std::vector<std::pair<int, int>> Find(
-      const std::vector<std::optional<double>>& lengths) const {
+      const std::vector<std::optional<Rigid3>>& expected) const {
     const FramePairIndex index(simulation_.scene, simulation_.view_graph,
                                SequenceMode::kYes);
     return FindMotionJumps(simulation_.scene, index, simulation_.view_graph,
-                           lengths, simulation_.ground_truth);
+                           expected, simulation_.ground_truth);
   }
 
  private:
@@ -68,7 +84,7 @@ class Drive {
   }
 
   Simulation simulation_;
-  std::vector<std::optional<double>> lengths_;
+  std::vector<std::optional<Rigid3>> expected_;
 };
 
 TEST(MotionJumps, AreNotInATrueModel) {
@@ -94,7 +110,34 @@ TEST(MotionJumps, ToleratesDrift) {
   EXPECT_TRUE(drive.FindJumps().empty());
 }
 
-TEST(MotionJumps, NeedExpectedLengths) {
+// One step may be shorter than a typical one, but not two.
+void ExpectJumpsToAllLaterFrames(const Drive& drive) {
+  std::set<int> later_frames;
+  for (const auto& [before, after] : drive.FindJumps()) {
+    later_frames.insert(after);
+  }
+  for (int i = 2; i < kNumFrames; ++i) {
+    EXPECT_TRUE(later_frames.count(i) == 1) << i;
+  }
+}
+
+// Pairs on a vehicle alongside: most steps are wrong, so that their median says
+// nothing about the unit.
+TEST(MotionJumps, AreWhereTheRigHardlyMoves) {
+  Drive drive;
+  drive.ChangeSteps([](const Eigen::Vector3d& step) { return 0.05 * step; });
+  ExpectJumpsToAllLaterFrames(drive);
+}
+
+TEST(MotionJumps, AreWhereTheRigMovesSideways) {
+  Drive drive;
+  drive.ChangeSteps([](const Eigen::Vector3d& step) {
+    return step.norm() * step.cross(Eigen::Vector3d::UnitY()).normalized();
+  });
+  ExpectJumpsToAllLaterFrames(drive);
+}
+
+TEST(MotionJumps, NeedExpectedPoses) {
   Drive drive;
   drive.PullApart(3.0);
   EXPECT_TRUE(drive.Find({}).empty());
