@@ -11,19 +11,12 @@ namespace mgsfm {
 // The pairs of neighbours that are used divide the frames into parts. The cut
 // between two parts is contested if the motion of the rig contradicts pairs of
 // neighbours across it (motion_continuity.h): the parts belong together, but
-<<<<<<< HEAD
 // their relative pose is unknown. Loop pairs alone do not decide it, because
 // nothing there contradicts duplicate structures. This holds for all parts that
-// contested cuts separate from each other. Parts that no
-// rejected pair connects, such as drives of different days, may be joined.
-=======
-// nobody knows how. Loop pairs alone do not decide it, since duplicate
-// structures are most dangerous where they meet no resistance. This holds for
-// all parts that contested cuts separate from each other. Parts that no
-// rejected pair connects, such as drives of different days, may be joined,
-// unless the motion of the rig contradicts the loop pair itself: it knows where
-// the rig is also where no pair crosses a cut.
->>>>>>> 640b0b450445eba1cb33d55738ce5c0ab72ad0a4
+// contested cuts separate from each other. Parts that no rejected pair connects,
+// such as drives of different days, may be joined, unless the motion of the rig
+// contradicts the loop pair itself: it tells where the rig is also where no pair
+// crosses a cut.
 //
 // `loop_contradicts_motion` is empty if no loop pair does. The result is empty
 // without temporal order. Cost: linear in the pairs.
