@@ -13,10 +13,10 @@ namespace mgsfm {
 // neighbours across it (motion_continuity.h): the parts belong together, but
 // their relative pose is unknown. Loop pairs alone do not decide it, because
 // nothing there contradicts duplicate structures. This holds for all parts that
-// contested cuts separate from each other. Parts that no rejected pair connects,
-// such as drives of different days, may be joined, unless the motion of the rig
-// contradicts the loop pair itself: it tells where the rig is also where no pair
-// crosses a cut.
+// contested cuts separate from each other. Parts that no rejected pair
+// connects, such as drives of different days, may be joined, unless the motion
+// of the rig contradicts the loop pair itself: it tells where the rig is also
+// where no pair crosses a cut.
 //
 // `loop_contradicts_motion` is empty if no loop pair does. The result is empty
 // without temporal order. Cost: linear in the pairs.
