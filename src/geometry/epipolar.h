@@ -126,13 +126,8 @@ struct PoseRefinementOptions {
   int max_num_iterations = 20;
   double step_tolerance_rad = 1e-9;
   double relative_cost_tolerance = 1e-6;
-  // RefineRelativePose adds weight / 2 * angle(R, cam2_from_cam1)^2. The weight
-  // is the variance of r over that of this rotation, per axis.
-  struct RotationPrior {
-    Eigen::Quaterniond cam2_from_cam1;
-    double weight = 0.0;
-  };
-  std::optional<RotationPrior> rotation_prior = std::nullopt;
+  // RefineRelativePose refines the direction only.
+  bool is_rotation_fixed = false;
 };
 
 // R <- Exp(delta[0:3]) R, t <- t + B delta[3:5], normalised. The columns of B
@@ -141,16 +136,14 @@ Rigid3 PerturbRelativePose(const Rigid3& cam2_from_cam1,
                            const Eigen::Matrix<double, 5, 1>& delta);
 
 // Levenberg-Marquardt on SampsonAngle with 5 degrees of freedom. kFailure for
-// fewer than 5 matches, of which a narrow field of view determines only
-// combinations of rotation and direction without a prior. Cost: one pass over
-// the matches per iteration.
+// fewer than 5 matches. Cost: one pass over the matches per iteration.
 SolveSummary RefineRelativePose(const RayMatches& matches,
                                 const PoseRefinementOptions& options,
                                 Rigid3* cam2_from_cam1);
 
 // Standard deviation of the least certain component of the direction t, for
 // residuals r with the standard deviation loss_scale_rad; infinity if none
-// constrains it. Errors of R are those that the matches and the prior leave.
+// constrains it. A fixed rotation counts as exact.
 double DirectionSigmaRad(const RayMatches& matches,
                          const PoseRefinementOptions& options,
                          const Rigid3& cam2_from_cam1);

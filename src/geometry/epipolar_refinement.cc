@@ -81,15 +81,11 @@ NormalEquations<5> LinearizePose(const RayMatches& matches,
   const internal::PoseSums sums = internal::SumSampsonTerms(
       matches, pose, TangentBasis(pose.direction), options.loss_scale_rad);
   NormalEquations<5> equations{sums.hessian, sums.gradient, sums.cost};
-  if (options.rotation_prior) {
-    const double weight = options.rotation_prior->weight;
-    // Its Jacobian is the identity up to the square of the angle.
-    const Eigen::Vector3d error =
-        LogSO3(cam2_from_cam1.rotation *
-               options.rotation_prior->cam2_from_cam1.conjugate());
-    equations.hessian.topLeftCorner<3, 3>().diagonal().array() += weight;
-    equations.gradient.head<3>() += weight * error;
-    equations.cost += 0.5 * weight * error.squaredNorm();
+  if (options.is_rotation_fixed) {
+    equations.hessian.topRows<3>().setZero();
+    equations.hessian.leftCols<3>().setZero();
+    equations.hessian.diagonal().head<3>().setOnes();
+    equations.gradient.head<3>().setZero();
   }
   return equations;
 }

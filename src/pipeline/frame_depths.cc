@@ -36,9 +36,6 @@ constexpr int kNumSamples = 100;
 // The loss adapts to the noise that the last round has left. The pose moves
 // little after the second.
 constexpr int kNumRounds = 3;
-// Of averaged rotations of sensors: 0.03 to 0.2 degrees on data/rendered_rig
-// (docs/results/inputs.md).
-constexpr double kRotationSigma_rad = DegToRad(0.1);
 
 // Two sensors with pairs of images within frames.
 struct SensorPair {
@@ -156,10 +153,10 @@ struct SensorPose {
   double sigma_rad = 0.0;
 };
 
-// It is the same in all frames, so that their matches determine it together,
-// where those of a single frame may be too few. In a narrow overlap, they
-// determine only combinations of rotation and direction; the averaged rotation,
-// which rests on other pairs, too, is a prior.
+// The averaged rotation, and the direction that the matches of all frames
+// determine together, where those of a single frame may be too few. They do not
+// refine the rotation: in a narrow overlap they determine only combinations of
+// rotation and direction, and errors of intrinsics turn it.
 std::optional<SensorPose> EstimateSensorPose(const Scene& scene,
                                              const Bearings& bearings,
                                              const RotationEstimate& rotations,
@@ -176,10 +173,9 @@ std::optional<SensorPose> EstimateSensorPose(const Scene& scene,
   if (!sensor_pair.has_direction || pooled.size() == 0) return std::nullopt;
   Rigid3 pose = SamplePose(pooled, rotation, random);
   PoseRefinementOptions options;
+  options.is_rotation_fixed = true;
   for (int round = 0; round < kNumRounds; ++round) {
     options.loss_scale_rad = ResidualSigma(pooled, pose);
-    options.rotation_prior = PoseRefinementOptions::RotationPrior{
-        rotation, std::pow(options.loss_scale_rad / kRotationSigma_rad, 2)};
     if (!RefineRelativePose(pooled, options, &pose).IsUsable()) {
       return std::nullopt;
     }

@@ -13,13 +13,14 @@ namespace mgsfm {
 // The places of the sensors in their rig, and the depths of keypoints that
 // match within frames, in an arbitrary unit of length.
 //
-// The relative pose (R, t) of two sensors is the same in all frames, so that
-// all their matches determine it together (geometry/epipolar.h):
+// The direction t of the baseline of two sensors is the same in all frames, so
+// that all their matches determine it together (geometry/epipolar.h),
 //
-//   min_(R,t) sum_m rho(r_m) + (sigma / sigma_R)^2 / 2 angle(R, R_avg)^2,
+//   min_t sum_m rho(r_m(R, t)),  |t| = 1,
 //
-// with the averaged rotation R_avg as prior, as the matches of a narrow overlap
-// determine only combinations of rotation and direction. Common keypoints
+// with the averaged rotation R, which also rests on pairs between frames. The
+// matches of a narrow overlap would determine only combinations of both. The
+// scale of the loss rho follows from the residuals. Common keypoints
 // relate the lengths of the baselines (translation/scale_averaging.h). Sensors
 // are placed along the spanning tree of the most certain directions; the origin
 // of a rig is one of them. Sensors without a baseline to the others have no

@@ -46,8 +46,7 @@ constexpr int kMinBalance = 2;
 // by their own poses.
 constexpr double kMaxSupportError = 0.1;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
-// needs more. With 5, 8 and 12, three weak drives are off by 2.0, 1.5 and 2.0 m
-// on average, with 15 one of them by 223 m (docs/results/hard_drives.md).
+// needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
 // The standard deviation of a keypoint, relative to the epipolar tolerance.
 constexpr double kKeypointNoise = 0.5;

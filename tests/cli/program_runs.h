@@ -20,6 +20,10 @@
 #include "program.h"
 #include "support/subprocess.h"
 
+#ifdef MGSFM_COVERAGE
+extern "C" void __gcov_dump();  // of libgcov
+#endif
+
 namespace mgsfm {
 
 // Ends the process with the exit code of the program, which writes to files.
@@ -34,6 +38,9 @@ namespace mgsfm {
   const int exit_code = RunProgram(arguments);
   std::cout.flush();
   std::fflush(nullptr);
+#ifdef MGSFM_COVERAGE
+  __gcov_dump();  // _exit() would lose the counts
+#endif
   _exit(exit_code);
 }
 
