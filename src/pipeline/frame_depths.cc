@@ -228,33 +228,31 @@ void ForEachIntersection(const Bearings& bearings, const ImagePair& pair,
 
 // The depths of the keypoints of all images of two sensors, in baselines of
 // these sensors. Keypoints are numbered through all images.
-BaselineDirection MeasureDepths(const Scene& scene, const Bearings& bearings,
-                                const std::vector<int>& first_keypoint,
-                                const SensorPair& sensor_pair,
-                                const Rigid3& sensor2_from_sensor1,
-                                double min_sine) {
-  BaselineDirection baseline;
-  baseline.image_idx1 = sensor_pair.sensor_idx1;
-  baseline.image_idx2 = sensor_pair.sensor_idx2;
-  baseline.kind = BaselineKind::kDirection;
+void MeasureDepths(const Scene& scene, const Bearings& bearings,
+                   const std::vector<int>& first_keypoint,
+                   const SensorPair& sensor_pair,
+                   const Rigid3& sensor2_from_sensor1, double min_sine,
+                   BaselineDirection* baseline) {
+  baseline->image_idx1 = sensor_pair.sensor_idx1;
+  baseline->image_idx2 = sensor_pair.sensor_idx2;
+  baseline->kind = BaselineKind::kDirection;
   for (const ImagePair* pair : sensor_pair.pairs) {
     const bool is_swapped = IsSwapped(scene, *pair);
     ForEachIntersection(
         bearings, *pair,
         is_swapped ? sensor2_from_sensor1.Inverse() : sensor2_from_sensor1,
         min_sine, [&](const Match& match, const Intersection& point) {
-          baseline.depths[is_swapped ? 1 : 0].push_back(
+          baseline->depths[is_swapped ? 1 : 0].push_back(
               {first_keypoint[pair->image_idx1] +
                    static_cast<int>(match.keypoint_idx1),
                static_cast<float>(std::log(point.distances[0]))});
-          baseline.depths[is_swapped ? 0 : 1].push_back(
+          baseline->depths[is_swapped ? 0 : 1].push_back(
               {first_keypoint[pair->image_idx2] +
                    static_cast<int>(match.keypoint_idx2),
                static_cast<float>(std::log(point.distances[1]))});
         });
   }
-  for (auto& depths : baseline.depths) SortByKeypoint(&depths);
-  return baseline;
+  for (auto& depths : baseline->depths) SortByKeypoint(&depths);
 }
 
 // Poses of the sensors in the axes of their rig, along a spanning tree of the
@@ -358,9 +356,8 @@ FrameDepths MeasureFrameDepths(const Scene& scene, const Bearings& bearings,
     poses[i] = EstimateSensorPose(scene, bearings, rotations, sensor_pairs[i],
                                   &random);
     if (!poses[i]) return;
-    measured[i] =
-        MeasureDepths(scene, bearings, first_keypoint, sensor_pairs[i],
-                      poses[i]->sensor2_from_sensor1, min_sine);
+    MeasureDepths(scene, bearings, first_keypoint, sensor_pairs[i],
+                  poses[i]->sensor2_from_sensor1, min_sine, &measured[i]);
   });
   const PairScales scales =
       AverageScales(measured, static_cast<int>(scene.sensors.size()), context);
