@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -30,8 +29,8 @@ using Eigen::Vector3d;
 // More matches of two sensors are thinned out evenly: the error of a pose by
 // this many is far below that of a single depth.
 constexpr size_t kMaxNumPooled = 20000;
-// With half of the matches wrong, one sample of two in four is right; the best
-// of 25 such samples is close to the optimum.
+// If half of the matches are wrong, one sample of two in four is right. The
+// best of 25 such samples is close to the optimum.
 constexpr int kNumSamples = 100;
 // The loss adapts to the noise that the last round has left. The pose moves
 // little after the second.
@@ -112,7 +111,8 @@ RayMatches PoolMatches(const Scene& scene, const Bearings& bearings,
   return pooled;
 }
 
-// By the median residual: half of the matches may be wrong.
+// The standard deviation of the residuals, by their median: up to half of the
+// matches may be wrong.
 double ResidualSigma(const RayMatches& matches, const Rigid3& pose) {
   return std::max(RobustSigma<1>(SampsonAngles(matches, pose)),
                   std::numeric_limits<double>::epsilon());
@@ -198,7 +198,7 @@ std::optional<Intersection> Intersect(const Rigid3& cam2_from_cam1,
   const Vector3d turned = cam2_from_cam1.rotation * ray1;
   const Vector3d normal = turned.cross(ray2);
   const double sine = normal.norm();
-  // In front of both cameras: t, from camera 1, between the rays.
+  // A point in front of both cameras has the baseline between its rays.
   if (sine < min_sine || normal.dot(ray2.cross(t)) <= 0.0 ||
       normal.dot(turned.cross(t)) <= 0.0) {
     return std::nullopt;

@@ -275,7 +275,7 @@ struct RotationsOfScene {
   std::vector<std::optional<Rigid3>> pair_on_path;  // per pair, or empty
 };
 
-// Of pairs between frames that have a baseline.
+// The lengths of pairs between frames; nullopt without a baseline.
 std::vector<std::optional<double>> BaselineLengths(
     const FramePairIndex& index,
     const std::vector<std::optional<Rigid3>>& poses) {

@@ -24,7 +24,7 @@ struct DepthSample {
   float log_depth;
 };
 
-// By keypoint, then by depth.
+// Sorts by keypoint, then by depth.
 void SortByKeypoint(std::vector<DepthSample>* depths);
 
 // The measured direction of the baseline of one image pair.
