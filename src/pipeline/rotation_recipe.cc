@@ -2,6 +2,7 @@
 #include "pipeline/rotation_recipe.h"
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <string>
 #include <utility>
@@ -11,6 +12,7 @@
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/turned_steps.h"
 #include "pair_filtering/unsupported_bridges.h"
 #include "rotation/rotation_components.h"
 
@@ -156,6 +158,7 @@ AveragedRotations AverageWithGravity(
 // The start of averaging, and the pairs that it rejects.
 struct SkeletonResult {
   std::optional<RotationEstimate> start;
+  Mask is_in_skeleton;
   Mask is_beyond_drift_bound;
 };
 
@@ -165,18 +168,61 @@ SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
                                 const RotationAveragingOptions& options,
                                 const PairFilteringOptions& filtering,
                                 const Context& context) {
-  SkeletonResult result{std::nullopt, Mask(is_used.size(), false)};
+  SkeletonResult result{std::nullopt, Mask(is_used.size(), false),
+                        Mask(is_used.size(), false)};
   if (!filtering.use_skeletal_graph) return result;
-  const Mask is_in_skeleton = SelectSkeletalGraph(
-      index, view_graph, is_used, filtering, context.num_threads);
-  result.start =
-      AverageSkeleton(scene, view_graph, is_in_skeleton, options, context);
+  result.is_in_skeleton = SelectSkeletalGraph(index, view_graph, is_used,
+                                              filtering, context.num_threads);
+  result.start = AverageSkeleton(scene, view_graph, result.is_in_skeleton,
+                                 options, context);
   if (filtering.use_rotation_consistency) {
-    result.is_beyond_drift_bound =
-        FindInconsistentRotations(scene, index, view_graph, is_used,
-                                  is_in_skeleton, *result.start, filtering);
+    result.is_beyond_drift_bound = FindInconsistentRotations(
+        scene, index, view_graph, is_used, result.is_in_skeleton, *result.start,
+        filtering);
   }
   return result;
+}
+
+// Averages without the loop pairs that turn steps of a sequence. The rotations
+// without any loop across the turned steps judge these loops. Their drift bound
+// is tightened until no step is turned. Updates the pairs that are used.
+AveragedRotations AverageWithoutTurningLoops(
+    const Scene& scene, const FramePairIndex& index,
+    const ViewGraph& view_graph, const Mask& is_in_skeleton,
+    const PairFilteringOptions& filtering,
+    const std::function<AveragedRotations(const Mask&)>& average,
+    Mask* is_used) {
+  // The last bound leaves no loop across a turned step.
+  constexpr double kSharesOfBound[] = {1.0, 0.5, 0.25, 0.0};
+  AveragedRotations averaged = average(*is_used);
+  const auto find_loops = [&] {
+    return FindLoopsAcross(index, *is_used,
+                           FindTurnedSteps(scene, index, view_graph, *is_used,
+                                           averaged.result.estimate));
+  };
+  for (const double share : kSharesOfBound) {
+    Mask is_rejected = find_loops();
+    if (!is_rejected.Any()) break;
+    Mask without_loops = *is_used;
+    without_loops.Remove(is_rejected);
+    AveragedRotations without = average(without_loops);
+    if (share == 0.0) {
+      *is_used = std::move(without_loops);
+      return without;
+    }
+    PairFilteringOptions bound = filtering;
+    bound.max_rotation_error_deg = share * *filtering.max_rotation_error_deg;
+    bound.rotation_drift_in_sigmas =
+        share * *filtering.rotation_drift_in_sigmas;
+    const Mask is_inconsistent = FindInconsistentRotations(
+        scene, index, view_graph, *is_used, is_in_skeleton,
+        without.result.estimate, bound);
+    is_rejected.Remove(Not(is_inconsistent));
+    if (!is_rejected.Any()) continue;
+    is_used->Remove(is_rejected);
+    averaged = average(*is_used);
+  }
+  return averaged;
 }
 
 Mask FindBridges(const Scene& scene, const FramePairIndex& index,
@@ -224,9 +270,17 @@ EstimatedRotations EstimateRotations(
   const SkeletonResult skeleton = FilterBySkeleton(
       scene, index, view_graph, is_used, options, filtering, context);
   is_used.Remove(skeleton.is_beyond_drift_bound);
-  AveragedRotations with_gravity = AverageWithGravity(
-      scene, view_graph, is_used, skeleton.start ? &*skeleton.start : nullptr,
-      gravity, options, context);
+  const Mask within_drift_bound = is_used;
+  AveragedRotations with_gravity = AverageWithoutTurningLoops(
+      scene, index, view_graph, skeleton.is_in_skeleton, filtering,
+      [&](const Mask& is_averaged) {
+        return AverageWithGravity(scene, view_graph, is_averaged,
+                                  skeleton.start ? &*skeleton.start : nullptr,
+                                  gravity, options, context);
+      },
+      &is_used);
+  Mask turns_steps = within_drift_bound;
+  turns_steps.Remove(is_used);
   averaged = std::move(with_gravity.result);
   result.gravity_rejection = std::move(with_gravity.gravity_rejection);
   const GravityPriors used_gravity =
@@ -244,8 +298,11 @@ EstimatedRotations EstimateRotations(
 
   Reject(PairsWithUnknownSensor(scene, view_graph, result.estimate),
          RejectionReason::kUnknownSensorRotation, &result.verdicts);
-  Reject(skeleton.is_beyond_drift_bound,
-         RejectionReason::kRotationBeyondDriftBound, &result.verdicts);
+  for (const Mask& is_rejected :
+       {skeleton.is_beyond_drift_bound, turns_steps}) {
+    Reject(is_rejected, RejectionReason::kRotationBeyondDriftBound,
+           &result.verdicts);
+  }
   Reject(is_bridge, RejectionReason::kUnsupportedBridge, &result.verdicts);
   RejectByEstimate(index, result.estimate, &result.verdicts);
   return result;
