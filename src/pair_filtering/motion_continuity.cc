@@ -100,6 +100,7 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
 // distance is free.
 struct Candidate : MotionHypothesis {
   std::vector<Vector3d> measured_centers;
+  std::vector<Vector3d> own_centers;  // by depths of the pairs of the group
 };
 
 // A pair without parallax.
@@ -115,6 +116,28 @@ bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion,
                IsStill(free) ? median_step : 0.0);
 }
 
+// The motions of a group of free hypotheses with the distances that its own
+// matches measure. They do not contest other motions: the group does.
+void AddOwnDistances(const std::vector<Candidate>& groups, size_t first,
+                     double median_step, std::vector<Candidate>* candidates) {
+  for (size_t j = first; j < groups.size(); ++j) {
+    const Candidate& group = groups[j];
+    for (const Vector3d& center : group.own_centers) {
+      Candidate measured;
+      measured.later_from_earlier = group.ClosestTo(center);
+      measured.share = group.share;
+      measured.own_share = 0.0;
+      for (size_t i = 0; i < first; ++i) {
+        if (Agree(groups[i].later_from_earlier, measured.later_from_earlier,
+                  median_step)) {
+          measured.share = std::max(measured.share, groups[i].share);
+        }
+      }
+      candidates->push_back(std::move(measured));
+    }
+  }
+}
+
 // The hypotheses with a distance, and the free ones, in groups that agree. A
 // group that agrees with a distance supports it, too.
 std::vector<Candidate> GroupFree(const StepHypotheses& step,
@@ -122,7 +145,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
   std::vector<Candidate> grouped;
   StepHypotheses free;
   for (const MotionHypothesis& h : step) {
-    if (!h.free_direction) grouped.push_back({h, {}});
+    if (!h.free_direction) grouped.push_back({h, {}, {}});
   }
   const size_t num_measured = grouped.size();
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
@@ -136,14 +159,19 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     return a.share > b.share;
   });
   for (const MotionHypothesis& h : free) {
-    const auto group =
+    auto group =
         std::find_if(grouped.begin() + static_cast<long>(num_measured),
                      grouped.end(), [&](const auto& g) { return agree(g, h); });
     if (group == grouped.end()) {
-      grouped.push_back({h, {}});
+      grouped.push_back({h, {}, {}});
+      group = grouped.end() - 1;
     } else {
       group->share += h.share;
       group->own_share += h.share;
+    }
+    if (h.measured_center) {
+      group->own_centers.push_back(*h.measured_center);
+      group->measured_centers.push_back(*h.measured_center);
     }
   }
   if (free.empty()) return grouped;
@@ -162,6 +190,9 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
   for (size_t j = num_measured; j < grouped.size(); ++j) {
     grouped[j].share *= 0.5;
   }
+  std::vector<Candidate> measured;
+  AddOwnDistances(grouped, num_measured, median_step, &measured);
+  grouped.insert(grouped.end(), measured.begin(), measured.end());
   grouped.erase(std::remove_if(grouped.begin(), grouped.end(), IsStill),
                 grouped.end());
   return grouped;

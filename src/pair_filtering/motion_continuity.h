@@ -52,6 +52,9 @@ struct MotionHypothesis {
   // this vector, in the earlier rig frame, may be added to the centre of
   // `later_from_earlier`. Zero: the camera saw no parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
+  // The centre along that direction by depths of the matches, if they agree.
+  // They may be few, so that other multiples stay possible.
+  std::optional<Eigen::Vector3d> measured_center = {};
 
   // The motion of all multiples whose centre is closest to `center`.
   [[nodiscard]] Rigid3 ClosestTo(const Eigen::Vector3d& center) const;

@@ -40,6 +40,13 @@ constexpr double kRefinementLossScale = 0.5;
 // The same depth within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
 
+// A match determines the length of a baseline if its error is smaller. Others
+// agree with any length.
+constexpr double kMaxRelativeLengthError = 0.5;
+// The largest group contains the truth if most matches show the scene.
+constexpr double kMinShareOfLengths = 0.5;
+constexpr double kMaxLengthErrorInSigmas = 2.0;
+
 // One image pair, from the image with the points to that with the rays.
 struct DirectedPair {
   int from = 0, to = 0;
@@ -173,7 +180,101 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
              kLogDepthTolerance;
 }
 
+struct MeasuredLength {
+  double length = 0.0;
+  double sigma = 0.0;
+};
+
+// By a point in front of camera a and its ray in camera b; `direction` is that
+// of the translation.
+std::optional<MeasuredLength> LengthByPoint(const Eigen::Quaterniond& b_from_a,
+                                            const Vector3d& direction,
+                                            const Vector3d& point_in_a,
+                                            double relative_sigma,
+                                            const Vector3d& ray_b,
+                                            double noise_rad) {
+  const Vector3d turned = b_from_a * point_in_a;
+  const Vector3d across = ray_b.cross(direction);
+  const double sine2 = across.squaredNorm();
+  if (sine2 == 0.0) return std::nullopt;
+  MeasuredLength measured;
+  measured.length = -ray_b.cross(turned).dot(across) / sine2;
+  const double distance = (turned + measured.length * direction).norm();
+  measured.sigma = std::hypot(distance * noise_rad / std::sqrt(sine2),
+                              measured.length * relative_sigma);
+  if (measured.length <= 0.0 ||
+      measured.sigma > kMaxRelativeLengthError * measured.length) {
+    return std::nullopt;
+  }
+  return measured;
+}
+
+bool AreEqual(const MeasuredLength& a, const MeasuredLength& b) {
+  return std::abs(a.length - b.length) <=
+         kMaxLengthErrorInSigmas * std::hypot(a.sigma, b.sigma);
+}
+
+// The mean of the largest group of lengths that agree with one of them.
+std::optional<double> AgreedLength(const std::vector<MeasuredLength>& lengths) {
+  size_t most = 0;
+  double mean = 0.0;
+  for (const MeasuredLength& candidate : lengths) {
+    size_t num_equal = 0;
+    double sum = 0.0, sum_of_weights = 0.0;
+    for (const MeasuredLength& other : lengths) {
+      if (!AreEqual(candidate, other)) continue;
+      const double weight = 1.0 / (other.sigma * other.sigma);
+      ++num_equal;
+      sum += weight * other.length;
+      sum_of_weights += weight;
+    }
+    if (num_equal <= most) continue;
+    most = num_equal;
+    mean = sum / sum_of_weights;
+  }
+  if (most < kMinNumAgreeing ||
+      static_cast<double>(most) <
+          kMinShareOfLengths * static_cast<double>(lengths.size())) {
+    return std::nullopt;
+  }
+  return mean;
+}
+
 }  // namespace
+
+std::optional<double> LengthByDepths(const Bearings& bearings,
+                                     const FrameDepths& depths,
+                                     const ImagePair& pair, double noise_rad) {
+  if (!pair.relative_pose || !pair.relative_pose->translation_direction) {
+    return std::nullopt;
+  }
+  const Eigen::Quaterniond& rotation = pair.relative_pose->cam2_from_cam1;
+  const Vector3d& direction = *pair.relative_pose->translation_direction;
+  std::vector<MeasuredLength> lengths;
+  for (const Match& match : pair.matches) {
+    const auto k1 = static_cast<int>(match.keypoint_idx1);
+    const auto k2 = static_cast<int>(match.keypoint_idx2);
+    if (!bearings.HasRay(pair.image_idx1, k1) ||
+        !bearings.HasRay(pair.image_idx2, k2)) {
+      continue;
+    }
+    const Vector3d& ray1 = bearings.Ray(pair.image_idx1, k1);
+    const Vector3d& ray2 = bearings.Ray(pair.image_idx2, k2);
+    std::optional<MeasuredLength> measured;
+    if (depths.IsKnown(pair.image_idx1, k1)) {
+      measured = LengthByPoint(
+          rotation, direction, *depths.distances[pair.image_idx1][k1] * ray1,
+          depths.RelativeSigma(pair.image_idx1, k1), ray2, noise_rad);
+    } else if (depths.IsKnown(pair.image_idx2, k2)) {
+      measured = LengthByPoint(
+          rotation.conjugate(), -(rotation.conjugate() * direction),
+          *depths.distances[pair.image_idx2][k2] * ray2,
+          depths.RelativeSigma(pair.image_idx2, k2), ray1, noise_rad);
+    }
+    if (measured) lengths.push_back(*measured);
+  }
+  return AgreedLength(lengths);
+}
 
 std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
                                       double max_error_px, Random random) {

@@ -8,6 +8,8 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/absolute_pose.h"
+#include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
 namespace {
@@ -40,7 +42,8 @@ SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
 }
 
 // The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame. Without a length, the distance is free.
+// the earlier to the later frame. Without a length, the distance is free; the
+// depths of its matches may measure it.
 MotionHypothesis RigMotionOf(const MotionProblem& problem,
                              const Rigid3& sensor_from_rig,
                              const ImagePair& pair,
@@ -60,9 +63,16 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
       pair.relative_pose->translation_direction.value_or(Vector3d::Zero());
   MotionHypothesis hypothesis;
   hypothesis.later_from_earlier = motion_of(length.value_or(0.0) * direction);
-  if (!length) {
-    hypothesis.free_direction =
-        motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
+  if (length) return hypothesis;
+  hypothesis.free_direction =
+      motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
+  const Camera& camera = problem.scene.cameras[image1.camera_idx];
+  const auto measured =
+      LengthByDepths(problem.bearings, problem.depths, pair,
+                     kKeypointSigma * problem.max_error_px /
+                         PixelsPerRadian(camera.model, camera.params.data()));
+  if (measured) {
+    hypothesis.measured_center = motion_of(*measured * direction).Center();
   }
   return hypothesis;
 }
