@@ -99,8 +99,7 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
 // A hypothesis, and the centres by matches with depth that agree with it if its
 // distance is free.
 struct Candidate : MotionHypothesis {
-  std::vector<Vector3d> measured_centers;
-  std::vector<Vector3d> own_centers;  // by depths of the pairs of the group
+  std::vector<Vector3d> agreeing_centers;
 };
 
 // A pair without parallax.
@@ -122,10 +121,10 @@ void AddOwnDistances(const std::vector<Candidate>& groups, size_t first,
                      double median_step, std::vector<Candidate>* candidates) {
   for (size_t j = first; j < groups.size(); ++j) {
     const Candidate& group = groups[j];
-    for (const Vector3d& center : group.own_centers) {
+    for (const auto& [center, share] : group.measured_centers) {
       Candidate measured;
       measured.later_from_earlier = group.ClosestTo(center);
-      measured.share = group.share;
+      measured.share = share * group.share;
       measured.own_share = 0.0;
       for (size_t i = 0; i < first; ++i) {
         if (Agree(groups[i].later_from_earlier, measured.later_from_earlier,
@@ -145,7 +144,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
   std::vector<Candidate> grouped;
   StepHypotheses free;
   for (const MotionHypothesis& h : step) {
-    if (!h.free_direction) grouped.push_back({h, {}, {}});
+    if (!h.free_direction) grouped.push_back({h, {}});
   }
   const size_t num_measured = grouped.size();
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
@@ -163,15 +162,17 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
         std::find_if(grouped.begin() + static_cast<long>(num_measured),
                      grouped.end(), [&](const auto& g) { return agree(g, h); });
     if (group == grouped.end()) {
-      grouped.push_back({h, {}, {}});
+      grouped.push_back({h, {}});
       group = grouped.end() - 1;
     } else {
       group->share += h.share;
       group->own_share += h.share;
+      group->measured_centers.insert(group->measured_centers.end(),
+                                     h.measured_centers.begin(),
+                                     h.measured_centers.end());
     }
-    if (h.measured_center) {
-      group->own_centers.push_back(*h.measured_center);
-      group->measured_centers.push_back(*h.measured_center);
+    for (const auto& measured : h.measured_centers) {
+      group->agreeing_centers.push_back(measured.center);
     }
   }
   if (free.empty()) return grouped;
@@ -183,7 +184,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     for (size_t j = num_measured; j < grouped.size(); ++j) {
       if (!SupportsDistance(grouped[j], motion, median_step)) continue;
       support += grouped[j].share;
-      grouped[j].measured_centers.push_back(motion.Center());
+      grouped[j].agreeing_centers.push_back(motion.Center());
     }
     grouped[i].share = 0.5 * (grouped[i].share + std::min(support, 1.0));
   }
@@ -331,10 +332,10 @@ class MotionSearch {
   // The cost of a free distance that differs from those by matches with depth.
   static double CostOfDistance(const Candidate& candidate,
                                const Vector3d& center) {
-    double lowest = candidate.measured_centers.empty()
+    double lowest = candidate.agreeing_centers.empty()
                         ? 0.0
                         : std::numeric_limits<double>::infinity();
-    for (const Vector3d& measured : candidate.measured_centers) {
+    for (const Vector3d& measured : candidate.agreeing_centers) {
       const double error =
           (center - measured).norm() / (kRelativeTolerance * measured.norm());
       lowest = std::min(lowest, error * error);

@@ -43,8 +43,6 @@ const double kLogDepthTolerance = std::log(1.5);
 // A match determines the length of a baseline if its error is smaller. Others
 // agree with any length.
 constexpr double kMaxRelativeLengthError = 0.5;
-// The largest group contains the truth if most matches show the scene.
-constexpr double kMinShareOfLengths = 0.5;
 constexpr double kMaxLengthErrorInSigmas = 2.0;
 
 // One image pair, from the image with the points to that with the rays.
@@ -214,39 +212,57 @@ bool AreEqual(const MeasuredLength& a, const MeasuredLength& b) {
          kMaxLengthErrorInSigmas * std::hypot(a.sigma, b.sigma);
 }
 
-// The mean of the largest group of lengths that agree with one of them.
-std::optional<double> AgreedLength(const std::vector<MeasuredLength>& lengths) {
-  size_t most = 0;
-  double mean = 0.0;
+// The lengths that agree with one of them, of those for which most do.
+std::vector<MeasuredLength> LargestGroup(
+    const std::vector<MeasuredLength>& lengths) {
+  std::vector<MeasuredLength> largest;
   for (const MeasuredLength& candidate : lengths) {
-    size_t num_equal = 0;
-    double sum = 0.0, sum_of_weights = 0.0;
+    std::vector<MeasuredLength> group;
     for (const MeasuredLength& other : lengths) {
-      if (!AreEqual(candidate, other)) continue;
-      const double weight = 1.0 / (other.sigma * other.sigma);
-      ++num_equal;
-      sum += weight * other.length;
-      sum_of_weights += weight;
+      if (AreEqual(candidate, other)) group.push_back(other);
     }
-    if (num_equal <= most) continue;
-    most = num_equal;
-    mean = sum / sum_of_weights;
+    if (group.size() > largest.size()) largest = std::move(group);
   }
-  if (most < kMinNumAgreeing ||
-      static_cast<double>(most) <
-          kMinShareOfLengths * static_cast<double>(lengths.size())) {
-    return std::nullopt;
+  return largest;
+}
+
+MeasuredLength WeightedMean(const std::vector<MeasuredLength>& lengths) {
+  double sum = 0.0, sum_of_weights = 0.0;
+  for (const MeasuredLength& measured : lengths) {
+    const double weight = 1.0 / (measured.sigma * measured.sigma);
+    sum += weight * measured.length;
+    sum_of_weights += weight;
   }
-  return mean;
+  return {sum / sum_of_weights, 1.0 / std::sqrt(sum_of_weights)};
+}
+
+std::vector<BaselineLength> GroupLengths(std::vector<MeasuredLength> lengths) {
+  const auto num_all = static_cast<double>(lengths.size());
+  std::vector<BaselineLength> groups;
+  while (lengths.size() >= kMinNumAgreeing) {
+    const std::vector<MeasuredLength> group = LargestGroup(lengths);
+    if (group.size() < kMinNumAgreeing) break;
+    const MeasuredLength mean = WeightedMean(group);
+    groups.push_back(
+        {mean.length, static_cast<double>(group.size()) / num_all});
+    const size_t num_before = lengths.size();
+    lengths.erase(
+        std::remove_if(lengths.begin(), lengths.end(),
+                       [&](const auto& m) { return AreEqual(m, mean); }),
+        lengths.end());
+    if (lengths.size() == num_before) break;
+  }
+  return groups;
 }
 
 }  // namespace
 
-std::optional<double> LengthByDepths(const Bearings& bearings,
-                                     const FrameDepths& depths,
-                                     const ImagePair& pair, double noise_rad) {
+std::vector<BaselineLength> LengthsByDepths(const Bearings& bearings,
+                                            const FrameDepths& depths,
+                                            const ImagePair& pair,
+                                            double noise_rad) {
   if (!pair.relative_pose || !pair.relative_pose->translation_direction) {
-    return std::nullopt;
+    return {};
   }
   const Eigen::Quaterniond& rotation = pair.relative_pose->cam2_from_cam1;
   const Vector3d& direction = *pair.relative_pose->translation_direction;
@@ -273,7 +289,7 @@ std::optional<double> LengthByDepths(const Bearings& bearings,
     }
     if (measured) lengths.push_back(*measured);
   }
-  return AgreedLength(lengths);
+  return GroupLengths(std::move(lengths));
 }
 
 std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,

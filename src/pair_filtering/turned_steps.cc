@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pair_filtering/turned_steps.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <utility>
@@ -15,8 +16,9 @@ namespace {
 using Eigen::Vector3d;
 
 // docs/results/hard_drives.md shows turns of sound and of turned steps.
-constexpr double kMaxTurn_rad = DegToRad(1.0);
-constexpr double kMinAgreement = 2.0;
+constexpr double kMinTurn_rad = DegToRad(1.0);
+// A few correct pairs can be all that show the static scene.
+constexpr double kMinShareAgreeing = 0.9;
 
 // The deviation of a pair, from its earlier to its later image.
 std::optional<Vector3d> DeviationInWorld(const Scene& scene,
@@ -48,16 +50,18 @@ Vector3d MedianOfCoordinates(const std::vector<Vector3d>& vectors) {
   return median;
 }
 
-bool IsTurned(const std::vector<Vector3d>& deviations) {
-  if (deviations.empty()) return false;
+std::optional<Vector3d> TurnOf(const std::vector<Vector3d>& deviations) {
+  if (deviations.empty()) return std::nullopt;
   const Vector3d turn = MedianOfCoordinates(deviations);
-  std::vector<double> differences;
-  differences.reserve(deviations.size());
-  for (const Vector3d& e : deviations) {
-    differences.push_back((e - turn).norm());
+  const auto num_agreeing = std::count_if(
+      deviations.begin(), deviations.end(),
+      [&](const auto& e) { return (e - turn).norm() < e.norm(); });
+  if (turn.norm() <= kMinTurn_rad ||
+      static_cast<double>(num_agreeing) <
+          kMinShareAgreeing * static_cast<double>(deviations.size())) {
+    return std::nullopt;
   }
-  return turn.norm() > kMaxTurn_rad &&
-         turn.norm() > kMinAgreement * Median(std::move(differences));
+  return turn;
 }
 
 // Per frame: the next one of its sequence; nullopt for the last.
@@ -73,11 +77,11 @@ std::vector<std::optional<int>> NextFrames(const FramePairIndex& index) {
 
 }  // namespace
 
-Mask FindTurnedSteps(const Scene& scene, const FramePairIndex& index,
-                     const ViewGraph& view_graph, const Mask& pair_is_used,
-                     const RotationEstimate& rotations) {
-  Mask is_turned(index.num_frames(), false);
-  if (!index.is_sequence()) return is_turned;
+StepTurns FindStepTurns(const Scene& scene, const FramePairIndex& index,
+                        const ViewGraph& view_graph, const Mask& pair_is_used,
+                        const RotationEstimate& rotations) {
+  StepTurns turns(index.num_frames());
+  if (!index.is_sequence()) return turns;
   const TemporalOrder& order = *index.order();
   const std::vector<std::optional<int>> next = NextFrames(index);
   // Per frame: the deviations of the pairs across the step to it.
@@ -97,22 +101,20 @@ Mask FindTurnedSteps(const Scene& scene, const FramePairIndex& index,
       deviations[earlier].push_back(*deviation);
     }
   }
-  for (size_t f = 0; f < is_turned.size(); ++f) {
-    is_turned[f] = IsTurned(deviations[f]);
-  }
-  return is_turned;
+  for (size_t f = 0; f < turns.size(); ++f) turns[f] = TurnOf(deviations[f]);
+  return turns;
 }
 
 Mask FindLoopsAcross(const FramePairIndex& index, const Mask& pair_is_used,
-                     const Mask& is_step_to_frame) {
+                     const StepTurns& turns) {
   Mask is_across(pair_is_used.size(), false);
   if (!index.is_sequence()) return is_across;
-  // Per frame: the number of these steps before it.
+  // Per frame: the number of turned steps before it.
   std::vector<int> num_before(index.num_frames(), 0);
   for (const std::vector<int>& sequence : index.order()->sequences()) {
     int num_steps = 0;
     for (const int frame : sequence) {
-      if (is_step_to_frame[frame]) ++num_steps;
+      if (turns[frame]) ++num_steps;
       num_before[frame] = num_steps;
     }
   }

@@ -67,12 +67,12 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
   hypothesis.free_direction =
       motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
   const Camera& camera = problem.scene.cameras[image1.camera_idx];
-  const auto measured =
-      LengthByDepths(problem.bearings, problem.depths, pair,
-                     kKeypointSigma * problem.max_error_px /
-                         PixelsPerRadian(camera.model, camera.params.data()));
-  if (measured) {
-    hypothesis.measured_center = motion_of(*measured * direction).Center();
+  const double noise_rad = kKeypointSigma * problem.max_error_px /
+                           PixelsPerRadian(camera.model, camera.params.data());
+  for (const BaselineLength& measured :
+       LengthsByDepths(problem.bearings, problem.depths, pair, noise_rad)) {
+    hypothesis.measured_centers.push_back(
+        {motion_of(measured.length * direction).Center(), measured.share});
   }
   return hypothesis;
 }

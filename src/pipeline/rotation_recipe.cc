@@ -197,8 +197,8 @@ AveragedRotations AverageWithoutTurningLoops(
   AveragedRotations averaged = average(*is_used);
   const auto find_loops = [&] {
     return FindLoopsAcross(index, *is_used,
-                           FindTurnedSteps(scene, index, view_graph, *is_used,
-                                           averaged.result.estimate));
+                           FindStepTurns(scene, index, view_graph, *is_used,
+                                         averaged.result.estimate));
   };
   for (const double share : kSharesOfBound) {
     Mask is_rejected = find_loops();
