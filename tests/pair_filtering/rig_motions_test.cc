@@ -419,5 +419,93 @@ TEST(CompareWithMotionTest, AStandstillExplainsNoMovedPoint) {
   }
 }
 
+// Two images with the relative pose kDrive, and matches of points that move
+// along its epipolar lines: those of the scene by the length of kDrive, those
+// of a vehicle ahead by less.
+class MatchesAlongEpipolarLines {
+ public:
+  MatchesAlongEpipolarLines() : random_(11) {
+    bearings.images.resize(2);
+    depths.distances.resize(2);
+    depths.relative_sigmas.resize(2);
+    pair.image_idx2 = 1;
+    pair.relative_pose =
+        RelativePose{kDrive.rotation, kDrive.translation.normalized()};
+  }
+
+  void Add(int number, double length, int image_with_depth) {
+    for (int i = 0; i < number; ++i) {
+      const Vector3d point1(random_.Uniform(-6.0, 6.0),
+                            random_.Uniform(-2.0, 2.0),
+                            random_.Uniform(5.0, 12.0));
+      const Vector3d point2 =
+          kDrive.rotation * point1 + length * kDrive.translation.normalized();
+      const auto index = static_cast<uint32_t>(pair.matches.size());
+      pair.matches.push_back({index, index});
+      for (const auto& [image, point] :
+           {std::pair(0, point1), std::pair(1, point2)}) {
+        bearings.images[image].Append(
+            (point.normalized() + Noise(kNoise_rad, &random_)).normalized());
+        const double error = 1.0 + kRelativeDepthNoise * random_.Normal();
+        depths.distances[image].push_back(
+            image == image_with_depth ? std::optional(error * point.norm())
+                                      : std::nullopt);
+        depths.relative_sigmas[image].push_back(kRelativeDepthNoise);
+      }
+    }
+  }
+  std::vector<BaselineLength> Find() const {
+    return LengthsByDepths(bearings, depths, pair, kNoise_rad);
+  }
+
+  static constexpr double kNoise_rad = kNoise_px / kFocalLength_px;
+
+  Bearings bearings;
+  FrameDepths depths;
+  ImagePair pair;
+
+ private:
+  Random random_;
+};
+
+TEST(LengthsByDepthsTest, TheSceneMeasuresTheBaseline) {
+  const double truth = kDrive.translation.norm();
+  for (const int image_with_depth : {0, 1}) {
+    MatchesAlongEpipolarLines matches;
+    matches.Add(60, truth, image_with_depth);
+    const std::vector<BaselineLength> lengths = matches.Find();
+    ASSERT_FALSE(lengths.empty());
+    EXPECT_NEAR(lengths[0].length, truth, 0.01 * truth);
+    EXPECT_GT(lengths[0].share, 0.9);
+  }
+}
+
+TEST(LengthsByDepthsTest, AVehicleAheadHasAnotherLength) {
+  const double truth = kDrive.translation.norm();
+  MatchesAlongEpipolarLines matches;
+  matches.Add(40, truth, 0);
+  matches.Add(80, 0.3 * truth, 1);
+  const std::vector<BaselineLength> lengths = matches.Find();
+  ASSERT_EQ(lengths.size(), 2u);
+  EXPECT_NEAR(lengths[0].length, 0.3 * truth, 0.01 * truth);
+  EXPECT_NEAR(lengths[1].length, truth, 0.01 * truth);
+  EXPECT_GT(lengths[0].share, lengths[1].share);
+  EXPECT_LE(lengths[0].share + lengths[1].share, 1.0);
+}
+
+TEST(LengthsByDepthsTest, FewMatchesOrNoDirectionMeasureNothing) {
+  const double truth = kDrive.translation.norm();
+  MatchesAlongEpipolarLines few;
+  few.Add(7, truth, 0);
+  EXPECT_TRUE(few.Find().empty());
+  MatchesAlongEpipolarLines without_depths;
+  without_depths.Add(60, truth, 2);
+  EXPECT_TRUE(without_depths.Find().empty());
+  MatchesAlongEpipolarLines still;
+  still.Add(60, truth, 0);
+  still.pair.relative_pose->translation_direction.reset();
+  EXPECT_TRUE(still.Find().empty());
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/turned_steps.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "geometry/so3.h"
+#include "support/orders.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+constexpr int kDriveLength = 60;
+constexpr int kReach = 3;
+constexpr int kTurnedRank = 20;
+
+// The rig turns steadily. The frame of rank k in time has the index order[k].
+// Neighbours have exact pairs; the estimated rotations can be turned.
+class TurningDrive {
+ public:
+  explicit TurningDrive(std::vector<int> order = InOrder(kDriveLength))
+      : order_(std::move(order)) {
+    scene_.rigs.push_back({RigId(1), 0, {0}});
+    scene_.sensors.push_back({"", 0, 0, std::nullopt});
+    estimate_.sensor_from_rig.emplace_back(ExpSO3({0.1, 0.2, -0.3}));
+    estimate_.rig_from_world.resize(kDriveLength);
+    estimate_.component.assign(kDriveLength, 0);
+    std::vector<int> rank_of_frame(kDriveLength);
+    for (int k = 0; k < kDriveLength; ++k) rank_of_frame[order_[k]] = k;
+    for (int i = 0; i < kDriveLength; ++i) {
+      const auto id = static_cast<uint32_t>(i + 1);
+      scene_.images.push_back({ImageId(id), "", 0, 0, i, {}});
+      scene_.frames.push_back(
+          {FrameId(id), std::to_string(rank_of_frame[i]), 0, {i}});
+      estimate_.rig_from_world[i] = RigFromWorld(rank_of_frame[i]);
+    }
+    for (int k = 0; k < kDriveLength; ++k) {
+      for (int n = k + 1; n <= std::min(k + kReach, kDriveLength - 1); ++n) {
+        Add(k, n);
+      }
+    }
+  }
+
+  // A pair of two frames, by their ranks, off by a rotation in the world.
+  size_t Add(int rank1, int rank2, const Vector3d& error_rad = {0, 0, 0}) {
+    const bool is_in_order = order_[rank1] < order_[rank2];
+    if (!is_in_order) std::swap(rank1, rank2);
+    const Vector3d error = is_in_order ? error_rad : Vector3d(-error_rad);
+    const Quaterniond& sensor = *estimate_.sensor_from_rig[0];
+    ImagePair pair;
+    pair.image_idx1 = order_[rank1];
+    pair.image_idx2 = order_[rank2];
+    pair.relative_pose =
+        RelativePose{sensor * RigFromWorld(rank2) * ExpSO3(error) *
+                         RigFromWorld(rank1).conjugate() * sensor.conjugate(),
+                     std::nullopt};
+    view_graph_.pairs.push_back(pair);
+    return view_graph_.pairs.size() - 1;
+  }
+
+  // Turns the estimate from a frame on, as wrong loop pairs do.
+  void TurnFrom(int rank, const Vector3d& turn_rad) {
+    for (int k = rank; k < kDriveLength; ++k) {
+      auto& rotation = estimate_.rig_from_world[order_[k]];
+      rotation = *rotation * ExpSO3(-turn_rad);
+    }
+  }
+
+  StepTurns Find(SequenceMode mode = SequenceMode::kYes) const {
+    return FindStepTurns(scene_, FramePairIndex(scene_, view_graph_, mode),
+                         view_graph_, Mask(view_graph_.pairs.size(), true),
+                         estimate_);
+  }
+  Mask LoopsAcross(const StepTurns& turns) const {
+    return FindLoopsAcross(
+        FramePairIndex(scene_, view_graph_, SequenceMode::kYes),
+        Mask(view_graph_.pairs.size(), true), turns);
+  }
+  int FrameOf(int rank) const { return order_[rank]; }
+
+ private:
+  static Quaterniond RigFromWorld(int rank) {
+    return ExpSO3({0.01, 0.03 * rank, -0.02});
+  }
+
+  std::vector<int> order_;
+  Scene scene_;
+  ViewGraph view_graph_;
+  RotationEstimate estimate_;
+};
+
+size_t NumTurns(const StepTurns& turns) {
+  return static_cast<size_t>(
+      std::count_if(turns.begin(), turns.end(),
+                    [](const auto& turn) { return turn.has_value(); }));
+}
+
+TEST(TurnedSteps, AreFoundWithTheirTurnInAnyOrderOfFrames) {
+  const Vector3d turn(0.01, DegToRad(3.0), -0.02);
+  for (const auto& order : {InOrder(kDriveLength), Shuffled(kDriveLength)}) {
+    TurningDrive drive(order);
+    EXPECT_EQ(NumTurns(drive.Find()), 0U);
+    drive.TurnFrom(kTurnedRank, turn);
+    const StepTurns turns = drive.Find();
+    const auto& found = turns[drive.FrameOf(kTurnedRank)];
+    ASSERT_TRUE(found);
+    EXPECT_LT((*found - turn).norm(), 1e-9);
+    EXPECT_EQ(NumTurns(turns), 1U);
+    EXPECT_EQ(NumTurns(drive.Find(SequenceMode::kNo)), 0U);
+  }
+}
+
+TEST(TurnedSteps, AreNoneThatAPairOfFewSupports) {
+  TurningDrive drive;
+  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
+  // As many pairs support the turned rotation.
+  for (int i = 0; i < kReach; ++i) {
+    drive.Add(kTurnedRank - 1, kTurnedRank, {0.0, DegToRad(-3.0), 0.0});
+  }
+  EXPECT_EQ(NumTurns(drive.Find()), 0U);
+}
+
+TEST(TurnedSteps, AreNotTheDriftOfLoops) {
+  TurningDrive drive;
+  for (int k = 1; k < kDriveLength; ++k) {
+    drive.TurnFrom(k, {0.0, DegToRad(0.3), 0.0});
+  }
+  EXPECT_EQ(NumTurns(drive.Find()), 0U);
+}
+
+TEST(TurnedSteps, SeparateTheFramesOfLoops) {
+  TurningDrive drive;
+  const size_t before = drive.Add(2, kTurnedRank - 1);
+  const size_t across = drive.Add(kTurnedRank - 1, kTurnedRank + 15);
+  const size_t after = drive.Add(kTurnedRank, kDriveLength - 1);
+  drive.TurnFrom(kTurnedRank, {0.0, DegToRad(3.0), 0.0});
+  const Mask is_across = drive.LoopsAcross(drive.Find());
+  EXPECT_FALSE(is_across[before]);
+  EXPECT_TRUE(is_across[across]);
+  EXPECT_FALSE(is_across[after]);
+  EXPECT_EQ(is_across.Count(), 1U);  // neighbours are no loops
+}
+
+}  // namespace
+}  // namespace mgsfm
