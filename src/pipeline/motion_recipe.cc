@@ -16,7 +16,6 @@
 #include "pair_filtering/loop_consistency.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
-#include "pair_filtering/turned_steps.h"
 #include "pipeline/frame_depths.h"
 #include "pipeline/motion_hypotheses.h"
 #include "translation/baseline_directions.h"
@@ -39,12 +38,6 @@ constexpr double kRefinedError_rad = 2e-3;
 // A pair contradicts the path beyond this angle, plus the drift: the error of
 // pairs with the minimum number of matches.
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// The motion of a step by few correspondences is turned by 3 degrees, an
-// interpolated one by the change of the angular velocity.
-constexpr double kMaxTurnOfPath_rad = DegToRad(4.0);
-// Error of the baseline of pairs that tell the turn, relative to its length: a
-// turn of 4 degrees changes it by 0.07.
-constexpr double kMaxErrorAlongPath = 0.15;
 // Displacements below this share of the median step are noise.
 constexpr double kMinDisplacement = 0.2;
 // One match more that contradicts than agrees may be a mismatch.
@@ -187,73 +180,6 @@ std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
     return std::nullopt;
   }
   return refined;
-}
-
-// The rotations of a path.
-RotationEstimate RotationsOf(const MotionProblem& problem,
-                             const RigPath& path) {
-  RotationEstimate rotations;
-  for (const auto& place : path.of_frame) {
-    rotations.rig_from_world.emplace_back();
-    rotations.component.emplace_back();
-    if (!place) continue;
-    rotations.rig_from_world.back() = place->rig_from_start.rotation;
-    rotations.component.back() = place->stretch;
-  }
-  for (const auto& cam_from_rig : problem.depths.cam_from_rig) {
-    rotations.sensor_from_rig.emplace_back();
-    if (cam_from_rig) rotations.sensor_from_rig.back() = cam_from_rig->rotation;
-  }
-  return rotations;
-}
-
-// The pairs of neighbours whose baseline agrees with a path. Their rotation may
-// be off by the error of a motion of few correspondences.
-Mask PairsAlongPath(const MotionProblem& problem, const RigPath& path) {
-  MotionProblem along = problem;
-  along.max_relative_baseline_error = kMaxErrorAlongPath;
-  Mask is_along(problem.view_graph.pairs.size(), false);
-  for (const FramePair& frames : problem.index.frame_pairs()) {
-    if (!frames.IsBetweenFrames() || problem.index.IsLoop(frames) ||
-        !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
-      continue;
-    }
-    const Rigid3 motion = path.Between(frames.frame_idx1, frames.frame_idx2);
-    for (const size_t i : frames.pair_idxs) {
-      const RelativePose& pose = *problem.view_graph.pairs[i].relative_pose;
-      const auto cam2_from_cam1 = RelativePoseBy(problem, i, motion);
-      is_along[i] = cam2_from_cam1 && pose.translation_direction &&
-                    AgreesWithPath(along, path, pose,
-                                   {i, *cam2_from_cam1, kMaxTurnOfPath_rad});
-    }
-  }
-  return is_along;
-}
-
-// Turns the steps whose rotation most pairs across them contradict alike.
-RigPath CorrectTurns(const MotionProblem& problem, const RigPath& path) {
-  const StepTurns turns =
-      FindStepTurns(problem.scene, problem.index, problem.view_graph,
-                    PairsAlongPath(problem, path), RotationsOf(problem, path));
-  RigPath corrected = path;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      const int a = sequence[k], b = sequence[k + 1];
-      if (!path.IsComparable(a, b)) continue;
-      Rigid3 step = path.Between(a, b);
-      if (turns[b]) {
-        const Eigen::Quaterniond& rig_a =
-            path.of_frame[a]->rig_from_start.rotation;
-        const Eigen::Quaterniond& rig_b =
-            path.of_frame[b]->rig_from_start.rotation;
-        step = Rigid3::FromRotationAndCenter(
-            rig_b * ExpSO3(*turns[b]) * rig_a.conjugate(), step.Center());
-      }
-      corrected.of_frame[b]->rig_from_start =
-          step * corrected.of_frame[a]->rig_from_start;
-    }
-  }
-  return corrected;
 }
 
 // Refines the steps that are contested or interpolated.
@@ -646,9 +572,9 @@ MotionOfScene FindMotionOfScene(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
   if (has_depths) {
-    const RigPath path = CorrectTurns(
-        problem, FindRigPath(*index.order(), index.num_frames(),
-                             FindHypothesesWithDepths(problem, context)));
+    const RigPath path =
+        FindRigPath(*index.order(), index.num_frames(),
+                    FindHypothesesWithDepths(problem, context));
     const RigPath refined = RefinePath(problem, path);
     MotionOfScene motion =
         JudgeByMatches(problem, refined, verification, context);
