@@ -20,8 +20,7 @@ namespace mgsfm {
 // duplicate structures that are some degrees off turn the whole trajectory
 // there, because a robust loss puts their error where it costs least. Correct
 // loop pairs do not do that. They correct the drift, which is spread over all
-// steps. And the motion of a step by few correspondences can be turned, while
-// the pairs of all frames around it are exact.
+// steps.
 //
 // A pair i, j of neighbours across the step has the deviation
 //
