@@ -77,7 +77,7 @@ std::vector<MergeInput> ReadList(const std::string& path) {
   return inputs;
 }
 
-// Sets a value of each input from a list of as many.
+// Sets a member of each input from a list with one value per input.
 void SetEach(const std::string& text, const std::string& option,
              std::string MergeInput::*member, std::vector<MergeInput>* inputs) {
   if (text.empty()) return;

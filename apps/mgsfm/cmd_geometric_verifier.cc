@@ -10,7 +10,8 @@
 namespace mgsfm {
 namespace {
 
-// Those of the matchers without the ones for descriptors, which are not read.
+// The options of the matchers, except those for descriptors, which are not
+// read.
 struct GeometricVerifierOptions {
   Option<std::string> database_path{
       "database_path", "", Required(),

@@ -41,7 +41,8 @@ struct ImageDeleterOptions {
                                const std::string& key,
                                const std::string& model_path) {
   throw Error("'" + list_path + "' lists '" + key +
-              "', which is no image of '" + model_path + "'; remove the line");
+              "', which is not an image of '" + model_path +
+              "'; remove the line");
 }
 
 // Marks the images that a list names; `keys` are their names or ids.

@@ -268,8 +268,8 @@ Eigen::Vector3d MeanPoint(const SceneModel& model) {
   return sum / static_cast<double>(model.reconstruction.points.size());
 }
 
-// The transform from the east-north-up world of the first position to that of
-// the type. `scale` is that of the alignment.
+// The transform from the east-north-up world of the first position to the world
+// of the alignment type. `scale` is the scale of the alignment.
 Sim3 FromEastNorthUp(AlignmentType type, double scale, ToolModel* input) {
   Sim3 transform;
   const bool keeps_world =

@@ -154,10 +154,11 @@ void WriteFiles(const std::vector<ExportedFile>& files,
   std::string list;
   for (const std::string& name : names) list += ", " + name;
   if (*options.input_type == "auto") {
-    throw Error("'" + *options.input_path +
-                "' is no folder, and its extension does not tell its format; "
-                "give --input_type, one of" +
-                list.substr(1));
+    throw Error(
+        "'" + *options.input_path +
+        "' is not a folder, and its extension does not tell its format; "
+        "give --input_type, one of" +
+        list.substr(1));
   }
   throw Error("unknown --input_type '" + *options.input_type + "'" +
               SuggestName(options.input_type, names) + "; the types are auto" +

@@ -28,7 +28,7 @@ struct ModelSplitterOptions {
       "Number of models. There are fewer if cuts would cross weak places."};
   Option<int> num_overlap_frames{
       "num_overlap_frames", 10, AtLeast(3), "frames",
-      "Frames on either side of a cut that both models have."};
+      "Number of frames on either side of a cut that both models share."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the models: binary or text."};
   ToolRigOptions rigs;

@@ -118,7 +118,7 @@ RunReport FindReport(const fs::path& model_path) {
   std::error_code ignored;
   if (!fs::is_regular_file(path, ignored)) {
     const std::string number = folder.filename().string();
-    constexpr size_t kMaxDigits = 9;
+    constexpr size_t kMaxDigits = 9;  // any such number fits unsigned long
     if (!IsModelFolderName(number) || number.size() > kMaxDigits) return report;
     path = folder.parent_path() / kReportFileName;
     report.model_idx = std::stoul(number);

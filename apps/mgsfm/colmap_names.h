@@ -8,9 +8,9 @@
 
 namespace mgsfm {
 
-// The replacement for a command or an option of COLMAP, or a habit from other
-// programs, that does not exist here, as in "use mapper"; nullopt if the name
-// is not known, or none of the options replaces it.
+// What to use instead of a command or option that exists in COLMAP or other
+// programs but not here, for example "use mapper". nullopt if the name is
+// unknown or nothing replaces it.
 std::optional<std::string> AdviceOnCommand(const std::string& name);
 std::optional<std::string> AdviceOnOption(const std::string& name,
                                           const OptionList& options);

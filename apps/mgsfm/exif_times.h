@@ -10,10 +10,10 @@
 
 namespace mgsfm {
 
-// If frames are made by time, no file has the times, and a name has none:
-// writes the times in the EXIF tags of all images to `output_path` and sets it
-// as the file with the times. Throws Error, naming the image, if one has no
-// such tag.
+// Acts only if frames are formed by time, no file of times is given, and some
+// image name contains no time. Writes the times in the EXIF tags of all images
+// to `output_path` and makes it the file of times. Throws Error, naming the
+// image, if an image has no such tag.
 void UseExifTimes(const std::string& image_path,
                   const std::vector<std::string>& names,
                   const std::filesystem::path& output_path,

@@ -66,7 +66,7 @@ std::optional<LiveRefusal> RefusalOf(const LiveRequest& request,
 bool IsLoopback(const std::string& address) {
   in_addr v4{};
   if (inet_pton(AF_INET, address.c_str(), &v4) == 1) {
-    constexpr uint32_t kLoopbackNet = 127;
+    constexpr uint32_t kLoopbackNet = 127;  // 127.0.0.0/8 (RFC 1122)
     return ntohl(v4.s_addr) >> 24 == kLoopbackNet;
   }
   in6_addr v6{};

@@ -35,7 +35,7 @@ struct LiveRefusal {
 std::optional<LiveRefusal> RefusalOf(const LiveRequest& request,
                                      bool is_loopback_only);
 
-// Whether an address in numbers, IPv4 or IPv6, belongs to this machine alone.
+// Whether a numeric IPv4 or IPv6 address is a loopback address.
 bool IsLoopback(const std::string& address);
 
 }  // namespace mgsfm

@@ -38,7 +38,8 @@ constexpr double kMaxConnection_s = 60.0;
 constexpr double kMinRequest_s = 1.0;
 // The longest time for which the end of the program waits for the loop.
 constexpr int kPollMilliseconds = 50;
-// Between rounds of the loop, so that a flood of requests cannot occupy a core.
+// The pause between rounds of the loop: a flood of requests cannot occupy a
+// core.
 constexpr std::chrono::milliseconds kPause(2);
 // The page asks every second.
 constexpr double kReaderMemory_s = 3.0;
@@ -87,7 +88,7 @@ Endpoint MakeEndpoint(const std::string& address, int port) {
     std::memcpy(&endpoint.storage, &v6, sizeof(v6));
   } else {
     throw Error("--live_address '" + address +
-                "' is no address in numbers, such as 127.0.0.1 or 0.0.0.0");
+                "' is not a numeric address such as 127.0.0.1 or 0.0.0.0");
   }
   return endpoint;
 }

@@ -64,7 +64,7 @@ void IgnoreRigs(LoadedScene* loaded) {
   loaded->rig_source = "ignored, each image is a rig of its own";
 }
 
-// The last lines of a run.
+// Logs the final lines of a run.
 void LogSummary(const MapperRun& run, const Scene& scene,
                 const MapperResult& result, const Context& context) {
   for (const std::string& line : DescribeRun(SummarizeRun(scene, result))) {

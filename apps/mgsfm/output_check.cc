@@ -12,6 +12,7 @@
 #include "base/file_reading.h"
 #include "base/text_tools.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/image_limits.h"
 #include "io/files/image_reading.h"
 #include "io/files/model_files.h"
 #include "io/files/staged_output.h"
@@ -221,14 +222,12 @@ std::string KindOfKeptFile(const std::string& target) {
   std::error_code ignored;
   if (!fs::is_regular_file(target, ignored)) return "";
   if (HasDatabaseHeader(target)) return "a database";
-  // The header of an image, with all tags that may precede its size.
-  constexpr size_t kMaxHeader = 1 << 20;
-  const std::string header = ReadFile(target, "", kMaxHeader);
+  const std::string header = ReadFile(target, "", kMaxImageHeaderBytes);
   return ReadImageSize(header).has_value() ? "an image" : "";
 }
 
-// Whether the command itself reads such a file at its output, and adds to it or
-// refuses it.
+// Whether the command itself reads an existing database at its output, and
+// extends or refuses it.
 bool IsDatabaseOption(const std::string& option) {
   return option == "shard_path" || option == "merged_database_path";
 }

@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 1;  // of clusters.json
 
 LoadedScene LoadMatches(const MapperRun& run, const Context& context) {
   DatabaseSelection selection;

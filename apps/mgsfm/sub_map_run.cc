@@ -59,7 +59,7 @@ SubMapFiles FindSubMaps(const SubMapRun& run) {
   }
   for (const int cluster : clusters) {
     const fs::path folder = fs::path(run.input_path) / std::to_string(cluster);
-    // Those of model_splitter are models themselves.
+    // Folders of model_splitter are models themselves.
     bool has_model =
         fs::is_directory(folder) && ListFolder(folder).HoldsModel();
     if (has_model) {

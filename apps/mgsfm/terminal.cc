@@ -76,7 +76,7 @@ class Terminal {
 
  private:
   void ShowLine(const std::string& text) {
-    constexpr int kBarWidth = 20;
+    constexpr int kBarWidth = 20;  // characters: 5 % each
     const std::string line =
         FitToTerminal(ProgressBar(progress_.Share(), kBarWidth) + " " + text);
     std::fprintf(stderr, "\r\033[K%s", line.c_str());

@@ -14,7 +14,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr size_t kHelpWidth = 80;
+constexpr size_t kHelpWidth = 80;  // columns of a terminal
 
 std::string Trim(const std::string& text) {
   const char* const spaces = " \t\r";

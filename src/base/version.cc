@@ -18,7 +18,7 @@ MajorMinorPatch ParseVersion(const std::string& text) {
   char dots[2] = {};
   stream >> version[0] >> dots[0] >> version[1] >> dots[1] >> version[2];
   if (!stream || !stream.eof() || dots[0] != '.' || dots[1] != '.') {
-    throw Error("'" + text + "' is no version such as " + Version());
+    throw Error("'" + text + "' is not a version number like " + Version());
   }
   return version;
 }

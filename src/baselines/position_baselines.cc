@@ -18,8 +18,6 @@ namespace {
 constexpr double kRandomStartLossRad = 0.1;
 constexpr int kNumRandomStartIterations = 100;
 constexpr double kFunctionTolerance = 1e-5;
-// Rays that agree with positions by pairs alone.
-constexpr double kCoarseErrorRad = DegToRad(4.0);
 
 const PositionObjective& ObjectiveOf(const PositionBaselineOptions& baseline) {
   return baseline.objective == TranslationObjective::kBilinear

@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// Positions by other inputs and objectives, in place of EstimatePositions()
-// (pipeline/position_recipe.h): the ablation of the paper. The product is
+// The ablation of the paper: replaces EstimatePositions()
+// (pipeline/position_recipe.h) by other inputs and objectives. The mapper uses
 // `hybrid` with `non_bilinear`.
 
 enum class TranslationSource {

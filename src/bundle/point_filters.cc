@@ -35,7 +35,8 @@ std::vector<Eigen::Vector3d> CentersOf(const std::vector<ImageView>& views,
   return centers;
 }
 
-// Offsets of the errors of each point in ReprojectionErrors(), with the end.
+// The offset of the errors of each point in ReprojectionErrors(), followed by
+// the number of all errors.
 std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
                                        const Reconstruction& reconstruction) {
   std::vector<size_t> begin = {0};

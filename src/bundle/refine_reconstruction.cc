@@ -155,8 +155,8 @@ void DropFramesWithoutObservations(const RefinementInput& input,
   }
 }
 
-// A solve, and between the first and the last a triangulation. Returns false if
-// the solve fails.
+// Solves; all steps but the first and the last then triangulate again. Returns
+// false if the solve fails.
 bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   const BundleAdjustmentOptions& options = input.options;
   const double rough_tolerance =

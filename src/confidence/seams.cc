@@ -54,7 +54,7 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
   return num_confirmed;
 }
 
-// Pairs without a confirmed match only join parts that no others join.
+// Pairs without a triplet-consistent match join parts only if no others do.
 FrameCuts FindCuts(const ConfidenceInput& input,
                    const std::vector<int>& num_confirmed) {
   const FramePairIndex& index = input.index;
@@ -74,7 +74,7 @@ FrameCuts FindCuts(const ConfidenceInput& input,
   return {index.num_frames(), edges};
 }
 
-// What crosses each cut.
+// Counts of what crosses each cut.
 struct CutEvidence {
   std::vector<double> num_tracks;
   std::vector<double> num_pairs;

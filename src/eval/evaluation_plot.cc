@@ -16,6 +16,7 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Segments = std::vector<std::vector<Vector2d>>;
 
+// Sizes of the parts of the drawing, in its units.
 constexpr double kWidth = 960.0, kLeft = 76.0, kRight = 24.0;
 constexpr double kHeader = 84.0, kMinMap = 220.0, kMaxMap = 620.0;
 constexpr double kErrorPanel = 150.0, kGap = 62.0;

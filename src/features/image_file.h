@@ -17,7 +17,7 @@ struct ImageTags {
   // Latitude and longitude in degrees, altitude in metres. As in COLMAP, a
   // missing altitude is 0.
   std::optional<Eigen::Vector3d> position_wgs84;
-  // DateTimeOriginal with SubSecTimeOriginal, taken for UTC.
+  // DateTimeOriginal with SubSecTimeOriginal, interpreted as UTC.
   std::optional<double> time_s;
 };
 

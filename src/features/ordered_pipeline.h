@@ -50,6 +50,7 @@ class OrderedPipeline {
   // Takes all results that are next in order and ready. Waits for the first one
   // for a short time, so there may be none. Rethrows exceptions of produce().
   std::vector<Result> Take() {
+    // Callers check for interruptions between two calls.
     constexpr std::chrono::milliseconds kMaxWait(100);
     std::unique_lock<std::mutex> lock(mutex_);
     changed_.wait_for(lock, kMaxWait, [this] {

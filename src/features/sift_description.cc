@@ -5,10 +5,12 @@
 #include <cmath>
 #include <opencv2/core/hal/hal.hpp>
 
+#include "geometry/so3.h"
+
 namespace mgsfm {
 namespace {
 
-constexpr float kTwoPi = 6.283185307179586f;
+constexpr auto kTwoPi = static_cast<float>(2.0 * kPi);
 
 // Lowe, sec. 5; the smoothing is VLFeat's.
 constexpr int kNumOrientationBins = 36;

@@ -13,6 +13,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// The size of a minimal sample: each ray constrains two of six unknowns.
 constexpr int kSampleSize = 3;
 // Loss scales relative to max_error. Errors of inliers are at most 1, so a
 // scale of 0.5 keeps them in the quadratic range and downweights those near the

@@ -11,7 +11,7 @@
 namespace mgsfm::internal {
 namespace {
 
-// Doubles in a register of AVX.
+// The number of doubles in an AVX register.
 constexpr int kWidth = 4;
 typedef double Four __attribute__((vector_size(8 * kWidth)));
 

@@ -14,6 +14,8 @@ namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
+// The size of a minimal sample: each match constrains one of six unknowns. Five
+// determine the pose up to the length of the baseline, the sixth the length.
 constexpr int kSampleSize = 6;
 constexpr double kLossScale = 0.5;  // relative to max_error
 // Number of lengths tested for a guess, each from a different match.

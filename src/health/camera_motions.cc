@@ -27,11 +27,11 @@ constexpr int kMaxLag = 5;
 // Frames of a motion: the smallest gap with several cycles of three frames.
 // With 2, a lag of EuRoC is not noticed (docs/results/constants.md).
 constexpr int kMaxGap = 3;
-// The largest motions tell most; bounds the cost.
+// Bounds the cost. The largest motions are the most informative.
 constexpr size_t kMaxNumMotions = 400;
-// A rotation has three unknowns; four times as many motions.
+// Four times the three unknowns of a rotation.
 constexpr int kMinNumMotions = 12;
-// Normal errors of a cycle, with three components, exceed this in 1 of 2000.
+// Normal noise in three components exceeds this in 1 of 2000 cycles.
 constexpr double kMaxCycleErrorInSigmas = 4.2;
 // The error of a wrong pair counts at most this much. With half of it, a camera
 // of another vehicle is not noticed (docs/results/constants.md).
@@ -45,7 +45,7 @@ constexpr double kMinErrorRatio = 1.5;
 constexpr double kMinErrorDropRad = DegToRad(0.05);
 // The middle between no lag, 0.5, and a lag that all motions show.
 constexpr double kMinShareBetter = 0.75;
-// Without a lag, the best of ten lags exceeds this in 1 of 3000.
+// Without a lag, the best of ten lags exceeds this in 1 of 3000 cases.
 constexpr double kMinShareInSigmas = 4.0;
 // Errors of sound cameras reach 0.44 of the motion, at 2.1 standard deviations;
 // those of a foreign one are at least 0.79, at 65

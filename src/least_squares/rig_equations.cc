@@ -333,8 +333,8 @@ TrialStep RigEquationsBase::TryStep() {
   TrialStep step;
   step.new_cost = CostOfLinearTerms(problem_, trial_state_) +
                   CostOfPosePriors(problem_, trial_state_);
-  // With (1), the model cost g^T d + d^T N d / 2 is (g^T d - lambda d^T D d)/2,
-  // less half of d^T r if r is left of the reduced equations.
+  // By (1), the model cost g^T d + d^T N d / 2 is (g^T d - lambda d^T D d) / 2,
+  // minus d^T r / 2, where r is the residual of the reduced equations.
   double decrease = step_.dot(residual_);
   for (Eigen::Index i = 0; i < step_.size(); ++i) {
     decrease += step_[i] * (lambda_ * ClampDiagonal(diagonal_[i]) * step_[i] -

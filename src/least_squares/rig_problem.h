@@ -141,11 +141,12 @@ struct RigProblemBase {
   std::vector<SensorPrior> sensor_priors;
   std::vector<BaselineTerm> baselines;
   std::vector<LinearTerm> linear_terms;
-  // Per image: S R, for problems that know no rotations of frames and sensors
-  // by themselves. These must be held then. Empty: from the state.
+  // The rotation S R of each image, for problems in which only the products of
+  // the rotations of sensors and frames are known; both must be held then. If
+  // empty, rotations are those of the state.
   std::vector<Eigen::Matrix3d> held_cam_from_world;
-  // Those of point p: point_begin[p] to point_begin[p + 1] - 1. Any number of
-  // them may be in one image.
+  // Point p has the observations point_begin[p] to point_begin[p + 1] - 1, of
+  // which any number may be in one image.
   std::vector<size_t> point_begin = {0};
   bool points_are_free = true;
   RobustLoss loss = {RobustLossType::kHuber, 1.0};

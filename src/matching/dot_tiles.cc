@@ -65,7 +65,7 @@ int32_t LoadGroup(const void* values) {
   return group;
 }
 
-// One half of the rows at a time fits into the 16 registers.
+// Only half of the rows fit into the 16 registers at a time.
 void MultiplySse2(const int16_t* rows, const int16_t* columns, int32_t* tile) {
   constexpr int kNumRows = kTileRows / 2;
   for (int half = 0; half < 2; ++half) {

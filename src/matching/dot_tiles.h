@@ -57,6 +57,8 @@ using ExactTileFunctions = TileFunctions<int16_t, int16_t>;
 // are multiplied by the factor of the column, below 2^15, and divided by
 // 2^kFactorBits.
 using RoughTileFunctions = TileFunctions<uint8_t, int8_t>;
+// The factors are at most 6 (rough_matching.cc), so with 12 bits they stay
+// below 2^15; with 13 bits they would not.
 constexpr int kFactorBits = 12;
 
 // Exact kernels all return the same numbers.

@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// Cameras whose images are those of fisheyes, but whose model is perspective.
+// Cameras with a perspective model whose images look like those of a fisheye.
 struct FisheyeFinding {
   std::vector<std::string> cameras;  // names of sensors
   std::vector<int> camera_idxs;

@@ -81,9 +81,9 @@ struct FrameRetrievalOptions {
 // Retrieves similar frames by visual words. Every period-th frame of a sequence
 // is a query and is compared with all others as a rigid unit: the similarity of
 // two frames is the sum over their image pairs, so that cameras vote jointly.
-// Of the num_images most similar frames, the num_images_after_verification with
-// the most spatially consistent words over all image pairs are kept (all if it
-// is 0). Of these, the image pairs with enough consistent words are selected.
+// The num_images most similar frames are ranked by spatially consistent words
+// over all image pairs; the first num_images_after_verification (0: all) are
+// kept. Their image pairs with enough consistent words are selected.
 // `images` are those of `index`.
 ImagePairList RetrievePairs(const std::vector<FrameSequence>& sequences,
                             const std::vector<WordImage>& images,

@@ -83,7 +83,7 @@ class SensorOverlap {
   }
   bool Overlaps(int slot1, int slot2) const {
     const Count& count = counts_[slot1 * num_slots_ + slot2];
-    // Sensors without image in the probe frames may overlap.
+    // Sensors without images in the probe frames may overlap.
     if (count.num_probes == 0) return true;
     return count.num_verified > 0 &&
            count.num_verified >= min_ratio_ * count.num_probes;

@@ -292,9 +292,10 @@ Vocabulary Vocabulary::Read(const std::string& path) {
   const std::string bytes = ReadFile(path, "vocabulary tree '" + path + "'");
   const auto check = [&](bool is_sound) {
     if (is_sound) return;
-    throw Error("'" + path +
-                "' is no vocabulary tree of this program, or is damaged; make "
-                "it with vocab_tree_builder");
+    throw Error(
+        "'" + path +
+        "' is not a vocabulary tree of this program, or is damaged; make "
+        "it with vocab_tree_builder");
   };
   constexpr size_t kHeaderSize = sizeof(kMagic) - 1 + sizeof(int32_t);
   constexpr size_t kNodeSize = 3 * sizeof(int32_t) + kDim * sizeof(int16_t);

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <optional>
 
+#include "geometry/so3.h"
+
 namespace mgsfm {
 namespace {
 
@@ -87,7 +89,7 @@ class Similarity {
     const float y = RotatedY(*pair.feature1) + y_ - pair.feature2->y_px;
     if (!(x * x + y * y <= max_squared_distance_)) return false;
     if (std::abs(pair.Log2Scale() - log2_scale_) > kMaxLog2Scale) return false;
-    constexpr float kTwoPi = 6.2831853f;
+    constexpr auto kTwoPi = static_cast<float>(2.0 * kPi);
     return std::abs(std::remainder(pair.RotationRad() - rotation_rad_,
                                    kTwoPi)) <= kMaxRotationRad;
   }

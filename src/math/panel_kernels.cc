@@ -149,7 +149,7 @@ MGSFM_ALWAYS_INLINE void SubtractProductBody(const PanelView& A, int m, int n,
   }
 }
 
-// Processes strips of six columns; each strip is updated by all strips before.
+// Processes strips of six columns; each is updated by all previous ones.
 MGSFM_ALWAYS_INLINE bool FactorizePanelBody(int num_rows, int width, int stride,
                                             double* values, double* left,
                                             double* right) {

@@ -16,7 +16,7 @@ namespace {
 // Two calibrations of one rig differ by noise, far below this.
 constexpr double kMaxSensorRotationDeg = 5.0;
 
-// Gives out ids that are not taken: the wanted one if possible.
+// Assigns unused ids: the requested one if possible.
 template <class Id>
 class FreeIds {
  public:

@@ -4,6 +4,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "model_tools/point_removal.h"
 
 namespace mgsfm {
 namespace {
@@ -32,8 +33,6 @@ void KeepItems(const std::vector<int>& new_idx, std::vector<Item>* items) {
 
 void KeepObservations(const std::vector<int>& new_image_idx,
                       std::vector<Point3D>* points) {
-  // Two rays determine a point.
-  constexpr size_t kMinTrackLength = 2;
   for (Point3D& point : *points) {
     std::vector<Observation> track;
     for (const Observation& o : point.track) {
@@ -42,11 +41,7 @@ void KeepObservations(const std::vector<int>& new_image_idx,
     }
     point.track = std::move(track);
   }
-  points->erase(std::remove_if(points->begin(), points->end(),
-                               [](const Point3D& point) {
-                                 return point.track.size() < kMinTrackLength;
-                               }),
-                points->end());
+  RemovePointsOfShortTracks(points);
 }
 
 }  // namespace

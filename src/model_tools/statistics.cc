@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <algorithm>
+#include <optional>
 #include <set>
-#include <utility>
+#include <vector>
 
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/model_tools/model_tools.h"
+#include "model_tools/point_removal.h"
 
 namespace mgsfm {
 namespace {
@@ -28,8 +29,6 @@ std::optional<double> ReprojectionErrorPx(const SceneModel& model,
 }  // namespace
 
 void RemoveLargeErrors(double max_error_px, SceneModel* model) {
-  // Two rays determine a point.
-  constexpr size_t kMinTrackLength = 2;
   std::vector<Point3D>& points = model->reconstruction.points;
   for (Point3D& point : points) {
     double sum_px = 0.0;
@@ -45,11 +44,7 @@ void RemoveLargeErrors(double max_error_px, SceneModel* model) {
     point.track.shrink_to_fit();
     if (num_kept > 0) point.error_px = sum_px / static_cast<double>(num_kept);
   }
-  points.erase(std::remove_if(points.begin(), points.end(),
-                              [](const Point3D& point) {
-                                return point.track.size() < kMinTrackLength;
-                              }),
-               points.end());
+  RemovePointsOfShortTracks(&points);
   points.shrink_to_fit();
 }
 

@@ -511,6 +511,8 @@ std::vector<int> RejectWrongLoops(const std::vector<SceneModel>& sub_maps,
 std::vector<Sim3> AverageSimilarities(const std::vector<SceneModel>& sub_maps,
                                       const std::vector<SubMapEdge>& edges,
                                       const std::vector<int>& forest) {
+  // Rings of 3 to 200 sub-maps with simulated drift, up to half of their
+  // extent, need 4 to 20 steps.
   constexpr int kMaxNumSteps = 50;
   std::vector<Sim3> world_from = PlaceByForest(sub_maps.size(), edges, forest);
   const std::vector<ForestStep> steps =

@@ -20,7 +20,7 @@
 namespace mgsfm {
 namespace {
 
-// In radians: sub-maps that are 0.5 m apart after averaging shift a point at a
+// Radians. Sub-maps that are 0.5 m apart after averaging shift a point at a
 // distance of 10 m by this angle.
 constexpr double kMaxAngleBetweenEqualPoints = 0.05;
 // The largest ratio of the distances of two equal points from one camera. The

@@ -50,7 +50,7 @@ struct SubMapEdge {
   Sim3 first_from_second;
   int num_common_images = 0;
   int num_points = 0;  // that matches across agree on
-  // The same places in the worlds of both.
+  // The same places in the worlds of both sub-maps.
   std::array<Eigen::Vector3d, 4> anchors1, anchors2;
   bool is_used = true;
   // The contradiction of a loop closure with the chain of sub-maps.

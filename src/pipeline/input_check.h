@@ -18,8 +18,8 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                 const MapperOptions& options, const Context& context,
                 MapperResult* result);
 
-// Adds focal lengths that were estimated but are uncertain. Once per camera;
-// not if the estimate agrees with the initial value.
+// Reports estimated focal lengths that are uncertain, once per camera, unless
+// the estimate agrees with the initial value.
 void AddUncertainFocalLengths(const Scene& scene, MapperResult* result);
 
 // Logs at most five findings, as warnings.

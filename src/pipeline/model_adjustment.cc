@@ -37,8 +37,10 @@ double ExtentOf(const Reconstruction& model) {
 }
 
 // Drift moves frames by less than the extent of their path. Positions that
-// require more are not those of these images.
+// require more belong to other images.
 bool IsPlausible(const ModelDeformation& deformation, double extent) {
+  // Not measured. A larger value accepts wrong positions; a smaller one leaves
+  // the model unregistered, with a warning, where drift is large.
   constexpr double kMaxShareOfExtent = 0.5;
   return deformation.max_shift <= kMaxShareOfExtent * extent;
 }

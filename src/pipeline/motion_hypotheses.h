@@ -33,7 +33,7 @@ struct MotionProblem {
   const FrameDepths& depths;
   double max_error_px;
   double max_relative_baseline_error;
-  // What moves a keypoint by max_error_px, in the median.
+  // The median displacement of the rig that moves a keypoint by max_error_px.
   double noise_displacement = 0.0;
 
   FrameMatches MatchesOf(int earlier,
@@ -45,7 +45,7 @@ struct MotionProblem {
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
-// Per sequence of the order and step.
+// The hypotheses of each step of each sequence.
 using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
 
 // Motions that correspondences with depth support, and those of pairs of equal

@@ -86,7 +86,7 @@ Baselines CollectBaselines(const Scene& scene, const FramePairIndex& index,
   return result;
 }
 
-// The unit of length of the expected poses, in that of the model.
+// The unit of length of the expected poses, in units of the model.
 double UnitInModel(const Baselines& baselines) {
   std::vector<double> units;
   for (const Baseline& b : baselines.within_frames) {

@@ -79,15 +79,15 @@ std::vector<std::optional<double>> AverageLengths(
   return lengths;
 }
 
-// What the path expects of a pair.
+// The relative pose that the path predicts for a pair.
 struct ExpectedPair {
   size_t pair_idx = 0;
   Rigid3 cam2_from_cam1;
   double drift_rad = 0.0;
 };
 
-// The relative pose of a pair by the motion from frame 1 to frame 2 of its
-// frames, if the places of its sensors in the rig are known.
+// The relative pose of a pair, given the motion between its two frames. nullopt
+// unless the poses of its sensors in the rig are known.
 std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
                                      size_t pair_idx,
                                      const Rigid3& rig2_from_rig1) {
@@ -487,7 +487,7 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   ViewGraphOptions of_prediction = verification;
   of_prediction.min_num_inliers =
       std::min(*verification.min_num_inliers, kMinNumPredicted);
-  // Once from the path, and once from the poses found.
+  // The second round starts from the poses that the first has found.
   for (int round = 0; round < 2; ++round) {
     judged = VerifyPairs(problem, path, judged, of_prediction, context,
                          &motion.pair_of_scene);

@@ -168,7 +168,7 @@ constexpr bool kIsRaw =
     std::is_same_v<T, Observation> || std::is_same_v<T, Eigen::Vector2f> ||
     std::is_same_v<T, Eigen::Vector3d>;
 
-// A value to read into.
+// A placeholder that reading overwrites.
 template <class T>
 T Blank() {
   if constexpr (std::is_same_v<T, Camera>) {

@@ -10,6 +10,7 @@
 
 namespace mgsfm {
 
+// SVG attributes that the charts share.
 constexpr char kTextStyle[] = "font-size='12'";
 constexpr char kMutedStyle[] = "font-size='12' opacity='0.7'";
 constexpr char kRightStyle[] = "font-size='12' text-anchor='end'";

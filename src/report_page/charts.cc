@@ -15,8 +15,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Json = nlohmann::ordered_json;
 
+// Sizes of drawings in this file are in pixels of the page at its full width.
 constexpr double kWidth = 960.0;
-constexpr size_t kMaxSensors = 12;
+constexpr size_t kMaxSensors = 12;  // four rows of Grid
 
 std::string SensorLabel(const PageModel& model, int sensor_idx) {
   const std::string& name = model.input.scene.sensors[sensor_idx].name;

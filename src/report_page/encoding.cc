@@ -30,8 +30,6 @@ size_t SharedPrefix(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string ToBase64(const std::string& bytes) {
-  static constexpr char kDigits[] =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string text;
   text.reserve(Base64Size(bytes.size()));
   for (size_t i = 0; i < bytes.size(); i += 3) {
@@ -42,13 +40,15 @@ std::string ToBase64(const std::string& bytes) {
       if (k < num_bytes) group |= static_cast<unsigned char>(bytes[i + k]);
     }
     for (size_t k = 0; k < 4; ++k) {
-      text += k <= num_bytes ? kDigits[(group >> (18 - 6 * k)) & 63] : '=';
+      text +=
+          k <= num_bytes ? kBase64Digits[(group >> (18 - 6 * k)) & 63] : '=';
     }
   }
   return text;
 }
 
 std::string Hash(const std::string& bytes) {
+  // 64-bit FNV-1a.
   constexpr uint64_t kBasis = 14695981039346656037u, kPrime = 1099511628211u;
   uint64_t hash = kBasis;
   for (const char c : bytes) {

@@ -48,7 +48,8 @@ Json ParseReport(const std::string& text, const Context& context) {
   if (text.empty()) return Json::object();
   Json report = Json::parse(text, nullptr, false);
   if (!report.is_object()) {
-    context.Warning("the report of the run is no JSON object; it is ignored");
+    context.Warning(
+        "the report of the run is not a JSON object; it is ignored");
     return Json::object();
   }
   WarnOfNewerVersion(GetText(report, "mgsfm_version"), context);
@@ -101,7 +102,7 @@ std::string FillPage(const std::string& title, const char* policy,
 }
 
 std::string TitleOf(const std::string& title) {
-  constexpr size_t kMaxBytes = 500;
+  constexpr size_t kMaxBytes = 500;  // longer titles do not fit a heading
   return EscapeHtml(Shorten(title, kMaxBytes));
 }
 

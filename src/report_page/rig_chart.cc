@@ -5,6 +5,7 @@
 #include <map>
 #include <utility>
 
+#include "geometry/so3.h"
 #include "report_page/chart_parts.h"
 #include "report_page/charts.h"
 #include "report_page/encoding.h"
@@ -18,9 +19,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Json = nlohmann::ordered_json;
 
+// Pixels of the page.
 constexpr double kWidth = 960.0, kPanelWidth = 450.0, kPanelHeight = 300.0;
-constexpr size_t kMaxRigs = 4;
-constexpr double kDegPerRad = 57.29577951308232;
+constexpr size_t kMaxRigs = 4;  // bounds the height of the chart
 
 struct DrawnSensor {
   int sensor_idx;
@@ -136,7 +137,7 @@ void DrawUncertainty(const DrawnSensor& sensor, const Panel& panel,
   const Vector2d major = axes.eigenvectors().col(0);
   drawing->Ellipse(
       panel.ToPage(sensor.center), radii,
-      kDegPerRad * std::atan2(major.y(), major.x()),
+      RadToDeg(std::atan2(major.y(), major.x())),
       "fill='" + color + "' fill-opacity='0.25' stroke='" + color + "'");
 }
 

@@ -71,7 +71,7 @@ Vector3d UpInWorld(const Scene& scene, const Projector& projector) {
 // Tangents of half the angles of view, bounded so that wide fields of view can
 // be drawn as a pyramid.
 Json HalfViewTangents(const Camera& camera) {
-  constexpr double kMax = 1.2;
+  constexpr double kMax = 1.2;  // a field of view of 100 degrees
   const auto tangent = [&](const Eigen::Vector2d& pixel) {
     const auto ray = RayFromPixel(camera.model, camera.params.data(), pixel);
     if (!ray || ray->z() <= 0.0) return kMax;
@@ -439,12 +439,14 @@ SceneData MakeSceneData(const PageModel& model,
   Json header = AddFixedParts(model, shown, box, options.max_bytes, &arrays);
   const size_t num_fixed_bytes =
       ToScriptJson(header).size() + Base64Size(arrays.bytes().size());
-  // The remaining bytes, before base64, are shared in these parts.
+  // Base64 needs 4 characters for 3 bytes.
   const auto max_bytes = static_cast<double>(options.max_bytes);
   const double num_left =
       0.74 * (max_bytes - std::min<double>(max_bytes, num_fixed_bytes));
+  // Chosen by eye. Their sum of 0.99 leaves room for the directory of arrays.
   constexpr double kPointShare = 0.35, kTrackShare = 0.35,
                    kThumbnailShare = 0.29;
+  // Position 8, colour 3, error 1, length of the track 1.
   constexpr size_t kBytesPerPoint = 13;
   const auto share = [&](double part) {
     return static_cast<size_t>(part * num_left);

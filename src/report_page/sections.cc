@@ -18,10 +18,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 using Row = std::vector<std::string>;  // HTML of the cells
 
+// Bounds the size of the page; the report and the model have all rows.
 constexpr size_t kMaxRows = 60;
 
 std::string Text(const std::string& text) {
-  constexpr size_t kMaxBytes = 600;
+  constexpr size_t kMaxBytes = 600;  // a cell of some lines
   return "<bdi>" + EscapeHtml(Shorten(text, kMaxBytes)) + "</bdi>";
 }
 

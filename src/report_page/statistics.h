@@ -51,7 +51,8 @@ struct ImageCell {
 };
 
 struct SensorStatistics {
-  static constexpr int kNumColumns = 24;
+  static constexpr int kNumColumns = 24;  // of cells in the error map
+  // The histogram ends at 4 px, the default of max_max_error.
   static constexpr double kBinPx = 0.1;
   static constexpr size_t kNumBins = 40;  // the last one takes larger errors
 

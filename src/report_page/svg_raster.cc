@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "base/text.h"
+#include "report_page/encoding.h"
 
 namespace mgsfm {
 namespace {
@@ -113,14 +114,12 @@ std::optional<cv::Scalar> ParseColor(const std::string& color) {
 }
 
 std::string DecodeBase64(const std::string& text) {
-  static const std::string kDigits =
-      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string bytes;
   uint32_t bits = 0;
   int num_bits = 0;
   for (const char c : text) {
-    const size_t digit = kDigits.find(c);
-    if (digit == std::string::npos) break;
+    const size_t digit = kBase64Digits.find(c);
+    if (digit == std::string_view::npos) break;
     bits = bits << 6 | static_cast<uint32_t>(digit);
     num_bits += 6;
     if (num_bits < 8) continue;

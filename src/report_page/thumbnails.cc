@@ -15,6 +15,8 @@
 namespace mgsfm {
 namespace {
 
+// Sufficient to recognise a place. A larger size or quality shows fewer images
+// within the bytes of a page.
 constexpr int kWidthPx = 192;
 constexpr int kJpegQuality = 60;
 // The size of a thumbnail; textured images of this size and quality need 3 to 8

@@ -19,6 +19,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// Pixels of the page.
 constexpr double kWidth = 960.0, kLeft = 70.0, kTop = 24.0;
 constexpr double kPlotWidth = 860.0;
 // Limits of the height of the plot, whatever the shape of the path.

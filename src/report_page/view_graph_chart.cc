@@ -36,8 +36,8 @@ void Count(size_t a, size_t b, size_t count, size_t num_bins,
   if (a != b) (*counts)[b * num_bins + a] += count;
 }
 
-// Long tracks are represented by bins at equal steps, so that the cost stays
-// linear.
+// Long tracks are represented by some bins at equal steps: without a bound, the
+// cost is quadratic in the length of a track.
 void CountCommonPoints(const PageModel& model, FrameMatrix* matrix) {
   constexpr size_t kMaxBinsPerTrack = 64;
   for (const Point3D& point : model.input.reconstruction.points) {
@@ -155,6 +155,7 @@ void DrawSeams(const std::set<std::pair<int, int>>& seams,
 
 std::string ViewGraphChart(const PageModel& model) {
   if (model.input.scene.frames.size() < 2) return "";
+  // Pixels of the page.
   constexpr double kSize = 560.0, kLeft = 60.0, kTop = 12.0;
   SvgDrawing drawing(960.0, kTop + kSize + 44.0);
   const Vector2d corner(kLeft, kTop), size(kSize, kSize);

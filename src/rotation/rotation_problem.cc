@@ -31,7 +31,7 @@ Vector3d GravityResidual(const GravityTerm& term, const RotationState& state) {
 void ComputeResiduals(const RotationProblem& problem,
                       const RotationState& state, int num_threads,
                       std::vector<Vector3d>* residuals) {
-  // Less work than this does not pay for starting a thread.
+  // Less work than this does not justify a thread.
   constexpr size_t kBlockSize = 4096;
   residuals->resize(problem.edges.size());
   ParallelFor(

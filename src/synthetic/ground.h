@@ -23,6 +23,7 @@ class Ground {
   // Distance to the centre line of the road, at most kMaxRoadDistance_m;
   // bilinear.
   double RoadDistanceAt(const Eigen::Vector2d& position) const;
+  // Lane, kerb and pavement end at 5.4 m.
   static constexpr double kMaxRoadDistance_m = 8.0;
 
   // The distance at which a ray of unit direction that starts above the ground

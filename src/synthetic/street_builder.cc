@@ -14,7 +14,8 @@ namespace {
 // Minimum distances of facades and street furniture to the path of the drive.
 constexpr double kFacadeClearance_m = 4.5;
 constexpr double kFurnitureClearance_m = 2.2;
-// Dimensions of the simulated street. They only need to be plausible.
+// Dimensions of the simulated street, here and in the functions below. They
+// only need to be plausible. Nodes are one metre apart.
 constexpr double kFoundation_m = 2.0;
 constexpr double kBuildingDepth_m = 8.0;
 constexpr double kGapProbability = 0.35;
@@ -101,6 +102,7 @@ void StreetBuilder::BuildFacades(int side) {
 }
 
 void StreetBuilder::AddEndWalls(int node, int side, const Block& block) {
+  // A wall is left out as a whole if its centre is near the road.
   constexpr double kPiece_m = 2.0;
   for (double depth = 0.0; depth < kBuildingDepth_m; depth += kPiece_m) {
     AddWall(Beside(node, side, block.offset_m + depth),
@@ -110,7 +112,7 @@ void StreetBuilder::AddEndWalls(int node, int side, const Block& block) {
 }
 
 void StreetBuilder::PlaceFurniture(int side) {
-  constexpr int kCarNodes = 6;
+  constexpr int kCarNodes = 6;  // a car and a gap
   Random random = RandomOf(seed_, Effect::kStreetFurniture, side + 1);
   const std::vector<RoadNode>& nodes = road_.nodes();
   int next_car = 0;

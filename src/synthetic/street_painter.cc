@@ -126,7 +126,7 @@ Color StreetPainter::PaintHouse(const Coat& coat, double u, double v,
 
 Color StreetPainter::PaintCar(const Coat& coat, double length_m, double piece_u,
                               double v, double footprint_m) const {
-  constexpr double kMinSide_m = 3.0;
+  constexpr double kMinSide_m = 3.0;  // sides of 4 m have wheels, ends do not
   const Place place{coat.begin_m + piece_u, v, footprint_m};
   Color color =
       RandomColor(HashSeed(coat.seed, 1), 0.2f, 0.7f, 0.6f) +
@@ -185,6 +185,7 @@ Color StreetPainter::PaintSurface(const SurfaceHit& hit,
 
 Color StreetPainter::PaintGround(const Eigen::Vector3d& point,
                                  double footprint_m) const {
+  // The dimensions only need to be plausible.
   constexpr double kLane_m = 3.0, kKerb_m = 0.2, kPavement_m = 2.2;
   const Place place{point.x(), point.y(), footprint_m};
   const uint32_t seed = HashSeed(seed_, 0xFFFF0000u);

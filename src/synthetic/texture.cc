@@ -105,7 +105,7 @@ float Stones(const Place& place, double width_m, double height_m,
 
 Window Windows(const Place& place, double cell_width_m, double cell_height_m,
                uint32_t seed) {
-  constexpr double kFrame_m = 0.08;
+  constexpr double kFrame_m = 0.08;  // only needs to be plausible
   const CellPlace at =
       CellOf(place.u_m / cell_width_m, place.v_m / cell_height_m);
   const uint32_t bits = HashCell(at.column, at.row, seed);

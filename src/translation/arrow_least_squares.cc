@@ -14,7 +14,7 @@ using Eigen::VectorXd;
 using SparseMatrix = Eigen::SparseMatrix<double>;
 using Coordinates = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-// Units of parallel work; less does not pay for starting a thread.
+// Units of parallel work; less does not justify a thread.
 constexpr Eigen::Index kRowsPerRange = 32768;
 constexpr int kEntriesPerRange = 1 << 17;
 

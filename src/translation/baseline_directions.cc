@@ -45,7 +45,7 @@ constexpr double kLogFailureProbability = -9.2;  // log(1e-4)
 // hypotheses, all matches refine the best.
 constexpr size_t kMaxNumScored = 200;
 
-// The matches of a pair as the estimation reads them.
+// The matches of a pair in the layout that the estimation reads.
 struct BaselineMatches {
   const std::vector<Vector3d>& rays1;  // in world axes
   const std::vector<Vector3d>& rays2;

@@ -70,7 +70,7 @@ double BlockFunction::Cost(const MatrixXd& z) const {
 }
 
 void BlockFunction::Prox(double rho, const MatrixXd& v, MatrixXd* z) const {
-  // Less work than this does not pay for starting a thread.
+  // Less work than this does not justify a thread.
   constexpr size_t kBlocksPerItem = 16384;
   ParallelFor(
       blocks.size(), num_threads,

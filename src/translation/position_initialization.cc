@@ -310,7 +310,7 @@ std::optional<MatrixXd> ExtrinsicCovariance(const BlockSystem& system,
                                             const Unknowns& unknowns,
                                             size_t num_free_sensors,
                                             int num_threads) {
-  // Their columns are consecutive.
+  // The columns of both are consecutive.
   const int size = 3 * static_cast<int>(num_free_sensors) +
                    (unknowns.unit_column.has_value() ? 1 : 0);
   if (size == 0) return MatrixXd(0, 0);
@@ -351,8 +351,8 @@ MatrixXd FindUnobservable(const MatrixXd& covariance, size_t num_free_sensors) {
 // Holds undetermined directions at zero.
 void AddUnobservable(const MatrixXd& unobservable, const Unknowns& unknowns,
                      BlockSystem* system) {
-  // Heavier than all data rows can pull (docs/maths/translation.md, section 3),
-  // so that it holds exactly.
+  // Exceeds the pull of all data rows together (docs/maths/translation.md,
+  // section 3), so that the constraint holds exactly.
   const double weight = 0.1 * std::sqrt(system->num_rows());
   for (Eigen::Index k = 0; k < unobservable.rows(); ++k) {
     for (Eigen::Index c = 0; c < unobservable.cols(); ++c) {

@@ -30,8 +30,8 @@ struct PairScales {
 
 // Knowledge of the lengths of baselines beside the depths of their matches.
 struct LengthHints {
-  // Sets of pairs of the same length, as two cameras of a rig have in all
-  // frames.
+  // Sets of pairs with equal baselines: two cameras of a rig have the same one
+  // in all frames.
   std::vector<std::vector<int>> equal_pairs = {};
   // Per pair, in one unknown unit; empty if none is expected.
   std::vector<std::optional<double>> expected = {};

@@ -14,10 +14,6 @@
 namespace mgsfm {
 namespace {
 
-// Errors of positions by pairs alone, before points are used: some degrees of
-// error in the direction to a point. Half or twice the value changes errors by
-// at most 2 % (docs/results/constants.md).
-constexpr double kCoarseErrorRad = DegToRad(4.0);
 // The coarse refinement prepares a second triangulation, so it ends early.
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kCoarseFunctionTolerance = 1e-3;

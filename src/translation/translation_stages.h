@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/solver.h"
@@ -29,6 +30,10 @@ namespace mgsfm {
 // tighter, they would start the refinement no better: errors along long bends
 // are gone after its first step.
 constexpr double kStartTolerance = 1e-3;
+// Errors of positions by pairs alone, before points are used: some degrees of
+// error in the direction to a point. Half or twice the value changes errors by
+// at most 2 % (docs/results/constants.md).
+constexpr double kCoarseErrorRad = DegToRad(4.0);
 
 // Directions (baseline_directions.h) and relative lengths (scale_averaging.h)
 // of the baselines of pairs.

@@ -12,6 +12,7 @@
 #include "base/text.h"
 #include "geometry/so3.h"
 #include "io/files/file_operations.h"
+#include "io/files/image_limits.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -44,9 +45,7 @@ struct Plan {
 };
 
 std::optional<ImageSize> SizeOfFile(const fs::path& path) {
-  // Headers, and the previews in them, are much shorter.
-  constexpr size_t kMaxHeaderSize = 1 << 20;
-  return ReadImageSize(ReadFile(path, "", kMaxHeaderSize));
+  return ReadImageSize(ReadFile(path, "", kMaxImageHeaderBytes));
 }
 
 // ------------------------------------------------------------------- views
@@ -103,7 +102,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
   for (const std::string& name : input.names) {
     const auto size = SizeOfFile(input.image_path / name);
     if (!size) {
-      context.Warning("'" + name + "' is skipped because it is no image");
+      context.Warning("'" + name + "' is skipped because it is not an image");
       continue;
     }
     const auto [found, is_new] = folder_of_path.emplace(
@@ -280,7 +279,7 @@ std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
     if (line == given.end()) {
       throw Error("the images in the folder '" +
                   (folder.path.empty() ? "." : folder.path) +
-                  "' are no panoramas, so their intrinsics must be known; add "
+                  "' are not panoramas, so their intrinsics must be known; add "
                   "a line for the folder to camera_params_path");
     }
     file += *line + "\n";

@@ -60,8 +60,8 @@ double AngleToAxis(const Vector3d& ray) {
   return AngleBetween(ray, Vector3d::UnitZ().eval());
 }
 
-// PINHOLE with the principal point and the resolution of the camera on its
-// optical axis, which are its parameters for most models.
+// A PINHOLE camera with the principal point and the resolution that the camera
+// has on its optical axis. Most models have these as parameters.
 Camera PinholeOnAxis(const Camera& camera) {
   Eigen::Matrix<double, 2, 3> jacobian;
   const auto center = ProjectToPixel(camera.model, camera.params.data(),
@@ -160,7 +160,7 @@ bool IsTooWide(const Camera& camera, const Camera& pinhole) {
 
 // ---------------------------------------------------- size of pinhole images
 
-// The range of one coordinate of the pixels of a border in the pinhole image.
+// The range of one coordinate of border pixels, projected to the pinhole image.
 struct Extent {
   double min = std::numeric_limits<double>::infinity();
   double max = -std::numeric_limits<double>::infinity();
@@ -179,8 +179,8 @@ Extent ExtentOf(const std::vector<Vector2d>& pixels, int axis,
   return extent;
 }
 
-// COLMAP's factor of the size of an image along one axis: between the size
-// without blank pixels and that with all pixels of the original.
+// The scale of one image side, as in COLMAP. It interpolates between the size
+// without blank pixels and the size with all pixels of the original.
 double ScaleOfSize(const Extent& begin, const Extent& end, double center,
                    int size, const ViewOptions& options) {
   const double after_center = size - 0.5 - center;

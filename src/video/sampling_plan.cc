@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/nanoseconds.h"
 #include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
 
@@ -19,7 +20,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr char kPlanName[] = "video_sampling.json";
 constexpr int64_t kNanosecondsPerMillisecond = 1'000'000;
-constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
 
 bool AreDistinct(const std::vector<std::string>& names) {
   return std::set<std::string>(names.begin(), names.end()).size() ==
@@ -63,7 +63,7 @@ std::vector<std::string> NamesOfTimes(const std::vector<int64_t>& times_ns) {
     for (const int64_t time_ns : times_ns) {
       const int64_t units =
           (time_ns - times_ns.front() + per_unit / 2) / per_unit;
-      const int64_t per_second = kNanosecondsPerSecond / per_unit;
+      const int64_t per_second = kNsPerSecond / per_unit;
       char name[48];
       std::snprintf(name, sizeof(name), "%06lld.%0*lld",
                     static_cast<long long>(units / per_second), num_decimals,

@@ -70,7 +70,7 @@ class VideoFile {
     av_log_set_level(AV_LOG_QUIET);  // errors become exceptions
     std::error_code ignored;
     if (!fs::is_regular_file(path, ignored)) {
-      Throw(path, "does not exist or is no file; check the path");
+      Throw(path, "does not exist or is not a file; check the path");
     }
     Open();
     if (avformat_find_stream_info(format_.get(), nullptr) < 0) ThrowDamaged("");
@@ -102,7 +102,7 @@ class VideoFile {
   }
 
   [[noreturn]] void ThrowDamaged(const std::string& reason) const {
-    Throw(path_, "is damaged or no video" +
+    Throw(path_, "is damaged or not a video" +
                      (reason.empty() ? "" : " (" + reason + ")") +
                      "; copy it again from the camera or repair it");
   }
@@ -179,7 +179,7 @@ void SetColourSpace(const AVFrame& frame, SwsContext* scaler) {
       is_known ? static_cast<int>(frame.colorspace)
                : (frame.height >= 720 ? SWS_CS_ITU709 : SWS_CS_ITU601));
   const bool is_full = frame.color_range == AVCOL_RANGE_JPEG;
-  constexpr int kNeutral = 1 << 16;
+  constexpr int kNeutral = 1 << 16;  // contrast and saturation of 1, in 16.16
   sws_setColorspaceDetails(scaler, from, is_full ? 1 : 0,
                            sws_getCoefficients(SWS_CS_DEFAULT), 1, 0, kNeutral,
                            kNeutral);

@@ -9,6 +9,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
 
+#include "base/nanoseconds.h"
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "io/files/file_operations.h"
@@ -24,12 +25,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kSecondInNanoseconds = 1e9;
 // Sharpness needs more pixels than motion; still larger images add nothing.
 constexpr int kAnalysisSizePx = 640;
 
 std::string SecondsText(int64_t time_ns) {
-  return FormatDouble(static_cast<double>(time_ns) / kSecondInNanoseconds,
+  return FormatDouble(static_cast<double>(time_ns) / kNsPerSecond,
                       std::chars_format::fixed, 3);
 }
 
@@ -76,7 +76,7 @@ std::vector<int64_t> ParseOffsets(const std::string& list, size_t num_videos) {
     if (!offset_s || std::abs(*offset_s) > 1e9) {
       throw Error("time_offsets: '" + word + "' is not a number of seconds");
     }
-    offsets_ns.push_back(std::llround(*offset_s * kSecondInNanoseconds));
+    offsets_ns.push_back(std::llround(*offset_s * kNsPerSecond));
   }
   if (offsets_ns.empty()) offsets_ns.resize(num_videos, 0);
   if (offsets_ns.size() != num_videos) {
@@ -124,7 +124,8 @@ std::vector<Video> ReadVideos(const std::vector<fs::path>& paths,
 void SuggestCreationTimes(const std::vector<Video>& videos,
                           const VideoSamplingOptions& options,
                           const Context& context) {
-  constexpr int64_t kPrecisionNs = 1'000'000'000;
+  // Containers store creation times as whole seconds.
+  constexpr int64_t kPrecisionNs = kNsPerSecond;
   if (options.alignment == VideoAlignment::kCreationTime ||
       !options.time_offsets->empty()) {
     return;
@@ -146,7 +147,7 @@ void SuggestCreationTimes(const std::vector<Video>& videos,
 int64_t MaxDifferenceNs(const Video& a, const Video& b,
                         const VideoSamplingOptions& options) {
   if (options.max_time_difference_s > 0.0) {
-    return std::llround(options.max_time_difference_s * kSecondInNanoseconds);
+    return std::llround(options.max_time_difference_s * kNsPerSecond);
   }
   return std::max(MedianInterval(a.index.times_ns).value_or(0),
                   MedianInterval(b.index.times_ns).value_or(0)) /
@@ -332,8 +333,7 @@ std::string Extractor::Timestamps() const {
       const auto& time_ns = plan_.frames[i].times_ns[v];
       if (!time_ns || !HasImage(i, v)) continue;
       const double time_s =
-          static_cast<double>(*time_ns + plan_.offsets_ns[v]) /
-          kSecondInNanoseconds;
+          static_cast<double>(*time_ns + plan_.offsets_ns[v]) / kNsPerSecond;
       lines += ImageName(i, v) + ' ' +
                FormatDouble(time_s, std::chars_format::fixed, 6) + '\n';
     }

@@ -20,7 +20,7 @@ struct EnumTable<VideoSampling> {
       {"motion", VideoSampling::kMotion}, {"rate", VideoSampling::kRate}};
 };
 
-// The common property of the time stamps of different videos.
+// What the time stamps of different videos have in common.
 enum class VideoAlignment {
   kTimestamps,    // the clock
   kStart,         // nothing, but all first images are simultaneous
@@ -53,7 +53,7 @@ struct VideoSamplingOptions {
       "Motion of the image content from one sampled image to the next. "
       "Increase it for fewer images."};
   Option<double> rate{"rate", 2.0, Between(0.001, 1000.0), "images/s",
-                      "Images per second, for sampling rate."};
+                      "Images per second if sampling is rate."};
   Option<VideoAlignment> alignment{
       "alignment", VideoAlignment::kTimestamps,
       "timestamps: the time stamps of all videos have one clock, as if all "

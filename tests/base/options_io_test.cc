@@ -133,7 +133,7 @@ TEST(LoadOptions, FilesStateTheVersionThatWroteThem) {
               Not(HasSubstr("wrote")));
   EXPECT_THAT(LoadError("mgsfm_version = 1000.0.0"),
               AllOf(HasSubstr("newer than this"), HasSubstr("update")));
-  EXPECT_THAT(LoadError("mgsfm_version = new"), HasSubstr("no version"));
+  EXPECT_THAT(LoadError("mgsfm_version = new"), HasSubstr("not a version"));
 }
 
 TEST(IsNewerVersion, PatchesAreCompatible) {

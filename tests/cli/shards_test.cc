@@ -205,13 +205,13 @@ TEST_F(Shards, ContradictionsAreRefused) {
               HasSubstr("is missing"));
   EXPECT_THAT(MergeError(Path("1.db") + "," + Path("2.db")),
               HasSubstr("add the database"));
-  // Another share, other options, or a file that is no shard.
+  // Another share, other options, or a file that is not a shard.
   EXPECT_THAT(run(match + Path("1.db") + " --shard 2/2").second,
               HasSubstr("holds share 1/2"));
   EXPECT_THAT(run(match + Path("1.db") + " --shard 1/2 --random_seed 7").second,
               HasSubstr("other images or options"));
   EXPECT_THAT(run(match + Path("world.db") + " --shard 1/2").second,
-              HasSubstr("is no shard"));
+              HasSubstr("is not a shard"));
   EXPECT_THAT(run(match + Path("3.db") + " --shard 3/2").second,
               HasSubstr("1 <= i <= n"));
   EXPECT_THAT(

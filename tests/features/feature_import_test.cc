@@ -143,7 +143,7 @@ TEST_F(FeatureImportTest, ASecondImportChangesNothing) {
 TEST_F(FeatureImportTest, BadFilesAreRefused) {
   EXPECT_THAT(ImportError(), HasSubstr("there is no file"));
   WriteTextFile(Path("features.h5"), "no HDF5");
-  EXPECT_THAT(ImportError(), HasSubstr("is no HDF5 file"));
+  EXPECT_THAT(ImportError(), HasSubstr("is not an HDF5 file"));
   WriteSmallFiles({2, -1});
   EXPECT_THAT(ImportError(),
               AllOf(HasSubstr("a-1.png/b-1.png"), HasSubstr("2 entries"),

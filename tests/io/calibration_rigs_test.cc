@@ -145,8 +145,8 @@ TEST_F(CalibrationRigsTest, NamesThatShareNoFrameAreAWarning) {
 
 TEST_F(CalibrationTest, OtherFilesAreRefused) {
   for (const char* text : {"", "[]", "a: 1", "- 3", "text"}) {
-    EXPECT_THAT(ErrorOfFile("x.yaml", text), HasSubstr("no calibration"));
-    EXPECT_THAT(ErrorOfFile("x.txt", text), HasSubstr("no calibration"));
+    EXPECT_THAT(ErrorOfFile("x.yaml", text), HasSubstr("not a calibration"));
+    EXPECT_THAT(ErrorOfFile("x.txt", text), HasSubstr("not a calibration"));
   }
   EXPECT_THAT(ErrorOf([&] { (void)ReadCalibration(Path("none.yaml")); }),
               HasSubstr("none.yaml"));

@@ -285,7 +285,7 @@ TEST_F(VideoSamplingTest, FilesThatAreNoVideosAreNamed) {
        {"text.mp4", "empty.mp4", "list.m3u8", "concat.mp4"}) {
     EXPECT_THAT(ErrorOf({"front.mkv", name}),
                 testing::AllOf(HasSubstr(Path(name).string()),
-                               HasSubstr("is damaged or no video")))
+                               HasSubstr("is damaged or not a video")))
         << name;
   }
   EXPECT_THAT(ErrorOf({"missing.mp4"}), HasSubstr("does not exist"));

@@ -34,7 +34,7 @@ constexpr Range GreaterThan(double min) {
 constexpr Range Between(double min, double max) {
   return {min, max, false, false};
 }
-// For strings that must not be empty.
+// The range of strings that must not be empty.
 constexpr Range Required() { return AtLeast(1); }
 
 // The documentation of an option. Texts are literals.

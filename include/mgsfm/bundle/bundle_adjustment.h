@@ -81,7 +81,7 @@ struct BundleAdjustmentOptions {
   Option<SolverBackend> backend{
       "backend", SolverBackend::kNative,
       "native is this library's solver, ceres uses Ceres with the same "
-      "derivatives. For comparison."};
+      "derivatives, for comparison."};
   Option<int> max_num_iterations{"max_num_iterations", 100, AtLeast(1),
                                  "iterations",
                                  "Maximum number of iterations of one solve."};
@@ -132,7 +132,8 @@ struct BundleAdjustmentOptions {
   Option<double> max_focal_length_ratio{"max_focal_length_ratio", 10.0,
                                         GreaterThan(0.0),
                                         "Refined focal lengths above this "
-                                        "multiple are also implausible."};
+                                        "multiple of the larger image side are "
+                                        "reported as implausible."};
   Option<double> max_extra_param{
       "max_extra_param", 1.0, GreaterThan(0.0),
       "Refined distortion parameters of larger magnitude are reported as "

@@ -16,7 +16,7 @@ struct Rigid3 {
   Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();
 
-  // From the rotation and the origin of b in frame a.
+  // `center_in_a` is the origin of b in frame a.
   static Rigid3 FromRotationAndCenter(const Eigen::Quaterniond& b_from_a,
                                       const Eigen::Vector3d& center_in_a) {
     return {b_from_a, -(b_from_a * center_in_a)};

@@ -96,10 +96,10 @@ std::string CameraLabel(const Scene& scene, int camera_idx);
 // remain valid.
 Scene SeparateImages(Scene scene);
 
-// The scene with the frames from `frame_name` on, in the order of names, in
-// rigs of their own with unknown sensor poses: for rigs that changed in
-// between. Indices of images and frames do not change. Throws Error unless the
-// frame exists and its rig has frames before it.
+// For rigs that changed during a drive: moves `frame_name` and all frames after
+// it, by name, to rigs of their own with unknown sensor poses. Indices of
+// images and frames do not change. Throws Error unless the frame exists and its
+// rig has frames before it.
 Scene SplitRig(Scene scene, const std::string& frame_name);
 
 // Unit rays of the keypoints of one image, in the camera frame. A keypoint

@@ -17,8 +17,8 @@
 
 namespace mgsfm {
 
-// Soft rig: each image gets its own pose near the one that its rig predicts.
-// For cameras that do not trigger simultaneously or are not rigidly mounted.
+// Soft rig: each image gets its own pose near the one that its rig predicts. It
+// serves cameras that do not trigger simultaneously or are not rigidly mounted.
 //
 // Model. Image i of sensor s in frame f has the pose cam_from_world = S_i G_f.
 // Its rig predicts S_i = S_s D_i: S_s is sensor_from_rig, and D_i is the motion
@@ -85,8 +85,8 @@ struct SoftRigOptions {
   Option<SoftRig> method{
       "method", SoftRig::kNone,
       "soft estimates a pose per image near the one the rig predicts, "
-      "time_offset also a trigger delay per camera from image timestamps. For "
-      "cameras that do not trigger simultaneously."};
+      "time_offset also a trigger delay per camera from image timestamps. Use "
+      "them if cameras do not trigger simultaneously."};
   Option<int> max_num_rounds{
       "max_num_rounds", 15, AtLeast(1), "rounds",
       "Maximum number of rounds. Raise it if the estimate has not converged."};

@@ -13,8 +13,8 @@ namespace mgsfm {
 
 enum class ViewNaming {
   kFolders,  // cam0/a.jpg becomes cam0_left/a.jpg
-  // cam0_left_a.jpg. Names stay unique if everything after their first dot
-  // is cut off, as some programs do.
+  // cam0/a.jpg becomes cam0_left_a.jpg. Names stay unique even if a program
+  // cuts off everything after the first dot.
   kFlat,
 };
 

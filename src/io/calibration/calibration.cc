@@ -124,7 +124,7 @@ std::vector<CalibratedCamera> ReadCalibration(const std::string& paths) {
     const auto found = ReadFormat(file);
     if (!found && !is_folder) {
       throw Error("'" + file.string() +
-                  "' is no calibration of a known format; the formats are "
+                  "' is not a calibration of a known format; the formats are "
                   "those of " +
                   kFormats);
     }

@@ -120,7 +120,7 @@ class CameraMatcher {
   }
 
  private:
-  // Cameras and images that are matched already take no part.
+  // Skips cameras and images that are already matched.
   template <class Predicate>
   void MatchWith(const Predicate& fits) {
     std::vector<std::pair<int, const Prefix*>> found;

@@ -10,6 +10,7 @@
 #include "geometry/rigid_matrix.h"
 #include "io/calibration/formats.h"
 #include "io/calibration/lens_models.h"
+#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -20,7 +21,6 @@ struct Line {
   std::string place;
   std::vector<std::string> words;
 };
-constexpr double kMaxSize = 1 << 20;  // px
 
 using Lines = std::map<std::string, Line>;
 
@@ -163,7 +163,7 @@ std::vector<CalibratedCamera> ReadKitti(const std::string& text,
     if (size != lines.end()) {
       const auto sides = Numbers(size->second, 2);
       if (!(sides[0] >= 1.0 && sides[1] >= 1.0 &&
-            std::max(sides[0], sides[1]) <= kMaxSize)) {
+            std::max(sides[0], sides[1]) <= kMaxImageSide_px)) {
         throw Error(size->second.place + " is not the size of an image");
       }
       camera.size_px.emplace(static_cast<int>(sides[0]),

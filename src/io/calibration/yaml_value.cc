@@ -5,12 +5,12 @@
 
 #include "base/text.h"
 #include "geometry/rigid_matrix.h"
+#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr int kMaxSize = 1 << 20;  // of a side of an image, in pixels
 // A matrix is a list of rows, and at most 4 x 4; lenses have fewer parameters.
 constexpr int kMaxDepth = 3;
 constexpr size_t kMaxNumNumbers = 64;
@@ -152,7 +152,8 @@ Rigid3 YamlValue::Pose() const {
 
 int YamlValue::Size() const {
   const double size = Number();
-  if (!(size >= 1.0 && size <= kMaxSize) || size != static_cast<int>(size)) {
+  if (!(size >= 1.0 && size <= kMaxImageSide_px) ||
+      size != static_cast<int>(size)) {
     Throw("is not a size in pixels; give a positive integer");
   }
   return static_cast<int>(size);

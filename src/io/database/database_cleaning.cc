@@ -8,7 +8,8 @@
 namespace mgsfm {
 namespace {
 
-// Those that refer to others first; each kind of rows includes the ones before.
+// A table with its kind of rows. Each kind includes the previous ones. Tables
+// that refer to others come first.
 struct CleanedTable {
   const char* name;
   CleanedRows rows;

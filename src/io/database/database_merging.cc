@@ -153,7 +153,7 @@ void PairCopier::CopyTwoViewGeometries(const SqliteDatabase& database,
     TwoViewGeometryRow pair{
         *new_id1, *new_id2, TwoViewConfig::kUndefined, {}, {}, {}, {}, {}};
     DecodeTwoViewGeometry(row, database.path(), NameOf(id1, id2), &pair);
-    // The pair as it is stored: swapping twice would change the last bits.
+    // Ordered as the output stores it: swapping twice changes the last bits.
     if (pair.image_id2 < pair.image_id1) SwapImages(&pair);
     const auto present =
         must_agree ? output_.ReadTwoViewGeometry(pair.image_id1, pair.image_id2)

@@ -209,7 +209,7 @@ void CheckKeypoints(const Source& source, const std::vector<ImageRow>& images) {
   }
 }
 
-// "the pair of images 3 'a.jpg' and 7 'b.jpg'"
+// For messages: "the pair of images 3 'a.jpg' and 7 'b.jpg'".
 std::string PairName(const ImageTable& images, int64_t id1, int64_t id2) {
   const auto name_of = [&](int64_t id) {
     const ImageRow* image = images.Find(id);

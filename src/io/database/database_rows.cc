@@ -32,7 +32,7 @@ bool AllFinite(const double* values, size_t size) {
                      [](double value) { return std::isfinite(value); });
 }
 
-// "the keypoints of image 'a.jpg'" are damaged.
+// `name` is plural, as in "the keypoints of image 'a.jpg'".
 [[noreturn]] void ThrowDamagedTable(const std::string& path,
                                     const std::string& name,
                                     const SqliteStatement& row,
@@ -252,7 +252,7 @@ void WriteRigRows(const std::vector<RigRow>& rigs, SqliteDatabase* database) {
     if (!rig.ref_camera_id) {
       ThrowDatabaseError(database->path(),
                          "cannot hold rig " + std::to_string(rig.id.value()) +
-                             ", whose reference is no camera" +
+                             ", whose reference is not a camera" +
                              kConfigureAgain);
     }
     rig_row.BindInt(1, rig.id.value());

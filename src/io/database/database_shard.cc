@@ -140,10 +140,11 @@ bool BeginShard(const ShardManifest& manifest, FeatureDatabase* database) {
   if (!begun) {
     if (!database->ReadStructure(Context()).images.empty() ||
         !database->CountMatches().empty()) {
-      ThrowDatabaseError(database->path(),
-                         "is no shard, but holds images or matches; choose a "
-                         "new file for share " +
-                             manifest.share.ToString());
+      ThrowDatabaseError(
+          database->path(),
+          "is not a shard, but holds images or matches; choose a "
+          "new file for share " +
+              manifest.share.ToString());
     }
     database->WriteShard(manifest);
     return false;

@@ -210,7 +210,7 @@ void FeatureDatabase::WriteKeypoints(
 
 void FeatureDatabase::WriteDescriptors(ImageId image_id,
                                        const DescriptorMatrix& descriptors) {
-  // Types of COLMAP 4.
+  // Feature types of COLMAP 4.
   constexpr int kUndefined = -1;
   constexpr int kSift = 0;
   SqliteStatement row = impl_->file().Prepare(

@@ -27,7 +27,7 @@ SqliteDatabase OpenOrThrow(const std::string& path,
   std::error_code ignored;
   if (path.front() == ':') {
     ThrowDatabaseError(path,
-                       "is no file to SQLite, and would be lost; choose "
+                       "is not a file to SQLite, and would be lost; choose "
                        "another name");
   }
   if (fs::is_directory(path, ignored)) {

@@ -72,7 +72,7 @@ class ReferenceCheck {
     for (const RigRow& rig : input_.contents.rigs) {
       const std::string name = "rig " + std::to_string(rig.id.value());
       if (!rig.ref_camera_id)
-        Throw(name + " has a reference that is no camera");
+        Throw(name + " has a reference that is not a camera");
       CheckCamera(name, *rig.ref_camera_id);
       for (const RigSensorRow& sensor : rig.sensors) {
         CheckCamera(name, sensor.camera_id);
@@ -370,7 +370,7 @@ size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
   if (!row.ref_camera_id) {
     ThrowDatabaseError(inputs_[input].path,
                        what +
-                           " has a reference sensor that is no camera; "
+                           " has a reference sensor that is not a camera; "
                            "configure the rigs again");
   }
   RigRow rig{RigId(0), NewId(input, *row.ref_camera_id), {}};

@@ -9,6 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "io/files/image_limits.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
@@ -17,9 +18,6 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Headers of images are at the beginning, after thumbnails of 64 KiB at most.
-constexpr size_t kMaxHeaderSize = size_t{1} << 20;
 
 void ThrowIf(const std::optional<std::string>& problem, const fs::path& path,
              const std::string& element) {
@@ -162,7 +160,7 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                 "(image_path)");
   }
   const std::optional<ImageSize> size =
-      ReadImageSize(ReadFile(file, "", kMaxHeaderSize));
+      ReadImageSize(ReadFile(file, "", kMaxImageHeaderBytes));
   if (!size) {
     throw Error("image '" + file.string() +
                 "' is damaged or of an unknown format; replace it");

@@ -26,14 +26,14 @@ class TransformsFrame {
   TransformsFrame(const Json& all, const Json& frame, size_t number,
                   const fs::path& path)
       : all_(all), frame_(frame), number_(number), path_(path) {
-    if (!frame.is_object()) Throw("is no object");
+    if (!frame.is_object()) Throw("is not an object");
   }
 
   std::optional<double> FindNumber(const char* field) const {
     const Json* value = Find(field);
     if (value == nullptr) return std::nullopt;
     if (!value->is_number() || !std::isfinite(value->get<double>())) {
-      Throw(std::string(field) + " is no finite number");
+      Throw(std::string(field) + " is not a finite number");
     }
     return value->get<double>();
   }
@@ -87,7 +87,7 @@ Rigid3 ReadPose(const TransformsFrame& frame) {
     for (int k = 0; k < 4; ++k) {
       const Json& value = row[static_cast<size_t>(k)];
       if (!value.is_number()) {
-        frame.Throw("an element of transform_matrix is no number");
+        frame.Throw("an element of transform_matrix is not a number");
       }
       world_from_gl(i, k) = value.get<double>();
     }
@@ -103,9 +103,9 @@ Rigid3 ReadPose(const TransformsFrame& frame) {
 }
 
 int Pixels(const TransformsFrame& frame, const char* field, double value) {
-  constexpr double kMaxSize = 1e9;
+  constexpr double kMaxSize = 1e9;  // fits an int; no image is that large
   if (!(value >= 1.0) || !(value <= kMaxSize) || value != std::floor(value)) {
-    frame.Throw(std::string(field) + " is no number of pixels");
+    frame.Throw(std::string(field) + " is not a number of pixels");
   }
   return static_cast<int>(value);
 }
@@ -186,7 +186,7 @@ Json ReadJson(const fs::path& path) {
       json.is_object() && json.contains("frames") && json["frames"].is_array();
   if (!has_frames) {
     throw Error("'" + path.string() +
-                "' is no transforms.json: it is no JSON, or has no list "
+                "' is not a transforms.json: it is not JSON, or has no list "
                 "'frames'; write it again");
   }
   return json;

@@ -62,7 +62,7 @@ PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
       return header;
     }
   }
-  Throw(path, "is no PLY file of points");
+  Throw(path, "is not a PLY file of points");
 }
 
 template <class T>
@@ -132,7 +132,8 @@ class VertexReader {
       std::string word;
       words_ >> word;
       const std::optional<double> value = ParseDouble(word);
-      if (!value) Throw(path_, "is truncated or has a word that is no number");
+      if (!value)
+        Throw(path_, "is truncated or has a word that is not a number");
       return *value;
     }
     const PlyType& type = *types_[property];

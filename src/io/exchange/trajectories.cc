@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "base/nanoseconds.h"
 #include "base/natural_order.h"
 #include "base/text.h"
 #include "io/exchange/exported_names.h"
@@ -15,8 +16,6 @@
 
 namespace mgsfm {
 namespace {
-
-constexpr int64_t kNanosecondsPerSecond = 1'000'000'000;
 
 // A line of a trajectory, of the frame or image with this name.
 struct Stop {
@@ -45,11 +44,11 @@ std::optional<int64_t> TimeOfName(const std::string& stem) {
       HasOnly(stem, "0123456789.") ? ParseDouble(stem) : std::nullopt;
   // Larger numbers do not fit into 64 bits of nanoseconds.
   if (!time_s || *time_s >= 9e9) return std::nullopt;
-  return std::llround(*time_s * kNanosecondsPerSecond);
+  return std::llround(*time_s * kNsPerSecond);
 }
 
 int64_t TimeOf(const Stop& stop) {
-  if (stop.time_s) return std::llround(*stop.time_s * kNanosecondsPerSecond);
+  if (stop.time_s) return std::llround(*stop.time_s * kNsPerSecond);
   const std::optional<int64_t> time_ns = TimeOfName(stop.stem);
   if (time_ns) return *time_ns;
   throw Error("the time of image '" + stop.name +
@@ -137,10 +136,9 @@ std::vector<ExportedFile> WriteTimed(const ExportInput& input,
 
 std::string TumLine(int64_t time_ns, const Rigid3& pose) {
   char time[40];
-  std::snprintf(
-      time, sizeof(time), "%s%lld.%09lld", time_ns < 0 ? "-" : "",
-      static_cast<long long>(std::abs(time_ns) / kNanosecondsPerSecond),
-      static_cast<long long>(std::abs(time_ns) % kNanosecondsPerSecond));
+  std::snprintf(time, sizeof(time), "%s%lld.%09lld", time_ns < 0 ? "-" : "",
+                static_cast<long long>(std::abs(time_ns) / kNsPerSecond),
+                static_cast<long long>(std::abs(time_ns) % kNsPerSecond));
   std::string line = time;
   for (const double value : pose.translation) line += ' ' + Digits(value);
   for (const double value : pose.rotation.coeffs()) line += ' ' + Digits(value);
@@ -161,7 +159,7 @@ std::string EurocLine(int64_t time_ns, const Rigid3& pose) {
 void CheckHasNoGap(const Trajectory& trajectory) {
   const std::vector<Stop>& stops = trajectory.stops;
   const auto number = [](const Stop& stop) -> std::optional<int64_t> {
-    constexpr size_t kMaxDigits = 18;
+    constexpr size_t kMaxDigits = 18;  // any such number fits 64 bits
     const bool is_number =
         HasOnly(stop.stem, "0123456789") && stop.stem.size() <= kMaxDigits;
     if (!is_number) return std::nullopt;

@@ -344,8 +344,8 @@ QuietImageLibraries::QuietImageLibraries()
   SetUpCodecs();
   cv::setNumThreads(1);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  // What follows throws nothing; otherwise std::cerr would keep a buffer that
-  // no longer exists.
+  // Nothing below may throw: std::cerr would keep a buffer that no longer
+  // exists.
   std::cerr.rdbuf(error_stream_.get());
   // libjpeg and libpng print to stderr, unless OpenCV asked them not to.
   cookie_io_functions_t functions{};

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kSuffixLength = 6;
+constexpr size_t kSuffixLength = 6;  // 36^6 names; one in use is drawn again
 
 // Names of temporary folders are this prefix and a random suffix.
 std::string StagingPrefix(const fs::path& target) {

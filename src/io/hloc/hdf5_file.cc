@@ -66,7 +66,7 @@ class Hdf5File::Impl {
       : path_(path), file_(Open(path), H5Fclose) {
     if (!file_.IsValid()) {
       throw Error("'" + path +
-                  "' is no HDF5 file, or is damaged; write it again");
+                  "' is not an HDF5 file, or is damaged; write it again");
     }
   }
 

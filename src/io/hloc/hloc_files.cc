@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "base/text.h"
+#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -16,8 +17,6 @@ namespace {
                                const std::string& problem) {
   throw Error("'" + path + "': the pair '" + Printable(group) + "' " + problem);
 }
-
-constexpr float kMaxSize = 1 << 20;  // px
 
 std::string WithDashes(std::string name) {
   std::replace(name.begin(), name.end(), '/', '-');
@@ -92,7 +91,7 @@ HlocFeatures HlocFeatureFile::Read(const std::string& image_name) const {
   if (file_.Has(image_name + "/image_size")) {
     const auto size = file_.ReadFloats(image_name + "/image_size").values;
     if (size.size() != 2 || !(size[0] >= 1.0f && size[1] >= 1.0f) ||
-        !(std::max(size[0], size[1]) <= kMaxSize)) {
+        !(std::max(size[0], size[1]) <= kMaxImageSide_px)) {
       Throw(image_name, "has an image_size that is not [width, height]");
     }
     features.size_px.emplace(static_cast<int>(size[0]),
@@ -141,7 +140,7 @@ std::vector<Match> HlocMatchFile::Read(const Pair& pair, size_t num_keypoints1,
                 problem + "; match it again");
   };
   if (partners.rows != 1 && !partners.values.empty()) {
-    fail("has matches0 that is no vector");
+    fail("has a matches0 that is not a vector");
   }
   if (partners.values.size() != num_keypoints1) {
     fail("has " + std::to_string(partners.values.size()) +

@@ -7,14 +7,14 @@
 
 #include "base/file_reading.h"
 #include "geometry/so3.h"
+#include "io/models/model_format.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr int32_t kCameraSensorType = 0;
+// x and y as doubles, and the id of the point.
 constexpr uint64_t kBytesPerKeypoint = 24;
-constexpr uint64_t kNoPoint = ~uint64_t{0};
 
 // Seven numbers: a quaternion w, x, y, z of any length, and a translation.
 template <class File>
@@ -25,7 +25,7 @@ Rigid3 ReadPoseOf(File* file) {
   const Eigen::Vector3d translation(v[4], v[5], v[6]);
   if (!(rotation.norm() > 0.0) || !std::isfinite(rotation.norm()) ||
       !translation.allFinite()) {
-    file->ThrowBad("a pose is no rotation and translation");
+    file->ThrowBad("a pose is not a rotation and a translation");
   }
   return {ToUnitQuaternion(rotation), translation};
 }
@@ -62,7 +62,7 @@ bool BinaryModelFile::NextItem() {
 
 std::optional<uint64_t> BinaryModelFile::ReadOptionalLongId() {
   const auto id = Read<uint64_t>();
-  if (id == kNoPoint) return std::nullopt;
+  if (id == kModelNoPoint) return std::nullopt;
   return id;
 }
 
@@ -89,7 +89,7 @@ const CameraModelInfo& BinaryModelFile::ReadCameraModel() {
 }
 
 bool BinaryModelFile::ReadSensorIsCamera() {
-  return Read<int32_t>() == kCameraSensorType;
+  return Read<int32_t>() == kModelCameraType;
 }
 
 void BinaryModelFile::SkipKeypoints() {
@@ -153,7 +153,7 @@ uint64_t TextModelFile::ReadLongId() {
 std::optional<uint64_t> TextModelFile::ReadOptionalLongId() {
   const auto id = Read<int64_t>();
   if (id == -1) return std::nullopt;
-  if (id < 0) ThrowBad(std::to_string(id) + " is no id");
+  if (id < 0) ThrowBad(std::to_string(id) + " is not an id");
   return static_cast<uint64_t>(id);
 }
 

@@ -242,8 +242,8 @@ std::string Name(const ModelObservation& o) {
          std::to_string(o.image_id.value());
 }
 
-// Each observation is of a keypoint that refers to its point, each keypoint is
-// observed once, and there are no other references.
+// Checks that each observation is of a keypoint that refers to its point, that
+// each keypoint is observed once, and that there are no other references.
 void CheckTracks(const fs::path& folder, const Model& model) {
   std::map<ImageId, size_t> position_of_image;
   std::vector<std::vector<bool>> is_observed;

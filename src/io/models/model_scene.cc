@@ -100,6 +100,8 @@ DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
 // which is written again stays the same.
 void KeepFramePoses(const PoseModel& poses, const Scene& scene,
                     std::vector<std::optional<Rigid3>>* rig_from_world) {
+  // Thousands of roundings in double precision. Any other difference of two
+  // poses is far larger.
   constexpr double kMaxRounding = 1e-12;
   std::map<ImageId, const Rigid3*> pose_of_image;
   for (const ModelFrame& frame : poses.frames) {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "io/files/output_file.h"
+#include "io/models/model_format.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/io/models/model_io.h"
@@ -17,9 +18,7 @@
 namespace mgsfm {
 namespace {
 
-constexpr uint64_t kNoPoint = ~uint64_t{0};
 constexpr double kNoError = -1.0;  // in the file format of COLMAP
-constexpr int32_t kCameraSensorType = 0;
 
 // One file of a model. Numbers are little-endian, as on every machine that
 // Debian's COLMAP runs on.
@@ -72,7 +71,7 @@ class ModelFile {
     if (is_text_) {
       WriteWord("CAMERA");
     } else {
-      Write<int32_t>(kCameraSensorType);
+      Write<int32_t>(kModelCameraType);
     }
   }
   void WritePose(const Rigid3& pose) {
@@ -259,7 +258,7 @@ void ModelWriter::WriteImages(ModelFile file) const {
   std::vector<std::vector<uint64_t>> point_ids(scene_.images.size());
   for (const int image_idx : image_idxs_) {
     point_ids[image_idx].assign(scene_.images[image_idx].keypoints_px.size(),
-                                kNoPoint);
+                                kModelNoPoint);
   }
   for (size_t i = 0; i < model_.points.size(); ++i) {
     for (const Observation& o : model_.points[i].track) {

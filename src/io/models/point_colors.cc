@@ -47,7 +47,7 @@ Rgb PixelAt(const cv::Mat& bgr, int x, int y) {
 
 // Bilinear; the centre of the first pixel is (0.5, 0.5).
 Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
-  // Beyond the border all pixels are those of the border.
+  // Pixels beyond the border repeat it.
   const float x = std::clamp(keypoint_px.x() - 0.5f, 0.0f,
                              static_cast<float>(bgr.cols - 1));
   const float y = std::clamp(keypoint_px.y() - 0.5f, 0.0f,

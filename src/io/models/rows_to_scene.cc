@@ -9,6 +9,7 @@
 #include <optional>
 #include <utility>
 
+#include "base/nanoseconds.h"
 #include "io/calibration/calibration_rigs.h"
 #include "io/rigs/frames_by_time.h"
 #include "io/rigs/image_name_times.h"
@@ -22,7 +23,6 @@
 namespace mgsfm {
 namespace {
 
-constexpr double kNsPerSecond = 1e9;
 constexpr double kMaxTime_s = 9e9;  // 64 bits of nanoseconds
 
 // Reads the rigs of a file or of a folder: of its rig_config.json or, if it has

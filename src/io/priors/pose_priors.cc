@@ -178,7 +178,7 @@ GravityPriors ReadGravityFile(const Scene& scene, const std::string& path) {
   return gravity;
 }
 
-// Those that are not finite are COLMAP's for none.
+// COLMAP writes values that are not finite for an unknown gravity.
 GravityPriors ReadGravityColumn(const Scene& scene,
                                 const std::string& database_path) {
   GravityPriors gravity;
@@ -286,9 +286,10 @@ std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {
     CheckGeoOrigin(origin, "'" + path.string() + "'");
     return origin;
   } catch (const nlohmann::json::exception&) {
-    throw Error("'" + path.string() +
-                "' is no object with the numbers latitude_deg, longitude_deg "
-                "and altitude_m; correct or delete it");
+    throw Error(
+        "'" + path.string() +
+        "' is not an object with the numbers latitude_deg, longitude_deg "
+        "and altitude_m; correct or delete it");
   }
 }
 

@@ -9,6 +9,7 @@
 #include <map>
 #include <utility>
 
+#include "base/nanoseconds.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 
@@ -16,18 +17,16 @@ namespace mgsfm {
 namespace {
 
 constexpr const char* kOption = "frame_max_time_difference_s";
-constexpr double kSecondsPerNs = 1e-9;
 // An offset is called constant if it is this many times the median absolute
 // deviation from it; for normal errors, that is 3.4 standard deviations.
 constexpr double kMinOffsetInDeviations = 5.0;
 
 std::string FormatTime(int64_t time_ns) {
-  constexpr int64_t kNanoseconds = 1'000'000'000;
   char text[40];
   std::snprintf(text, sizeof(text), "%lld.%09lld",
-                static_cast<long long>(time_ns / kNanoseconds),
-                static_cast<long long>(std::llabs(time_ns % kNanoseconds)));
-  return time_ns < 0 && time_ns > -kNanoseconds ? "-" + std::string(text)
+                static_cast<long long>(time_ns / kNsPerSecond),
+                static_cast<long long>(std::llabs(time_ns % kNsPerSecond)));
+  return time_ns < 0 && time_ns > -kNsPerSecond ? "-" + std::string(text)
                                                 : text;
 }
 
@@ -389,7 +388,7 @@ std::optional<std::string> SuggestFramesByTime(
       std::min(RoundUp(2.0 * static_cast<double>(largest_ns)),
                static_cast<double>(times.max_difference_ns));
   char value[40];
-  std::snprintf(value, sizeof(value), "%g", limit_ns * kSecondsPerNs);
+  std::snprintf(value, sizeof(value), "%g", 1e-9 * limit_ns);
   return "the " + std::to_string(sensors.sensors.size()) +
          " folders of images share few names, but the times in their names "
          "agree within " +

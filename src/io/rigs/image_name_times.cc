@@ -6,13 +6,13 @@
 #include <charconv>
 #include <string_view>
 
+#include "base/nanoseconds.h"
 #include "io/rigs/rig_inference.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr int64_t kNanoseconds = 1'000'000'000;
-constexpr size_t kMaxFractionDigits = 9;
+constexpr size_t kMaxFractionDigits = 9;  // nanoseconds
 
 bool IsDigit(char c) { return c >= '0' && c <= '9'; }
 
@@ -47,18 +47,18 @@ std::string_view DecimalsAt(std::string_view text, size_t begin) {
   return fits ? digits : std::string_view();
 }
 
-// Nanoseconds per unit of a UNIX time; nullopt if the number is none.
+// Nanoseconds per unit of a UNIX time; nullopt if it is none.
 std::optional<int64_t> UnitOfUnixTime(std::string_view digits) {
   constexpr int64_t kFirst = 100'000'000;             // 1973, in seconds
   constexpr int64_t kFirstOfSeconds = 1'000'000'000;  // 2001; 123456789 is none
   constexpr int64_t kLast = 4'200'000'000;            // 2103
   if (digits.size() > 19 || digits.front() == '0') return std::nullopt;
   const int64_t value = ToInt(digits);
-  for (int64_t per_second = 1; per_second <= kNanoseconds; per_second *= 1000) {
+  for (int64_t per_second = 1; per_second <= kNsPerSecond; per_second *= 1000) {
     const int64_t first =
         per_second == 1 ? kFirstOfSeconds : kFirst * per_second;
     if (value >= first && value < kLast * per_second) {
-      return kNanoseconds / per_second;
+      return kNsPerSecond / per_second;
     }
   }
   return std::nullopt;
@@ -73,7 +73,7 @@ std::optional<int64_t> FindUnixTime(std::string_view stem) {
     const std::optional<int64_t> unit_ns = UnitOfUnixTime(digits);
     if (!unit_ns) continue;
     time_ns = ToInt(digits) * *unit_ns;
-    if (*unit_ns != kNanoseconds) continue;
+    if (*unit_ns != kNsPerSecond) continue;
     const std::string_view decimals = DecimalsAt(stem, i);
     if (decimals.empty()) continue;
     *time_ns += FractionNs(decimals);
@@ -109,7 +109,7 @@ std::optional<int64_t> FindDate(const std::string& stem) {
   }
   const int64_t days = DaysSince1970(year, month, day);
   const int64_t seconds = ((days * 24 + hour) * 60 + minute) * 60 + second;
-  return seconds * kNanoseconds + FractionNs(fraction + decimals);
+  return seconds * kNsPerSecond + FractionNs(fraction + decimals);
 }
 
 std::optional<int64_t> FindSeconds(std::string_view stem) {
@@ -122,7 +122,7 @@ std::optional<int64_t> FindSeconds(std::string_view stem) {
       whole.size() + 1 + decimals.size() != stem.size()) {
     return std::nullopt;
   }
-  return ToInt(whole) * kNanoseconds + FractionNs(decimals);
+  return ToInt(whole) * kNsPerSecond + FractionNs(decimals);
 }
 
 }  // namespace

@@ -20,7 +20,7 @@ struct Name {
   std::string file;
 };
 
-// A level of folders, taken for what tells the cameras apart.
+// A level of folders that may identify the camera.
 struct Level {
   size_t position = 0;    // in Name::folders
   size_t num_shared = 0;  // images in frames with another image
@@ -112,9 +112,9 @@ void Prefer(const Predicate& has_property, std::vector<Level>* levels) {
       levels->end());
 }
 
-// The levels that may tell the cameras apart, of images whose names are equally
-// deep; none if no frame would have two images. Without `by_name`, frames do
-// not depend on names, so each level may.
+// The levels of folders that may identify the camera. The names of `images` are
+// equally deep. Empty if no frame would have two images. Without `by_name`,
+// frames do not depend on names, so every level qualifies.
 std::vector<Level> FindLevels(const RigInput& input,
                               const std::vector<Name>& names,
                               const std::vector<int>& images, bool by_name) {

@@ -74,7 +74,8 @@ RE2::Options QuietOptions() {
 NameRule::NameRule(const std::string& rule)
     : regex(WithUniqueNames(rule), QuietOptions()) {
   if (!regex.ok()) {
-    ThrowRuleError(rule, "is no regular expression of RE2: " + regex.error());
+    ThrowRuleError(rule,
+                   "is not a regular expression of RE2: " + regex.error());
   }
   for (const auto& [number, name] : regex.CapturingGroupNames()) {
     groups[number] = name.substr(0, name.find('_'));

@@ -58,7 +58,7 @@ class TableAssigner {
   // level of folders, the common start of the images' names.
   void NameSensors();
   void NameFrames();
-  // Per sensor; nullopt if a sensor has several folders at the level.
+  // The folder of each sensor; nullopt if a sensor has several at this level.
   std::optional<std::vector<std::string>> FoldersAtLevel(size_t level) const;
   // The common start of the names of a sensor's images: as whole folders, or
   // as text without the digits at its end.
@@ -92,7 +92,7 @@ void TableAssigner::AddFrame(const FrameRow& row,
   const std::string what = "frame " + std::to_string(row.id.value());
   const auto rig = rig_of_id_.find(row.rig_id);
   if (rig == rig_of_id_.end()) {
-    Throw(what + " is of rig " + std::to_string(row.rig_id.value()) +
+    Throw(what + " belongs to rig " + std::to_string(row.rig_id.value()) +
           ", which does not exist");
   }
   const int frame = static_cast<int>(assignment_.frames.size());

@@ -135,7 +135,7 @@ class SceneBuilder {
   std::vector<int> camera_of_sensor_;  // position in input_.contents.cameras
   Scene scene_;
 
-  // Intrinsics as a sensor uses them: what the input has, or a replacement.
+  // The intrinsics that a sensor uses: those of the input, or a replacement.
   using CameraKey =
       std::tuple<int, std::optional<CameraModelId>, std::vector<double>>;
   std::map<CameraKey, int> camera_idxs_;

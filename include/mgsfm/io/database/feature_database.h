@@ -117,7 +117,7 @@ class FeatureDatabase {
   std::vector<PairCount> CountMatches() const;
   std::vector<PairCount> CountInlierMatches() const;  // of two-view geometries
 
-  // Empty without a row. Keypoints with fewer columns are completed.
+  // Empty if the image has no row. Missing columns are filled in.
   std::vector<FeatureKeypoint> ReadKeypoints(ImageId image_id) const;
   DescriptorMatrix ReadDescriptors(ImageId image_id) const;
   // Matches follow the order of the arguments: keypoint_idx1 is of image_id1.

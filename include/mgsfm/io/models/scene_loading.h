@@ -43,7 +43,7 @@ namespace mgsfm {
 //    directly or through others, make a rig; the images of all other folders
 //    are single.
 //
-// Where cameras of the same name have different intrinsics in different outer
+// If cameras of the same name have different intrinsics in different outer
 // folders (rig1/cam0, rig2/cam0), each outer folder is a separate rig. The
 // images of a camera folder must have one camera, or equal ones, which are
 // merged; otherwise LoadScene throws Error.

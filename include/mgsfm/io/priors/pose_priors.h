@@ -37,13 +37,13 @@ struct PosePriorOptions {
       "database."};
   Option<double> prior_position_std_x_m{
       "prior_position_std_x", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation of positions without covariance, east."};
+      "Standard deviation towards the east of positions without covariance."};
   Option<double> prior_position_std_y_m{
       "prior_position_std_y", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation of positions without covariance, north."};
+      "Standard deviation towards the north of positions without covariance."};
   Option<double> prior_position_std_z_m{
       "prior_position_std_z", 1.0, GreaterThan(0.0), "m",
-      "Standard deviation of positions without covariance, up."};
+      "Standard deviation of the height of positions without covariance."};
   Option<bool> use_prior_gravity{
       "use_prior_gravity", false,
       "Use the gravity directions in the table pose_priors to level the "
