@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <utility>
 
 #include "geometry/absolute_pose.h"
@@ -180,7 +181,7 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
 
 struct MeasuredLength {
   double length = 0.0;
-  double sigma = 0.0;
+  double variance = 0.0;
 };
 
 // By a point in front of camera a and its ray in camera b; `direction` is that
@@ -198,42 +199,54 @@ std::optional<MeasuredLength> LengthByPoint(const Eigen::Quaterniond& b_from_a,
   MeasuredLength measured;
   measured.length = -ray_b.cross(turned).dot(across) / sine2;
   const double distance = (turned + measured.length * direction).norm();
-  measured.sigma = std::hypot(distance * noise_rad / std::sqrt(sine2),
-                              measured.length * relative_sigma);
-  if (measured.length <= 0.0 ||
-      measured.sigma > kMaxRelativeLengthError * measured.length) {
+  const double sigma = std::hypot(distance * noise_rad / std::sqrt(sine2),
+                                  measured.length * relative_sigma);
+  measured.variance = sigma * sigma;
+  if (!(measured.length > 0.0 &&
+        sigma <= kMaxRelativeLengthError * measured.length)) {
     return std::nullopt;
   }
   return measured;
 }
 
 bool AreEqual(const MeasuredLength& a, const MeasuredLength& b) {
-  return std::abs(a.length - b.length) <=
-         kMaxLengthErrorInSigmas * std::hypot(a.sigma, b.sigma);
+  const double difference = a.length - b.length;
+  return difference * difference <= kMaxLengthErrorInSigmas *
+                                        kMaxLengthErrorInSigmas *
+                                        (a.variance + b.variance);
 }
 
-// The lengths that agree with one of them, of those for which most do.
+// The lengths that agree with the one with which most agree. `lengths` must not
+// be empty.
 std::vector<MeasuredLength> LargestGroup(
     const std::vector<MeasuredLength>& lengths) {
-  std::vector<MeasuredLength> largest;
+  const auto num_equal = [&](const MeasuredLength& candidate) {
+    return std::count_if(
+        lengths.begin(), lengths.end(),
+        [&](const auto& other) { return AreEqual(candidate, other); });
+  };
+  const MeasuredLength* center = &lengths.front();
+  long most = 0;
   for (const MeasuredLength& candidate : lengths) {
-    std::vector<MeasuredLength> group;
-    for (const MeasuredLength& other : lengths) {
-      if (AreEqual(candidate, other)) group.push_back(other);
-    }
-    if (group.size() > largest.size()) largest = std::move(group);
+    const long number = num_equal(candidate);
+    if (number <= most) continue;
+    most = number;
+    center = &candidate;
   }
-  return largest;
+  std::vector<MeasuredLength> group;
+  std::copy_if(lengths.begin(), lengths.end(), std::back_inserter(group),
+               [&](const auto& other) { return AreEqual(*center, other); });
+  return group;
 }
 
 MeasuredLength WeightedMean(const std::vector<MeasuredLength>& lengths) {
   double sum = 0.0, sum_of_weights = 0.0;
   for (const MeasuredLength& measured : lengths) {
-    const double weight = 1.0 / (measured.sigma * measured.sigma);
+    const double weight = 1.0 / measured.variance;
     sum += weight * measured.length;
     sum_of_weights += weight;
   }
-  return {sum / sum_of_weights, 1.0 / std::sqrt(sum_of_weights)};
+  return {sum / sum_of_weights, 1.0 / sum_of_weights};
 }
 
 std::vector<BaselineLength> GroupLengths(std::vector<MeasuredLength> lengths) {
