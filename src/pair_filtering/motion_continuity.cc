@@ -176,8 +176,8 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     }
   }
   if (free.empty()) return grouped;
-  // Both kinds of evidence count alike. A group has no matches with depth, but
-  // those that agree with it know its distance.
+  // Matches with depth and the poses of pairs count alike. Motions by depth
+  // that agree with a group know its distance, too.
   for (size_t i = 0; i < num_measured; ++i) {
     double support = 0.0;
     const Rigid3& motion = grouped[i].later_from_earlier;

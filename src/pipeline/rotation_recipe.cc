@@ -195,6 +195,9 @@ AveragedRotations AverageWithoutTurningLoops(
   // The last bound leaves no loop across a turned step.
   constexpr double kSharesOfBound[] = {1.0, 0.5, 0.25, 0.0};
   AveragedRotations averaged = average(*is_used);
+  if (!filtering.use_skeletal_graph || !filtering.use_rotation_consistency) {
+    return averaged;
+  }
   const auto find_loops = [&] {
     return FindLoopsAcross(index, *is_used,
                            FindStepTurns(scene, index, view_graph, *is_used,

@@ -29,13 +29,16 @@ EstimatedRotations Estimate(const Simulation& simulation,
   return Estimate(simulation.scene, simulation.view_graph, filtering);
 }
 
-// Few correct pairs hold the trajectory together at the cut; more pairs of a
+constexpr int kDriveLength = 60;
+
+// Few correct pairs hold the trajectory together in the middle; more pairs of a
 // duplicate structure would rotate it there.
-TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
-  constexpr int kNumFrames = 60, kCut = 30;
+Simulation DriveWithDuplicates(double turn_deg,
+                               int num_frames_with_duplicates) {
+  constexpr int kCut = kDriveLength / 2;
   SimulationOptions options = SmallSimulation();
   options.rig = RigPreset::kMono;
-  options.num_frames = kNumFrames;
+  options.num_frames = kDriveLength;
   options.relative_rotation_noise_deg = 0.1;
   Simulation simulation = Simulate(options);
   const auto& truth = simulation.ground_truth.rig_from_world;
@@ -50,8 +53,8 @@ TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
                  simulation.scene.images[pair.image_idx2].frame_idx);
     pair.matches.resize(120 / gap);
   }
-  const Quaterniond turn = ExpSO3({0.0, DegToRad(8.0), 0.0});
-  for (int i = 10; i < 16; ++i) {
+  const Quaterniond turn = ExpSO3({0.0, DegToRad(turn_deg), 0.0});
+  for (int i = 10; i < 10 + num_frames_with_duplicates; ++i) {
     for (int k = i + 34; k <= i + 36; ++k) {
       ImagePair copy = pairs.front();
       copy.image_idx1 = simulation.scene.frames[i].image_idxs.front();
@@ -62,9 +65,27 @@ TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
       pairs.push_back(copy);
     }
   }
+  return simulation;
+}
+
+TEST(RotationRecipe, DuplicatesSomeDegreesOffDoNotBreakTheTrajectory) {
+  const Simulation simulation = DriveWithDuplicates(8.0, 6);
   const EstimatedRotations result = Estimate(simulation);
-  EXPECT_EQ(NumFramesWithRotation(result.estimate), kNumFrames);
+  EXPECT_EQ(NumFramesWithRotation(result.estimate), kDriveLength);
   EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
+}
+
+// The drift bound of the skeleton accepts them.
+TEST(RotationRecipe, DuplicatesWithinTheDriftBoundDoNotTurnTheWeakestStep) {
+  const Simulation simulation = DriveWithDuplicates(3.0, 14);
+  const EstimatedRotations result = Estimate(simulation);
+  EXPECT_EQ(NumFramesWithRotation(result.estimate), kDriveLength);
+  EXPECT_LT(MaxFrameErrorDeg(simulation, result.estimate), 1.0);
+  PairFilteringOptions without;
+  without.use_rotation_consistency = false;
+  EXPECT_GT(
+      MaxFrameErrorDeg(simulation, Estimate(simulation, without).estimate),
+      1.0);
 }
 
 // If images are missing, a frame can have more matches with an unrelated place
