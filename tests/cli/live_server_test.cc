@@ -243,8 +243,8 @@ TEST(LiveServer, ExplainsWhyItCannotListen) {
               AllOf(HasSubstr(std::to_string(PortOf(server))),
                     HasSubstr("--live_port")));
   EXPECT_THAT(message("192.0.2.1", 0), HasSubstr("--live_address"));
-  EXPECT_THAT(message("example.com", 0), HasSubstr("in numbers"));
-  EXPECT_THAT(message("", 0), HasSubstr("in numbers"));
+  EXPECT_THAT(message("example.com", 0), HasSubstr("numeric address"));
+  EXPECT_THAT(message("", 0), HasSubstr("numeric address"));
 }
 
 TEST(LiveServer, ListensToIpVersion6) {
