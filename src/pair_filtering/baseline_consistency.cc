@@ -60,7 +60,8 @@ Mask FindInconsistentBaselines(const FramePairIndex& index,
 }
 
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
-  // The first is loose because one camera drifts in scale and loops must close.
+  // The first bound is loose because one camera drifts in scale and loops must
+  // close.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
   std::vector<double> bounds;
   for (const double divisor : kDivisors) {

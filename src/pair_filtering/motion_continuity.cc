@@ -21,10 +21,11 @@ using Eigen::Vector3d;
 // The thresholds of this file at half and twice their values are compared in
 // docs/results/constants.md.
 //
-// Of the larger speed, per step: a car that brakes hard from 14 m/s loses 0.1
-// of its speed in 0.3 s.
+// The speed changes by this share of the larger one per step: a car that brakes
+// hard from 14 m/s loses 0.1 of its speed in 0.3 s.
 constexpr double kRelativeChange = 0.1;
-// The same share of the median speed, per step: allows a stop at walking pace.
+// It also changes by this share of the median speed per step, so that a rig can
+// stop at walking pace.
 constexpr double kMinChange = 0.03;
 // Change of the angular velocity, per step: recorded drives of KITTI at 3 Hz
 // contain changes of 2.4 degrees on straight roads.
@@ -34,8 +35,8 @@ constexpr double kSkipCost = 4.0;
 // Weight of the share of matches: a vehicle has four times as many as the
 // static scene for tens of frames. With 1, a path followed one for 38 steps.
 constexpr double kShareWeight = 0.5;
-// A step without a distance: it fits any speed, so that one with a distance
-// that continues the motion must be preferred.
+// A step without a distance fits any speed, so that one with a distance that
+// continues the motion must be preferred.
 constexpr double kFreeDistanceCost = 1.0;
 // Bounds the cost, which is linear in it. Half or twice as many change no error
 // (docs/results/constants.md).
