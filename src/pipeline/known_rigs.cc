@@ -54,7 +54,7 @@ constexpr const char* kRemedy =
     "pose of one camera to estimate it";
 
 // Indices of two sensors of one rig.
-using SensorPair = std::pair<int, int>;
+using SensorIdxs = std::pair<int, int>;
 
 struct FrameSamples {
   std::vector<double> rotation_errors_deg;
@@ -86,8 +86,8 @@ double LowerQuartile(std::vector<double> values) {
 
 // Deviations of the measurements from the known poses, per pair of sensors.
 struct RigDeviations {
-  std::map<SensorPair, FrameSamples> frame_samples;    // within frames
-  std::map<SensorPair, MotionSamples> motion_samples;  // between frames
+  std::map<SensorIdxs, FrameSamples> frame_samples;    // within frames
+  std::map<SensorIdxs, MotionSamples> motion_samples;  // between frames
 };
 
 // Whether two different sensors of one rig both have known poses.
@@ -98,12 +98,12 @@ bool AreKnown(const Scene& scene, int sensor1, int sensor2) {
          b.sensor_from_rig;
 }
 
-Rigid3 KnownRelativePose(const Scene& scene, const SensorPair& sensors) {
+Rigid3 KnownRelativePose(const Scene& scene, const SensorIdxs& sensors) {
   return *scene.sensors[sensors.second].sensor_from_rig *
          scene.sensors[sensors.first].sensor_from_rig->Inverse();
 }
 
-void AddSampleWithinFrame(const Scene& scene, const SensorPair& sensors,
+void AddSampleWithinFrame(const Scene& scene, const SensorIdxs& sensors,
                           const RelativePose& pose, RigDeviations* deviations) {
   FrameSamples& samples = deviations->frame_samples[sensors];
   samples.rotation_errors_deg.push_back(RadToDeg(AngleBetween(
@@ -146,7 +146,7 @@ void CompareMotions(const Scene& scene, std::vector<SensorMotion> motions,
           std::max(angle, other_angle) < DegToRad(kMinRotationDeg)) {
         continue;
       }
-      const SensorPair sensors(a->sensor, b->sensor);
+      const SensorIdxs sensors(a->sensor, b->sensor);
       MotionSamples& samples = deviations->motion_samples[sensors];
       ++samples.num_compared;
       if (!AreEqualAngles(angle, other_angle)) continue;
@@ -180,7 +180,7 @@ RigDeviations MeasureDeviations(const Scene& scene,
 }
 
 [[noreturn]] void ThrowContradiction(const Scene& scene,
-                                     const SensorPair& sensors,
+                                     const SensorIdxs& sensors,
                                      const char* quantity, double error_deg,
                                      size_t num_samples) {
   char number[32];
@@ -193,7 +193,7 @@ RigDeviations MeasureDeviations(const Scene& scene,
               kRemedy);
 }
 
-void CheckDirections(const Scene& scene, const SensorPair& sensors,
+void CheckDirections(const Scene& scene, const SensorIdxs& sensors,
                      const std::vector<Vector3d>& directions) {
   const Vector3d known = KnownRelativePose(scene, sensors).translation;
   if (directions.size() < kMinNumFrames || known.isZero(0.0)) return;

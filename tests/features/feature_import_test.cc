@@ -6,6 +6,7 @@
 #include <hdf5.h>
 
 #include <algorithm>
+#include <limits>
 
 #include "io/test_database.h"
 #include "mgsfm/matching/matching.h"
@@ -87,6 +88,10 @@ class FeatureImportTest : public testing::Test {
   }
   std::string ImportError() {
     return ErrorOf([&] { Import(); });
+  }
+  static void WriteSoundImage(const std::string& name, Hdf5Writer* file) {
+    file->Floats(name + "/keypoints", {1, 2}, {1, 2}, H5T_IEEE_F32LE);
+    file->Ints(name + "/image_size", {2}, {640, 480});
   }
   // Two images of three keypoints with descriptors of four numbers.
   void WriteSmallFiles(const std::vector<int32_t>& matches) const {
@@ -171,6 +176,107 @@ TEST_F(FeatureImportTest, BadFilesAreRefused) {
     file.Floats("other", {1, 2}, {1, 2}, HalfType());
   }
   EXPECT_THAT(ImportError(), HasSubstr("no image with keypoints"));
+}
+
+// Datasets of other shapes, types and values. Nothing of the file is kept, not
+// even its sound images.
+TEST_F(FeatureImportTest, DatasetsThatAreNoFeaturesAreNamed) {
+  options_.matches_path = "";
+  const std::vector<float> six = {1, 2, 3, 4, 5, 6};
+  const float inf = std::numeric_limits<float>::infinity();
+  const auto expect_refused = [&](const std::string& problem,
+                                  const auto& write) {
+    {
+      Hdf5Writer file(Path("features.h5"));
+      WriteSoundImage("a/0.png", &file);
+      WriteSoundImage("a/2.png", &file);
+      write(&file);
+    }
+    EXPECT_THAT(ImportError(),
+                AllOf(HasSubstr(Path("features.h5")), HasSubstr("a/1.png"),
+                      HasSubstr(problem), HasSubstr("again")));
+    const FeatureDatabase database(Path("a.db"),
+                                   FeatureDatabase::OpenMode::kExisting);
+    EXPECT_TRUE(database.ReadStructure(Context()).images.empty()) << problem;
+    EXPECT_TRUE(database.ImagesWithKeypoints().empty()) << problem;
+  };
+  expect_refused("is not a vector or matrix", [&](Hdf5Writer* file) {
+    file->Floats("a/1.png/keypoints", {1, 3, 2}, six, H5T_IEEE_F32LE);
+  });
+  expect_refused("cannot be read as numbers", [](Hdf5Writer* file) {
+    const hid_t text = H5Tcopy(H5T_C_S1);
+    file->Write<char>("a/1.png/keypoints", {2}, text, text, {'a', 'b'});
+    H5Tclose(text);
+  });
+  expect_refused("more than 268435456 values", [](Hdf5Writer* file) {
+    file->Floats("a/1.png/keypoints", {1 << 28, 2}, {}, H5T_IEEE_F32LE);
+  });
+  expect_refused("keypoint that is not finite", [&](Hdf5Writer* file) {
+    file->Floats("a/1.png/keypoints", {1, 2}, {1, inf}, H5T_IEEE_F32LE);
+  });
+  expect_refused("2 descriptors for 3 keypoints", [&](Hdf5Writer* file) {
+    file->Floats("a/1.png/keypoints", {3, 2}, six, H5T_IEEE_F32LE);
+    file->Floats("a/1.png/descriptors", {3, 2}, six, H5T_IEEE_F32LE);
+  });
+  for (const std::vector<int32_t>& size :
+       {std::vector<int32_t>{640}, {640, 0}, {-1, 480}}) {
+    expect_refused("image_size", [&](Hdf5Writer* file) {
+      file->Floats("a/1.png/keypoints", {3, 2}, six, H5T_IEEE_F32LE);
+      file->Ints("a/1.png/image_size", {size.size()}, size);
+    });
+  }
+  expect_refused("has a control character", [&](Hdf5Writer* file) {
+    file->Floats("a/1.png\n/keypoints", {3, 2}, six, H5T_IEEE_F32LE);
+  });
+}
+
+TEST_F(FeatureImportTest, PairsThatFitNoImagesAreNamed) {
+  const auto expect_refused = [&](const std::string& group,
+                                  const std::vector<hsize_t>& sizes,
+                                  const std::string& problem) {
+    WriteSmallFiles({});
+    {
+      Hdf5Writer file(Path("matches.h5"));
+      file.Ints(group + "/matches0", sizes, {0, 1, 2});
+    }
+    EXPECT_THAT(ImportError(), AllOf(HasSubstr(Path("matches.h5")),
+                                     HasSubstr(group), HasSubstr(problem)));
+    const FeatureDatabase database(Path("a.db"),
+                                   FeatureDatabase::OpenMode::kExisting);
+    EXPECT_TRUE(database.ReadStructure(Context()).images.empty()) << group;
+  };
+  expect_refused("a-1.png/a-1.png", {3}, "is of one image; remove it");
+  expect_refused("a-1.png", {3}, "give the features that were matched");
+  expect_refused("a-1.png/b-1.png", {3, 1}, "is no vector; match it again");
+}
+
+// In files of matches, '-' stands for '/'.
+TEST_F(FeatureImportTest, NamesThatMatchesCannotTellApart) {
+  WriteSmallFiles({2, -1, 0});
+  {
+    Hdf5Writer file(Path("features.h5"));
+    WriteSoundImage("a/1.png", &file);
+    WriteSoundImage("a-1.png", &file);
+  }
+  EXPECT_THAT(ImportError(),
+              AllOf(HasSubstr("'a/1.png'"), HasSubstr("'a-1.png'"),
+                    HasSubstr("apart"), HasSubstr("rename one")));
+  // Without matches, they are two images.
+  options_.matches_path = "";
+  EXPECT_EQ(Import().num_images, 2u);
+}
+
+// hloc may write a pair in both orders; the first one is taken.
+TEST_F(FeatureImportTest, PairsInBothOrdersAreOne) {
+  WriteSmallFiles({2, -1, 0});
+  {
+    Hdf5Writer file(Path("matches.h5"));
+    file.Ints("a-1.png/b-1.png/matches0", {3}, {2, -1, 0});
+    file.Ints("b-1.png/a-1.png/matches0", {3}, {2, -1, 0});
+  }
+  const FeatureImportSummary summary = Import();
+  EXPECT_EQ(summary.num_pairs, 1u);
+  EXPECT_EQ(summary.num_matches, 2u);
 }
 
 // The matches of a simulated drive survive verification, without descriptors.

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "io/database/database_cleaning.h"
+#include "io/database/database_shard.h"
 #include "io/database/sqlite_database.h"
 #include "io/test_database.h"
 #include "mgsfm/base/error.h"
@@ -92,6 +93,14 @@ class DatabaseMerging : public testing::Test {
 
   const TempDir dir_;
 };
+
+std::set<std::string> FilesIn(const fs::path& folder) {
+  std::set<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    names.insert(entry.path().filename().string());
+  }
+  return names;
+}
 
 // Rows of a database under the names of images.
 const ImageRow& ImageOf(const DatabaseContents& contents,
@@ -252,13 +261,116 @@ TEST_F(DatabaseMerging, RefusedDatabasesLeaveNothingBehind) {
   expect_refused("b.db");
   fs::remove(Path("b.db"));
   expect_refused("b.db");
-  for (const auto& entry : fs::directory_iterator(dir_.path())) {
-    EXPECT_THAT(entry.path().filename().string(),
-                testing::AnyOf("a.db", "b.db"));
-  }
+  EXPECT_EQ(FilesIn(dir_.path()), (std::set<std::string>{"a.db"}));
   WriteTextFile(Path("merged.db"), "mine");
   expect_refused("exists");
   EXPECT_EQ(ReadTextFile(Path("merged.db")), "mine");
+}
+
+// The same images with other rows: the message names the database, what differs
+// and the remedy, and nothing is written.
+TEST_F(DatabaseMerging, ContradictionsAreNamed) {
+  const char* const kSeparated = "separate them by image_prefix";
+  const char* const kShards = "match all shards with the same options";
+  const struct {
+    const char* sql;
+    const char* problem;
+    const char* remedy;
+  } contradictions[] = {
+      {"UPDATE descriptors SET data = zeroblob(length(data))",
+       "the descriptors of image 'seq1/cam0/1.jpg' differ", kSeparated},
+      {"UPDATE matches SET data = zeroblob(length(data))",
+       "the list of matches of image 1 and image 2 differs", kShards},
+      {"UPDATE two_view_geometries SET config = 3",
+       "the two-view geometry of image 1 and image 2 differs", kShards},
+      {"UPDATE two_view_geometries SET tvec = zeroblob(24)",
+       "the two-view geometry of image 1 and image 2 differs", kShards},
+      {"UPDATE two_view_geometries SET qvec = NULL, tvec = NULL",
+       "the two-view geometry of image 1 and image 2 differs", kShards},
+      {"UPDATE pose_priors SET coordinate_system = 1",
+       "the pose priors of image 'seq1/cam0/1.jpg' differ", kSeparated},
+      {"UPDATE pose_priors SET position_covariance = NULL",
+       "the pose priors of image 'seq1/cam0/1.jpg' differ", kSeparated},
+      {"UPDATE cameras SET width = 641",
+       "has 641 x 480 pixels, parameters 500.000000",
+       "extract all images with the same options"},
+      {"UPDATE rig_sensors SET sensor_from_rig = NULL", "has another pose",
+       "configure both databases with the same rig_config"},
+      {"UPDATE frame_data SET frame_id = 13 - frame_id WHERE sensor_id = 2",
+       "is in a frame of 2 images, but in another frame in",
+       "configure the rigs of both in the same way"}};
+  MakeDatabase("a.db", "seq1");
+  for (const auto& [sql, problem, remedy] : contradictions) {
+    fs::copy_file(Path("a.db"), Path("b.db"),
+                  fs::copy_options::overwrite_existing);
+    SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db")).Execute(sql);
+    EXPECT_THAT(
+        ErrorOf([&] { Merge("merged.db"); }),
+        AllOf(HasSubstr(Path("b.db")), HasSubstr(problem), HasSubstr(remedy)))
+        << sql;
+    EXPECT_EQ(FilesIn(dir_.path()), (std::set<std::string>{"a.db", "b.db"}))
+        << sql;
+  }
+}
+
+// Sessions of one vehicle whose cameras differ.
+TEST_F(DatabaseMerging, VehiclesHaveOneCalibration) {
+  MakeDatabase("a.db", "drive");
+  MakeDatabase("b.db", "drive");
+  SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db"))
+      .Execute("UPDATE cameras SET height = 481 WHERE camera_id = 2");
+  EXPECT_THAT(
+      ErrorOf([&] {
+        MergeDatabases(
+            {{Path("a.db"), "mon/", "van"}, {Path("b.db"), "tue/", "van"}},
+            Path("merged.db"), Context());
+      }),
+      AllOf(HasSubstr("drive/cam1/2.jpg"), HasSubstr("640 x 481"),
+            HasSubstr("640 x 480"),
+            HasSubstr("give the vehicle one calibration, or two names")));
+  EXPECT_FALSE(fs::exists(Path("merged.db")));
+}
+
+// COLMAP deletes images without their features and pairs.
+TEST_F(DatabaseMerging, RowsOfDeletedImagesAreLeftOut) {
+  const DatabaseContents a = MakeDatabase("a.db", "seq1");
+  MakeDatabase("b.db", "seq2");
+  SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db"))
+      .Execute(
+          "PRAGMA foreign_keys = OFF; DELETE FROM images WHERE image_id = 4; "
+          "DELETE FROM frame_data WHERE data_id = 4");
+  Merge("merged.db");
+  const DatabaseContents merged = ReadDatabase(Path("merged.db"), Context());
+  FeatureDatabase features(Path("merged.db"),
+                           FeatureDatabase::OpenMode::kReadOnly);
+  EXPECT_EQ(merged.images.size(), 7u);
+  EXPECT_EQ(features.ImagesWithKeypoints().size(), 7u);
+  EXPECT_EQ(features.ImagesWithDescriptors().size(), 7u);
+  EXPECT_EQ(features.ReadPosePriors().size(), 7u);
+  // Of the pairs 12, 13, 23, 24 and 34, those without image 4.
+  ASSERT_EQ(a.pairs.size(), 5u);
+  EXPECT_EQ(merged.pairs.size(), 8u);
+  EXPECT_EQ(features.CountMatches().size(), 8u);
+  ExpectContains(merged, &features, a);
+}
+
+TEST_F(DatabaseMerging, PrefixesMakeUsableNames) {
+  MakeDatabase("a.db", "seq1");
+  EXPECT_THAT(ErrorOf([&] {
+                MergeDatabases({{Path("a.db"), "van\n/"}}, Path("merged.db"),
+                               Context());
+              }),
+              AllOf(HasSubstr("the prefix of images of '" + Path("a.db")),
+                    HasSubstr("has a control character")));
+  EXPECT_FALSE(fs::exists(Path("merged.db")));
+}
+
+TEST_F(DatabaseMerging, DatabasesWithoutImagesAreNoMap) {
+  { FeatureDatabase(Path("a.db"), FeatureDatabase::OpenMode::kOrCreate); }
+  { FeatureDatabase(Path("b.db"), FeatureDatabase::OpenMode::kOrCreate); }
+  EXPECT_THAT(ErrorOf([&] { Merge("merged.db"); }),
+              HasSubstr("no images to merge"));
+  EXPECT_EQ(FilesIn(dir_.path()), (std::set<std::string>{"a.db", "b.db"}));
 }
 
 TEST_F(DatabaseMerging, NeitherOrderNorRepetitionMatters) {
@@ -343,6 +455,95 @@ TEST_F(DatabaseMerging, DamagedRigsAreNamed) {
   }
 }
 
+// A shard with the matches of one pair of a.db, and what it must not be merged
+// with.
+class MatchShards : public DatabaseMerging {
+ protected:
+  MatchShards() {
+    MakeDatabase("a.db", "seq1");
+    WriteShard();
+  }
+  void WriteShard() const {
+    std::string fingerprint;
+    {
+      const FeatureDatabase database(Path("a.db"),
+                                     FeatureDatabase::OpenMode::kReadOnly);
+      fingerprint = FingerprintOfStructure(database, Context());
+    }
+    fs::remove(Path("b.db"));
+    FeatureDatabase shard(Path("b.db"), FeatureDatabase::OpenMode::kOrCreate);
+    shard.WriteShard({ShardKind::kMatches,
+                      {1, 1},
+                      fingerprint + "options",
+                      /*is_complete=*/true});
+    shard.WriteMatches(ImageId(1), ImageId(4), {{3, 7}});
+    shard.WriteTwoViewGeometry({ImageId(1),
+                                ImageId(4),
+                                TwoViewConfig::kCalibrated,
+                                {},
+                                Eigen::Matrix3d::Identity(),
+                                {},
+                                Rigid3{ExpSO3({0.1, 0.0, 0.0}), {1, 2, 3}},
+                                {{3, 7}}});
+  }
+  void ExpectRefused(const std::vector<MergeInput>& inputs,
+                     const std::string& problem,
+                     const std::string& remedy) const {
+    EXPECT_THAT(
+        ErrorOf([&] { MergeDatabases(inputs, Path("merged.db"), Context()); }),
+        AllOf(HasSubstr(problem), HasSubstr(remedy)));
+    EXPECT_FALSE(fs::exists(Path("merged.db")));
+  }
+};
+
+TEST_F(MatchShards, AddTheirPairs) {
+  Merge("merged.db");
+  const DatabaseContents before = ReadDatabase(Path("a.db"), Context());
+  const DatabaseContents merged = ReadDatabase(Path("merged.db"), Context());
+  ASSERT_EQ(merged.pairs.size(), before.pairs.size() + 1);
+  const FeatureDatabase features(Path("merged.db"),
+                                 FeatureDatabase::OpenMode::kReadOnly);
+  ExpectSameMatches(features.ReadMatches(ImageId(1), ImageId(4)), {{3, 7}});
+  const auto pair = features.ReadTwoViewGeometry(ImageId(1), ImageId(4));
+  ASSERT_TRUE(pair.has_value());
+  EXPECT_EQ(pair->E, Eigen::Matrix3d::Identity());
+  EXPECT_EQ(pair->cam2_from_cam1->translation, Eigen::Vector3d(1, 2, 3));
+  ExpectSameMatches(pair->matches, {{3, 7}});
+}
+
+TEST_F(MatchShards, AreOfOneDatabase) {
+  MakeDatabase("c.db", "seq2");
+  const MergeInput a{Path("a.db")}, b{Path("b.db")}, c{Path("c.db")};
+  ExpectRefused({a, c, b}, "cannot be merged together with shards of matches",
+                "merge the features first");
+  ExpectRefused({{Path("a.db"), "van/"}, b}, "neither prefixes nor vehicles",
+                "when the features are merged");
+  ExpectRefused({c, b}, "was not matched from '" + Path("c.db"),
+                "match it again");
+  SqliteDatabase writer =
+      SqliteDatabase::OpenReadWrite(Path("a.db"), Path("a.db"));
+  writer.Execute("PRAGMA journal_mode = WAL");
+  WriteShard();
+  writer.Execute("DELETE FROM matches");
+  ExpectRefused({a, b}, "has unfinished changes in '" + Path("a.db-wal"),
+                "open it once with its program");
+}
+
+TEST_F(MatchShards, AreDamaged) {
+  for (const char* sql :
+       {"UPDATE mgsfm_shard SET kind = 'points'",
+        "UPDATE mgsfm_shard SET number = 2",
+        "UPDATE mgsfm_shard SET number = 0",
+        "UPDATE mgsfm_shard SET number = 3000000000, count = 3000000000",
+        "UPDATE mgsfm_shard SET number = 4294967297, count = 4294967298"}) {
+    WriteShard();
+    SqliteDatabase::OpenReadWrite(Path("b.db"), Path("b.db")).Execute(sql);
+    ExpectRefused({{Path("a.db")}, {Path("b.db")}},
+                  "b.db': the table mgsfm_shard is damaged",
+                  "delete the file and run its share again");
+  }
+}
+
 TEST_F(DatabaseMerging, ColmapOpensTheResult) {
   if (RunShell("command -v colmap").exit_code != 0) {
     GTEST_SKIP() << "colmap is not installed";
@@ -387,6 +588,11 @@ TEST_F(DatabaseMerging, CleaningDeletesWhatItSays) {
   EXPECT_THROW(CleanDatabase(Path("c.db"), Rows::kAll), Error);
   EXPECT_THROW(CleanDatabase(Path("none.db"), Rows::kAll), Error);
   EXPECT_FALSE(fs::exists(Path("none.db")));
+  SqliteDatabase::Create(Path("other.db")).Execute("CREATE TABLE images (a)");
+  const std::string before = ReadTextFile(Path("other.db"));
+  EXPECT_THAT(ErrorOf([&] { CleanDatabase(Path("other.db"), Rows::kAll); }),
+              HasSubstr("is not a COLMAP database; choose another file"));
+  EXPECT_EQ(ReadTextFile(Path("other.db")), before);
 }
 
 }  // namespace

@@ -4,110 +4,40 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdlib>
 #include <filesystem>
+#include <optional>
 
-#include "io/database/sqlite_database.h"
-#include "io/test_database.h"
+#include "io/database_fixture.h"
 #include "mgsfm/io/database/feature_database.h"
-#include "support/temp_dir.h"
+#include "support/threads.h"
 
 namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::AllOf;
 using testing::HasSubstr;
 
-const std::vector<std::string> kNames = {"cam0/0.png", "cam0/1.png",
-                                         "cam1/0.png", "cam1/1.png"};
-
-// Contents with a rig of two cameras, one of unknown and one of known pose.
-DatabaseContents ContentsWithRig() {
-  DatabaseContents contents = MakeContents(kNames);
-  RigRow rig{RigId(4), CameraId(1), {}};
-  rig.sensors.push_back({CameraId(1), Rigid3()});
-  rig.sensors.push_back({CameraId(2), Rigid3{ExpSO3({0.1, 0.2, 0.3}),
-                                             Eigen::Vector3d(1.0, 2.0, 3.0)}});
-  contents.rigs.push_back(rig);
-  contents.frames.push_back(
-      {FrameId(3),
-       RigId(4),
-       {{CameraId(1), ImageId(1)}, {CameraId(2), ImageId(3)}}});
-  contents.frames.push_back(
-      {FrameId(5),
-       RigId(4),
-       {{CameraId(1), ImageId(2)}, {CameraId(2), ImageId(4)}}});
-  return contents;
-}
-
-void ExpectSameImages(const DatabaseContents& a, const DatabaseContents& b) {
-  ASSERT_EQ(a.cameras.size(), b.cameras.size());
-  for (size_t i = 0; i < a.cameras.size(); ++i) {
-    EXPECT_EQ(a.cameras[i].id, b.cameras[i].id);
-    EXPECT_EQ(a.cameras[i].model, b.cameras[i].model);
-    EXPECT_EQ(a.cameras[i].width_px, b.cameras[i].width_px);
-    EXPECT_EQ(a.cameras[i].height_px, b.cameras[i].height_px);
-    EXPECT_EQ(a.cameras[i].params, b.cameras[i].params);
-    EXPECT_EQ(a.cameras[i].has_prior_focal_length,
-              b.cameras[i].has_prior_focal_length);
+// Sets the folder for temporary files.
+class TemporaryFolderAt {
+ public:
+  explicit TemporaryFolderAt(const std::string& path) {
+    if (const char* before = std::getenv("TMPDIR")) before_ = before;
+    setenv("TMPDIR", path.c_str(), 1);
   }
-  ASSERT_EQ(a.images.size(), b.images.size());
-  for (size_t i = 0; i < a.images.size(); ++i) {
-    EXPECT_EQ(a.images[i].id, b.images[i].id);
-    EXPECT_EQ(a.images[i].name, b.images[i].name);
-    EXPECT_EQ(a.images[i].camera_id, b.images[i].camera_id);
-    EXPECT_EQ(a.images[i].keypoints_px, b.images[i].keypoints_px);
-  }
-}
-
-void ExpectSamePose(const Rigid3& a, const Rigid3& b) {
-  EXPECT_LT(AngleBetween(a.rotation, b.rotation), 1e-12);
-  EXPECT_LT((a.translation - b.translation).norm(), 1e-12);
-}
-
-void ExpectSamePairs(const DatabaseContents& a, const DatabaseContents& b) {
-  ASSERT_EQ(a.pairs.size(), b.pairs.size());
-  for (size_t i = 0; i < a.pairs.size(); ++i) {
-    EXPECT_EQ(a.pairs[i].image_id1, b.pairs[i].image_id1);
-    EXPECT_EQ(a.pairs[i].image_id2, b.pairs[i].image_id2);
-    EXPECT_EQ(a.pairs[i].config, b.pairs[i].config);
-    EXPECT_EQ(a.pairs[i].F, b.pairs[i].F);
-    EXPECT_EQ(a.pairs[i].E, b.pairs[i].E);
-    EXPECT_EQ(a.pairs[i].H, b.pairs[i].H);
-    ExpectSamePose(a.pairs[i].cam2_from_cam1.value(),
-                   b.pairs[i].cam2_from_cam1.value());
-    ExpectSameMatches(a.pairs[i].matches, b.pairs[i].matches);
-  }
-}
-
-// Contents of all files below a folder.
-std::map<std::string, std::string> FilesIn(const fs::path& folder) {
-  std::map<std::string, std::string> files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-    if (entry.is_regular_file()) {
-      files[entry.path().string()] = ReadTextFile(entry.path());
+  ~TemporaryFolderAt() {
+    if (before_) {
+      setenv("TMPDIR", before_->c_str(), 1);
+    } else {
+      unsetenv("TMPDIR");
     }
   }
-  return files;
-}
+  TemporaryFolderAt(const TemporaryFolderAt&) = delete;
+  TemporaryFolderAt& operator=(const TemporaryFolderAt&) = delete;
 
-class DatabaseTest : public testing::Test {
- protected:
-  std::string Path(const std::string& name = "database.db") const {
-    return (dir_.path() / name).string();
-  }
-  void Write(DatabaseSchema schema = DatabaseSchema::k38) const {
-    WriteDatabase(Path(), ContentsWithRig(), schema);
-  }
-  // Changes the database as another program might.
-  void Execute(const std::string& sql) const {
-    SqliteDatabase::OpenReadWrite(Path(), Path()).Execute(sql);
-  }
-  DatabaseContents Read() const { return ReadDatabase(Path(), Context()); }
-  std::string ReadError() const {
-    return ErrorOf([this] { (void)Read(); });
-  }
-
-  TempDir dir_;
+ private:
+  std::optional<std::string> before_;
 };
 
 TEST_F(DatabaseTest, ReadsWhatWasWritten) {
@@ -122,6 +52,14 @@ TEST_F(DatabaseTest, ReadsWhatWasWritten) {
     EXPECT_EQ(read.rigs.empty(), schema == DatabaseSchema::k38);
     EXPECT_EQ(read.path, path);
   }
+}
+
+TEST_F(DatabaseTest, ThreadsDoNotMatter) {
+  Write();
+  const DatabaseContents one = Read();
+  const DatabaseContents three = ReadDatabase(Path(), Threads(3));
+  ExpectSameImages(three, one);
+  ExpectSamePairs(three, one);
 }
 
 TEST_F(DatabaseTest, ReadsRigsAndFrames) {
@@ -308,6 +246,12 @@ INSTANTIATE_TEST_SUITE_P(
         Damage{"UPDATE rig_sensors SET sensor_from_rig = zeroblob(8)",
                {"camera 2 of rig 4", "8 bytes"}},
         Damage{"UPDATE rig_sensors SET rig_id = 8", {"camera 2 of rig 8"}},
+        Damage{"UPDATE rig_sensors SET sensor_from_rig = "
+               "CAST(x'000000000000f03f' || zeroblob(40) || "
+               "x'9c7500883ce4377e' AS BLOB)",
+               {"camera 2 of rig 4", "configure"}},
+        Damage{"UPDATE frames SET rig_id = -1 WHERE frame_id = 3",
+               {"frame 3", "id -1", "out of range"}},
         Damage{"UPDATE frame_data SET data_id = 44 WHERE data_id = 4",
                {"frame 5", "44"}},
         Damage{"UPDATE frame_data SET frame_id = 6 WHERE frame_id = 5",
@@ -446,8 +390,7 @@ TEST_F(DatabaseTest, NamesMustBeUsable) {
     Write();
     Execute(std::string("UPDATE images SET name = ") + name +
             " WHERE image_id = 2");
-    EXPECT_THAT(ReadError(),
-                testing::AllOf(HasSubstr("image 2"), HasSubstr(problem)));
+    EXPECT_THAT(ReadError(), AllOf(HasSubstr("image 2"), HasSubstr(problem)));
     fs::remove(Path());
   }
 }
@@ -462,21 +405,48 @@ TEST_F(DatabaseTest, NamesOfDatabasesInMemoryAreRefused) {
   }
 }
 
-TEST_F(DatabaseTest, AnUndoneTransactionLeavesNoColumnBehind) {
+TEST_F(DatabaseTest, SelectionsHaveTheirImagesAndPairsOnly) {
+  Write(DatabaseSchema::k312);
+  DatabaseSelection selection;
+  selection.image_names = {"cam0/0.png", "cam0/1.png", "cam1/1.png", "none"};
+  selection.has_pair = [](const std::string& a, const std::string& b) {
+    return a == "cam0/0.png" || b == "cam0/0.png";
+  };
+  const DatabaseContents whole = Read();
+  const DatabaseContents part = ReadDatabase(Path(), Context(), selection);
+  EXPECT_TRUE(part.is_selection);
+  ASSERT_EQ(part.images.size(), 3u);
+  EXPECT_EQ(part.images[2].name, "cam1/1.png");
+  EXPECT_EQ(part.images[2].keypoints_px, whole.images[3].keypoints_px);
+  // Images are matched with the next two.
+  ASSERT_EQ(part.pairs.size(), 1u);
+  EXPECT_EQ(part.pairs[0].F, whole.pairs[0].F);
+  ASSERT_EQ(part.frames.size(), 2u);
+  EXPECT_EQ(part.frames[0].data.size(), 1u);
+  EXPECT_EQ(part.frames[1].data.size(), 2u);
+  selection.image_names = {"cam1/1.png"};
+  EXPECT_EQ(ReadDatabase(Path(), Context(), selection).frames.size(), 1u);
+}
+
+TEST_F(DatabaseTest, NamesAreThoseOfTheImages) {
   Write();
-  FeatureDatabase database(Path(), FeatureDatabase::OpenMode::kExisting);
-  PosePriorRow prior;
-  prior.image_id = ImageId(1);
-  prior.gravity = Eigen::Vector3d::UnitY();
-  {
-    // The first direction of gravity adds its column.
-    DatabaseTransaction transaction(&database);
-    database.WritePosePrior(prior);
+  EXPECT_EQ(ReadImageNames(Path()), kNames);
+  SqliteDatabase::Create(Path("other.db")).Execute("CREATE TABLE notes (text)");
+  EXPECT_THAT(ErrorOf([&] { (void)ReadImageNames(Path("other.db")); }),
+              AllOf(HasSubstr(Path("other.db")), HasSubstr("check the path")));
+}
+
+// Databases with a log are read from a copy, which needs a folder.
+TEST_F(DatabaseTest, AFolderForTheCopyIsNeeded) {
+  Write();
+  SqliteDatabase writer = SqliteDatabase::OpenReadWrite(Path(), Path());
+  writer.Execute("PRAGMA journal_mode = WAL");
+  writer.Execute("UPDATE images SET name = 'cam0/new.png' WHERE image_id = 2");
+  for (const std::string& path : {Path("none"), Path()}) {
+    const TemporaryFolderAt folder(path);
+    EXPECT_THAT(ReadError(), HasSubstr("set TMPDIR to a folder")) << path;
   }
-  EXPECT_TRUE(database.ReadPosePriors().empty());
-  database.WritePosePrior(prior);
-  ASSERT_EQ(database.ReadPosePriors().size(), 1u);
-  EXPECT_EQ(database.ReadPosePriors()[0].gravity, prior.gravity);
+  EXPECT_EQ(Read().images[1].name, "cam0/new.png");
 }
 
 TEST_F(DatabaseTest, WritesNewFilesOnly) {

@@ -5,9 +5,11 @@
 #include <gtest/gtest.h>
 #include <sqlite3.h>
 
+#include <cmath>
 #include <limits>
 
 #include "geometry/geodetic.h"
+#include "io/priors/trajectory_positions.h"
 #include "io/test_database.h"
 #include "mgsfm/io/database/feature_database.h"
 #include "mgsfm/io/models/scene_loading.h"
@@ -138,6 +140,8 @@ TEST_F(PosePriorsTest, ReadsFiles) {
 
 TEST_F(PosePriorsTest, NamesTheLineThatIsWrong) {
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2\n"), HasSubstr("line 1"));
+  EXPECT_THAT(ErrorOfFile("a.png 1 2\n"),
+              HasSubstr("line 1 is not 'image_name X Y Z'"));
   EXPECT_THAT(ErrorOfFile("\n c.png 1 2 3\n"),
               AllOf(HasSubstr("line 2"), HasSubstr("'c.png'")));
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3\na b/0.png 1 2 3\n"),
@@ -225,6 +229,44 @@ TEST_F(PosePriorsTest, GravityOfTheDatabase) {
   EXPECT_THAT(error(), HasSubstr("is zero"));
 }
 
+TEST_F(PosePriorsTest, GravityFilesNeedADirectionPerLine) {
+  options_.gravity_path = Path("gravity.txt");
+  const auto error = [&](const std::string& text) {
+    WriteTextFile(Path("gravity.txt"), text);
+    return ErrorOf([&] { (void)ReadGravity(scene_, "", options_); });
+  };
+  EXPECT_THAT(error("# name GX GY GZ\n"),
+              AllOf(HasSubstr(Path("gravity.txt")),
+                    HasSubstr("no line 'image_name GX GY GZ'")));
+  EXPECT_THAT(error("a b/0.png 0 1 0\na b/1.png 0 0 0\n"),
+              AllOf(HasSubstr("line 2"), HasSubstr("'a b/1.png'"),
+                    HasSubstr("not all zero")));
+}
+
+TEST_F(PosePriorsTest, OriginsOfModelsRoundTrip) {
+  EXPECT_FALSE(ReadGeoOrigin(dir_.path().string()).has_value());
+  const std::string path = Path("geo_origin.json");
+  const Eigen::Vector3d origin(-89.123456789012345, 179.5, 1e-3);
+  WriteGeoOrigin(path, origin);
+  EXPECT_EQ(ReadGeoOrigin(dir_.path().string()), origin);
+  for (const auto& [text, remedy] :
+       {std::pair("", "correct or delete it"),
+        std::pair("[1, 2, 3]", "correct or delete it"),
+        std::pair(R"({"latitude_deg": 1, "longitude_deg": 2})",
+                  "correct or delete it"),
+        std::pair(
+            R"({"latitude_deg": 91, "longitude_deg": 2, "altitude_m": 3})",
+            "is not a latitude"),
+        std::pair(
+            R"({"latitude_deg": 1, "longitude_deg": -361, "altitude_m": 3})",
+            "is not a latitude")}) {
+    WriteTextFile(path, text);
+    EXPECT_THAT(ErrorOf([&] { (void)ReadGeoOrigin(dir_.path().string()); }),
+                AllOf(HasSubstr(path), HasSubstr(remedy)))
+        << text;
+  }
+}
+
 // ------------------------------------------------------------ trajectories
 
 TEST_F(PosePriorsTest, KittiTrajectoriesHaveALinePerFrame) {
@@ -249,7 +291,8 @@ TEST_F(PosePriorsTest, KittiTrajectoriesHaveALinePerFrame) {
 TEST_F(PosePriorsTest, TumTrajectoriesAreInterpolated) {
   const std::vector<std::string> names = {
       "cam0/1403636579.040000000.png", "cam0/1403636579.130000000.png",
-      "cam0/1403636585.000000000.png", "cam1/1403636579.040000000.png"};
+      "cam0/1403636585.000000000.png", "cam1/1403636579.040000000.png",
+      "cam1/1403636579.120000000.png"};
   const Scene scene = LoadScene(MakeContents(names), {}, Context()).scene;
   std::string text = "# timestamp tx ty tz qx qy qz qw\n";
   for (int i = 0; i <= 10; ++i) {
@@ -266,7 +309,39 @@ TEST_F(PosePriorsTest, TumTrajectoriesAreInterpolated) {
   EXPECT_NEAR(priors.images[1]->position.z(), -13.0, 1e-4);
   EXPECT_FALSE(priors.images[2].has_value());  // in a gap of 20 s
   EXPECT_FALSE(priors.images[3].has_value());  // not the reference sensor
+  // A frame without an image of the reference sensor.
+  EXPECT_NEAR(priors.images[4]->position.x(), 6.0, 1e-4);
   EXPECT_THAT(ErrorOfFile("1 0 0 0 0 0 0 1\n"), HasSubstr("has no time"));
+}
+
+// Times of images that a file gives go before those in their names; EuRoC
+// counts them in nanoseconds.
+TEST_F(PosePriorsTest, EurocTrajectoriesAreInterpolated) {
+  const std::string path = Path("data.csv");
+  WriteTextFile(path,
+                "#timestamp [ns],p_x,p_y,p_z,q_w,q_x,q_y,q_z\n"
+                "20000000000,3,0,0,0,0,0,1,9,9\n"
+                "10000000000,1,0,0,1,0,0,0,9,9\n");
+  Scene scene = scene_;
+  const double times_s[] = {10.0, 15.0, 20.1};
+  for (size_t i = 0; i < 3; ++i) scene.images[i].timestamp_s = times_s[i];
+  const auto poses =
+      ReadTrajectoryPoses(scene, path, PositionFileFormat::kEuroc);
+  ASSERT_EQ(poses.size(), 2u);  // the last image is later than all
+  for (size_t i = 0; i < 2; ++i) {
+    const auto& [frame_idx, pose] = poses[i];
+    EXPECT_EQ(frame_idx, static_cast<int>(i));
+    EXPECT_LT((pose.Center() - Eigen::Vector3d(1.0 + i, 0.0, 0.0)).norm(),
+              1e-12);
+    EXPECT_NEAR(Eigen::AngleAxisd(pose.rotation).angle(), 0.5 * M_PI * i,
+                1e-12);
+  }
+  for (Image& image : scene.images) *image.timestamp_s += 1000.0;
+  EXPECT_THAT(ErrorOf([&] {
+                (void)ReadTrajectoryPoses(scene, path,
+                                          PositionFileFormat::kEuroc);
+              }),
+              AllOf(HasSubstr(path), HasSubstr("image_timestamps_path")));
 }
 
 }  // namespace

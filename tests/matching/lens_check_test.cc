@@ -8,6 +8,7 @@
 #include "matching/simulated_pair.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "support/temp_dir.h"
+#include "support/threads.h"
 
 namespace mgsfm {
 namespace {
@@ -64,9 +65,9 @@ class LensCheckTest : public testing::Test {
     return database_.ReadStructure(Context());
   }
 
-  std::vector<FisheyeFinding> Find() const {
+  std::vector<FisheyeFinding> Find(int num_threads = 1) const {
     const Scene scene = LoadScene(Structure(), {}, Context()).scene;
-    return FindFisheyes(database_, scene, {}, Context());
+    return FindFisheyes(database_, scene, {}, Threads(num_threads));
   }
 
  private:
@@ -122,6 +123,16 @@ TEST_F(LensCheckTest, FisheyesAreNamedTogether) {
   const std::string text = Describe(findings[0]);
   EXPECT_THAT(text, HasSubstr("cameras 'left', 'right' seem to be fisheyes"));
   EXPECT_THAT(text, HasSubstr("ImageReader.camera_model OPENCV_FISHEYE"));
+}
+
+TEST_F(LensCheckTest, ThreadsDoNotMatter) {
+  AddCamera("left", FisheyeOf(120.0), Unknown());
+  const std::vector<FisheyeFinding> one = Find(), three = Find(3);
+  ASSERT_EQ(one.size(), 1u);
+  ASSERT_EQ(three.size(), 1u);
+  EXPECT_EQ(DescribeEvidence(three[0]), DescribeEvidence(one[0]));
+  EXPECT_EQ(three[0].unexplained_by_fisheye, one[0].unexplained_by_fisheye);
+  EXPECT_EQ(three[0].unexplained_by_pinhole, one[0].unexplained_by_pinhole);
 }
 
 // The pairs of all cameras are verified again.

@@ -118,5 +118,15 @@ TEST(TripletConsistency, NoPairsNoMatches) {
   EXPECT_TRUE(CountTripletConsistentMatches({}, {}).empty());
 }
 
+TEST(TripletConsistency, ThreadsDoNotMatter) {
+  // More pairs than one thread takes at a time.
+  const ViewGraph view_graph = RandomViewGraph(40, 12, 3);
+  const Mask is_used = All(view_graph);
+  const Mask one = FindTripletConsistentMatches(view_graph, is_used, 1);
+  EXPECT_EQ(FindTripletConsistentMatches(view_graph, is_used, 3), one);
+  EXPECT_GT(std::count(one.begin(), one.end(), true), 0);
+  EXPECT_GT(std::count(one.begin(), one.end(), false), 0);
+}
+
 }  // namespace
 }  // namespace mgsfm

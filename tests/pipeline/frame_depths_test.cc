@@ -8,13 +8,14 @@
 #include "geometry/so3.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "pipeline/rotation_recipe.h"
+#include "support/threads.h"
 
 namespace mgsfm {
 namespace {
 
 constexpr double kMinParallaxDeg = 0.5;
 
-FrameDepths Measure(const Simulation& simulation) {
+FrameDepths Measure(const Simulation& simulation, int num_threads = 1) {
   const Scene& scene = simulation.scene;
   const FramePairIndex index(scene, simulation.view_graph);
   const EstimatedRotations rotations =
@@ -22,7 +23,7 @@ FrameDepths Measure(const Simulation& simulation) {
                         RotationAveragingOptions(), {}, Context());
   return MeasureFrameDepths(scene, ComputeBearings(scene, scene.cameras, 1),
                             index, simulation.view_graph, rotations.estimate,
-                            kMinParallaxDeg, 1.0, Context());
+                            kMinParallaxDeg, 1.0, Threads(num_threads));
 }
 
 // The places of the sensors are those of the rig up to one factor. Side cameras
@@ -83,6 +84,23 @@ TEST(FrameDepths, DistancesScatterWithinTheirStandardDeviations) {
   }
   EXPECT_GT(num_distances, 1000);
   EXPECT_GT(num_within, 0.9 * num_distances);
+}
+
+TEST(FrameDepths, ThreadsDoNotChangeABit) {
+  SimulationOptions options = StandardSimulation(RigPreset::kKitti360);
+  options.num_frames = 10;
+  const Simulation simulation = Simulate(options);
+  const FrameDepths one = Measure(simulation), three = Measure(simulation, 3);
+  ASSERT_EQ(one.cam_from_rig.size(), three.cam_from_rig.size());
+  for (size_t i = 0; i < one.cam_from_rig.size(); ++i) {
+    const auto &a = one.cam_from_rig[i], &b = three.cam_from_rig[i];
+    ASSERT_EQ(a.has_value(), b.has_value());
+    if (!a) continue;
+    EXPECT_EQ(a->rotation.coeffs(), b->rotation.coeffs());
+    EXPECT_EQ(a->translation, b->translation);
+  }
+  EXPECT_EQ(one.distances, three.distances);
+  EXPECT_EQ(one.relative_sigmas, three.relative_sigmas);
 }
 
 }  // namespace

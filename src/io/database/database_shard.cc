@@ -2,6 +2,7 @@
 #include "io/database/database_shard.h"
 
 #include <charconv>
+#include <limits>
 
 #include "base/fingerprint.h"
 #include "mgsfm/base/error.h"
@@ -82,12 +83,13 @@ std::optional<ShardManifest> ReadShardManifest(const SqliteDatabase& database) {
   const std::string kind = row.Text(0);
   manifest.kind =
       kind == kKindNames[0] ? ShardKind::kFeatures : ShardKind::kMatches;
-  manifest.share = {static_cast<int>(row.Int(1)), static_cast<int>(row.Int(2))};
+  const int64_t number = row.Int(1), count = row.Int(2);
+  manifest.share = {static_cast<int>(number), static_cast<int>(count)};
   manifest.fingerprint = row.Text(3);
   manifest.is_complete = row.Int(4) != 0;
   const bool is_sound = (kind == kKindNames[0] || kind == kKindNames[1]) &&
-                        manifest.share.number >= 1 &&
-                        manifest.share.number <= manifest.share.count;
+                        number >= 1 && number <= count &&
+                        count <= std::numeric_limits<int>::max();
   if (!is_sound) {
     ThrowDatabaseError(database.path(),
                        "the table mgsfm_shard is damaged; delete the file and "

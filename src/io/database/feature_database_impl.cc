@@ -171,6 +171,16 @@ int64_t FeatureDatabase::Impl::CameraOfImage(ImageId image_id) const {
   return row.Int(0);
 }
 
+// Since COLMAP 4, the key of a prior is not that of its image.
+void FeatureDatabase::Impl::DeletePrior(ImageId image_id) {
+  SqliteStatement row = file().Prepare(
+      "DELETE FROM pose_priors WHERE corr_data_id = ?1 AND corr_sensor_type = "
+      "?2");
+  row.BindInt(1, image_id.value());
+  row.BindInt(2, kCameraSensorType);
+  row.Run();
+}
+
 void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> covariance =
@@ -182,16 +192,16 @@ void FeatureDatabase::Impl::WritePrior(const PosePriorRow& prior) {
     prior_columns_.insert("gravity");
   }
   const bool is_version4 = HasPriorColumn("corr_data_id");
+  if (is_version4) DeletePrior(prior.image_id);
   std::string sql = "INSERT OR REPLACE INTO pose_priors (position, ";
   sql += HasPriorColumn("position_covariance") ? "position_covariance, " : "";
   sql += HasPriorColumn("gravity") ? "gravity, " : "";
-  sql += is_version4 ? "pose_prior_id, corr_data_id, corr_sensor_id, "
-                       "corr_sensor_type, "
+  sql += is_version4 ? "corr_data_id, corr_sensor_id, corr_sensor_type, "
                      : "image_id, ";
   sql += "coordinate_system) VALUES (?2, ";
   sql += HasPriorColumn("position_covariance") ? "?3, " : "";
   sql += HasPriorColumn("gravity") ? "?7, " : "";
-  sql += is_version4 ? "?1, ?1, ?5, ?6, ?4)" : "?1, ?4)";
+  sql += is_version4 ? "?1, ?5, ?6, ?4)" : "?1, ?4)";
   SqliteStatement row = file().Prepare(sql);
   row.BindInt(1, prior.image_id.value());
   row.BindBlob(2, prior.position.data(), 3 * sizeof(double));

@@ -67,6 +67,7 @@ class FeatureDatabase::Impl {
   std::string ImageName(ImageId image_id) const;
 
   void WritePrior(const PosePriorRow& prior);
+  void DeletePrior(ImageId image_id);
   int64_t CameraOfImage(ImageId image_id) const;
   // Runs the insertion of a row; returns its new id.
   uint32_t AddRow(SqliteStatement* row);

@@ -212,9 +212,7 @@ std::map<CameraId, size_t> CameraMerger::AddNodes(size_t input) {
   }
   for (const FrameRow& frame : contents.frames) {
     for (const FrameDataRow& data : frame.data) {
-      const auto found = node_of_id.find(data.camera_id);
-      if (found == node_of_id.end()) continue;
-      size_t& first = nodes_[found->second].first_in_frame;
+      size_t& first = nodes_[node_of_id.at(data.camera_id)].first_in_frame;
       first = std::min(first, positions.at(data.image_id.value()));
     }
   }
@@ -239,11 +237,10 @@ void CameraMerger::JoinNodes(size_t input,
   }
   for (const FrameRow& frame : in.contents.frames) {
     for (const FrameDataRow& data : frame.data) {
-      const auto found = node_of_id.find(data.camera_id);
-      if (found == node_of_id.end()) continue;
       const size_t position =
           merged_.image_positions[input].at(data.image_id.value());
-      Join(found->second, "sensor of " + merged_.images[position].name);
+      Join(node_of_id.at(data.camera_id),
+           "sensor of " + merged_.images[position].name);
     }
   }
   if (in.vehicle.empty()) return;
@@ -354,25 +351,14 @@ void RigMerger::MergeRigsAndFrames(size_t input) {
     rig_of_id.emplace(rig.id, MergeRig(input, rig));
   }
   for (const FrameRow& frame : contents.frames) {
-    const auto rig = rig_of_id.find(frame.rig_id);
-    if (rig == rig_of_id.end()) {
-      ThrowDatabaseError(inputs_[input].path,
-                         "frame " + std::to_string(frame.id.value()) +
-                             " has a rig that does not exist; configure the "
-                             "rigs again");
+    if (!frame.data.empty()) {
+      MergeFrame(input, rig_of_id.at(frame.rig_id), frame);
     }
-    if (!frame.data.empty()) MergeFrame(input, rig->second, frame);
   }
 }
 
 size_t RigMerger::MergeRig(size_t input, const RigRow& row) {
   const std::string what = "rig " + std::to_string(row.id.value());
-  if (!row.ref_camera_id) {
-    ThrowDatabaseError(inputs_[input].path,
-                       what +
-                           " has a reference sensor that is not a camera; "
-                           "configure the rigs again");
-  }
   RigRow rig{RigId(0), NewId(input, *row.ref_camera_id), {}};
   for (const RigSensorRow& sensor : row.sensors) {
     rig.sensors.push_back(

@@ -92,10 +92,6 @@ void SqliteStatement::Run() {
   Check(sqlite3_reset(statement_.get()));
 }
 
-bool SqliteStatement::IsNull(int column) const {
-  return sqlite3_column_type(statement_.get(), column) == SQLITE_NULL;
-}
-
 int64_t SqliteStatement::Int(int column) const {
   return sqlite3_column_int64(statement_.get(), column);
 }

@@ -35,7 +35,6 @@ class SqliteStatement {
   // Runs a statement without result rows and resets it for new parameters.
   void Run();
 
-  bool IsNull(int column) const;
   int64_t Int(int column) const;
   std::string Text(int column) const;
   BlobView Blob(int column) const;

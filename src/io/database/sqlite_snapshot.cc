@@ -81,12 +81,14 @@ bool HasDatabaseHeader(const std::string& path) {
   return ReadHeader(path).compare(0, kMagic.size(), kMagic) == 0;
 }
 
-TemporaryFolder::TemporaryFolder()
-    : path_((fs::temp_directory_path() / "mgsfm_XXXXXX").string()) {
-  if (mkdtemp(path_.data()) == nullptr) {
-    throw Error("cannot make a folder in '" +
-                fs::temp_directory_path().string() +
-                "': set TMPDIR to a folder that can be written");
+TemporaryFolder::TemporaryFolder() {
+  std::error_code error;
+  const fs::path parent = fs::temp_directory_path(error);
+  path_ = (parent / "mgsfm_XXXXXX").string();
+  if (error || mkdtemp(path_.data()) == nullptr) {
+    throw Error("cannot make a folder for temporary files" +
+                (error ? std::string() : " in '" + parent.string() + "'") +
+                ": set TMPDIR to a folder that can be written");
   }
 }
 

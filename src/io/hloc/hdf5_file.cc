@@ -105,7 +105,8 @@ class Hdf5File::Impl {
     H5Sget_simple_extent_dims(space.id(), sizes + (2 - num_dims), nullptr);
     if (sizes[0] > kMaxNumValues || sizes[1] > kMaxNumValues ||
         sizes[0] * sizes[1] > kMaxNumValues) {
-      Throw(name, "is too large");
+      Throw(name, "has more than " + std::to_string(kMaxNumValues) +
+                      " values; write the file again");
     }
     Hdf5Matrix<T> matrix{sizes[0], sizes[1], {}};
     matrix.values.resize(matrix.rows * matrix.cols);
