@@ -247,7 +247,7 @@ TEST_F(FeatureImportTest, PairsThatFitNoImagesAreNamed) {
   };
   expect_refused("a-1.png/a-1.png", {3}, "is of one image; remove it");
   expect_refused("a-1.png", {3}, "give the features that were matched");
-  expect_refused("a-1.png/b-1.png", {3, 1}, "is no vector; match it again");
+  expect_refused("a-1.png/b-1.png", {3, 1}, "is not a vector; match it again");
 }
 
 // In files of matches, '-' stands for '/'.

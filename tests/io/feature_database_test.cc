@@ -191,7 +191,7 @@ TEST_F(FeatureDatabaseTest, RigsThatCannotBeStoredChangeNothing) {
         ErrorOf([&] {
           database.WriteRigsAndFrames(contents.rigs, contents.frames);
         }),
-        AllOf(HasSubstr(Path()), HasSubstr("rig 8"), HasSubstr("no camera")));
+        AllOf(HasSubstr(Path()), HasSubstr("rig 8"), HasSubstr("not a camera")));
   }
   const DatabaseContents read = Read();
   ASSERT_EQ(read.rigs.size(), 1u);
