@@ -100,7 +100,7 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
 // A hypothesis, and the centres by matches with depth that agree with it if its
 // distance is free.
 struct Candidate : MotionHypothesis {
-  std::vector<Vector3d> agreeing_centers;
+  std::vector<Vector3d> measured_centers;
 };
 
 // A pair without parallax.
@@ -114,28 +114,6 @@ bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion,
                       double median_step) {
   return Agree(free.ClosestTo(motion.Center()), motion,
                IsStill(free) ? median_step : 0.0);
-}
-
-// The motions of a group of free hypotheses with the distances that its own
-// matches measure. They do not contest other motions: the group does.
-void AddOwnDistances(const std::vector<Candidate>& groups, size_t first,
-                     double median_step, std::vector<Candidate>* candidates) {
-  for (size_t j = first; j < groups.size(); ++j) {
-    const Candidate& group = groups[j];
-    for (const auto& [center, share] : group.measured_centers) {
-      Candidate measured;
-      measured.later_from_earlier = group.ClosestTo(center);
-      measured.share = share * group.share;
-      measured.own_share = 0.0;
-      for (size_t i = 0; i < first; ++i) {
-        if (Agree(groups[i].later_from_earlier, measured.later_from_earlier,
-                  median_step)) {
-          measured.share = std::max(measured.share, groups[i].share);
-        }
-      }
-      candidates->push_back(std::move(measured));
-    }
-  }
 }
 
 // The hypotheses with a distance, and the free ones, in groups that agree. A
@@ -159,42 +137,32 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     return a.share > b.share;
   });
   for (const MotionHypothesis& h : free) {
-    auto group =
+    const auto group =
         std::find_if(grouped.begin() + static_cast<long>(num_measured),
                      grouped.end(), [&](const auto& g) { return agree(g, h); });
     if (group == grouped.end()) {
       grouped.push_back({h, {}});
-      group = grouped.end() - 1;
     } else {
       group->share += h.share;
       group->own_share += h.share;
-      group->measured_centers.insert(group->measured_centers.end(),
-                                     h.measured_centers.begin(),
-                                     h.measured_centers.end());
-    }
-    for (const auto& measured : h.measured_centers) {
-      group->agreeing_centers.push_back(measured.center);
     }
   }
   if (free.empty()) return grouped;
-  // Matches with depth and the poses of pairs count alike. Motions by depth
-  // that agree with a group know its distance, too.
+  // Both kinds of evidence count alike. A group has no matches with depth, but
+  // those that agree with it know its distance.
   for (size_t i = 0; i < num_measured; ++i) {
     double support = 0.0;
     const Rigid3& motion = grouped[i].later_from_earlier;
     for (size_t j = num_measured; j < grouped.size(); ++j) {
       if (!SupportsDistance(grouped[j], motion, median_step)) continue;
       support += grouped[j].share;
-      grouped[j].agreeing_centers.push_back(motion.Center());
+      grouped[j].measured_centers.push_back(motion.Center());
     }
     grouped[i].share = 0.5 * (grouped[i].share + std::min(support, 1.0));
   }
   for (size_t j = num_measured; j < grouped.size(); ++j) {
     grouped[j].share *= 0.5;
   }
-  std::vector<Candidate> measured;
-  AddOwnDistances(grouped, num_measured, median_step, &measured);
-  grouped.insert(grouped.end(), measured.begin(), measured.end());
   grouped.erase(std::remove_if(grouped.begin(), grouped.end(), IsStill),
                 grouped.end());
   return grouped;
@@ -333,10 +301,10 @@ class MotionSearch {
   // The cost of a free distance that differs from those by matches with depth.
   static double CostOfDistance(const Candidate& candidate,
                                const Vector3d& center) {
-    double lowest = candidate.agreeing_centers.empty()
+    double lowest = candidate.measured_centers.empty()
                         ? 0.0
                         : std::numeric_limits<double>::infinity();
-    for (const Vector3d& measured : candidate.agreeing_centers) {
+    for (const Vector3d& measured : candidate.measured_centers) {
       const double error =
           (center - measured).norm() / (kRelativeTolerance * measured.norm());
       lowest = std::min(lowest, error * error);

@@ -52,13 +52,6 @@ struct MotionHypothesis {
   // this vector, in the earlier rig frame, may be added to the centre of
   // `later_from_earlier`. Zero: the camera saw no parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
-  // Centres along that direction by depths of the matches. They may be few, so
-  // that other multiples stay possible.
-  struct MeasuredCenter {
-    Eigen::Vector3d center;
-    double share = 1.0;  // of the matches with depth
-  };
-  std::vector<MeasuredCenter> measured_centers = {};
 
   // The motion of all multiples whose centre is closest to `center`.
   [[nodiscard]] Rigid3 ClosestTo(const Eigen::Vector3d& center) const;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <iterator>
 #include <utility>
 
 #include "geometry/absolute_pose.h"
@@ -40,11 +39,6 @@ constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0, 1.0};
 constexpr double kRefinementLossScale = 0.5;
 // The same depth within a factor of 1.5, however certain both are.
 const double kLogDepthTolerance = std::log(1.5);
-
-// A match determines the length of a baseline if its error is smaller. Others
-// agree with any length.
-constexpr double kMaxRelativeLengthError = 0.5;
-constexpr double kMaxLengthErrorInSigmas = 2.0;
 
 // One image pair, from the image with the points to that with the rays.
 struct DirectedPair {
@@ -179,131 +173,7 @@ bool AgreesWithDepth(const Rigid3& b_from_a, const Vector3d& ray_a,
              kLogDepthTolerance;
 }
 
-struct MeasuredLength {
-  double length = 0.0;
-  double variance = 0.0;
-};
-
-// By a point in front of camera a and its ray in camera b; `direction` is that
-// of the translation.
-std::optional<MeasuredLength> LengthByPoint(const Eigen::Quaterniond& b_from_a,
-                                            const Vector3d& direction,
-                                            const Vector3d& point_in_a,
-                                            double relative_sigma,
-                                            const Vector3d& ray_b,
-                                            double noise_rad) {
-  const Vector3d turned = b_from_a * point_in_a;
-  const Vector3d across = ray_b.cross(direction);
-  const double sine2 = across.squaredNorm();
-  if (sine2 == 0.0) return std::nullopt;
-  MeasuredLength measured;
-  measured.length = -ray_b.cross(turned).dot(across) / sine2;
-  const double distance = (turned + measured.length * direction).norm();
-  const double sigma = std::hypot(distance * noise_rad / std::sqrt(sine2),
-                                  measured.length * relative_sigma);
-  measured.variance = sigma * sigma;
-  if (!(measured.length > 0.0 &&
-        sigma <= kMaxRelativeLengthError * measured.length)) {
-    return std::nullopt;
-  }
-  return measured;
-}
-
-bool AreEqual(const MeasuredLength& a, const MeasuredLength& b) {
-  const double difference = a.length - b.length;
-  return difference * difference <= kMaxLengthErrorInSigmas *
-                                        kMaxLengthErrorInSigmas *
-                                        (a.variance + b.variance);
-}
-
-// The lengths that agree with the one with which most agree. `lengths` must not
-// be empty.
-std::vector<MeasuredLength> LargestGroup(
-    const std::vector<MeasuredLength>& lengths) {
-  const auto num_equal = [&](const MeasuredLength& candidate) {
-    return std::count_if(
-        lengths.begin(), lengths.end(),
-        [&](const auto& other) { return AreEqual(candidate, other); });
-  };
-  const MeasuredLength* center = &lengths.front();
-  long most = 0;
-  for (const MeasuredLength& candidate : lengths) {
-    const long number = num_equal(candidate);
-    if (number <= most) continue;
-    most = number;
-    center = &candidate;
-  }
-  std::vector<MeasuredLength> group;
-  std::copy_if(lengths.begin(), lengths.end(), std::back_inserter(group),
-               [&](const auto& other) { return AreEqual(*center, other); });
-  return group;
-}
-
-MeasuredLength WeightedMean(const std::vector<MeasuredLength>& lengths) {
-  double sum = 0.0, sum_of_weights = 0.0;
-  for (const MeasuredLength& measured : lengths) {
-    const double weight = 1.0 / measured.variance;
-    sum += weight * measured.length;
-    sum_of_weights += weight;
-  }
-  return {sum / sum_of_weights, 1.0 / sum_of_weights};
-}
-
-std::vector<BaselineLength> GroupLengths(std::vector<MeasuredLength> lengths) {
-  const auto num_all = static_cast<double>(lengths.size());
-  std::vector<BaselineLength> groups;
-  while (lengths.size() >= kMinNumAgreeing) {
-    const std::vector<MeasuredLength> group = LargestGroup(lengths);
-    if (group.size() < kMinNumAgreeing) break;
-    const MeasuredLength mean = WeightedMean(group);
-    groups.push_back(
-        {mean.length, static_cast<double>(group.size()) / num_all});
-    const size_t num_before = lengths.size();
-    lengths.erase(
-        std::remove_if(lengths.begin(), lengths.end(),
-                       [&](const auto& m) { return AreEqual(m, mean); }),
-        lengths.end());
-    if (lengths.size() == num_before) break;
-  }
-  return groups;
-}
-
 }  // namespace
-
-std::vector<BaselineLength> LengthsByDepths(const Bearings& bearings,
-                                            const FrameDepths& depths,
-                                            const ImagePair& pair,
-                                            double noise_rad) {
-  if (!pair.relative_pose || !pair.relative_pose->translation_direction) {
-    return {};
-  }
-  const Eigen::Quaterniond& rotation = pair.relative_pose->cam2_from_cam1;
-  const Vector3d& direction = *pair.relative_pose->translation_direction;
-  std::vector<MeasuredLength> lengths;
-  for (const Match& match : pair.matches) {
-    const auto k1 = static_cast<int>(match.keypoint_idx1);
-    const auto k2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, k1) ||
-        !bearings.HasRay(pair.image_idx2, k2)) {
-      continue;
-    }
-    const Vector3d& ray1 = bearings.Ray(pair.image_idx1, k1);
-    const Vector3d& ray2 = bearings.Ray(pair.image_idx2, k2);
-    std::optional<MeasuredLength> measured;
-    if (depths.IsKnown(pair.image_idx1, k1)) {
-      measured = LengthByPoint(
-          rotation, direction, *depths.distances[pair.image_idx1][k1] * ray1,
-          depths.RelativeSigma(pair.image_idx1, k1), ray2, noise_rad);
-    } else if (depths.IsKnown(pair.image_idx2, k2)) {
-      measured = LengthByPoint(
-          rotation.conjugate(), -(rotation.conjugate() * direction),
-          *depths.distances[pair.image_idx2][k2] * ray2,
-          depths.RelativeSigma(pair.image_idx2, k2), ray1, noise_rad);
-    }
-    if (measured) lengths.push_back(*measured);
-  }
-  return GroupLengths(std::move(lengths));
-}
 
 std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
                                       double max_error_px, Random random) {

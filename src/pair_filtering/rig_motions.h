@@ -84,27 +84,6 @@ struct RigMotion {
     const FrameMatches& matches, double max_error_px,
     const Rigid3& later_from_earlier);
 
-// The lengths of the baseline of a pair, in the unit of the depths, by those of
-// its matches that determine it: with the point X of image 1, the ray f of
-// image 2 and the pose R, t of the pair,
-//
-//   f x (R X + s t) = 0.
-//
-// Its error follows from those of the keypoint, noise_rad, and of the depth. A
-// vehicle ahead moves along the epipolar lines of the scene, so that the
-// matches of one pair can have two lengths. Each length is the mean, weighted
-// by the inverse variances, of the largest group that agrees within two
-// standard deviations, among the matches that no earlier length explains;
-// groups of less than eight matches are left out. Symmetric in both images.
-// Cost: quadratic in the matches with depth.
-struct BaselineLength {
-  double length = 0.0;
-  double share = 0.0;  // of the matches that determine a length
-};
-[[nodiscard]] std::vector<BaselineLength> LengthsByDepths(
-    const Bearings& bearings, const FrameDepths& depths, const ImagePair& pair,
-    double noise_rad);
-
 // Compares a match with the relative pose of its images, in the unit of the
 // depths: by the epipolar constraint and by those depths that are known, within
 // their standard deviations. A depth also agrees if the intersection of both

@@ -8,8 +8,6 @@
 
 #include "base/parallel.h"
 #include "base/random.h"
-#include "geometry/absolute_pose.h"
-#include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
 namespace {
@@ -42,8 +40,7 @@ SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
 }
 
 // The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame. Without a length, the distance is free; the
-// depths of its matches may measure it.
+// the earlier to the later frame. Without a length, the distance is free.
 MotionHypothesis RigMotionOf(const MotionProblem& problem,
                              const Rigid3& sensor_from_rig,
                              const ImagePair& pair,
@@ -63,16 +60,9 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
       pair.relative_pose->translation_direction.value_or(Vector3d::Zero());
   MotionHypothesis hypothesis;
   hypothesis.later_from_earlier = motion_of(length.value_or(0.0) * direction);
-  if (length) return hypothesis;
-  hypothesis.free_direction =
-      motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
-  const Camera& camera = problem.scene.cameras[image1.camera_idx];
-  const double noise_rad = kKeypointSigma * problem.max_error_px /
-                           PixelsPerRadian(camera.model, camera.params.data());
-  for (const BaselineLength& measured :
-       LengthsByDepths(problem.bearings, problem.depths, pair, noise_rad)) {
-    hypothesis.measured_centers.push_back(
-        {motion_of(measured.length * direction).Center(), measured.share});
+  if (!length) {
+    hypothesis.free_direction =
+        motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
   }
   return hypothesis;
 }

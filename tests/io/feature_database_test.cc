@@ -187,11 +187,11 @@ TEST_F(FeatureDatabaseTest, RigsThatCannotBeStoredChangeNothing) {
   contents.rigs.push_back({RigId(8), std::nullopt, {}});
   {
     FeatureDatabase database(Path(), FeatureDatabase::OpenMode::kExisting);
-    EXPECT_THAT(
-        ErrorOf([&] {
-          database.WriteRigsAndFrames(contents.rigs, contents.frames);
-        }),
-        AllOf(HasSubstr(Path()), HasSubstr("rig 8"), HasSubstr("not a camera")));
+    EXPECT_THAT(ErrorOf([&] {
+                  database.WriteRigsAndFrames(contents.rigs, contents.frames);
+                }),
+                AllOf(HasSubstr(Path()), HasSubstr("rig 8"),
+                      HasSubstr("not a camera")));
   }
   const DatabaseContents read = Read();
   ASSERT_EQ(read.rigs.size(), 1u);
