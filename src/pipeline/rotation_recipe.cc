@@ -241,6 +241,21 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
   return is_bridge;
 }
 
+// Rejects the pairs that contradict the motion of the rig, if it is known.
+void RejectByMotion(const FramePairIndex& index,
+                    const Mask& pair_is_discontinuous,
+                    const Mask& loop_contradicts_path, Mask* is_used,
+                    PairVerdicts* verdicts) {
+  if (pair_is_discontinuous.empty()) return;
+  is_used->Remove(pair_is_discontinuous);
+  Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+         verdicts);
+  const Mask is_loop_across = FindLoopsAcrossContestedCuts(
+      index, *is_used, pair_is_discontinuous, loop_contradicts_path);
+  is_used->Remove(is_loop_across);
+  Reject(is_loop_across, RejectionReason::kUnsupportedBridge, verdicts);
+}
+
 }  // namespace
 
 EstimatedRotations EstimateRotations(
@@ -253,16 +268,8 @@ EstimatedRotations EstimateRotations(
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
-  if (!pair_is_discontinuous.empty()) {
-    is_used.Remove(pair_is_discontinuous);
-    Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
-           &result.verdicts);
-    const Mask is_loop_across = FindLoopsAcrossContestedCuts(
-        index, is_used, pair_is_discontinuous, loop_contradicts_path);
-    is_used.Remove(is_loop_across);
-    Reject(is_loop_across, RejectionReason::kUnsupportedBridge,
-           &result.verdicts);
-  }
+  RejectByMotion(index, pair_is_discontinuous, loop_contradicts_path, &is_used,
+                 &result.verdicts);
   RotationResult averaged;
   if (!is_used.Any()) {
     averaged = NothingToAverage(scene, view_graph, context);
