@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 
 tests=(base math least_squares bundle rotation tracks translation view_graph
   matching feature_extraction point_colors database scene_loading extension
-  soft_rig positions synthetic baselines baseline_methods report_page
+  soft_rig positions synthetic baselines report_page
   undistortion pair_filtering frame_depths pipeline pipeline_interruption
   moving_objects live_view)
 targets=("${tests[@]/#/mgsfm_}")
