@@ -8,8 +8,8 @@
 
 namespace mgsfm {
 
-// What to use instead of a command or option that exists in COLMAP or other
-// programs but not here, for example "use mapper". nullopt if the name is
+// The advice on a command or option that exists in COLMAP or other programs but
+// not here, for example "use mapper". nullopt if the name is
 // unknown or nothing replaces it.
 std::optional<std::string> AdviceOnCommand(const std::string& name);
 std::optional<std::string> AdviceOnOption(const std::string& name,

@@ -20,7 +20,7 @@ struct EnumTable<VideoSampling> {
       {"motion", VideoSampling::kMotion}, {"rate", VideoSampling::kRate}};
 };
 
-// What the time stamps of different videos have in common.
+// States what the time stamps of different videos have in common.
 enum class VideoAlignment {
   kTimestamps,    // the clock
   kStart,         // nothing, but all first images are simultaneous

@@ -347,7 +347,8 @@ TEST_F(DatabaseMerging, RowsOfDeletedImagesAreLeftOut) {
   EXPECT_EQ(features.ImagesWithKeypoints().size(), 7u);
   EXPECT_EQ(features.ImagesWithDescriptors().size(), 7u);
   EXPECT_EQ(features.ReadPosePriors().size(), 7u);
-  // Of the pairs 12, 13, 23, 24 and 34, those without image 4.
+  // Both have the pairs 12, 13, 23, 24 and 34; those of the deleted image 4 are
+  // left out of the second one.
   ASSERT_EQ(a.pairs.size(), 5u);
   EXPECT_EQ(merged.pairs.size(), 8u);
   EXPECT_EQ(features.CountMatches().size(), 8u);

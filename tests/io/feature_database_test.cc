@@ -261,7 +261,7 @@ TEST_F(Colmap4Priors, AreReadAsTheyWereWritten) {
       database.WritePosePrior(Prior(image_id, 10.0 * image_id));
     }
   }
-  // Of an IMU whose data have the number of an image.
+  // This prior is that of an IMU whose data have the number of an image.
   Execute(
       "INSERT INTO pose_priors (corr_data_id, corr_sensor_id, "
       "corr_sensor_type, position, coordinate_system) VALUES (2, 1, 1, "
