@@ -38,6 +38,14 @@ constexpr double kShareWeight = 0.5;
 // A step without a distance fits any speed, so that one with a distance that
 // continues the motion must be preferred.
 constexpr double kFreeDistanceCost = 1.0;
+// Distances that are tried are this many standard deviations of the change of
+// velocity apart. The cost of the nearest one is too high by at most 0.16.
+constexpr double kDistanceSpacing = 0.8;
+// The longest of them is twice this quantile of the measured distances: objects
+// that keep their distance may be most, and a few are mismatches.
+constexpr double kLongQuantile = 0.9;
+// Bounds the cost where most measured distances are zero.
+constexpr double kMaxNumDistances = 200.0;
 // Bounds the cost, which is linear in it. Half or twice as many change no error
 // (docs/results/constants.md).
 constexpr size_t kMaxNumSkipped = 7;
@@ -81,7 +89,7 @@ bool Agree(const Rigid3& a, const Rigid3& b, double median_step) {
          AngleBetween(a.rotation, b.rotation) <= kMaxAngle_rad;
 }
 
-double MedianLength(const std::vector<StepHypotheses>& steps) {
+std::vector<double> MeasuredLengths(const std::vector<StepHypotheses>& steps) {
   std::vector<double> lengths;
   for (const StepHypotheses& step : steps) {
     for (const MotionHypothesis& h : step) {
@@ -89,7 +97,7 @@ double MedianLength(const std::vector<StepHypotheses>& steps) {
       lengths.push_back(h.later_from_earlier.translation.norm());
     }
   }
-  return lengths.empty() ? 0.0 : Median(std::move(lengths));
+  return lengths;
 }
 
 // The centre of a step of some length in the direction of a hypothesis.
@@ -97,10 +105,16 @@ Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
   return length * hypothesis.free_direction.value_or(Vector3d::Zero());
 }
 
-// A hypothesis, and the centres by matches with depth that agree with it if its
-// distance is free.
+// A hypothesis. If its distance is free, one of those that are tried, and the
+// centres by matches with depth that agree with it.
 struct Candidate : MotionHypothesis {
   std::vector<Vector3d> measured_centers;
+  std::optional<Vector3d> tried_center = {};
+
+  // The motion after one with this centre.
+  Rigid3 MotionAfter(const Vector3d& center) const {
+    return ClosestTo(tried_center.value_or(center));
+  }
 };
 
 // A pair without parallax.
@@ -186,13 +200,15 @@ struct Steps {
   std::vector<std::vector<Candidate>> candidates;
   std::vector<double> durations;
   double median_step = 0.0;
+  double longest_step = 0.0;  // of those that are tried
 
   size_t size() const { return candidates.size(); }
 
   // The velocity of a candidate after a step with another one.
   Velocity VelocityAfter(const Vector3d& linear, size_t k,
                          const Candidate& candidate) const {
-    return VelocityOf(candidate.ClosestTo(durations[k] * linear), durations[k]);
+    return VelocityOf(candidate.MotionAfter(durations[k] * linear),
+                      durations[k]);
   }
 };
 
@@ -250,6 +266,38 @@ Mask FindDoubtful(const Mask& has_rivals) {
     is_doubtful.Fill(begin, end, true);
   }
   return is_doubtful;
+}
+
+// The distances to try for a step of this duration.
+std::vector<double> DistancesToTry(const Steps& steps, double duration) {
+  std::vector<double> distances{0.0};
+  const double longest = duration * steps.longest_step;
+  while (distances.back() < longest) {
+    const double change = kRelativeChange * distances.back() +
+                          kMinChange * duration * steps.median_step;
+    distances.push_back(
+        distances.back() +
+        std::max(kDistanceSpacing * change, longest / kMaxNumDistances));
+  }
+  return distances;
+}
+
+// The candidates, those without a distance once for each distance to try.
+std::vector<Candidate> TryDistances(const std::vector<Candidate>& candidates,
+                                    const std::vector<double>& distances) {
+  std::vector<Candidate> tried;
+  for (const Candidate& candidate : candidates) {
+    if (!candidate.free_direction) {
+      tried.push_back(candidate);
+      continue;
+    }
+    const Vector3d nearest = candidate.later_from_earlier.Center();
+    for (const double distance : distances) {
+      tried.push_back(candidate);
+      tried.back().tried_center = nearest + ForwardStep(candidate, distance);
+    }
+  }
+  return tried;
 }
 
 struct ChosenMotion {
@@ -316,12 +364,13 @@ class MotionSearch {
     const Candidate& hypothesis = steps_.candidates[k][h];
     Node best = AfterGap(k);
     best.velocity = VelocityOf(
-        hypothesis.ClosestTo(ForwardStep(hypothesis, steps_.median_step)),
+        hypothesis.MotionAfter(ForwardStep(hypothesis, steps_.median_step)),
         steps_.durations[k]);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_.candidates[previous].size(); ++g) {
         const Node& node = nodes_[previous][g];
+        if (node.cost + SkipCost(previous + 1, k) >= best.cost) continue;
         const Velocity velocity =
             steps_.VelocityAfter(node.velocity.linear, k, hypothesis);
         const double cost =
@@ -448,7 +497,11 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
   if (sequence.size() < 2) return first_stretch;
   MGSFM_CHECK_EQ(measured.size() + 1, sequence.size());
   Steps steps;
-  steps.median_step = MedianLength(measured);
+  const std::vector<double> lengths = MeasuredLengths(measured);
+  if (!lengths.empty()) {
+    steps.median_step = Median(lengths);
+    steps.longest_step = 2.0 * Quantile(lengths, kLongQuantile);
+  }
   for (size_t k = 0; k < measured.size(); ++k) {
     steps.candidates.push_back(GroupFree(measured[k], steps.median_step));
     steps.durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
@@ -462,6 +515,11 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     path->is_contested[sequence[k + 1]] = true;
   }
   const Mask is_doubtful = FindDoubtful(has_rivals);
+  for (size_t k = 0; k < steps.size(); ++k) {
+    if (!is_doubtful[k]) continue;
+    steps.candidates[k] = TryDistances(
+        steps.candidates[k], DistancesToTry(steps, steps.durations[k]));
+  }
   auto chosen = MotionSearch(steps, is_doubtful).Solve();
   InterpolateDistances(steps.durations, &chosen);
   const auto places =

@@ -28,16 +28,17 @@ namespace mgsfm {
 //
 // with the velocity v and the angular velocity w in the frame of the rig, the
 // previous step k' with a hypothesis, and scales s of kRelativeChange of the
-// larger speed plus a minimum. A hypothesis without a distance continues with
-// the velocity that is closest to the previous one; D is what that costs: a
-// constant, and a loss of its difference from the measured distances that agree
-// with its direction. A sequence may have a real
-// jump, hence the Cauchy loss, a = kLossScale. A step far from any whose
-// hypotheses disagree must have one: nothing questions it, and a camera in the
-// hand is not smooth.
+// larger speed plus a minimum. The distance of a hypothesis without one is a
+// further unknown. D is what it costs: a constant, and a loss of its difference
+// from the measured distances that agree with its direction. A sequence may
+// have a real jump, hence the Cauchy loss, a = kLossScale. A step far from any
+// whose hypotheses disagree must have one: nothing questions it, and a camera
+// in the hand is not smooth. If such a hypothesis has no distance, it continues
+// with the velocity closest to the previous one.
 //
-// Solver: dynamic programming, exact where distances are known. Distances that
-// are not are interpolated between those that are. Cost: linear in the steps.
+// Solver: dynamic programming over the hypotheses and a range of distances,
+// kDistanceSpacing apart. Unknown distances of the solution are interpolated
+// between known ones. Cost: linear in the steps.
 //
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.

@@ -177,6 +177,29 @@ TEST(MotionContinuityTest, DistancesCountWhereTheRigBrakes) {
   EXPECT_FALSE(path.is_contested.Any());
 }
 
+// Brakes from frame 20 to 26, from 2 to 0.5 per step.
+Rigid3 Braking(double time) {
+  double s = 0.0;
+  for (int k = 0; k < std::lround(time); ++k) {
+    s += std::clamp(2.0 - 0.25 * (k - 20), 0.5, 2.0);
+  }
+  return Rigid3::FromRotationAndCenter(Quaterniond::Identity(), {0.0, 0.0, s});
+}
+
+// No distance is known while the rig brakes. A lorry that turns off seems to
+// move with the speed after braking.
+TEST(MotionContinuityTest, ARigBrakesWhereNoDistanceIsKnown) {
+  Drive drive(Braking);
+  drive.AddWorld(0, 22, 0.5);
+  drive.AddDirections(22, 26, 0.5);
+  drive.AddWorld(26, kNumFrames - 1, 0.5);
+  drive.AddObject(22, 40,
+                  Rigid3::FromRotationAndCenter(
+                      ExpSO3({0.0, DegToRad(1.5), 0.0}), {0.0, 0.0, 0.5}),
+                  0.5);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
 // Wrong depths of one camera look like another motion in each step.
 TEST(MotionContinuityTest, MotionsThatDoNotLastAreNoObjects) {
   Random random(3);
