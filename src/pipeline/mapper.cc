@@ -204,10 +204,39 @@ void SortBySize(std::vector<MapperModel>* models) {
                    });
 }
 
+int NumImages(const Scene& scene, const MapperModel& model) {
+  int num_images = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    num_images +=
+        model.reconstruction.IsRegistered(scene, static_cast<int>(i));
+  }
+  return num_images;
+}
+
+// Drops the models of fewer than min_model_size images, but never the first
+// one. Returns which frames they have.
+Mask DropSmallModels(const Scene& scene, int min_model_size,
+                     std::vector<MapperModel>* models) {
+  Mask is_dropped(scene.frames.size(), false);
+  if (models->empty()) return is_dropped;
+  const auto small = std::stable_partition(
+      models->begin() + 1, models->end(), [&](const MapperModel& model) {
+        return NumImages(scene, model) >= min_model_size;
+      });
+  for (auto model = small; model != models->end(); ++model) {
+    for (size_t i = 0; i < is_dropped.size(); ++i) {
+      if (model->reconstruction.rig_from_world[i]) is_dropped[i] = true;
+    }
+  }
+  models->erase(small, models->end());
+  return is_dropped;
+}
+
 std::vector<UnregisteredFrame> ExplainUnregistered(
     const Scene& scene, const RotationEstimate& rotations,
     const std::vector<int>& num_frames_of_component,
-    const MapperOptions& options, const std::vector<MapperModel>& models) {
+    const Mask& is_in_small_model, const MapperOptions& options,
+    const std::vector<MapperModel>& models) {
   std::vector<UnregisteredFrame> unregistered;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const bool is_registered =
@@ -222,6 +251,9 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
                options.min_num_frames) {
       reason = "its connected component has fewer than " +
                std::to_string(options.min_num_frames) + " frames";
+    } else if (is_in_small_model[i]) {
+      reason = "its model has fewer than " +
+               std::to_string(options.min_model_size) + " images";
     } else {
       reason = options.weak_seams == WeakSeams::kSplit
                    ? "a weak seam separates it, or too few points constrain "
@@ -394,9 +426,12 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,
                             options, context, &rotation);
+  const Mask is_in_small_model =
+      DropSmallModels(scene, options.min_model_size, &result.models);
   result.rejected_pairs = CountRejections(rotation.verdicts);
-  result.unregistered_frames = ExplainUnregistered(
-      scene, rotation.estimate, num_frames, options, result.models);
+  result.unregistered_frames =
+      ExplainUnregistered(scene, rotation.estimate, num_frames,
+                          is_in_small_model, options, result.models);
   check_input();
   return result;
 }

@@ -211,6 +211,28 @@ TEST(Hazards, Hazard17AllComponentsBecomeModels) {
   }
 }
 
+// Of two parts that no pair connects, the smaller one has eight images.
+TEST(Hazards, Hazard17SmallModelsAreDropped) {
+  Drive drive = MakeDriveWithoutRigs(SmallDrive(RigPreset::kStereo, 14));
+  const auto is_late = [](const std::string& name) {
+    return name.substr(5) >= "000010.png";
+  };
+  RemovePairs(
+      [&](const std::string& name1, const std::string& name2) {
+        return is_late(name1) != is_late(name2);
+      },
+      &drive.contents);
+  const Outcome outcome = Map(drive);
+  ASSERT_EQ(outcome.result.models.size(), 1u);
+  const Evaluation evaluation = EvaluateModel(drive, outcome);
+  EXPECT_EQ(evaluation.num_registered, 20);
+  ExpectRight(evaluation);
+  EXPECT_FALSE(outcome.result.unregistered_frames.empty());
+  for (const UnregisteredFrame& frame : outcome.result.unregistered_frames) {
+    EXPECT_EQ(frame.reason, "its model has fewer than 10 images");
+  }
+}
+
 // Only wrong pairs connect the two sequences.
 TEST(Hazards, Hazard17WrongPairsDoNotConnectComponents) {
   const SimulationOptions options = SmallDrive(RigPreset::kStereo, 14);

@@ -41,7 +41,8 @@ namespace mgsfm {
 //
 // All components share the rotations of sensors in their rigs. A component of
 // at least `min_num_frames` frames becomes a model with a world frame of its
-// own.
+// own. Beside the largest one, models of fewer than `min_model_size` images are
+// dropped, as in COLMAP: few frames of one component are often wrong.
 
 // Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
@@ -59,6 +60,9 @@ struct MapperOptions {
   Option<int> min_num_frames{
       "min_num_frames", 3, AtLeast(2), "frames",
       "Connected components with fewer frames do not become models."};
+  Option<int> min_model_size{
+      "Mapper.min_model_size", 10, AtLeast(1), "images",
+      "Models with fewer images are not written, except for the largest one."};
   Option<bool> compute_covariances{
       "compute_covariances", false,
       "Compute the covariances of the poses of sensors in their rig and of "
@@ -88,7 +92,8 @@ struct MapperOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_frames, compute_covariances, metric_scale, weak_seams);
+    visit(min_num_frames, min_model_size, compute_covariances, metric_scale,
+          weak_seams);
     visit.Group("FocalLengths", focal_lengths);
     visit.Group("ViewGraph", view_graph);
     visit.Group("PairFiltering", pair_filtering);
