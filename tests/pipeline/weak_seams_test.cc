@@ -56,6 +56,9 @@ TEST(WeakSeams, AreReported) {
   std::vector<int> expected;
   for (int i = 0; i < kFirstBeyond; ++i) expected.push_back(i);
   EXPECT_EQ(seams[0].frame_idxs_beyond, expected);
+  ASSERT_TRUE(seams[0].sigma_position && seams[0].sigma_rotation_deg);
+  EXPECT_GT(*seams[0].sigma_position, 0.0);
+  EXPECT_GT(*seams[0].sigma_rotation_deg, 0.0);
 }
 
 TEST(WeakSeams, SplitModels) {
