@@ -88,9 +88,18 @@ class Surroundings {
       point.track.erase(
           std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
           point.track.end());
-      if (point.track.size() >= 2) part.points.push_back(std::move(point));
+      if (IsBetweenFrames(point)) part.points.push_back(std::move(point));
     }
     return part;
+  }
+
+  // Points in a single frame tell nothing about its pose, since sensors are
+  // held.
+  bool IsBetweenFrames(const Point3D& point) const {
+    return std::any_of(point.track.begin(), point.track.end(),
+                       [&](const Observation& o) {
+                         return FrameOf(o) != FrameOf(point.track.front());
+                       });
   }
 
   const Scene& scene_;

@@ -20,7 +20,7 @@ namespace mgsfm {
 // covariance is sigma^2 (J^T W J)^-1 with the weights W of its robust loss. The
 // noise sigma is that of the points below.
 // Unknowns: the poses of both frames and of the 40 frames that share most
-// points with each, and the points that at least two of their images observe.
+// points with each, and the points that at least two of them observe.
 // Sensors and intrinsics are constant, because all frames of the model
 // determine them. Observations in other frames are ignored.
 // Gauge: that of bundle_adjustment.h. The relative pose does not depend on the
