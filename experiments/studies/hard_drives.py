@@ -8,8 +8,9 @@ import pathlib
 import shlex
 import tempfile
 
-from experiments import measure, options, records, tables
-from experiments.studies import hard_evaluation
+from experiments import (alignment, colmap_model, measure, options, records,
+                         tables)
+from experiments.studies import hard_evaluation, seam_reliability
 
 PRESETS = "moderate,hard"
 RIGS = "stereo,kitti360"
@@ -17,7 +18,8 @@ DESCRIPTION = """\
 Simulates drives along the trajectories of KITTI, maps them, and reports gross
 failures (a mean error above 1 m, or a frame off by more than 5 m or 5 degrees),
 which share of the misplaced frames lies beyond a seam that the report names,
-false seams, and the cost. Options behind -- go to mgsfm mapper. Finished drives
+false seams, how well the standard deviations of seams predict errors, and the
+cost. Options behind -- go to mgsfm mapper. Finished drives
 are kept; their databases and models are removed.
 
   python3 -m experiments hard_drives DATA --sequences 03,04 --seeds 1,2,3 \\
@@ -81,7 +83,8 @@ def run(arguments):
             for one in running:
                 one.cancel()
     write_csv(arguments.output / "drives.csv", rows)
-    text = summary_table(rows) + "\n" + failures_table(rows)
+    text = "\n".join([summary_table(rows), failures_table(rows),
+                      seam_reliability.reliability_table(rows)])
     (arguments.output / "drives.md").write_text(text)
     print(text, end="")
 
@@ -141,11 +144,23 @@ def map_drive(arguments, drive, scratch):
     if costs["exit_code"] not in records.RESULTS:
         raise SystemExit(f"{drive.name}: {measure.last_line(scratch / 'log')}")
     if costs["exit_code"] == 0:
-        row = hard_evaluation.evaluate(scratch / "sparse",
-                                       scratch / "drive/truth")
+        row = evaluate(scratch / "sparse", scratch / "drive/truth")
     else:
         row = hard_evaluation.summarize([], 0)
     return {**row, "processor_s": costs["processor_seconds"]}
+
+
+def evaluate(run_folder, truth_folder):
+    """The row of a drive: each model is aligned on its own."""
+    report = json.loads((run_folder / "report.json").read_text())
+    truth = {name: alignment.pose_of(*pose) for name, pose in
+             colmap_model.read_poses(truth_folder).items()}
+    folders = [run_folder / str(i) for i in range(len(report["models"]))]
+    row = hard_evaluation.evaluate(report, folders, truth)
+    row["seam_errors"] = [
+        entry for model, folder in zip(report["models"], folders)
+        for entry in seam_reliability.evaluate_seams(model, folder, truth)]
+    return row
 
 
 def line_of(row):

@@ -5,7 +5,6 @@ A frame is misplaced if it is off by more than MAX_POSITION_M or
 MAX_ROTATION_DEG. A gross failure is a mean position error above MAX_MEAN_M, or
 a misplaced frame.
 """
-import json
 import pathlib
 import statistics
 
@@ -103,14 +102,11 @@ def evaluate_model(frames, seams):
             "num_false_seams": sum(is_false_seam(frames, s) for s in seams)}
 
 
-def evaluate(run_folder, truth_folder):
-    """The row of a drive: each model is aligned on its own."""
-    report = json.loads((run_folder / "report.json").read_text())
-    truth = {name: alignment.pose_of(*pose) for name, pose in
-             colmap_model.read_poses(truth_folder).items()}
+def evaluate(report, folders, truth):
+    """The row of a drive: each model of the report is aligned on its own."""
     models = []
-    for number, model_report in enumerate(report["models"]):
-        frames = read_frames(run_folder / str(number), truth)
+    for model_report, folder in zip(report["models"], folders):
+        frames = read_frames(folder, truth)
         if len(frames) >= 3:
             models.append(evaluate_model(frames, seams_of(model_report, frames)))
     return summarize(models, len({frame_of(name) for name in truth}))

@@ -100,6 +100,24 @@ double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
   return errors.empty() ? 0.0 : RobustSigma<2>(std::move(errors));
 }
 
+double UnbiasedNoiseSigmaPx(const Scene& scene,
+                            const Reconstruction& reconstruction,
+                            int num_threads) {
+  const std::vector<double> errors =
+      ReprojectionErrors(scene, reconstruction, num_threads);
+  const std::vector<size_t> begin = FirstErrorOfPoints(scene, reconstruction);
+  std::vector<double> variances;
+  for (size_t i = 0; i < reconstruction.points.size(); ++i) {
+    const int num_freedoms = 2 * static_cast<int>(begin[i + 1] - begin[i]) - 3;
+    if (num_freedoms <= 0) continue;
+    double sum = 0.0;
+    for (size_t k = begin[i]; k < begin[i + 1]; ++k)
+      sum += errors[k] * errors[k];
+    variances.push_back(sum / MedianOfChiSquare(num_freedoms));
+  }
+  return variances.empty() ? 0.0 : std::sqrt(Median(std::move(variances)));
+}
+
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
                   const Eigen::Vector3d& point,
                   const PointFilterOptions& options) {

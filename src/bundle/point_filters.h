@@ -32,6 +32,15 @@ std::vector<double> ReprojectionErrors(const Scene& scene,
 double NoiseSigmaPx(const Scene& scene, const Reconstruction& reconstruction,
                     int num_threads);
 
+// The same from the sums of squared errors of points. That of a point with n
+// observations is sigma^2 times a chi-square variable with 2n - 3 degrees of
+// freedom; sigma^2 is the median of all sums, each divided by the median of its
+// distribution. NoiseSigmaPx() is up to 20 % smaller, because the residuals of
+// a point in two images have one dimension instead of four.
+double UnbiasedNoiseSigmaPx(const Scene& scene,
+                            const Reconstruction& reconstruction,
+                            int num_threads);
+
 struct PointFilterOptions {
   double max_error_px = 4.0;
   int min_num_observations = 2;

@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "confidence/frame_cuts.h"
-#include "confidence/seam_uncertainty.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -176,8 +175,8 @@ std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
   return std::nullopt;
 }
 
-Seam MakeSeam(const ConfidenceInput& input, const FrameCuts& cuts,
-              const CutEvidence& evidence, size_t cut_idx, SeamReason reason) {
+Seam MakeSeam(const FrameCuts& cuts, const CutEvidence& evidence,
+              size_t cut_idx, SeamReason reason) {
   const FrameCuts::Cut& cut = cuts.cuts()[cut_idx];
   const bool core_is_above = cuts.CoreIsAbove(cut_idx);
   Seam seam;
@@ -189,12 +188,6 @@ Seam MakeSeam(const ConfidenceInput& input, const FrameCuts& cuts,
   seam.num_tracks = static_cast<int>(evidence.num_tracks[cut_idx]);
   seam.num_confirmed = static_cast<int>(evidence.num_confirmed[cut_idx]);
   seam.num_against = static_cast<int>(evidence.num_against[cut_idx]);
-  if (const auto uncertainty = EstimateSeamUncertainty(
-          input.scene, input.reconstruction, seam.frame_idxs_beyond,
-          seam.frame_idx_beyond)) {
-    seam.sigma_position = uncertainty->sigma_position;
-    seam.sigma_rotation_deg = uncertainty->sigma_rotation_deg;
-  }
   return seam;
 }
 
@@ -215,7 +208,7 @@ Confidence EstimateConfidence(const ConfidenceInput& input,
     if (const auto reason =
             is_jump[k] ? SeamReason::kJump : ReasonOf(evidence, k, options)) {
       seams.emplace_back(confidences.back(),
-                         MakeSeam(input, cuts, evidence, k, *reason));
+                         MakeSeam(cuts, evidence, k, *reason));
     }
   }
   std::stable_sort(

@@ -25,8 +25,9 @@ struct ConfidenceInput {
   std::vector<std::pair<int, int>> jumps = {};
 };
 
-// See mgsfm/confidence/confidence.h. Cost: linear in matches and observations,
-// times the depth of the tree for pairs of distant frames.
+// See mgsfm/confidence/confidence.h. Seams have no standard deviations. Cost:
+// linear in matches and observations, times the depth of the tree for pairs of
+// distant frames.
 Confidence EstimateConfidence(const ConfidenceInput& input,
                               const ConfidenceOptions& options);
 

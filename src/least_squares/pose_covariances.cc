@@ -84,15 +84,21 @@ std::optional<PoseCovariances> Compute(
   return result;
 }
 
+// All sensors or all frames of a problem.
+struct PoseList {
+  const std::vector<int>& blocks;
+  const std::vector<PoseMask>& masks;
+};
+
 Eigen::MatrixXd CovarianceOfGroup(const RigEquationsBase& equations,
-                                  const std::vector<PoseMask>& masks,
-                                  const std::vector<int>& sensors) {
+                                  const PoseList& poses,
+                                  const std::vector<int>& group) {
   const RigStructure& s = equations.structure();
   const Eigen::Index size = s.pose_size;
-  const auto count = static_cast<Eigen::Index>(sensors.size());
+  const auto count = static_cast<Eigen::Index>(group.size());
   Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(s.num_unknowns, count * size);
   const auto first_of = [&](Eigen::Index k) -> std::optional<Eigen::Index> {
-    const int block = s.sensor_block[sensors[k]];
+    const int block = poses.blocks[group[k]];
     if (block == kNoBlock) return std::nullopt;
     return Eigen::Index{s.block_first[block]};
   };
@@ -108,29 +114,31 @@ Eigen::MatrixXd CovarianceOfGroup(const RigEquationsBase& equations,
       PoseMatrix block = PoseMatrix::Zero();
       block.bottomRightCorner(size, size) =
           columns.block(*first_of(a), b * size, size, size);
-      covariance.block<6, 6>(6 * a, 6 * b) = masks[sensors[a]].asDiagonal() *
-                                             block *
-                                             masks[sensors[b]].asDiagonal();
+      covariance.block<6, 6>(6 * a, 6 * b) =
+          poses.masks[group[a]].asDiagonal() * block *
+          poses.masks[group[b]].asDiagonal();
     }
   }
   return 0.5 * (covariance + covariance.transpose());
 }
 
-template <class R>
+// `poses_of` selects the sensors or the frames of the structure.
+template <class R, class PosesOf>
 std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
     const RigProblem<typename R::Observation>& problem, const RigState& state,
-    const std::vector<std::vector<int>>& groups, const Context& context) {
+    const std::vector<std::vector<int>>& groups, const Context& context,
+    const PosesOf& poses_of) {
   RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
   equations.SetState(state);
   if (!equations.Linearize(kDamping) || !equations.Factorize()) {
     return std::nullopt;
   }
+  const PoseList poses = poses_of(equations.structure());
   std::vector<Eigen::MatrixXd> covariances;
   covariances.reserve(groups.size());
-  for (const std::vector<int>& sensors : groups) {
+  for (const std::vector<int>& group : groups) {
     context.CheckInterrupted();
-    covariances.push_back(
-        CovarianceOfGroup(equations, problem.sensor_masks, sensors));
+    covariances.push_back(CovarianceOfGroup(equations, poses, group));
   }
   return covariances;
 }
@@ -189,7 +197,21 @@ std::optional<std::vector<Eigen::MatrixXd>>
 ComputeSensorCovariances<PixelObservation>(
     const RigProblem<PixelObservation>& problem, const RigState& state,
     const std::vector<std::vector<int>>& groups, const Context& context) {
-  return ComputeOfGroups<PixelResidual>(problem, state, groups, context);
+  return ComputeOfGroups<PixelResidual>(
+      problem, state, groups, context, [&](const RigStructure& s) {
+        return PoseList{s.sensor_block, problem.sensor_masks};
+      });
+}
+
+template <>
+std::optional<std::vector<Eigen::MatrixXd>>
+ComputeFrameCovariances<PixelObservation>(
+    const RigProblem<PixelObservation>& problem, const RigState& state,
+    const std::vector<std::vector<int>>& groups, const Context& context) {
+  return ComputeOfGroups<PixelResidual>(
+      problem, state, groups, context, [&](const RigStructure& s) {
+        return PoseList{s.frame_block, problem.frame_masks};
+      });
 }
 
 template <>

@@ -39,6 +39,15 @@ ComputeSensorCovariances(const RigProblem<Observation>& problem,
                          const std::vector<std::vector<int>>& groups,
                          const Context& context);
 
+// The same for groups of frames: 6 rows and columns per frame, zero for
+// constant coordinates.
+template <class Observation>
+[[nodiscard]] std::optional<std::vector<Eigen::MatrixXd>>
+ComputeFrameCovariances(const RigProblem<Observation>& problem,
+                        const RigState& state,
+                        const std::vector<std::vector<int>>& groups,
+                        const Context& context);
+
 // Variances of the free parameters of each camera; empty for cameras without
 // free parameters. Cost: one factorisation, and one triangular solve per
 // parameter.

@@ -16,12 +16,24 @@ namespace mgsfm {
 //   k = 1   erf(m / sqrt 2) = 1/2                                m = 0.6745
 //   k = 2   1 - exp(-m^2 / 2) = 1/2                m = sqrt(2 ln 2) = 1.1774
 //   k = 3   erf(m / sqrt 2) - sqrt(2 / pi) m exp(-m^2 / 2) = 1/2 m = 1.5382
+constexpr double kMediansOfStandardNormalNorm[] = {
+    0.6744897501960817, 1.1774100225154747, 1.5381722544550522};
+
 template <int kDimension>
 constexpr double MedianOfStandardNormalNorm() {
   static_assert(kDimension >= 1 && kDimension <= 3);
-  constexpr double kMedians[] = {0.6744897501960817, 1.1774100225154747,
-                                 1.5381722544550522};
-  return kMedians[kDimension - 1];
+  return kMediansOfStandardNormalNorm[kDimension - 1];
+}
+
+// The median of a chi-square variable with k >= 1 degrees of freedom; beyond
+// three, within 0.4 % (Wilson and Hilferty 1931).
+inline double MedianOfChiSquare(int k) {
+  if (k <= 3) {
+    const double norm = kMediansOfStandardNormalNorm[k - 1];
+    return norm * norm;
+  }
+  const double cube_root = 1.0 - 2.0 / (9.0 * k);
+  return k * cube_root * cube_root * cube_root;
 }
 
 // The standard deviation of each coordinate of residual vectors with isotropic

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <utility>
 
-#include "confidence/seams.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "pair_filtering/frame_pair_index.h"
@@ -178,12 +177,12 @@ std::vector<MapperModel> ReconstructComponent(
   input.observer = measurements.observer;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
-  model.confidence = EstimateConfidence(
+  model.confidence = EstimateModelConfidence(
       {scene, index, view_graph, input.pair_is_used, model.rejected_groups,
        model.reconstruction,
        FindMotionJumps(scene, index, view_graph, measurements.pair_on_path,
                        model.reconstruction)},
-      options.confidence);
+      options, context);
   if (options.weak_seams == WeakSeams::kSplit &&
       !model.confidence.seams.empty()) {
     return SplitAtSeams(input, index, options, context, model);

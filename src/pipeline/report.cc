@@ -262,6 +262,14 @@ Json ToJson(const Scene& scene, const Reconstruction& reconstruction,
         {{"reason", EnumName(seam.reason)},
          {"frames_before", beyond_is_first ? beyond : core},
          {"frames_after", beyond_is_first ? core : beyond},
+         {"frame_before", scene
+                              .frames[beyond_is_first ? seam.frame_idx_beyond
+                                                      : seam.frame_idx_core]
+                              .name},
+         {"frame_after", scene
+                             .frames[beyond_is_first ? seam.frame_idx_core
+                                                     : seam.frame_idx_beyond]
+                             .name},
          {"weaker_side", beyond_is_first ? "before" : "after"},
          {"num_frames_of_weaker_side", seam.frame_idxs_beyond.size()},
          {"num_pairs", seam.num_pairs},

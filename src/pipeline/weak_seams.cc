@@ -2,13 +2,15 @@
 #include "pipeline/weak_seams.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <map>
 #include <optional>
 #include <string>
 #include <utility>
 
-#include "confidence/seams.h"
+#include "bundle/relative_covariance.h"
+#include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -71,6 +73,28 @@ Mask PairsOfSegment(const FramePairIndex& index,
 
 }  // namespace
 
+Confidence EstimateModelConfidence(const ConfidenceInput& input,
+                                   const MapperOptions& options,
+                                   const Context& context) {
+  Confidence confidence = EstimateConfidence(input, options.confidence);
+  std::vector<std::pair<int, int>> frame_pairs;
+  for (const Seam& seam : confidence.seams) {
+    frame_pairs.emplace_back(seam.frame_idx_core, seam.frame_idx_beyond);
+  }
+  const auto covariances = ComputeRelativeCovariances(
+      input.scene, input.reconstruction, options.bundle_adjustment, frame_pairs,
+      context);
+  for (size_t i = 0; i < covariances.size(); ++i) {
+    if (!covariances[i]) continue;
+    const PoseMatrix& covariance = *covariances[i];
+    confidence.seams[i].sigma_rotation_deg =
+        RadToDeg(std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+    confidence.seams[i].sigma_position =
+        std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  }
+  return confidence;
+}
+
 std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence) {
   if (confidence.seams.empty()) return std::nullopt;
@@ -121,10 +145,10 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
     Reconstruction initial = std::move(part.reconstruction);
     AdjustModel(of_part, options, context, std::move(initial), &part);
     if (!IsLargeEnough(part, options)) continue;
-    part.confidence = EstimateConfidence(
+    part.confidence = EstimateModelConfidence(
         {scene, index, input.view_graph, of_part.pair_is_used,
          part.rejected_groups, part.reconstruction},
-        options.confidence);
+        options, context);
     parts.push_back(std::move(part));
   }
   return parts;

@@ -4,6 +4,7 @@
 #include <optional>
 #include <vector>
 
+#include "confidence/seams.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/health/finding.h"
 #include "mgsfm/pipeline/mapper.h"
@@ -11,6 +12,13 @@
 #include "pipeline/model_adjustment.h"
 
 namespace mgsfm {
+
+// The confidence of an adjusted model, with the standard deviations of its
+// seams. Cost: that of EstimateConfidence(), and of
+// ComputeRelativeCovariances() for each seam.
+Confidence EstimateModelConfidence(const ConfidenceInput& input,
+                                   const MapperOptions& options,
+                                   const Context& context);
 
 // nullopt for a model without weak seams.
 std::optional<Finding> DescribeSeams(const Scene& scene,

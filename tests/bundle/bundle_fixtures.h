@@ -68,6 +68,23 @@ inline ObservationGroups GroupTracks(const Reconstruction& reconstruction,
   return groups;
 }
 
+// Draws new noise for the keypoints of the same points.
+inline void DrawNoise(double sigma_px, Random* random, Simulation* simulation) {
+  for (const Point3D& point : simulation->ground_truth.points) {
+    for (const Observation& o : point.track) {
+      Image& image = simulation->scene.images[o.image_idx];
+      const Camera& camera = simulation->scene.cameras[image.camera_idx];
+      const Eigen::Vector2d pixel =
+          *ProjectToPixel(camera.model, camera.params.data(),
+                          *simulation->ground_truth.CamFromWorld(
+                              simulation->scene, o.image_idx) *
+                              point.point_in_world) +
+          sigma_px * Eigen::Vector2d(random->Normal(), random->Normal());
+      image.keypoints_px[o.keypoint_idx] = pixel.cast<float>();
+    }
+  }
+}
+
 // Perturb() for a reconstruction, without intrinsics.
 inline Reconstruction Perturbed(const Scene& scene,
                                 const Reconstruction& reconstruction,

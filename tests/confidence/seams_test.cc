@@ -114,7 +114,6 @@ TEST(Seams, AreWhereFewPointsCross) {
   EXPECT_GE(seam.frame_idx_beyond, kFirstBeyond);
   EXPECT_LT(seam.frame_idx_core, kFirstBeyond);
   EXPECT_EQ(seam.num_tracks, 12);
-  EXPECT_TRUE(seam.sigma_position.has_value());
   for (int i = 0; i < kNumFrames; ++i) {
     EXPECT_EQ(*confidence.of_frame[i] < 0.5, i >= kFirstBeyond) << i;
   }
@@ -140,7 +139,6 @@ TEST(Seams, AreWhereNoPointCrosses) {
   EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTracks);
   EXPECT_EQ(confidence.seams[0].num_tracks, 0);
   EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
-  EXPECT_FALSE(confidence.seams[0].sigma_position.has_value());
 }
 
 // Though many points cross the cut, the rig cannot have moved that way.

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from experiments import alignment, poses
-from experiments.studies import hard_evaluation
+from experiments.studies import hard_evaluation, seam_reliability
 
 
 def random_turn(generator):
@@ -117,6 +117,47 @@ def test_seams_of_a_report():
          "frames_after": [["cam0/000002.png", "cam0/000003.png"]]}]},
                                     frames) == [
              ({"000001", "000006", "000007", "000008"}, {"000002", "000003"})]
+
+
+def test_relative_errors_do_not_depend_on_the_world():
+    generator = random.Random(3)
+    truth = list(road(2).values())
+    similarity, turn = make_similarity(generator)
+    first, second = (transformed(similarity, turn, pose) for pose in truth)
+    scale = 1.0 / similarity.scale
+    position, rotation = seam_reliability.relative_errors(
+        (first, truth[0]), (second, truth[1]), scale)
+    assert position == pytest.approx(0.0, abs=1e-9)
+    assert rotation == pytest.approx(0.0, abs=1e-6)
+    # Turns the second camera by 0.01 degrees about a random axis.
+    axis = alignment.normalized([generator.gauss(0, 1) for _ in range(3)])
+    half = math.radians(0.005)
+    wrong = (math.cos(half), *(math.sin(half) * x for x in axis))
+    turned = alignment.multiply(wrong, second[0]), second[1]
+    position, rotation = seam_reliability.relative_errors(
+        (first, truth[0]), (turned, truth[1]), scale)
+    assert position == pytest.approx(0.0, abs=1e-9)
+    assert rotation == pytest.approx(0.01, rel=1e-6)
+
+
+def test_reliability_of_known_ratios():
+    # Errors are twice the standard deviations of positions, and half those of
+    # rotations; a misplaced frame does not count.
+    seams = [{"position": [0.01 * i, 0.02 * i], "rotation": [0.2 * i, 0.1 * i],
+              "is_misplaced": False} for i in range(1, 12)]
+    seams.append({"position": [0.1, 50.0], "rotation": [0.1, 90.0],
+                  "is_misplaced": True})
+    lines = seam_reliability.reliability_table(
+        [{"seam_errors": seams[:6]}, {"seam_errors": seams[6:]}, {}]
+    ).splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")]
+             for line in lines]
+    assert len(cells) == 2 * (1 + seam_reliability.NUM_BINS)
+    assert cells[0] == ["position", "all", "11", "0.0600 m", "0.1200 m",
+                        "2.00", "0 %"]
+    assert {row[5] for row in cells} == {"2.00", "0.50"}
+    assert sum(int(row[2]) for row in cells[1:6]) == 11
+    assert seam_reliability.reliability_table([{}]) == ""
 
 
 def test_hard_drives_resumes_and_leaves_only_results(

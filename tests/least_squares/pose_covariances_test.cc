@@ -99,6 +99,40 @@ TEST(PoseCovariancesTest, GroupsOfSensorsAreBlocksOfTheDenseInverse) {
   EXPECT_TRUE((*covariances)[1].isZero(0.0));
 }
 
+TEST(PoseCovariancesTest, GroupsOfFramesAreBlocksOfTheDenseInverse) {
+  RigSceneOptions options;
+  options.cameras = {PerspectiveTestCameras()[0], PerspectiveTestCameras()[0]};
+  options.num_points = 40;
+  RigScene<PixelObservation> scene = MakePixelScene(options);
+  scene.problem.frame_masks[4][5] = 0.0;
+  const RigEquations<PixelResidual> equations(
+      scene.problem, ReducedSolver::kDirect, Threads(1));
+  const RigStructure& structure = equations.structure();
+  const Eigen::MatrixXd inverse =
+      MakeDenseEquations(scene.problem, structure, scene.truth)
+          .Damped(0.0)
+          .inverse();
+  const std::vector<int> group = {4, 2};
+  const auto covariances =
+      ComputeFrameCovariances(scene.problem, scene.truth, {group}, Threads(1));
+  ASSERT_TRUE(covariances.has_value());
+  Eigen::MatrixXd expected(12, 12);
+  for (int a = 0; a < 2; ++a) {
+    for (int b = 0; b < 2; ++b) {
+      const int row = structure.frame_block[group[a]];
+      const int column = structure.frame_block[group[b]];
+      ASSERT_TRUE(row >= 0 && column >= 0);
+      expected.block<6, 6>(6 * a, 6 * b) =
+          scene.problem.frame_masks[group[a]].asDiagonal() *
+          inverse.block(structure.block_first[row],
+                        structure.block_first[column], 6, 6) *
+          scene.problem.frame_masks[group[b]].asDiagonal();
+    }
+  }
+  EXPECT_LT((covariances->front() - expected).norm(), 1e-4 * expected.norm());
+  EXPECT_TRUE(covariances->front().row(5).isZero(0.0));
+}
+
 TEST(PoseCovariancesTest, UnobservableDirectionsHaveHugeVariances) {
   RigSceneOptions options;
   options.cameras = {PerspectiveTestCameras()[0]};

@@ -41,6 +41,15 @@ TEST(RobustScale, MediansHalveTheChiDistribution) {
   ExpectHalfOfTheProbability<3>();
 }
 
+TEST(RobustScale, MediansOfTheChiSquareDistribution) {
+  for (int k = 1; k <= 41; ++k) {
+    const double median = MedianOfChiSquare(k);
+    const double half = 0.5 * IntegrateChiDensity(k, 0.0, 20.0);
+    EXPECT_LT(IntegrateChiDensity(k, 0.0, std::sqrt(0.996 * median)), half);
+    EXPECT_GT(IntegrateChiDensity(k, 0.0, std::sqrt(1.004 * median)), half);
+  }
+}
+
 TEST(RobustScale, SigmaOfSamplesWithOutliers) {
   Random random(1);
   std::vector<double> norms1, norms2, norms3;

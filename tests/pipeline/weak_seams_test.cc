@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "mgsfm/pipeline/mapper.h"
+#include "mgsfm/pipeline/report.h"
 #include "mgsfm/synthetic/simulation.h"
 
 namespace mgsfm {
@@ -56,6 +58,26 @@ TEST(WeakSeams, AreReported) {
   std::vector<int> expected;
   for (int i = 0; i < kFirstBeyond; ++i) expected.push_back(i);
   EXPECT_EQ(seams[0].frame_idxs_beyond, expected);
+  ASSERT_TRUE(seams[0].sigma_position && seams[0].sigma_rotation_deg);
+  EXPECT_GT(*seams[0].sigma_position, 0.0);
+  EXPECT_GT(*seams[0].sigma_rotation_deg, 0.0);
+}
+
+TEST(WeakSeams, AreReportedWithTheFramesNextToThem) {
+  const Simulation simulation = DriveWithWeakSeam();
+  const MapperResult result =
+      RunMapper({simulation.scene, simulation.view_graph}, {}, {});
+  RunDescription run;
+  run.options_json = "{}";
+  const auto report = nlohmann::json::parse(
+      MapperReportToJson(simulation.scene, simulation.view_graph, result, run));
+  const auto& seam = report["models"][0]["seams"][0];
+  const auto& frames = simulation.scene.frames;
+  const Seam& expected = result.models[0].confidence.seams[0];
+  ASSERT_LT(expected.frame_idx_beyond, kFirstBeyond);
+  ASSERT_GE(expected.frame_idx_core, kFirstBeyond);
+  EXPECT_EQ(seam["frame_before"], frames[expected.frame_idx_beyond].name);
+  EXPECT_EQ(seam["frame_after"], frames[expected.frame_idx_core].name);
 }
 
 TEST(WeakSeams, SplitModels) {

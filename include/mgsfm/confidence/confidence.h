@@ -35,9 +35,10 @@ namespace mgsfm {
 // neighbours in time contradicts the motion of the rig; the weakest cut between
 // them is a seam, too, with confidence 0.
 //
-// The uncertainty of a seam is that of a rigid motion of one side against the
-// other, with both sides and the noise of keypoints fixed and the points that
-// cross the seam free. It assumes that these points are correct.
+// The uncertainty of a seam is that of the pose of one of the two frames next
+// to it relative to the other, from the noise of the keypoints around them
+// (bundle/relative_covariance.h). It assumes that the points that cross the
+// seam are correct.
 
 struct ConfidenceOptions {
   Option<int> min_num_tracks{
@@ -79,9 +80,9 @@ struct Seam {
   int num_tracks = 0;  // points observed on both sides
   int num_confirmed = 0;
   int num_against = 0;
-  // Standard deviations (root mean square of the three axes times sqrt 3) of
-  // the position and rotation of one side against the other; nullopt if the
-  // points do not determine them.
+  // Standard deviations of the position and rotation of frame_idx_beyond in
+  // frame_idx_core: the square roots of the sums of the variances of the three
+  // axes. nullopt if the points do not determine them.
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
 };
