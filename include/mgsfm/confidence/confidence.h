@@ -13,10 +13,10 @@ namespace mgsfm {
 // Where is a model weak?
 //
 // A model is rigid only as far as observations tie its frames together. The
-// maximum spanning tree of the frames, weighted by confirmed matches, names the
-// cuts to look at: removal of one of its edges leaves two sides. A match is
-// confirmed if one point of the model observes both of its keypoints. Of each
-// cut, this stage counts
+// maximum spanning tree of the frames, weighted by confirmed matches, defines
+// the candidate cuts: removing one of its edges leaves two sides. A match is
+// confirmed if both of its keypoints observe one point of the model. This stage
+// counts for each cut
 //
 //   num_tracks   points observed on both sides,
 //   confirmed    confirmed matches of used pairs between the sides,
@@ -35,9 +35,9 @@ namespace mgsfm {
 // neighbours in time contradicts the motion of the rig; the weakest cut between
 // them is a seam, too, with confidence 0.
 //
-// The uncertainty of a seam is that of a rigid motion of one side against the
-// other, with both sides and the noise of keypoints fixed and the points that
-// cross the seam free. It assumes that these points are correct.
+// The uncertainty of a seam is that of a rigid motion of one side relative to
+// the other, with both sides and the noise of keypoints fixed and the points
+// that cross the seam free. It assumes that these points are correct.
 
 struct ConfidenceOptions {
   Option<int> min_num_tracks{
@@ -80,8 +80,8 @@ struct Seam {
   int num_confirmed = 0;
   int num_against = 0;
   // Standard deviations (root mean square of the three axes times sqrt 3) of
-  // the position and rotation of one side against the other; nullopt if the
-  // points do not determine them.
+  // the position, in the unit of the model, and rotation of one side relative
+  // to the other; nullopt if the points do not determine them.
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
 };
