@@ -40,12 +40,32 @@ def to_markdown(doc):
     return "\n".join(lines)
 
 
+class Plain:
+    """An annotation that prints without quotes."""
+
+    def __init__(self, annotation):
+        text = getattr(annotation, "__forward_arg__", annotation)
+        self._text = re.sub("[\"']", "", str(text))
+
+    def __repr__(self):
+        return self._text
+
+
+def with_plain_annotations(found):
+    empty = inspect.Signature.empty
+    parameters = [part if part.annotation is empty else
+                  part.replace(annotation=Plain(part.annotation))
+                  for part in found.parameters.values()]
+    result = found.return_annotation
+    return found.replace(parameters=parameters, return_annotation=(
+        empty if result is empty else Plain(result)))
+
+
 def signature(item, name):
     try:
-        text = str(inspect.signature(item))
+        text = name + str(with_plain_annotations(inspect.signature(item)))
     except ValueError:  # an exception of the compiled module
         return name
-    text = name + text.replace("'", "")
     if len(text) <= 76:
         return text
     # One parameter per line; commas within brackets separate none.
@@ -97,10 +117,12 @@ def main():
         print(f"## {title}\n")
         if module.__doc__:
             print(f"{to_markdown(module.__doc__.strip())}\n")
+        homes = [module.__name__]
+        if module_name == "errors":
+            homes.append("pymgsfm._core")
         own = [name for name in vars(module) if name in names
                and getattr(getattr(pymgsfm, name), "__module__",
-                           module.__name__) in (module.__name__,
-                                                "pymgsfm._core")]
+                           module.__name__) in homes]
         for name in own:
             names.discard(name)
             print(describe(name))

@@ -51,7 +51,7 @@ struct ModelConverterOptions {
   Option<std::string> image_timestamps_path{
       "image_timestamps_path", "",
       "Times for tum and euroc, a line `image_name SECONDS` per image. Without "
-      "it, image names must be times in s or ns."};
+      "it, image names must be times or numbers of seconds."};
   Option<std::string> image_path{
       "image_path", "",
       "For nvm and bundler as input: folder of the images, whose sizes these "

@@ -121,10 +121,13 @@ def average_rotations(graph: ViewGraph, sensor_from_rig: SensorPoses = ONE_CAMER
                       progress: Optional[Progress] = None) -> Rotations:
     """Estimates the rotations of frames and of unknown sensors.
 
-    sensor_from_rig has the poses of the sensors in the rig. The first sensor is
-    the reference and must be the identity; None: estimated. Options are those of the group RotationAveraging of the command mapper,
-    without its name (docs/maths/rotation.md). Raises InputError if no pair is
-    given.
+    Args:
+      sensor_from_rig: Poses of the sensors in the rig; None: estimated. The
+        first sensor is the reference and must be the identity.
+      options: Of the group RotationAveraging of the command mapper, without
+        its name (docs/maths/rotation.md).
+
+    Raises InputError if the graph has no pair.
     """
     result = _core.average_rotations(
         graph._arrays(), _rows(sensor_from_rig), to_texts(options),
@@ -140,9 +143,15 @@ def average_translations(graph: ViewGraph, rotations: Rotations,
     """Estimates the positions of the frames of one component, and those of
     unknown sensors, from the directions of the inlier pairs.
 
-    sensor_from_rig is that of average_rotations. Options are those of the group TranslationAveraging of the command mapper,
-    without its name. Directions alone leave the distances of a motion along a
-    straight line open (docs/maths/translation.md).
+    Args:
+      rotations: Of average_rotations.
+      sensor_from_rig: That of average_rotations.
+      options: Of the group TranslationAveraging of the command mapper, without
+        its name.
+      component: Number of the component in rotations.components.
+
+    Directions alone do not determine the distances along a straight path
+    (docs/maths/translation.md).
     """
     result = _core.average_translations(
         graph._arrays(), _rows(sensor_from_rig), dict(vars(rotations)),

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The commands of the program mgsfm as functions.
 
-Each runs the code of the command of the same purpose and writes the same
-files, byte for byte. `options` are those of the command: an object
-`Options("mapper")`, or a dict, nested (`{"Tracks": {"min_track_length": 2}}`)
-or flat (`{"Tracks.min_track_length": 2}`), also with `num_threads`,
-`random_seed` and `log_level`.
+Each runs the code of the corresponding command and writes the same files, byte
+for byte. `options` are those of the command, with `num_threads`, `random_seed`
+and `log_level`: an object `Options("mapper")`, or a dict, nested
+(`{"Tracks": {"min_track_length": 2}}`) or flat
+(`{"Tracks.min_track_length": 2}`).
 
 All functions release the GIL. They raise
 
@@ -13,10 +13,10 @@ All functions release the GIL. They raise
 - `NotSolvableError` if nothing can be estimated,
 - `KeyboardInterrupt` after Ctrl-C, in the main thread only.
 
-`log(level, message)` gets the messages of a run, by default the logger
-`pymgsfm` of Python's `logging`. `progress(stage, done, total)` is called several
-times per second. Both are called in the thread of the caller; an exception of
-theirs ends the run and is passed on.
+`log(level, message)` receives the messages of a run; by default, the logger
+`pymgsfm` of Python's `logging` does. `progress(stage, done, total)` is called
+several times per second. Both run in the thread of the caller. If one raises an
+exception, the run ends without output and the exception propagates.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def match_sequential(database_path: PathLike, options: OptionsLike = None, *,
 def match_spatial(database_path: PathLike, options: OptionsLike = None, *,
                   log: Optional[Log] = None,
                   progress: Optional[Progress] = None) -> None:
-    """Matches images with near positions, of the table pose_priors."""
+    """Matches images with nearby positions (table pose_priors)."""
     run("spatial_matcher", options, log=log, progress=progress,
         database_path=database_path)
 
@@ -169,7 +169,7 @@ def import_matches(database_path: PathLike, match_list_path: PathLike,
 def verify_matches(database_path: PathLike, options: OptionsLike = None, *,
                    log: Optional[Log] = None,
                    progress: Optional[Progress] = None) -> None:
-    """Verifies raw matches that a database has already."""
+    """Verifies the raw matches of a database."""
     run("geometric_verifier", options, log=log, progress=progress,
         database_path=database_path)
 
@@ -187,7 +187,7 @@ def global_mapping(database_path: PathLike, image_path: Optional[PathLike],
       output_path: Folder for the models 0, 1, ... and report.json.
       options: Of the command mapper.
 
-    Returns the models by number, in descending order of their frames.
+    Returns the models by number, the one with the most frames first.
     """
     run("mapper", options, log=log, progress=progress,
         database_path=database_path, image_path=image_path,

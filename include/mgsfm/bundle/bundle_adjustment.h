@@ -281,8 +281,9 @@ struct RefinementState {
   BundleSummary summary;
 };
 
-// Loads the latest state and saves new ones, so that a run can continue another
-// one with the same input and the same result. Empty functions: nothing.
+// Loads the latest state and saves new ones, so that a run can continue an
+// interrupted one with the same input and reach the same result. Empty
+// functions do nothing.
 struct RefinementStore {
   std::function<std::optional<RefinementState>()> load = {};
   std::function<void(const RefinementState&)> save = {};
@@ -304,7 +305,7 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 // The complete stage:
 //   1. Remove gross outliers. Solve with constant rotations and intrinsics.
 //   2. num_rounds times: solve, then triangulate all groups of `candidates`
-//      again with the present poses. This rejects outliers and completes,
+//      again with the current poses. This rejects outliers and completes,
 //      merges and splits points. A point needs min_track_share of its group:
 //      the two cameras of a stereo pair agree on the position of a moving
 //      vehicle, but no two frames do.

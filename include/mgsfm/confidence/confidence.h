@@ -13,10 +13,10 @@ namespace mgsfm {
 // Where is a model weak?
 //
 // A model is rigid only as far as observations tie its frames together. The
-// maximum spanning tree of the frames, weighted by confirmed matches, names the
-// cuts to look at: removal of one of its edges leaves two sides. A match is
-// confirmed if one point of the model observes both of its keypoints. Of each
-// cut, this stage counts
+// maximum spanning tree of the frames, weighted by confirmed matches, defines
+// the candidate cuts: removing one of its edges leaves two sides. A match is
+// confirmed if both of its keypoints observe one point of the model. This stage
+// counts for each cut
 //
 //   num_tracks   points observed on both sides,
 //   confirmed    confirmed matches of used pairs between the sides,
@@ -80,8 +80,8 @@ struct Seam {
   int num_tracks = 0;  // points observed on both sides
   int num_confirmed = 0;
   int num_against = 0;
-  // Standard deviations of the position and rotation of frame_idx_beyond in
-  // frame_idx_core: the square roots of the sums of the variances of the three
+  // Standard deviations of the position, in the unit of the model, and rotation
+  // of frame_idx_beyond in frame_idx_core: the square roots of the sums of the variances of the three
   // axes. nullopt if the points do not determine them.
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;

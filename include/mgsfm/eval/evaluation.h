@@ -84,7 +84,7 @@ struct StepErrors {
 };
 
 struct AreaUnderCurve {
-  double threshold = 0.0;
+  double threshold = 0.0;  // degrees, or the unit of the ground truth
   // Area under the recall curve, normalised to [0, 1]: the mean over e in
   // [0, threshold] of the fraction of all images with an error of at most e.
   double area = 0.0;
@@ -120,7 +120,7 @@ struct Evaluation {
   std::optional<SegmentErrors> segments;
   std::optional<StepErrors> steps;
   std::vector<SensorErrors> sensors;
-  // The largest distance between two reference images of the model, in metres.
+  // The largest distance between two reference images of the aligned model.
   std::optional<double> extent_m;
   // The length of the true path of the reference images in their order.
   std::optional<double> path_m;

@@ -76,21 +76,22 @@ struct MergeSummary {
   // Distance of common images after alignment, in the unit of the first model.
   double median_distance = 0.0;
   int num_new_images = 0;
-  int num_merged_points = 0;   // with a point of the first model
-  int num_dropped_points = 0;  // those that two points of the first contradict
+  int num_merged_points = 0;  // with a point of the first model
+  // Points that share observations with two points of the first model.
+  int num_dropped_points = 0;
 };
 
 // Adds the second model to the first, in whose world the result is. Images are
 // the same if their names are; frames are the same if they share an image, or
 // if their rigs have the same sensors and they have the same name. Common
 // frames provide the poses for AlignPoses (mgsfm/eval/evaluation.h), one per
-// common sensor. Poses and intrinsics of the first model win. Points that share
-// an observation become one.
+// common sensor. Poses and intrinsics of the first model are kept. Points that
+// share an observation become one.
 //
 // Throws Error, naming images or cameras, if there are too few common images,
 // or if the models contradict each other: in rigs, frames, camera models,
-// keypoints, or sensor poses by more than 5 degrees. The first is as it was
-// then.
+// keypoints, or sensor poses by more than 5 degrees. The first model is
+// unchanged in this case.
 MergeSummary MergeModels(SceneModel second, const MergeOptions& options,
                          SceneModel* first);
 
@@ -108,8 +109,8 @@ struct ModelStatistics {
 // Statistics of registered images and their frames, rigs and cameras.
 ModelStatistics AnalyzeModel(const SceneModel& model);
 
-// The mean reprojection error of each point. Observations above the limit are
-// removed, and points with fewer than two observations.
+// Removes observations with a reprojection error above the limit, and points
+// with fewer than two observations. Sets the mean error of each other point.
 void RemoveLargeErrors(double max_error_px, SceneModel* model);
 
 }  // namespace mgsfm

@@ -160,9 +160,8 @@ using ModelObserver = std::function<void(const Reconstruction& model)>;
 struct MapperInput {
   Scene scene;           // images, frames, rigs and cameras
   ViewGraph view_graph;  // verified matches between the images of the scene
-  // Measured camera centres, see `scene/priors.h`. Models are
-  // registered to the frame of the priors where these determine it, and
-  // deformed towards them where they drifted.
+  // Measured camera centres. Models are registered to the world of the
+  // positions if these determine it, and deformed towards them if they drifted.
   PositionPriors position_priors = {};
   // Measured directions of gravity. Models that neither position priors nor an
   // existing model place in a world frame have gravity along +y.
@@ -171,10 +170,11 @@ struct MapperInput {
   // mapper then adds the other frames (mgsfm/extension/model_extension.h) and
   // returns this one model.
   std::optional<Reconstruction> existing_model = {};
-  // Cameras without common frames are a finding, unless the user wants so.
+  // Whether cameras without common frames are a finding; false if single images
+  // are intended.
   bool expects_rigs = true;
-  // Stages save their results here and find those of an earlier run. Not
-  // owned; null: they save nothing. Models that are extended are not saved.
+  // Stages save their results here and load those of an earlier run. Not owned;
+  // null: nothing is saved. Extensions save nothing.
   StageStore* stage_store = nullptr;
   ModelObserver observer = {};  // may be null
 };

@@ -37,7 +37,7 @@ struct PartitionOptions {
 
 struct FrameCluster {
   std::vector<int> frame_idxs;  // with those of the overlap, ascending
-  int num_core_frames = 0;      // in no other cluster's core
+  int num_core_frames = 0;      // without the overlap
 };
 
 // Two clusters with common frames.
@@ -50,8 +50,9 @@ struct ClusterOverlap {
 struct ViewGraphPartition {
   std::vector<FrameCluster> clusters;
   std::vector<ClusterOverlap> overlaps;
-  // Clusters whose models calibrate all rigs: the sensor with the fewest
-  // matches has the most in them.
+  // Clusters whose models calibrate the rigs with several sensors. For each
+  // rig, it is the one in which the sensor with the fewest matches has the
+  // most.
   std::vector<int> calibration_clusters;
   std::vector<int> frame_idxs_without_cluster;  // hardly connected
 };

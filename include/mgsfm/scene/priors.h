@@ -37,14 +37,15 @@ struct GravityPriors {
   bool IsEmpty() const { return images.empty(); }
 };
 
-// The extent of a pose-graph deformation: the largest displacement and rotation
-// of a frame. See src/priors/pose_graph_deformation.h.
+// The extent of a pose-graph deformation: the largest displacement, in the unit
+// of the positions, and rotation of a frame. See
+// src/priors/pose_graph_deformation.h.
 struct ModelDeformation {
   double max_shift = 0.0;
   double max_rotation_deg = 0.0;
 };
 
-// The use of measured positions in one model.
+// The use of measured positions in one model. Lengths are in their unit.
 struct PositionPriorSummary {
   struct Outlier {
     int image_idx = 0;

@@ -37,7 +37,8 @@ struct RelativePose {
 };
 
 // A pair of images with verified matches, image_idx1 < image_idx2. F, E and H
-// map image 1 to image 2: x2^T F x1 = 0, x2 ~ H x1.
+// map image 1 to image 2: x2^T F x1 = 0 and x2 ~ H x1 in pixels, r2^T E r1 = 0
+// for rays.
 struct ImagePair {
   int image_idx1 = 0;
   int image_idx2 = 0;

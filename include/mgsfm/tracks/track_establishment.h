@@ -80,10 +80,10 @@ struct MatchSelection {
 // same direction.
 //
 // A few wrong matches agree by chance, and a pair of images of different places
-// may have hundreds of matches. As short tracks these pass all tests of single
+// may have hundreds of matches. Their short tracks pass all tests of single
 // points, attract unrelated frames and cause fill-in of the frame system. All
-// matches between two frames, over all cameras of the rig, therefore vote
-// jointly: none is used if fewer than min_pair_share of them agree.
+// matches between two frames, over all cameras of the rig, are therefore judged
+// together: none is used if fewer than min_pair_share of them agree.
 //
 // Pairs without pair_is_used and pairs with an image without pose are not used.
 // Cost: linear in the number of matches.
@@ -92,15 +92,15 @@ struct MatchSelection {
     const Reconstruction& model, double max_error_px,
     const MatchSelectionOptions& options, const Context& context);
 
-// Concatenates the selected matches to track candidates: sets of keypoints with
-// at most one keypoint per image.
+// Joins the selected matches into track candidates: sets of keypoints with at
+// most one keypoint per image.
 //
 // The sets are the connected components of the graph of keypoints and matches.
 // A component with two keypoints of one image (a conflict) contains wrong
 // matches. It is rebuilt match by match, in descending order of support, that
 // is, of the number of keypoints matched to both ends, then of matches of the
-// pair; matches that would cause a conflict are rejected. Of a feature detected
-// twice in one image, the keypoint with the most matches is kept.
+// pair; matches that would cause a conflict are rejected. If a feature was
+// detected twice in one image, the keypoint with the most matches is kept.
 //
 // Groups are ordered by their first observations. Cost: nearly linear in the
 // number of matches; O(m log m + m n) in the worst case for a conflicting

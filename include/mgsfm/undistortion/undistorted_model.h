@@ -36,7 +36,7 @@ struct UndistortedModel {
 //
 // `views_of_camera` belongs to scene.cameras, with the intrinsics of the
 // reconstruction. Throws Error, naming the images, if two images of the result
-// would have one name, or one a name outside of its folder.
+// would have one name, or if a name would lead out of its folder.
 UndistortedModel UndistortModel(
     const Scene& scene, const Reconstruction& reconstruction,
     const std::vector<std::vector<View>>& views_of_camera, ViewNaming naming,

@@ -41,8 +41,7 @@ struct FeatureKeypoint {
 using DescriptorMatrix =
     Eigen::Matrix<uint8_t, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// Measured position of a camera, and direction of gravity in its frame, at the
-// time of an image.
+// Measured position of the camera centre of an image, and direction of gravity.
 struct PosePriorRow {
   enum class CoordinateSystem : int {
     kUndefined = -1,
@@ -53,7 +52,8 @@ struct PosePriorRow {
   CoordinateSystem coordinate_system = CoordinateSystem::kUndefined;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   std::optional<Eigen::Matrix3d> covariance;
-  std::optional<Eigen::Vector3d> gravity = {};  // only COLMAP 4 has a column
+  // In the camera frame, of any length. Only COLMAP 4 has a column for it.
+  std::optional<Eigen::Vector3d> gravity = {};
 };
 
 // A pair with a row, and the number of matches in it, which may be zero.

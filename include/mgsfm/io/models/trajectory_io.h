@@ -23,8 +23,9 @@ struct TimedPose {
 // that begin with '#' are comments.
 std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path);
 
-// EuRoC: `timestamp,px,py,pz,qw,qx,qy,qz` in each line, the time in ns; further
-// columns, as in its ground truth, are ignored.
+// EuRoC: `timestamp,px,py,pz,qw,qx,qy,qz`, world_from_cam, in each line, the
+// time in ns. Further columns are ignored, as in EuRoC's ground truth, whose
+// poses are those of the IMU.
 std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path);
 
 // KITTI's calib.txt: a 3x4 projection matrix K [I | t] in each line, after an

@@ -69,9 +69,9 @@ struct PosePriorOptions {
 // The priors of a scene; empty if the options use none. Positions given in
 // degrees become metres east, north and up of the first of them, by the name of
 // the image. Throws Error, naming the image, for a position or covariance that
-// is not finite or not possible, for a mixture of coordinate systems, for a
-// file that cannot be read, names an unknown image or one twice, and if there
-// is no position at all.
+// is not finite or not possible, for a mixture of coordinate systems, and for
+// an image that is unknown or repeated. Also throws Error for a file that
+// cannot be read, and if there is no position at all.
 [[nodiscard]] PositionPriors MakePositionPriors(
     const Scene& scene, const std::vector<PosePriorRow>& rows,
     const std::string& database_path, const PosePriorOptions& options);
@@ -81,11 +81,11 @@ struct PosePriorOptions {
     const Scene& scene, const std::string& database_path,
     const PosePriorOptions& options);
 
-// The directions of gravity in a file with lines "image_name GX GY GZ", or in
-// the column `gravity` that pose_priors of COLMAP 3.13 and later has, in the
-// frame of the camera, of any length; empty if the options use none. Throws
-// Error, naming the line or image, for a direction that is not finite (in a
-// file) or zero, and as above.
+// The directions of gravity in the camera frame, as unit vectors: from a file
+// with lines "image_name GX GY GZ", or from the column `gravity` of pose_priors
+// (COLMAP 4.0 and later), both of any length. Empty if the options use none.
+// Throws Error, naming the line or image, for a direction that is zero or, in a
+// file, not finite, and as above.
 [[nodiscard]] GravityPriors ReadGravity(const Scene& scene,
                                         const std::string& database_path,
                                         const PosePriorOptions& options);
@@ -102,7 +102,8 @@ void WriteGeoOrigin(const std::string& path,
 // altitude.
 [[nodiscard]] std::optional<Eigen::Vector3d> ReadGeoOrigin(
     const std::string& model_folder);
-// Throws Error, naming `source`, unless it is a place on the earth.
+// Throws Error, naming `source`, unless latitude and longitude (degrees) and
+// altitude (metres) are valid.
 void CheckGeoOrigin(const Eigen::Vector3d& origin_wgs84,
                     const std::string& source);
 
