@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "confidence/frame_cuts.h"
@@ -15,6 +16,9 @@ using FramePair = FramePairIndex::FramePair;
 
 // n0 of the confidence: pairs of images with fewer inliers are not accepted.
 constexpr double kFewTracks = 15.0;
+// A group of rejected pairs contradicts cuts up to this factor stronger than
+// the weakest one of its loop. docs/results/hard_drives.md compares 1.5 to 3.
+constexpr double kMaxStrengthOfDoubtful = 2.0;
 
 // The point that observes each keypoint.
 class PointOfKeypoint {
@@ -118,9 +122,13 @@ std::vector<double> SumPairs(const FramePairIndex& index, const FrameCuts& cuts,
   return sums.Finish();
 }
 
+// The matches of the largest group against each cut. A loop of pairs that
+// contradicts the model does not tell which of the cuts that it closes is
+// wrong; the weakest ones are doubtful. `strengths` per cut.
 std::vector<double> MostAgainst(const ConfidenceInput& input,
                                 const FrameCuts& cuts,
-                                const std::vector<int>& num_confirmed) {
+                                const std::vector<int>& num_confirmed,
+                                const std::vector<double>& strengths) {
   std::vector<double> most(cuts.cuts().size(), 0.0);
   for (const RejectedGroup& group : input.rejected_groups) {
     const std::vector<double> of_group =
@@ -128,7 +136,12 @@ std::vector<double> MostAgainst(const ConfidenceInput& input,
           return static_cast<double>(input.view_graph.pairs[i].matches.size()) -
                  num_confirmed[i];
         });
+    double weakest = std::numeric_limits<double>::infinity();
     for (size_t k = 0; k < most.size(); ++k) {
+      if (of_group[k] > 0.0) weakest = std::min(weakest, strengths[k]);
+    }
+    for (size_t k = 0; k < most.size(); ++k) {
+      if (strengths[k] > kMaxStrengthOfDoubtful * weakest) continue;
       most[k] = std::max(most[k], of_group[k]);
     }
   }
@@ -148,7 +161,8 @@ CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
   evidence.num_confirmed = SumPairs(input.index, cuts, used, [&](size_t i) {
     return static_cast<double>(num_confirmed[i]);
   });
-  evidence.num_against = MostAgainst(input, cuts, num_confirmed);
+  evidence.num_against =
+      MostAgainst(input, cuts, num_confirmed, evidence.num_confirmed);
   return evidence;
 }
 

@@ -206,8 +206,7 @@ void SortBySize(std::vector<MapperModel>* models) {
 int NumImages(const Scene& scene, const MapperModel& model) {
   int num_images = 0;
   for (size_t i = 0; i < scene.images.size(); ++i) {
-    num_images +=
-        model.reconstruction.IsRegistered(scene, static_cast<int>(i));
+    num_images += model.reconstruction.IsRegistered(scene, static_cast<int>(i));
   }
   return num_images;
 }

@@ -22,7 +22,8 @@ namespace mgsfm {
 //   confirmed    confirmed matches of used pairs between the sides,
 //   against      matches of the largest group of rejected pairs between the
 //                sides. The pairs of such a group agree on another trajectory;
-//                isolated wrong pairs do not.
+//                isolated wrong pairs do not. A group counts only against the
+//                weakest cuts of the loop that it closes.
 //
 // The confidence of a cut is the share that agrees, less if few points cross:
 //
@@ -81,8 +82,8 @@ struct Seam {
   int num_confirmed = 0;
   int num_against = 0;
   // Standard deviations of the position, in the unit of the model, and rotation
-  // of frame_idx_beyond in frame_idx_core: the square roots of the sums of the variances of the three
-  // axes. nullopt if the points do not determine them.
+  // of frame_idx_beyond in frame_idx_core: the square roots of the sums of the
+  // variances of the three axes. nullopt if the points do not determine them.
   std::optional<double> sigma_position;
   std::optional<double> sigma_rotation_deg;
 };
