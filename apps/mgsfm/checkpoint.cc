@@ -41,11 +41,14 @@ uint64_t HashContent(const char* data, size_t size) {
   return hash;
 }
 
-std::vector<fs::path> StageFiles(const fs::path& folder) {
+// The files with an extension, ascending.
+std::vector<fs::path> FilesWith(const std::string& extension,
+                                const fs::path& folder,
+                                std::error_code* error) {
   std::vector<fs::path> files;
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-    if (entry.path().extension() == kExtension) files.push_back(entry.path());
+  for (fs::directory_iterator it(folder, *error), end; !*error && it != end;
+       it.increment(*error)) {
+    if (it->path().extension() == extension) files.push_back(it->path());
   }
   std::sort(files.begin(), files.end());
   return files;
@@ -80,7 +83,13 @@ Checkpoint::Checkpoint(const fs::path& folder, uint64_t hash_of_run,
 
 // One header suffices: all files of a folder are of one run.
 void Checkpoint::CheckOwner() const {
-  for (const fs::path& path : StageFiles(folder_)) {
+  std::error_code error;
+  const std::vector<fs::path> files = FilesWith(kExtension, folder_, &error);
+  if (error) {
+    throw Error("the checkpoint '" + folder_.string() + "' cannot be read (" +
+                error.message() + "); check its disk and permissions");
+  }
+  for (const fs::path& path : files) {
     const std::optional<Header> header =
         ReadHeader(ReadFile(path, "", sizeof(Header)));
     if (!header) continue;
@@ -133,13 +142,19 @@ void Checkpoint::Save(const std::string& name, const std::string& content) {
 }
 
 void Checkpoint::Remove() {
-  std::error_code ignored;
-  for (const fs::path& path : StageFiles(folder_)) operations_.Remove(path);
-  for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
-    if (entry.path().extension() == kDraftExtension) {
-      operations_.Remove(entry.path());  // of a killed run
+  for (const char* extension : {kExtension, kDraftExtension}) {
+    std::error_code error;
+    for (const fs::path& path : FilesWith(extension, folder_, &error)) {
+      operations_.Remove(path);
+    }
+    if (error) {
+      context_.Warning("the finished checkpoint '" + folder_.string() +
+                       "' cannot be read and stays (" + error.message() +
+                       "); remove it");
+      return;
     }
   }
+  std::error_code ignored;
   fs::remove(folder_, ignored);  // refused where it is not empty
 }
 

@@ -6,6 +6,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -32,15 +33,21 @@ struct SubMapFiles {
   std::vector<int> num_frames_of_missing;  // if known
 };
 
-// Folders named by numbers, ascending.
+// Folders named by numbers, ascending. None if `folder` does not exist.
 std::vector<int> NumberedFolders(const fs::path& folder) {
   std::vector<int> numbers;
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-    const fs::path name = entry.path().filename();
-    if (IsModelFolderName(name) && entry.is_directory()) {
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    const fs::path name = it->path().filename();
+    if (IsModelFolderName(name) && it->is_directory()) {
       numbers.push_back(std::stoi(name.string()));
     }
+  }
+  if (error && error != std::errc::no_such_file_or_directory &&
+      error != std::errc::not_a_directory) {
+    throw Error("cannot read the folder '" + folder.string() +
+                "': " + error.message() + "; check its disk and permissions");
   }
   std::sort(numbers.begin(), numbers.end());
   return numbers;
