@@ -131,6 +131,26 @@ TEST(Seams, AreWhereManyPairsDisagree) {
   EXPECT_GT(seam.num_against, seam.num_confirmed);
 }
 
+// Rejected pairs close loops over the cut and over stronger ones. Only those
+// with at most twice its strength are doubtful.
+TEST(Seams, AreTheWeakestCutsOfALoop) {
+  Drive drive;
+  drive.KeepCrossingPoints(80);
+  drive.RejectCrossingPairs();
+  for (const size_t i : drive.rejected_groups.at(0).pair_idxs) {
+    std::vector<Match>& matches = drive.simulation.view_graph.pairs[i].matches;
+    const std::vector<Match> right = matches;
+    for (size_t k = 0; k < 50 * right.size(); ++k) {
+      matches.push_back({right[k % right.size()].keypoint_idx1,
+                         right[(k + 1) % right.size()].keypoint_idx2});
+    }
+  }
+  const Confidence confidence = drive.Estimate();
+  ASSERT_EQ(confidence.seams.size(), 1u);
+  EXPECT_EQ(confidence.seams[0].reason, SeamReason::kContradicted);
+  EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+}
+
 TEST(Seams, AreWhereNoPointCrosses) {
   Drive drive;
   drive.KeepCrossingPoints(0);
