@@ -12,9 +12,6 @@
 namespace mgsfm {
 namespace {
 
-// Beyond this, the linearisation of a rotation is meaningless.
-constexpr double kMaxSigmaRad = DegToRad(10.0);
-
 // Expresses priors in units of the noise of observations.
 void WeighPriors(double sigma_px, BundleProblem* problem) {
   for (RigProblemBase::ParameterPrior& prior : problem->priors) {

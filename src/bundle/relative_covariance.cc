@@ -19,8 +19,6 @@ namespace {
 // four simulated drives differ by at most 6 % from those with all; with 20, by
 // up to 18 %.
 constexpr size_t kMaxNumNeighbours = 40;
-// As in mgsfm/bundle/uncertainty.h.
-constexpr double kMaxSigmaRad = DegToRad(10.0);
 
 // Parts of a model around frames.
 class Surroundings {

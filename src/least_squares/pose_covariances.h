@@ -5,11 +5,16 @@
 #include <optional>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "least_squares/rig_problem.h"
 #include "mgsfm/base/context.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
+
+// Beyond this standard deviation, the linearisation of a rotation is
+// meaningless.
+inline constexpr double kMaxSigmaRad = DegToRad(10.0);
 
 // Covariances of pose changes (rig_problem.h) for residuals of unit variance.
 // Zero for constant coordinates, nullopt for poses without residuals.
