@@ -22,6 +22,7 @@ namespace mgsfm {
 
 using CeresManifold = ceres::Manifold;
 using CeresSubsetManifold = ceres::SubsetManifold;
+using CeresQuaternionManifold = ceres::EigenQuaternionManifold;
 
 inline void SetManifold(double* block, CeresManifold* manifold,
                         ceres::Problem* problem) {
@@ -47,6 +48,7 @@ class CeresManifold : public ceres::LocalParameterization {
   }
 };
 using CeresSubsetManifold = ceres::SubsetParameterization;
+using CeresQuaternionManifold = ceres::EigenQuaternionParameterization;
 
 inline void SetManifold(double* block, ceres::LocalParameterization* manifold,
                         ceres::Problem* problem) {

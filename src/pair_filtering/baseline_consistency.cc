@@ -8,11 +8,9 @@
 #include "pair_filtering/drift_bound.h"
 
 namespace mgsfm {
-namespace {
 
 using Eigen::Vector3d;
 
-// Baseline of a pair by positions, if both images have one.
 std::optional<Vector3d> BaselineByPositions(const ImagePair& pair,
                                             const CameraCenters& centers) {
   const auto& center1 = centers[pair.image_idx1];
@@ -20,8 +18,6 @@ std::optional<Vector3d> BaselineByPositions(const ImagePair& pair,
   if (!center1 || !center2) return std::nullopt;
   return *center2 - *center1;
 }
-
-}  // namespace
 
 Mask FindInconsistentBaselines(const FramePairIndex& index,
                                const ViewGraph& view_graph,

@@ -30,6 +30,10 @@ using MeasuredBaselines = std::vector<std::optional<MeasuredBaseline>>;
 // Per image; nullopt for images without a position.
 using CameraCenters = std::vector<std::optional<Eigen::Vector3d>>;
 
+// C = c_2 - c_1 of a pair; nullopt unless both images have a position.
+[[nodiscard]] std::optional<Eigen::Vector3d> BaselineByPositions(
+    const ImagePair& pair, const CameraCenters& centers);
+
 // Pairs that the drift of the skeletal graph cannot explain. Positions from the
 // skeletal graph alone drift in proportion to the path length l between two
 // frames (drift_bound.h). With C = c_2 - c_1 by these positions, a comparable

@@ -1,10 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <Eigen/Core>
-#include <optional>
-#include <vector>
-
 #include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -13,39 +9,27 @@
 
 namespace mgsfm {
 
-// The steps of a sequence whose rotation most pairs of neighbours contradict in
-// the same way.
+// The steps of a sequence whose rotation the pairs of neighbours contradict
+// (step_deviations.h).
 //
-// Where few pairs of neighbours cross a step, many loop pairs outvote them:
-// duplicate structures that are some degrees off turn the whole trajectory
-// there, because a robust loss puts their error where it costs least. Correct
-// loop pairs do not do that. They correct the drift, which is spread over all
-// steps.
+// Duplicate structures that are some degrees off turn the whole trajectory at
+// the step that the fewest pairs cross. Correct loop pairs do not do that. They
+// correct the drift, which is spread over all steps.
 //
-// A pair i, j of neighbours across the step has the deviation
-//
-//   e_ij = Log(R_j^T R_ij R_i),
-//
-// with i before j. All of them contain the turn of the step, in the frame of
-// the world. With e the median of their coordinates, the step is turned by e if
-// |e| > kMinTurn and |e_ij - e| < |e_ij| for nearly all pairs: none supports
-// the step as it is.
-//
-// Per frame: the turn of the step to it, if it is turned.
-using StepTurns = std::vector<std::optional<Eigen::Vector3d>>;
+// The deviation of a pair is e_ij = Log(R_j^T R_ij R_i). A step is turned if
+// the common deviation exceeds kMinTurn.
 
-// Empty of turns without temporal order. Cost: linear in the pairs of
-// neighbours times their time gap.
-[[nodiscard]] StepTurns FindStepTurns(const Scene& scene,
-                                      const FramePairIndex& index,
-                                      const ViewGraph& view_graph,
-                                      const Mask& pair_is_used,
-                                      const RotationEstimate& rotations);
+// Per frame: the step to it is turned. None is without temporal order.
+[[nodiscard]] Mask FindTurnedSteps(const Scene& scene,
+                                   const FramePairIndex& index,
+                                   const ViewGraph& view_graph,
+                                   const Mask& pair_is_used,
+                                   const RotationEstimate& rotations);
 
 // The used loop pairs of one sequence with a turned step between their frames.
 // Per pair.
 [[nodiscard]] Mask FindLoopsAcross(const FramePairIndex& index,
                                    const Mask& pair_is_used,
-                                   const StepTurns& turns);
+                                   const Mask& step_is_turned);
 
 }  // namespace mgsfm

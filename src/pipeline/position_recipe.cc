@@ -9,14 +9,19 @@
 
 #include "mgsfm/base/timer.h"
 #include "pair_filtering/baseline_consistency.h"
+#include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/skeletal_graph.h"
 #include "translation/measured_baselines.h"
+#include "translation/pose_graph.h"
 
 namespace mgsfm {
 namespace {
 
 // The positions of a skeleton only screen pairs, so their ADMM ends early.
 constexpr int kMaxNumSkeletonIterations = 60;
+
+// A correction of rotations can leave a smaller displaced step.
+constexpr int kMaxNumCorrections = 3;
 
 // Logs the time of each step.
 class StepLog {
@@ -110,6 +115,19 @@ Mask FindInconsistent(const PositionInput& input,
       CompareMeasured(measured, initial, positions);
   return FindInconsistentPairs(input.view_graph, by_positions.measured,
                                by_positions.centers, options);
+}
+
+// Per frame: the deviation of a displaced step to it, in units of `estimate`.
+StepDeviations DisplacedSteps(const PositionInput& input,
+                              const PositionMeasurements& measured,
+                              const InitialPositions& initial,
+                              const Positions& positions,
+                              const PositionEstimate& estimate,
+                              const PairFilteringOptions& options) {
+  return FindDisplacedSteps(input.scene, input.index, input.view_graph,
+                            input.rotations.pair_is_inlier,
+                            CompareMeasured(measured, initial, positions),
+                            estimate.frame_center_in_world, options);
 }
 
 void Observe(const PositionInput& input, const PositionMeasurements& measured,
@@ -206,23 +224,38 @@ PositionResult ConcludePositions(const PositionInput& input,
                  &result.summary);
   result.summary.num_pairs_inconsistent_with_positions =
       static_cast<int>(result.pair_is_inconsistent.Count());
+  for (const auto& deviation : DisplacedSteps(
+           input, measured, initial, positions, result.estimate, options)) {
+    if (!deviation) continue;
+    ++result.summary.num_displaced_steps;
+    result.displacement += deviation->norm();
+  }
   result.summary.initialization = initial.solve;
   SummarizeEstimate(measured.problem, initial, result.estimate,
                     &result.summary);
   return result;
 }
 
-PositionResult EstimatePositions(const PositionInput& input,
-                                 const PositionOptions& options,
-                                 const Context& context) {
+namespace {
+
+// The results of one set of rotations.
+struct PositionsByRotations {
+  PositionProblem problem;
+  PairMeasurements pairs;
+  ScreenedPositions screened;
+  PositionResult result;
+};
+
+PositionsByRotations EstimateByRotations(const PositionInput& input,
+                                         const PositionOptions& options,
+                                         const Context& context) {
   StepLog log(context);
-  const PositionMeasurements measured =
-      MeasurePositions(input, options, context);
+  PositionMeasurements measured = MeasurePositions(input, options, context);
   log.Finish("baselines of pairs");
 
   InitializationOptions initialization;
   initialization.relative_tolerance = kStartTolerance;
-  const ScreenedPositions screened =
+  ScreenedPositions screened =
       ScreenAndInitialize(input, measured, options, initialization, context);
   log.Finish("screened L1 positions");
   Observe(input, measured, screened.initial.positions);
@@ -248,9 +281,57 @@ PositionResult EstimatePositions(const PositionInput& input,
   summary.camera_refinement = by_pairs.solve;
   summary.joint_refinement = by_tracks.solve;
   summary.num_frames_placed_by_points = by_tracks.num_frames_placed_by_points;
-  return ConcludePositions(
+  PositionResult result = ConcludePositions(
       input, measured, refinement, std::move(by_tracks.positions),
       std::move(by_tracks.points), std::move(summary), options.filtering);
+  return {std::move(measured.problem), std::move(measured.pairs),
+          std::move(screened), std::move(result)};
+}
+
+RotationEstimate CorrectRotations(const ViewGraph& view_graph,
+                                  const RotationEstimate& rotations,
+                                  const PositionsByRotations& by_rotations,
+                                  const Context& context) {
+  const ScreenedPositions& screened = by_rotations.screened;
+  RotationEstimate corrected = rotations;
+  corrected.rig_from_world =
+      RefinePoseGraph(
+          {by_rotations.problem, by_rotations.pairs.baselines,
+           by_rotations.pairs.scales, screened.initial, screened.pair_is_used},
+          view_graph, rotations, context)
+          .rig_from_world;
+  return corrected;
+}
+
+}  // namespace
+
+PositionResult EstimatePositions(const PositionInput& input,
+                                 const PositionOptions& options,
+                                 const Context& context) {
+  PositionsByRotations best = EstimateByRotations(input, options, context);
+  RotationEstimate rotations = input.rotations;
+  for (int i = 0; i < kMaxNumCorrections && best.result.displacement > 0.0;
+       ++i) {
+    RotationEstimate corrected =
+        CorrectRotations(input.view_graph, rotations, best, context);
+    PositionsByRotations next = EstimateByRotations(
+        {input.scene, input.bearings, input.view_graph, input.index, corrected,
+         input.tracks, input.length_hints, input.observer},
+        options, context);
+    context.Debug(
+        "positions: corrected rotations change the number of displaced steps "
+        "from " +
+        std::to_string(best.result.summary.num_displaced_steps) + " to " +
+        std::to_string(next.result.summary.num_displaced_steps) +
+        ", their displacement from " +
+        std::to_string(best.result.displacement) + " to " +
+        std::to_string(next.result.displacement));
+    if (next.result.displacement >= best.result.displacement) break;
+    rotations = std::move(corrected);
+    best = std::move(next);
+    best.result.corrected_rig_from_world = rotations.rig_from_world;
+  }
+  return std::move(best.result);
 }
 
 }  // namespace mgsfm

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Geometry>
 #include <functional>
+#include <optional>
+#include <vector>
 
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
@@ -35,6 +38,10 @@ namespace mgsfm {
 //               the unit of length
 //   judge       which of all pairs contradict the final positions
 //
+// If steps of a sequence are displaced (pair_filtering/displaced_steps.h), the
+// rotations have drifted. A pose graph (translation/pose_graph.h) corrects
+// them, and all steps are repeated, as long as that reduces the displacement.
+//
 // The stages are those of translation/translation_stages.h, the rules those of
 // pair_filtering. The measurements stay constant; each step passes on a mask of
 // the pairs to use.
@@ -62,6 +69,11 @@ struct PositionResult {
   TranslationSummary summary;
   // Per pair of the view graph: its measured baseline contradicts the estimate.
   Mask pair_is_inconsistent;
+  // Sum of the deviations of displaced steps, in the unit of measured lengths.
+  double displacement = 0.0;
+  // Per frame: the rotations of the estimate, if not those of the input.
+  std::optional<std::vector<std::optional<Eigen::Quaterniond>>>
+      corrected_rig_from_world = std::nullopt;
 };
 
 // All frames with a rotation must be in one connected component. Uses the pairs

@@ -291,6 +291,7 @@ Json ToJson(const TranslationSummary& summary) {
           {"num_pairs_inconsistent", summary.num_pairs_inconsistent},
           {"num_pairs_inconsistent_with_positions",
            summary.num_pairs_inconsistent_with_positions},
+          {"num_displaced_steps", summary.num_displaced_steps},
           {"num_points", summary.num_points}};
 }
 

@@ -200,8 +200,8 @@ AveragedRotations AverageWithoutTurningLoops(
   }
   const auto find_loops = [&] {
     return FindLoopsAcross(index, *is_used,
-                           FindStepTurns(scene, index, view_graph, *is_used,
-                                         averaged.result.estimate));
+                           FindTurnedSteps(scene, index, view_graph, *is_used,
+                                           averaged.result.estimate));
   };
   for (const double share : kSharesOfBound) {
     Mask is_rejected = find_loops();
@@ -230,13 +230,15 @@ AveragedRotations AverageWithoutTurningLoops(
 
 Mask FindBridges(const Scene& scene, const FramePairIndex& index,
                  const ViewGraph& view_graph, const Mask& pair_is_inlier,
+                 const Mask& pair_is_evidence,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
   if (!filtering.use_unsupported_bridges) {
     return Mask(pair_is_inlier.size(), false);
   }
-  Mask is_bridge = FindUnsupportedBridges(index, view_graph, pair_is_inlier,
-                                          filtering, context.num_threads);
+  Mask is_bridge =
+      FindUnsupportedBridges(index, view_graph, pair_is_inlier,
+                             pair_is_evidence, filtering, context.num_threads);
   LogBridges(scene, view_graph, is_bridge, context);
   return is_bridge;
 }
@@ -270,6 +272,8 @@ EstimatedRotations EstimateRotations(
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
   RejectByMotion(index, pair_is_discontinuous, loop_contradicts_path, &is_used,
                  &result.verdicts);
+  // The motion of the rig explains the pairs that it rejects.
+  const Mask is_evidence = is_used;
   RotationResult averaged;
   if (!is_used.Any()) {
     averaged = NothingToAverage(scene, view_graph, context);
@@ -296,8 +300,8 @@ EstimatedRotations EstimateRotations(
   const GravityPriors used_gravity =
       result.gravity_rejection ? GravityPriors() : gravity;
   Mask is_kept = averaged.estimate.pair_is_inlier;
-  const Mask is_bridge =
-      FindBridges(scene, index, view_graph, is_kept, filtering, context);
+  const Mask is_bridge = FindBridges(scene, index, view_graph, is_kept,
+                                     is_evidence, filtering, context);
   is_kept.Remove(is_bridge);
   result.estimate =
       RestrictToPairs(scene, view_graph, is_kept, std::move(averaged.estimate));

@@ -103,7 +103,7 @@ inline constexpr int kNumFields<TrackResult> = 2;
 template <>
 inline constexpr int kNumFields<SensorTranslationSummary> = 3;
 template <>
-inline constexpr int kNumFields<TranslationSummary> = 13;
+inline constexpr int kNumFields<TranslationSummary> = 14;
 template <>
 inline constexpr int kNumFields<BundleRound> = 6;
 template <>
@@ -117,7 +117,7 @@ inline constexpr int kNumFields<EstimatedRotations> = 4;
 template <>
 inline constexpr int kNumFields<MotionOfScene> = 4;
 template <>
-inline constexpr int kNumFields<PositionResult> = 3;
+inline constexpr int kNumFields<PositionResult> = 5;
 
 // Calls function(field) for each field of a struct.
 template <class T, class Function>
@@ -155,9 +155,9 @@ void ForEachField(T& t, const Function& function) {
     auto& [a, b, c, d, e, f, g, h, i, j, k] = t;
     each(a, b, c, d, e, f, g, h, i, j, k);
   } else {
-    static_assert(n == 13, "list the number of fields of the struct");
-    auto& [a, b, c, d, e, f, g, h, i, j, k, l, m] = t;
-    each(a, b, c, d, e, f, g, h, i, j, k, l, m);
+    static_assert(n == 14, "list the number of fields of the struct");
+    auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, o] = t;
+    each(a, b, c, d, e, f, g, h, i, j, k, l, m, o);
   }
 }
 

@@ -32,14 +32,20 @@ bool RefinementInput::IsUsable(size_t pair_idx, BaselineKind kind,
          positions.IsPlaced(problem, image2);
 }
 
+double RefinementInput::DirectionSigma(size_t pair_idx) const {
+  return std::hypot(baselines[pair_idx].sigma_rad, kDirectionSigma);
+}
+
+double RefinementInput::LengthSigma(size_t pair_idx) const {
+  return std::hypot(scales.pairs[pair_idx]->sigma_log, kScaleSigma);
+}
+
 double RefinementInput::DirectionWeight(size_t pair_idx, double weight) const {
-  return weight * kDirectionSigma /
-         std::hypot(baselines[pair_idx].sigma_rad, kDirectionSigma);
+  return weight * kDirectionSigma / DirectionSigma(pair_idx);
 }
 
 double RefinementInput::LengthWeight(size_t pair_idx) const {
-  return kDirectionSigma /
-         std::hypot(scales.pairs[pair_idx]->sigma_log, kScaleSigma);
+  return kDirectionSigma / LengthSigma(pair_idx);
 }
 
 double RefinementInput::ZeroBaselineWeight() const {

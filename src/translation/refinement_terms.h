@@ -47,6 +47,9 @@ struct RefinementInput {
     const PairScale& pair = *scales.pairs[pair_idx];
     return pair.scale * initial.group_factor[pair.group];
   }
+  // Standard deviations of the direction, in radians, and of log(length).
+  double DirectionSigma(size_t pair_idx) const;
+  double LengthSigma(size_t pair_idx) const;
   double DirectionWeight(size_t pair_idx, double weight) const;
   // Weight of the logarithm of the length.
   double LengthWeight(size_t pair_idx) const;

@@ -8,6 +8,7 @@
 #include <limits>
 #include <numeric>
 
+#include "geometry/so3.h"
 #include "support/translation_input.h"
 
 namespace mgsfm {
@@ -292,6 +293,81 @@ TEST(PositionRecipeTest, OrderOfTracksAndMatchesDoesNotMatter) {
   const CenterError a = MeasureCenters(input, Estimate(input).estimate);
   const CenterError b = MeasureCenters(reversed, Estimate(reversed).estimate);
   EXPECT_NEAR(a.max_relative, b.max_relative, 2e-3);
+}
+
+// A closed drive with a step that few pairs and tracks cross.
+TranslationInput LoopWithAThinStep(int thin_step) {
+  constexpr size_t kMaxNumTracksAcross = 20;
+  SimulationOptions options = SmallDrive(RigPreset::kStereo, PathPreset::kLoop);
+  options.num_frames = 60;
+  TranslationInput input = MakeTranslationInput(options);
+  const Scene& scene = input.simulation.scene;
+  const auto is_before = [&](int image_idx) {
+    return scene.images[image_idx].frame_idx < thin_step;
+  };
+  const ViewGraph& view_graph = input.simulation.view_graph;
+  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
+    const ImagePair& pair = view_graph.pairs[i];
+    const int gap = scene.images[pair.image_idx2].frame_idx -
+                    scene.images[pair.image_idx1].frame_idx;
+    if (is_before(pair.image_idx1) != is_before(pair.image_idx2) &&
+        std::abs(gap) < options.num_frames / 2) {
+      input.rotations.pair_is_inlier[i] = std::abs(gap) == 1;
+    }
+  }
+  ObservationGroups tracks;
+  size_t num_across = 0;
+  for (size_t t = 0; t < input.tracks.size(); ++t) {
+    const bool first_is_before = is_before(input.tracks.begin(t)->image_idx);
+    ObservationGroups rest;
+    for (const auto* o = input.tracks.begin(t); o != input.tracks.end(t); ++o) {
+      (is_before(o->image_idx) == first_is_before ||
+               num_across < kMaxNumTracksAcross
+           ? tracks
+           : rest)
+          .observations.push_back(*o);
+    }
+    num_across +=
+        is_before(tracks.observations.back().image_idx) != first_is_before;
+    tracks.FinishGroup();
+    if (rest.observations.empty()) continue;
+    tracks.observations.insert(tracks.observations.end(),
+                               rest.observations.begin(),
+                               rest.observations.end());
+    tracks.FinishGroup();
+  }
+  input.tracks = std::move(tracks);
+  return input;
+}
+
+// Rotations that drift leave a gap in a loop. Positions alone would close it at
+// the step that the fewest pairs cross.
+TEST(PositionRecipeTest, RotationsThatDriftDoNotDisplaceTheWeakestStep) {
+  constexpr int kThinStep = 20;
+  constexpr double kDriftPerFrame_rad = DegToRad(0.1);
+  TranslationInput input = LoopWithAThinStep(kThinStep);
+  for (size_t f = 0; f < input.rotations.rig_from_world.size(); ++f) {
+    auto& rotation = input.rotations.rig_from_world[f];
+    const double drift = static_cast<double>(f) * kDriftPerFrame_rad;
+    rotation = ExpSO3({drift, 0.0, 0.0}) * *rotation;
+  }
+  const FramePairIndex index(input.simulation.scene,
+                             input.simulation.view_graph, SequenceMode::kYes);
+  const PositionResult result = EstimatePositions(
+      {input.simulation.scene, input.bearings, input.simulation.view_graph,
+       index, input.rotations, input.tracks},
+      PositionOptions(), Context());
+  EXPECT_EQ(result.summary.num_displaced_steps, 0);
+  EXPECT_LT(MeasureCenters(input, result.estimate, true).max_relative, 0.01);
+  ASSERT_TRUE(result.corrected_rig_from_world);
+  const auto& corrected = *result.corrected_rig_from_world;
+  const auto& truth = input.simulation.ground_truth.rig_from_world;
+  const Eigen::Quaterniond aligned =
+      corrected[0]->inverse() * truth[0]->rotation;
+  for (size_t f = 0; f < corrected.size(); ++f) {
+    EXPECT_LT((*corrected[f] * aligned).angularDistance(truth[f]->rotation),
+              0.1 * kDriftPerFrame_rad * static_cast<double>(truth.size()));
+  }
 }
 
 }  // namespace

@@ -85,6 +85,8 @@ struct TranslationSummary {
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no direction explains their matches
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
+  // Steps of a sequence whose positions all pairs of neighbours contradict.
+  int num_displaced_steps = 0;
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known

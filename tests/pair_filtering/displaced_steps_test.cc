@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "pair_filtering/displaced_steps.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "support/orders.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr int kDriveLength = 40;
+constexpr int kReach = 3;
+constexpr int kDisplacedRank = 20;
+const Vector3d kStep(0.0, 0.1, 1.0);
+
+// Frames with one image at the origin of the rig, on a straight drive with
+// exact pairs of neighbours. The frame of rank k in time has the index
+// order[k].
+class StraightDrive {
+ public:
+  explicit StraightDrive(std::vector<int> order = InOrder(kDriveLength))
+      : order_(std::move(order)), centers_(kDriveLength) {
+    scene_.rigs.push_back({RigId(1), 0, {0}});
+    scene_.sensors.push_back({"", 0, 0, std::nullopt});
+    std::vector<int> rank_of_frame(kDriveLength);
+    for (int k = 0; k < kDriveLength; ++k) rank_of_frame[order_[k]] = k;
+    for (int i = 0; i < kDriveLength; ++i) {
+      const auto id = static_cast<uint32_t>(i + 1);
+      scene_.images.push_back({ImageId(id), "", 0, 0, i, {}});
+      scene_.frames.push_back(
+          {FrameId(id), std::to_string(rank_of_frame[i]), 0, {i}});
+      centers_[i] = rank_of_frame[i] * kStep;
+    }
+    for (int k = 0; k < kDriveLength; ++k) {
+      for (int n = k + 1; n <= std::min(k + kReach, kDriveLength - 1); ++n) {
+        Add(k, n);
+      }
+    }
+  }
+
+  // A pair of two frames, by their ranks, that measures their distance and an
+  // error.
+  void Add(int rank1, int rank2, const Vector3d& error = Vector3d::Zero()) {
+    ImagePair pair;
+    pair.image_idx1 = order_[rank1];
+    pair.image_idx2 = order_[rank2];
+    MeasuredBaseline measured;
+    measured.baseline_in_world = (rank2 - rank1) * kStep + error;
+    if (pair.image_idx1 > pair.image_idx2) {
+      std::swap(pair.image_idx1, pair.image_idx2);
+      measured.baseline_in_world = -measured.baseline_in_world;
+    }
+    view_graph_.pairs.push_back(pair);
+    measured_.push_back(measured);
+  }
+
+  // Moves the estimate of all frames from one on.
+  void MoveFrom(int rank, const Vector3d& displacement) {
+    for (int k = rank; k < kDriveLength; ++k) {
+      *centers_[order_[k]] += displacement;
+    }
+  }
+
+  StepDeviations Find(SequenceMode mode = SequenceMode::kYes) const {
+    return FindDisplacedSteps(scene_, FramePairIndex(scene_, view_graph_, mode),
+                              view_graph_, Mask(view_graph_.pairs.size(), true),
+                              {measured_, centers_}, centers_, {});
+  }
+  int FrameOf(int rank) const { return order_[rank]; }
+
+ private:
+  std::vector<int> order_;
+  Scene scene_;
+  ViewGraph view_graph_;
+  MeasuredBaselines measured_;
+  // Of frames, and of their only images.
+  std::vector<std::optional<Vector3d>> centers_;
+};
+
+size_t NumDisplaced(const StepDeviations& deviations) {
+  return static_cast<size_t>(
+      std::count_if(deviations.begin(), deviations.end(),
+                    [](const auto& e) { return e.has_value(); }));
+}
+
+TEST(DisplacedSteps, AreFoundWithTheirDeviationInAnyOrderOfFrames) {
+  const Vector3d displacement(0.2, 1.5, -0.1);
+  for (const auto& order : {InOrder(kDriveLength), Shuffled(kDriveLength)}) {
+    StraightDrive drive(order);
+    EXPECT_EQ(NumDisplaced(drive.Find()), 0U);
+    drive.MoveFrom(kDisplacedRank, displacement);
+    const StepDeviations deviations = drive.Find();
+    const auto& found = deviations[drive.FrameOf(kDisplacedRank)];
+    ASSERT_TRUE(found);
+    EXPECT_LT((*found + displacement).norm(), 1e-9);
+    EXPECT_EQ(NumDisplaced(deviations), 1U);
+    EXPECT_EQ(NumDisplaced(drive.Find(SequenceMode::kNo)), 0U);
+  }
+}
+
+TEST(DisplacedSteps, AreNoneThatSomePairsSupport) {
+  const Vector3d displacement(0.0, 2.0, 0.0);
+  StraightDrive drive;
+  drive.MoveFrom(kDisplacedRank, displacement);
+  for (int i = 0; i < kReach; ++i) {
+    drive.Add(kDisplacedRank - 1, kDisplacedRank, displacement);
+  }
+  EXPECT_EQ(NumDisplaced(drive.Find()), 0U);
+}
+
+TEST(DisplacedSteps, AreNotTheDriftOfLoops) {
+  StraightDrive drive;
+  for (int k = 1; k < kDriveLength; ++k) drive.MoveFrom(k, {0.0, 0.1, 0.0});
+  EXPECT_EQ(NumDisplaced(drive.Find()), 0U);
+}
+
+TEST(DisplacedSteps, DoNotDependOnLoops) {
+  StraightDrive drive;
+  for (int k = 0; k < kDisplacedRank; ++k) {
+    drive.Add(k, kDriveLength - 1, {0.0, 5.0, 0.0});
+  }
+  EXPECT_EQ(NumDisplaced(drive.Find()), 0U);
+}
+
+}  // namespace
+}  // namespace mgsfm
