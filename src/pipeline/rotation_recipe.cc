@@ -274,11 +274,10 @@ EstimatedRotations EstimateRotations(
                  &result.verdicts);
   // The motion of the rig explains the pairs that it rejects.
   const Mask is_evidence = is_used;
-  RotationResult averaged;
   if (!is_used.Any()) {
-    averaged = NothingToAverage(scene, view_graph, context);
-    result.estimate = std::move(averaged.estimate);
-    result.summary = std::move(averaged.summary);
+    RotationResult nothing = NothingToAverage(scene, view_graph, context);
+    result.estimate = std::move(nothing.estimate);
+    result.summary = std::move(nothing.summary);
     return result;
   }
   const SkeletonResult skeleton = FilterBySkeleton(
@@ -295,7 +294,7 @@ EstimatedRotations EstimateRotations(
       &is_used);
   Mask turns_steps = within_drift_bound;
   turns_steps.Remove(is_used);
-  averaged = std::move(with_gravity.result);
+  RotationResult averaged = std::move(with_gravity.result);
   result.gravity_rejection = std::move(with_gravity.gravity_rejection);
   const GravityPriors used_gravity =
       result.gravity_rejection ? GravityPriors() : gravity;

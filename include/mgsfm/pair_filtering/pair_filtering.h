@@ -36,14 +36,16 @@ namespace mgsfm {
 //    pairs within the bound must not turn a single step of a sequence
 //    (turned_steps.h).
 // 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
-//    two components is rejected if it has no triplet support and other pairs
-//    contradict it. The components then stay apart.
+//    two components is rejected if it has no triplet support and other pairs,
+//    except those of rule 5, contradict it. The components then stay apart.
 // 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
 //    object that moves along with the rig imply that it stands still. Of the
 //    motions that matches support, the smoothest choice exposes them.
 // 6. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
-//    skeleton up to the drift bound, at the end with the estimate.
+//    skeleton up to the drift bound, at the end with the estimate. If all
+//    neighbours contradict a step of a sequence (displaced_steps.h), rotations
+//    that drift are corrected first.
 //
 // Rules 3 and 6 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
