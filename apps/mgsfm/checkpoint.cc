@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 constexpr const char* kExtension = ".stage";
 constexpr const char* kDraftExtension = ".mgsfm-draft";  // see ReplaceFile
 constexpr uint64_t kMagic = 0x4B48434D46534D47ull;       // in every file
-constexpr uint64_t kVersion = 1;
+constexpr uint64_t kVersion = 2;
 
 struct Header {
   uint64_t magic = kMagic;

@@ -45,7 +45,7 @@ struct ImageDeleterOptions {
               "'; remove the line");
 }
 
-// Marks the images that a list names; `keys` are their names or ids.
+// Marks the images that a list names; `keys` are all names or ids.
 void MarkDeleted(const std::string& list_path,
                  const std::vector<std::string>& keys,
                  const std::string& model_path, Mask* keeps_image) {

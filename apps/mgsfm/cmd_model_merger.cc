@@ -32,8 +32,8 @@ struct ModelMergerOptions {
                                  "named 0, 1, ..."};
   Option<std::string> cluster_path{
       "cluster_path", "",
-      "With graph: folder of mapper --partition, to report clusters without a "
-      "model."};
+      "With graph: folder of mapper --partition. Clusters that have no model "
+      "are named."};
   Option<std::string> database_path{
       "database_path", "",
       "With graph: database with the matches, for loop closures between "

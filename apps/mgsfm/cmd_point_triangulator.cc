@@ -40,7 +40,7 @@ struct PointTriangulatorOptions {
       "Folder for the model and report.json. An earlier model is replaced when "
       "the new one is complete; other files stay. May be the input."};
   Option<bool> clear_points{"clear_points", true,
-                            "Discard the points of the model; 0 extends them."};
+                            "Discard old points. 0: keep and extend them."};
   Option<ModelFormat> output_format{"output_format", ModelFormat::kBinary,
                                     "Format of the model: binary or text."};
   SceneLoadingOptions loading;
@@ -82,6 +82,7 @@ int RunPointTriangulator(const PointTriangulatorOptions& options,
   description.database_path = options.database_path;
   description.input_path = options.input_path;
   description.options_json = OptionsToJsonOf(options);
+  description.random_seed = context.random_seed;
 
   const StageTimer reading;
   const LoadedInput input =

@@ -82,8 +82,8 @@ struct SimulateCommandOptions {
       "Defaults of all other options. small: a few frames without noise. "
       "street: a realistic street without noise. standard: street with noise, "
       "mismatches, vehicles and wrong pairs. aliased: standard with duplicated "
-      "facades. moderate, hard: aliased with more degradations, vehicles that "
-      "keep their distance, and weak cuts."};
+      "facades. moderate, hard: aliased with more degradations, vehicles in "
+      "convoy, and cuts with few matches."};
   Option<std::string> trajectory_path{
       "trajectory_path", "",
       "File with the poses of the reference camera, instead of `path`."};

@@ -12,10 +12,9 @@ void CatchInterruptions();
 // The first signal that was caught, or 0.
 int InterruptionSignal();
 
-// Ends the process by that signal, as if it had not been caught: shells and
-// make stop what they run only after a command that ended so. Returns, with
-// the exit code that a shell would show, where a process cannot do that (the
-// first one of a container).
+// Ends the process by that signal, as if it had not been caught: only then do
+// shells and make stop, too. If the signal cannot end the process (PID 1 of a
+// container), returns the exit code that a shell would show.
 int EndByInterruption();
 
 }  // namespace mgsfm

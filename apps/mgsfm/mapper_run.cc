@@ -237,6 +237,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.database_path = run.database_path;
   description.input_path = run.input_path;
   description.options_json = run.options_json;
+  description.random_seed = context.random_seed;
 
   const StageTimer reading;
   LoadedInput input = LoadMapperInput(run, StartUse(), context);

@@ -196,7 +196,7 @@ Json DescribeModel(const ModelStatistics& statistics,
   json["adjustment"] = Json::array();
   for (const SolveSummary& solve : bundle->solves) {
     json["adjustment"].push_back(
-        {{"iterations", solve.num_iterations},
+        {{"num_iterations", solve.num_iterations},
          {"initial_cost", solve.initial_cost},
          {"final_cost", solve.final_cost},
          {"termination", std::string(TerminationName(solve.termination))}});
@@ -205,7 +205,7 @@ Json DescribeModel(const ModelStatistics& statistics,
 }
 
 Json DescribeSubMaps(const SubMapFiles& files, const JoinedMaps& joined) {
-  Json json{{"version", Version()}, {"sub_maps", Json::array()}};
+  Json json{{"mgsfm_version", Version()}, {"sub_maps", Json::array()}};
   for (size_t i = 0; i < files.folders.size(); ++i) {
     Json sub_map{{"path", files.folders[i]}, {"cluster", files.clusters[i]}};
     if (!joined.conflicts[i].empty()) sub_map["conflict"] = joined.conflicts[i];

@@ -225,8 +225,8 @@ TruthComparison CompareWithModel(const TruthSource& source,
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     image_of_name[model.scene.images[i].name] = i;
   }
-  // Sensors of the truth that are references of the model, with --reference
-  // others than in the truth.
+  // Whether a ground-truth sensor is a reference of the model; --reference may
+  // select another one.
   std::vector<std::optional<bool>> is_reference(truth.scene.sensors.size());
   for (const Image& image : truth.scene.images) {
     const auto found = image_of_name.find(image.name);

@@ -216,8 +216,8 @@ std::vector<Point3D> TriangulateGroup(
   return points;
 }
 
-// Marks keypoints and points without a group. A dense int, because there is one
-// per keypoint, and GroupByKey() ignores negative keys.
+// Marks keypoints and points without a group. It is not std::optional, to save
+// memory; GroupByKey() ignores negative keys.
 constexpr int kNoGroup = -1;
 
 // The group of each keypoint.

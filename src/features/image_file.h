@@ -31,8 +31,7 @@ struct ImageFile {
   std::string warning;  // of the decoder; empty if there is none
 };
 
-// All throw Error with a message that continues the name of the file: "is
-// truncated; ...".
+// All throw Error; its message is to follow the file name: "is truncated; ...".
 std::string ReadImageFile(const std::filesystem::path& path);
 ImageFile DecodeImageFile(const std::string& file, int64_t max_num_pixels);
 // nullopt if there is no such file.

@@ -80,8 +80,8 @@ Stretch Summarize(const std::vector<Vector3d>& residuals) {
   return stretch;
 }
 
-// The size of the first stretch with the largest difference of means, in
-// standard deviations of that difference.
+// The size of the first stretch for which the two means differ most, in
+// standard deviations of the difference.
 size_t FindSplit(const std::vector<Vector3d>& residuals, size_t min_size) {
   const size_t size = residuals.size();
   Vector3d total = Vector3d::Zero();

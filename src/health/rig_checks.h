@@ -25,9 +25,8 @@ struct RigStep {
 std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
 
 // A sensor that moved relative to most others of its rig (kRigMoved). The step
-// must exceed 0.5 degrees and six standard deviations of one sample: a rig that
-// vibrates, and pairs whose errors depend on the place, do not part the samples
-// in two.
+// must exceed 0.5 degrees and six standard deviations of one sample: neither
+// vibration nor pair errors that depend on the place may count as a move.
 std::vector<Finding> FindRigMoves(const Scene& scene,
                                   const std::vector<SensorPairSamples>& pairs);
 

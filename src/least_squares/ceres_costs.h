@@ -177,7 +177,7 @@ class ObservationCost : public ceres::CostFunction {
 // Blocks: those of frames and sensors of both images, each once.
 class BaselineCost : public ceres::CostFunction {
  public:
-  // For each image its frame and its sensor: positions in the blocks.
+  // Block indices of frame and sensor of image 1, then of image 2.
   using Positions = std::array<int, 4>;
 
   BaselineCost(const RigProblemBase& problem, const BaselineTerm& term,

@@ -83,7 +83,7 @@ struct ImageSteps {
   std::vector<std::array<double, kMaxNumCameraParams>> params;
 };
 
-// The motion of x in the camera frame: rotation x y + shift.
+// x moves in the camera frame by cross(rotation, y) + shift.
 MGSFM_ALWAYS_INLINE void ApplyTwist(const double* y, const ImageTwist& twist,
                                     double* dx) {
   const double* w = twist.rotation;

@@ -26,7 +26,7 @@ struct ListedMatches {
   std::vector<Match> matches;  // keypoint_idx1 is of image_idx1
 };
 
-// Per pair a line `name1 name2`, lines `keypoint_idx1 keypoint_idx2`
+// A pair is a line `name1 name2`, lines `keypoint_idx1 keypoint_idx2`
 // (zero-based) and an empty line. The result is sorted by images; a duplicate
 // pair is an Error.
 std::vector<ListedMatches> ReadMatchList(

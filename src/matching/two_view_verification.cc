@@ -127,8 +127,8 @@ struct MatchedRays {
   }
 };
 
-// Rays without distortion of uncalibrated cameras; otherwise those of the
-// matches whose keypoints have one.
+// Uncalibrated: rays that ignore distortion. Calibrated: only matches whose
+// keypoints both have a ray.
 MatchedRays GatherRays(const VerificationView& view1,
                        const VerificationView& view2,
                        const std::vector<Match>& matches, double max_error_rad,

@@ -21,14 +21,18 @@ namespace mgsfm {
 // Rotations that drift leave a gap in each loop. Positions by held rotations
 // close it best by a jump at the step that the fewest pairs cross.
 //
-// The deviation of a pair is e_ij = m - C, with C = c_2 - c_1 by the positions
-// and m the measured baseline. With s the translation of the step by the
-// positions and e the common deviation, the step is displaced if
+// The deviation of a comparable pair is e_ij = m - C, with C = c_2 - c_1 by the
+// positions and m the measured baseline. With s the translation of the step by
+// the positions, s' the median length of all steps and e the common deviation,
+// the step is displaced if
 //
-//   |e| > max_relative_baseline_error * max(|s|, |s + e|).
+//   |e| > max_relative_baseline_error * max(|s|, |s + e|, s').
+//
+// The median spares steps of a rig that brakes or stands, which are short.
 
-// Per frame: the common deviation of the step to it, if that is displaced. None
-// is without temporal order.
+// Per frame: the common deviation of the step to it, if that is displaced.
+// Without temporal order, no step is displaced. Steps from or to frames without
+// a position are not examined.
 [[nodiscard]] StepDeviations FindDisplacedSteps(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const Mask& pair_is_used,

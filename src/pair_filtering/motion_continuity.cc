@@ -42,14 +42,14 @@ constexpr double kFreeDistanceCost = 1.0;
 // velocity apart. The cost of the nearest one is too high by at most 0.16.
 constexpr double kDistanceSpacing = 0.8;
 // The longest of them is twice this quantile of the measured distances: objects
-// that keep their distance may be most, and a few are mismatches.
+// that stay at a constant distance may be most, and a few are mismatches.
 constexpr double kLongQuantile = 0.9;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
 // Bounds the cost, which is linear in it. Half or twice as many change no error
 // (docs/results/constants.md).
 constexpr size_t kMaxNumSkipped = 7;
-// More than any jumps that skipping a step could avoid.
+// Cost above that of any jump that a skip could avoid.
 constexpr double kNeverSkip = 1e4;
 // Scale of the loss of the squared change of the motion. Half or twice the
 // value changes no error (docs/results/constants.md).

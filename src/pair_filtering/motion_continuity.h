@@ -12,11 +12,11 @@ namespace mgsfm {
 
 // The motion of a rig along a sequence, among hypotheses.
 //
-// A vehicle that keeps its distance fills some images for tens of frames. Its
-// pairs pass verification, agree with each other, and reach further than those
-// of the static scene, which leaves the view. They state that the rig stands
-// still. Counting pairs or matches cannot expose them; physics can: a rig does
-// not stop or turn from one frame to the next.
+// A vehicle that stays at a constant distance fills some images for tens of
+// frames. Its pairs pass verification, agree with each other, and reach further
+// than those of the static scene, which leaves the view. They state that the
+// rig stands still. Counting pairs or matches cannot expose them; physics can:
+// a rig does not stop or turn from one frame to the next.
 //
 // Problem. Step k leads from frame k of a sequence to the next one. Its
 // hypotheses are rigid motions with the share of the matches that agree. Over a
@@ -79,7 +79,7 @@ struct RigPath {
     const auto& place2 = of_frame[frame_idx2];
     return place1 && place2 && place1->stretch == place2->stretch;
   }
-  // Two motions of comparable size and direction.
+  // Whether two motions agree within tolerance.
   bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
   // later_from_earlier of comparable frames.
   Rigid3 Between(int earlier, int later) const {

@@ -20,9 +20,9 @@ namespace mgsfm {
 //
 // A pair i, j of neighbours across the step, with i before j, has a deviation
 // e_ij of its measurement from the estimate, in world axes. All of them contain
-// the error of the step. With e the median of their coordinates, it is common
-// to the pairs if |e_ij - e| < |e_ij| for nearly all of them: none supports the
-// step as it is.
+// the error of the step. Their median e, coordinate by coordinate, is
+// common to the pairs if |e_ij - e| < |e_ij| for 90 % of them: hardly any
+// supports the step as it is.
 
 // Per pair, from image 1 to image 2; nullopt for pairs that do not count.
 using PairDeviations = std::vector<std::optional<Eigen::Vector3d>>;

@@ -19,7 +19,7 @@ namespace mgsfm {
 // The deviation of a pair is e_ij = Log(R_j^T R_ij R_i). A step is turned if
 // the common deviation exceeds kMinTurn.
 
-// Per frame: the step to it is turned. None is without temporal order.
+// Per frame: the step to it is turned. Without temporal order, none is.
 [[nodiscard]] Mask FindTurnedSteps(const Scene& scene,
                                    const FramePairIndex& index,
                                    const ViewGraph& view_graph,

@@ -174,7 +174,6 @@ bool IsUnsupportedAmongSupported(const LinkGraph& graph,
 int CountMatchesAgainst(const FramePairIndex& index,
                         const ViewGraph& view_graph,
                         const Mask& pair_is_consistent,
-                        const Mask& pair_is_evidence,
                         const DepthFirstForest& forest,
                         const VisitedFrame& top) {
   int num_matches = 0;
@@ -186,7 +185,7 @@ int CountMatchesAgainst(const FramePairIndex& index,
       continue;
     }
     for (const size_t i : frames.pair_idxs) {
-      if (pair_is_consistent[i] || !pair_is_evidence[i]) continue;
+      if (pair_is_consistent[i] || !view_graph.pairs[i].relative_pose) continue;
       num_matches += static_cast<int>(view_graph.pairs[i].matches.size());
     }
   }
@@ -195,9 +194,8 @@ int CountMatchesAgainst(const FramePairIndex& index,
 
 // The links without which parts of the frames come apart.
 Mask FindBridges(const FramePairIndex& index, const ViewGraph& view_graph,
-                 const Mask& pair_is_consistent, const Mask& pair_is_evidence,
-                 const LinkGraph& graph, const PairFilteringOptions& options,
-                 int num_threads) {
+                 const Mask& pair_is_consistent, const LinkGraph& graph,
+                 const PairFilteringOptions& options, int num_threads) {
   Mask is_unsupported(view_graph.pairs.size(), false);
   const DepthFirstForest forest = VisitDepthFirst(graph);
   if (!HasBridges(forest)) return is_unsupported;
@@ -211,8 +209,8 @@ Mask FindBridges(const FramePairIndex& index, const ViewGraph& view_graph,
     }
     const Link& bridge = graph.links[*top->link_to_parent];
     if (!bridge.is_loop &&
-        CountMatchesAgainst(index, view_graph, pair_is_consistent,
-                            pair_is_evidence, forest, *top) <
+        CountMatchesAgainst(index, view_graph, pair_is_consistent, forest,
+                            *top) <
             options.min_share_against_bridge * bridge.num_matches) {
       continue;
     }
@@ -245,12 +243,10 @@ void RejectLoopsBetweenParts(const LinkGraph& graph, const Mask& is_loop,
 Mask FindUnsupportedBridges(const FramePairIndex& index,
                             const ViewGraph& view_graph,
                             const Mask& pair_is_consistent,
-                            const Mask& pair_is_evidence,
                             const PairFilteringOptions& options,
                             int num_threads) {
   MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(pair_is_consistent.size(), view_graph.pairs.size());
-  MGSFM_CHECK_EQ(pair_is_evidence.size(), view_graph.pairs.size());
   const LinkGraph graph = BuildLinkGraph(index, view_graph, pair_is_consistent);
   Mask is_loop = LoopLinks(graph);
   if (is_loop.Any()) {
@@ -259,7 +255,7 @@ Mask FindUnsupportedBridges(const FramePairIndex& index,
     is_loop.Remove(is_supported);
   }
   Mask is_unsupported =
-      FindBridges(index, view_graph, pair_is_consistent, pair_is_evidence,
+      FindBridges(index, view_graph, pair_is_consistent,
                   LeaveOut(graph, is_loop), options, num_threads);
   RejectLoopsBetweenParts(graph, is_loop, &is_unsupported);
   return is_unsupported;

@@ -18,9 +18,9 @@ namespace mgsfm {
 //   its removal disconnects its frames (it is a bridge of the graph of links),
 //   none of its matches is triplet-consistent,
 //   some match of another link of one of its frames is, and
-//   the inconsistent pairs of `pair_is_evidence` between the two components
-//   have, together, at least min_share_against_bridge times as many matches, or
-//   the link is a loop: its frames are distant in a sequence.
+//   the inconsistent pairs between the two components have, together, at least
+//   min_share_against_bridge times as many matches, or the link is a loop: its
+//   frames are distant in a sequence.
 //
 // In a sequence, loop links without triplet-consistent matches connect nothing:
 // bridges are those of the graph without them, and such loops between parts
@@ -35,7 +35,6 @@ namespace mgsfm {
 Mask FindUnsupportedBridges(const FramePairIndex& index,
                             const ViewGraph& view_graph,
                             const Mask& pair_is_consistent,
-                            const Mask& pair_is_evidence,
                             const PairFilteringOptions& options,
                             int num_threads);
 

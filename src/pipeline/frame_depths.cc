@@ -26,11 +26,11 @@ namespace {
 
 using Eigen::Vector3d;
 
-// More matches of two sensors are thinned out evenly: the error of a pose by
-// this many is far below that of a single depth.
+// More matches of two sensors are thinned out evenly: a pose from this many has
+// an error far below that of a single depth.
 constexpr size_t kMaxNumPooled = 20000;
-// If half of the matches are wrong, one sample of two in four is right. The
-// best of 25 such samples is close to the optimum.
+// If half of the matches are right, so are a quarter of the two-match samples.
+// The best of these 25 is close to the optimum.
 constexpr int kNumSamples = 100;
 // The loss adapts to the noise that the last round has left. The pose moves
 // little after the second.

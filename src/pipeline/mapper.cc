@@ -138,7 +138,7 @@ PositionInput PositionInputOf(const Measurements& measurements,
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
     const PositionStep& estimate_positions, const Measurements& measurements,
-    const RotationEstimate& rotations, const StageFolder& stages,
+    RotationEstimate rotations, const StageFolder& stages,
     const MapperOptions& options, const Context& context,
     PairVerdicts* verdicts) {
   const Scene& scene = measurements.scene;
@@ -158,6 +158,9 @@ std::vector<MapperModel> ReconstructComponent(
             PositionInputOf(measurements, rotations, tracks.estimate),
             {options.translation_averaging, options.pair_filtering}, context);
       });
+  if (translation.corrected_rig_from_world) {
+    rotations.rig_from_world = *std::move(translation.corrected_rig_from_world);
+  }
   model.translation = std::move(translation.summary);
   Reject(translation.pair_is_inconsistent,
          RejectionReason::kInconsistentBaseline, verdicts);

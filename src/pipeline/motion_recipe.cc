@@ -40,7 +40,7 @@ constexpr double kRefinedError_rad = 2e-3;
 constexpr double kMaxRotationError_rad = DegToRad(1.0);
 // Displacements below this share of the median step are noise.
 constexpr double kMinDisplacement = 0.2;
-// One match more that contradicts than agrees may be a mismatch.
+// An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
 // Error of the baseline, relative to its length, of pairs that support a motion
 // by their own poses.

@@ -26,8 +26,8 @@ struct MotionOfScene {
   // Per pair: its frames are distant in the sequence, and further apart on the
   // path than the drift bound of positions allows.
   Mask loop_contradicts_path;
-  // Per pair next to an object: cam2_from_cam1 on the path. All are in one unit
-  // of length, and so are those of pairs within frames.
+  // cam2_from_cam1 on the path, for pairs near an object, and the relative
+  // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
 };
 

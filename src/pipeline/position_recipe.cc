@@ -117,7 +117,8 @@ Mask FindInconsistent(const PositionInput& input,
                                by_positions.centers, options);
 }
 
-// Per frame: the deviation of a displaced step to it, in units of `estimate`.
+// Per frame: the deviation of a displaced step to it, in the unit of measured
+// lengths.
 StepDeviations DisplacedSteps(const PositionInput& input,
                               const PositionMeasurements& measured,
                               const InitialPositions& initial,
@@ -303,6 +304,25 @@ RotationEstimate CorrectRotations(const ViewGraph& view_graph,
   return corrected;
 }
 
+// Whether corrected rotations displace steps less and place as many frames.
+bool IsBetter(const PositionResult& corrected, const PositionResult& result) {
+  return corrected.displacement < result.displacement &&
+         corrected.summary.is_metric == result.summary.is_metric &&
+         corrected.summary.num_frames_not_placed <=
+             result.summary.num_frames_not_placed;
+}
+
+void LogCorrection(const PositionResult& corrected,
+                   const PositionResult& result, const Context& context) {
+  const auto describe = [](const PositionResult& r) {
+    return std::to_string(r.summary.num_displaced_steps) +
+           " steps of the sequence by " + std::to_string(r.displacement);
+  };
+  context.Debug("positions: loops displace " + describe(result) +
+                "; with rotations corrected by a pose graph, they displace " +
+                describe(corrected));
+}
+
 }  // namespace
 
 PositionResult EstimatePositions(const PositionInput& input,
@@ -314,20 +334,15 @@ PositionResult EstimatePositions(const PositionInput& input,
        ++i) {
     RotationEstimate corrected =
         CorrectRotations(input.view_graph, rotations, best, context);
+    // The observer knows only the rotations of the input.
     PositionsByRotations next = EstimateByRotations(
         {input.scene, input.bearings, input.view_graph, input.index, corrected,
-         input.tracks, input.length_hints, input.observer},
+         input.tracks, input.length_hints},
         options, context);
-    context.Debug(
-        "positions: corrected rotations change the number of displaced steps "
-        "from " +
-        std::to_string(best.result.summary.num_displaced_steps) + " to " +
-        std::to_string(next.result.summary.num_displaced_steps) +
-        ", their displacement from " +
-        std::to_string(best.result.displacement) + " to " +
-        std::to_string(next.result.displacement));
-    if (next.result.displacement >= best.result.displacement) break;
+    LogCorrection(next.result, best.result, context);
+    if (!IsBetter(next.result, best.result)) break;
     rotations = std::move(corrected);
+    next.result.summary.num_rotation_corrections = i + 1;
     best = std::move(next);
     best.result.corrected_rig_from_world = rotations.rig_from_world;
   }

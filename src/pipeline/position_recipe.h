@@ -40,11 +40,12 @@ namespace mgsfm {
 //
 // If steps of a sequence are displaced (pair_filtering/displaced_steps.h), the
 // rotations have drifted. A pose graph (translation/pose_graph.h) corrects
-// them, and all steps are repeated, as long as that reduces the displacement.
+// them, and all steps are repeated: at most three times, as long as that
+// reduces the displacement and places as many frames.
 //
 // The stages are those of translation/translation_stages.h, the rules those of
-// pair_filtering. The measurements stay constant; each step passes on a mask of
-// the pairs to use.
+// pair_filtering. The measurements by a set of rotations stay constant; each
+// step passes on a mask of the pairs to use.
 
 struct PositionInput {
   const Scene& scene;

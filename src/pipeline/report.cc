@@ -292,6 +292,7 @@ Json ToJson(const TranslationSummary& summary) {
           {"num_pairs_inconsistent_with_positions",
            summary.num_pairs_inconsistent_with_positions},
           {"num_displaced_steps", summary.num_displaced_steps},
+          {"num_rotation_corrections", summary.num_rotation_corrections},
           {"num_points", summary.num_points}};
 }
 
@@ -513,6 +514,7 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
                  {"mgsfm_version", run.version},
                  {"input", InputToJson(scene, view_graph, run)},
                  {"options", Json::parse(run.options_json)},
+                 {"random_seed", run.random_seed},
                  {"view_graph", ToJson(result.view_graph)}};
   if (run.input_path.empty()) {
     report["rotation_averaging"] = ToJson(result.rotation);

@@ -230,15 +230,13 @@ AveragedRotations AverageWithoutTurningLoops(
 
 Mask FindBridges(const Scene& scene, const FramePairIndex& index,
                  const ViewGraph& view_graph, const Mask& pair_is_inlier,
-                 const Mask& pair_is_evidence,
                  const PairFilteringOptions& filtering,
                  const Context& context) {
   if (!filtering.use_unsupported_bridges) {
     return Mask(pair_is_inlier.size(), false);
   }
-  Mask is_bridge =
-      FindUnsupportedBridges(index, view_graph, pair_is_inlier,
-                             pair_is_evidence, filtering, context.num_threads);
+  Mask is_bridge = FindUnsupportedBridges(index, view_graph, pair_is_inlier,
+                                          filtering, context.num_threads);
   LogBridges(scene, view_graph, is_bridge, context);
   return is_bridge;
 }
@@ -272,12 +270,11 @@ EstimatedRotations EstimateRotations(
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
   RejectByMotion(index, pair_is_discontinuous, loop_contradicts_path, &is_used,
                  &result.verdicts);
-  // The motion of the rig explains the pairs that it rejects.
-  const Mask is_evidence = is_used;
+  RotationResult averaged;
   if (!is_used.Any()) {
-    RotationResult nothing = NothingToAverage(scene, view_graph, context);
-    result.estimate = std::move(nothing.estimate);
-    result.summary = std::move(nothing.summary);
+    averaged = NothingToAverage(scene, view_graph, context);
+    result.estimate = std::move(averaged.estimate);
+    result.summary = std::move(averaged.summary);
     return result;
   }
   const SkeletonResult skeleton = FilterBySkeleton(
@@ -294,13 +291,13 @@ EstimatedRotations EstimateRotations(
       &is_used);
   Mask turns_steps = within_drift_bound;
   turns_steps.Remove(is_used);
-  RotationResult averaged = std::move(with_gravity.result);
+  averaged = std::move(with_gravity.result);
   result.gravity_rejection = std::move(with_gravity.gravity_rejection);
   const GravityPriors used_gravity =
       result.gravity_rejection ? GravityPriors() : gravity;
   Mask is_kept = averaged.estimate.pair_is_inlier;
-  const Mask is_bridge = FindBridges(scene, index, view_graph, is_kept,
-                                     is_evidence, filtering, context);
+  const Mask is_bridge =
+      FindBridges(scene, index, view_graph, is_kept, filtering, context);
   is_kept.Remove(is_bridge);
   result.estimate =
       RestrictToPairs(scene, view_graph, is_kept, std::move(averaged.estimate));

@@ -103,7 +103,7 @@ inline constexpr int kNumFields<TrackResult> = 2;
 template <>
 inline constexpr int kNumFields<SensorTranslationSummary> = 3;
 template <>
-inline constexpr int kNumFields<TranslationSummary> = 14;
+inline constexpr int kNumFields<TranslationSummary> = 15;
 template <>
 inline constexpr int kNumFields<BundleRound> = 6;
 template <>
@@ -155,9 +155,9 @@ void ForEachField(T& t, const Function& function) {
     auto& [a, b, c, d, e, f, g, h, i, j, k] = t;
     each(a, b, c, d, e, f, g, h, i, j, k);
   } else {
-    static_assert(n == 14, "list the number of fields of the struct");
-    auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, o] = t;
-    each(a, b, c, d, e, f, g, h, i, j, k, l, m, o);
+    static_assert(n == 15, "list the number of fields of the struct");
+    auto& [a, b, c, d, e, f, g, h, i, j, k, l, m, o, p] = t;
+    each(a, b, c, d, e, f, g, h, i, j, k, l, m, o, p);
   }
 }
 

@@ -20,8 +20,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// With 50 % outliers (the limit of least medians), 500 samples of three contain
-// 62 without outliers on average: enough for one with little noise, too.
+// With 50 % outliers (the breakdown point of LMedS), 62 of 500 samples of three
+// are free of outliers on average; one of them has little noise.
 constexpr int kNumTrials = 500;
 // Upper limits: the iterations end when the images that agree do not change.
 constexpr int kNumRefits = 10;

@@ -68,8 +68,8 @@ Vector3d UpInWorld(const Scene& scene, const Projector& projector) {
   return up.norm() > 1e-6 ? Vector3d(up.normalized()) : Vector3d(0, -1, 0);
 }
 
-// Tangents of half the angles of view, bounded so that wide fields of view can
-// be drawn as a pyramid.
+// Tangents of half the fields of view, bounded so that wide ones can be drawn
+// as a pyramid.
 Json HalfViewTangents(const Camera& camera) {
   constexpr double kMax = 1.2;  // a field of view of 100 degrees
   const auto tangent = [&](const Eigen::Vector2d& pixel) {

@@ -71,7 +71,7 @@ TopView ViewFromAbove(const PageModel& model, const Paths& paths) {
       scatter += (center - mean) * (center - mean).transpose();
     }
   }
-  // Axes of random directions have a mean of about 1 / sqrt(frames).
+  // The mean of random axes has a norm of about 1 / sqrt(frames).
   constexpr double kUpright = 0.3;
   const Vector3d normal =
       upward.norm() > kUpright * num_frames

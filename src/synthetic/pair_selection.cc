@@ -77,7 +77,7 @@ class LoopFinder {
   std::vector<double> ways_;
 };
 
-// The images with the most common points, as (number, image), best first.
+// The images with most points in common, as (number, image), best first.
 std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
                                       int max_num) {
   std::sort(partners.begin(), partners.end(), [](const auto& a, const auto& b) {

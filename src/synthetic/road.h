@@ -39,7 +39,7 @@ class Road {
   // Whether the horizontal distance to any node is smaller.
   bool IsNear(const Eigen::Vector2d& position, double distance_m) const;
 
-  // Arc length along the road, in nodes, of the drive at a time.
+  // Arc length at which the drive is at a time (one node is 1 m).
   double ArcAt(const Drive& drive, double time_s) const;
   // A pose on the road: origin on the ground, x to the left, y up, z ahead.
   Rigid3 WorldFromPlace(double arc_m, double left_m) const;

@@ -137,7 +137,7 @@ void Vehicles::Add(Vehicle vehicle, Random* random) {
   vehicles_.push_back(std::move(vehicle));
 }
 
-// Pauses between convoys are as long as the required ratio allows on average.
+// The mean pause between convoys follows from the required ratio.
 void Vehicles::AddConvoys(const SimulationOptions& options) {
   const double duration_s = drive_.times_s.back() - drive_.times_s.front();
   if (drive_.num_frames() < 2 || options.repeatability == 0.0) return;
@@ -160,7 +160,7 @@ void Vehicles::AddConvoys(const SimulationOptions& options) {
 }
 
 // Half of the vehicles are ahead, the others in the lanes to the left and
-// right. Half keep their distance exactly.
+// right. Half stay at exactly a constant distance.
 Vehicles::Vehicle Vehicles::MakeConvoy(double begin_s, double end_s,
                                        int points_per_side,
                                        Random* random) const {

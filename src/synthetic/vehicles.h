@@ -29,7 +29,7 @@ struct VehiclePoint {
 
 // Other vehicles on the road of a drive: some accompany the rig at almost the
 // same speed for a while, others are oncoming. Those in convoy are large,
-// close, and keep their distance for tens of frames.
+// close, and stay at a constant distance for tens of frames.
 class Vehicles {
  public:
   // `road` and `drive` must outlive this object.

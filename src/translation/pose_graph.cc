@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include "geometry/so3.h"
 #include "least_squares/ceres_manifolds.h"
@@ -20,11 +21,14 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 // docs/results/constants.md shows the sensitivity to these constants.
-constexpr double kRotationSigma = DegToRad(0.2);
+constexpr double kPoseRotationSigma = DegToRad(0.2);
 constexpr double kMinSigmaInDepths = 1e-3;
-constexpr double kLossScale = 3.0;
-constexpr int kMaxNumIterations = 50;
-constexpr double kFunctionTolerance = 1e-6;
+constexpr double kPoseLossScale = 3.0;  // in standard deviations
+constexpr int kMaxNumPoseIterations = 50;
+constexpr double kPoseTolerance = 1e-6;
+// A pair shows no parallax if its baseline is shorter than about this: three
+// times the sine of the smallest parallax of 0.3 degrees.
+constexpr double kStandingSigmaInDepths = 0.016;
 
 // The residual of a pair, by the rotations (x, y, z, w) and centres of its two
 // frames.
@@ -51,7 +55,7 @@ struct PairError {
         cam1_from_world.conjugate() * sensor_translation1.cast<T>();
     const Rotation error = cam2_from_cam1.cast<T>().conjugate() *
                            (cam2_from_world * cam1_from_world.conjugate());
-    const T factor((error.w() < T(0) ? -2.0 : 2.0) / kRotationSigma);
+    const T factor((error.w() < T(0) ? -2.0 : 2.0) / kPoseRotationSigma);
     Eigen::Map<Eigen::Matrix<T, 6, 1>> errors(residual);
     errors.template head<3>() = factor * error.vec();
     errors.template tail<3>() =
@@ -61,31 +65,54 @@ struct PairError {
   }
 };
 
-PairError ErrorOf(const RefinementInput& input, size_t pair_idx,
-                  const ImagePair& pair, const RotationEstimate& rotations) {
+// The baseline of a pair in camera 1, and the square root of its information.
+struct BaselineInformation {
+  Vector3d baseline_in_cam1 = Vector3d::Zero();
+  Matrix3d sqrt_information;
+};
+
+BaselineInformation MeasuredBaselineOf(const RefinementInput& input,
+                                       size_t pair_idx) {
   const BaselineDirection& baseline = input.baselines[pair_idx];
-  const PositionProblem& problem = input.problem;
-  const int sensor1 = problem.sensor_idx[baseline.image_idx1];
-  const int sensor2 = problem.sensor_idx[baseline.image_idx2];
-  const auto& translations = input.initial.positions.sensor_translation;
+  const auto& scale = input.scales.pairs[pair_idx];
+  const int group = scale ? scale->group : 0;
+  const double depth =
+      input.scales.typical_depth * input.initial.group_factor[group];
+  if (baseline.kind == BaselineKind::kNoParallax) {
+    return {Vector3d::Zero(),
+            Matrix3d::Identity() / (kStandingSigmaInDepths * depth)};
+  }
   const double length = input.Length(pair_idx);
-  const double min_sigma = kMinSigmaInDepths * input.scales.typical_depth *
-                           input.initial.group_factor[0];
+  const double min_sigma = kMinSigmaInDepths * depth;
+  // The factors of other groups are guesses.
   const double along =
-      1.0 / std::hypot(length * input.LengthSigma(pair_idx), min_sigma);
+      group != 0
+          ? 0.0
+          : 1.0 / std::hypot(length * input.LengthSigma(pair_idx), min_sigma);
   const double across =
       1.0 / std::hypot(length * input.DirectionSigma(pair_idx), min_sigma);
   const Vector3d direction =
-      problem.world_from_cam[baseline.image_idx1]->transpose() *
+      input.problem.world_from_cam[baseline.image_idx1]->transpose() *
       baseline.direction;
+  return {length * direction,
+          across * Matrix3d::Identity() +
+              (along - across) * direction * direction.transpose()};
+}
+
+PairError ErrorOf(const RefinementInput& input, size_t pair_idx,
+                  const ImagePair& pair, const RotationEstimate& rotations) {
+  const BaselineDirection& baseline = input.baselines[pair_idx];
+  const int sensor1 = input.problem.sensor_idx[baseline.image_idx1];
+  const int sensor2 = input.problem.sensor_idx[baseline.image_idx2];
+  const auto& translations = input.initial.positions.sensor_translation;
+  const BaselineInformation measured = MeasuredBaselineOf(input, pair_idx);
   return {*rotations.sensor_from_rig[sensor1],
           *rotations.sensor_from_rig[sensor2],
           translations[sensor1],
           translations[sensor2],
           pair.relative_pose->cam2_from_cam1,
-          length * direction,
-          across * Matrix3d::Identity() +
-              (along - across) * direction * direction.transpose()};
+          measured.baseline_in_cam1,
+          measured.sqrt_information};
 }
 
 // The poses of all frames, as blocks of Ceres.
@@ -103,12 +130,15 @@ FramePoses StartOf(const RefinementInput& input,
   return poses;
 }
 
-// Which pairs between frames constrain the poses.
-std::vector<size_t> SelectPairs(const RefinementInput& input) {
+// The used pairs between placed frames.
+std::vector<size_t> SelectPairs(const RefinementInput& input,
+                                const ViewGraph& view_graph) {
   std::vector<size_t> selected;
   for (size_t i = 0; i < input.baselines.size(); ++i) {
     const BaselineDirection& baseline = input.baselines[i];
-    if (input.IsUsable(i, BaselineKind::kDirection, input.initial.positions) &&
+    const BaselineKind kind = baseline.kind;
+    if (kind != BaselineKind::kUnused && view_graph.pairs[i].relative_pose &&
+        input.IsUsable(i, kind, input.initial.positions) &&
         input.problem.frame_idx[baseline.image_idx1] !=
             input.problem.frame_idx[baseline.image_idx2]) {
       selected.push_back(i);
@@ -154,8 +184,11 @@ SolveSummary Solve(const RefinementInput& input, const ViewGraph& view_graph,
   HoldFirstFrame(poses, &problem);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-  options.max_num_iterations = kMaxNumIterations;
-  options.function_tolerance = kFunctionTolerance;
+  // Neither the kernels of a BLAS nor threads may change the result.
+  options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;
+  options.num_threads = 1;
+  options.max_num_iterations = kMaxNumPoseIterations;
+  options.function_tolerance = kPoseTolerance;
   options.logging_type = ceres::SILENT;
   StopWhenCancelled stop(context);
   options.callbacks.push_back(&stop);
@@ -163,6 +196,33 @@ SolveSummary Solve(const RefinementInput& input, const ViewGraph& view_graph,
   ceres::Solve(options, &problem, &summary);
   context.CheckInterrupted();
   return SummarizeCeres(summary);
+}
+
+Mask SolvedFrames(const RefinementInput& input,
+                  const std::vector<size_t>& pair_idxs) {
+  Mask is_solved(input.initial.positions.frame_center.size(), false);
+  for (const size_t i : pair_idxs) {
+    for (const int image :
+         {input.baselines[i].image_idx1, input.baselines[i].image_idx2}) {
+      is_solved[input.problem.frame_idx[image]] = true;
+    }
+  }
+  return is_solved;
+}
+
+// Replaces the rotations of solved frames. Other frames turn in the world like
+// the solved frame before them, or the first one.
+void TurnFrames(const Mask& is_solved, const std::vector<Quaterniond>& solved,
+                std::vector<std::optional<Quaterniond>>* rig_from_world) {
+  const auto first = static_cast<size_t>(std::distance(
+      is_solved.begin(), std::find(is_solved.begin(), is_solved.end(), true)));
+  Quaterniond turn = (*rig_from_world)[first]->inverse() * solved[first];
+  for (size_t f = 0; f < solved.size(); ++f) {
+    auto& rotation = (*rig_from_world)[f];
+    if (!rotation) continue;
+    if (is_solved[f]) turn = rotation->inverse() * solved[f];
+    rotation = (*rotation * turn).normalized();
+  }
 }
 
 }  // namespace
@@ -173,22 +233,19 @@ PoseGraphEstimate RefinePoseGraph(const RefinementInput& input,
                                   const Context& context) {
   MGSFM_CHECK_EQ(view_graph.pairs.size(), input.baselines.size());
   PoseGraphEstimate estimate{rotations.rig_from_world, {}};
-  const std::vector<size_t> pair_idxs = SelectPairs(input);
+  const std::vector<size_t> pair_idxs = SelectPairs(input, view_graph);
   if (pair_idxs.empty()) {
-    estimate.summary = NothingToDo("No pair of frames has a direction.");
+    estimate.summary = NothingToDo("No pair connects two placed frames.");
     return estimate;
   }
   FramePoses poses = StartOf(input, rotations);
   for (const double factor : kLossAnnealing) {
     estimate.summary = Solve(input, view_graph, rotations, pair_idxs,
-                             factor * kLossScale, context, &poses);
+                             factor * kPoseLossScale, context, &poses);
     if (!estimate.summary.IsUsable()) return estimate;
   }
-  for (size_t f = 0; f < poses.rig_from_world.size(); ++f) {
-    if (estimate.rig_from_world[f]) {
-      estimate.rig_from_world[f] = poses.rig_from_world[f].normalized();
-    }
-  }
+  TurnFrames(SolvedFrames(input, pair_idxs), poses.rig_from_world,
+             &estimate.rig_from_world);
   return estimate;
 }
 

@@ -20,27 +20,34 @@ namespace mgsfm {
 // loop without bending every step, which costs more than to tear the one that
 // the fewest pairs cross. With both free, a small turn of each step closes it.
 //
-// Unknowns: the rotation R_f and the centre c_f of each frame. A used pair of
-// frames f, g with a direction has the cameras R_1 = S_1 R_f, R_2 = S_2 R_g,
-// the baseline d = R_1 (C_2 - C_1) in camera 1, and the measured R_12,
-// direction b and length l:
+// Unknowns: the rotation R_f and the centre c_f of each frame that a used pair
+// connects with another placed frame. A pair of frames f, g has the cameras
+// R_1 = S_1 R_f, R_2 = S_2 R_g, the baseline d = R_1 (C_2 - C_1) in camera 1,
+// and the measured R_12, direction b and length l:
 //
 //   min  sum rho(|2 v|^2 / sigma_R^2
 //              + |N (d - l b)|^2 / sigma_N^2 + (b . (d - l b))^2 / sigma_l^2)
 //
 // - v is the vector part of the quaternion of R_12^T R_2 R_1^T; 2 v is its
 //   rotation vector for small errors.
-// - N projects to the plane across b. sigma_N and sigma_l are l times the
-//   standard deviations of direction and log-length, at least 0.001 of the
-//   typical depth of points.
+// - N projects to the plane across b, which was measured with the rotations of
+//   the start. sigma_N and sigma_l are l times the standard deviations of
+//   direction and log-length, increased by 0.001 of the typical depth of
+//   points.
+// - Pairs without parallax have l = 0 and a standard deviation of 0.016 typical
+//   depths. The lengths of all but the largest scale group do not count.
 // - rho is Cauchy with scale 3, annealed from 24 (kLossAnnealing).
-// - Sensor poses are held: one tear does not show in them.
+// - Sensor poses are held: one tear does not show in them. Gravity does not
+//   take part.
 //
 // Start: the rotations that the measurements used, and the L1 positions.
 // Gauge: the first frame is held, the lengths determine the scale.
-// Solver: Ceres, until the cost changes by less than 1e-6, or 50 iterations,
-// for each scale of rho. Cost of an iteration: linear in the pairs, and a
-// sparse Cholesky factorisation with six unknowns per frame.
+// Solver: Ceres on one thread, for each scale of rho until the relative
+// decrease of the cost is below 1e-6 (or another default criterion of Ceres
+// holds), at most 50 iterations. Cost of an iteration: linear in the pairs, and
+// a sparse Cholesky factorisation with six unknowns per frame.
+//
+// Other frames turn like the solved frame before them.
 struct PoseGraphEstimate {
   // Per frame; nullopt where the start is.
   std::vector<std::optional<Eigen::Quaterniond>> rig_from_world;

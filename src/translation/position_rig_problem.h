@@ -33,8 +33,8 @@ class PositionRigProblem {
                  const TrackPoints& points);
   // Holds the first frame and the unobservable directions of sensors.
   void HoldGauge();
-  // Keeps the length of the longest unknown along itself. A change of scale can
-  // meet this exactly, so it does not affect the shape.
+  // Fixes the component of the longest unknown along its initial value. A
+  // change of scale can meet this exactly, so the shape stays free.
   void HoldScale();
 
   SolveSummary Solve(const Context& context);

@@ -23,8 +23,8 @@ constexpr double kMinLossRad = DegToRad(0.01);
 // 2.4 standard deviations: the Cauchy loss is 95 % efficient for normal noise.
 constexpr double kLossInSigmas = 2.4;
 constexpr double kFunctionTolerance = 1e-5;
-// Lower bound of the depth of points, relative to the typical depth: points
-// this close are rays from about the same place. Half or twice the value
+// Lower bound of the depth of points, relative to the typical depth: nearer
+// ones come from rays of nearly one origin. Half or twice the value
 // changes no error (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
 // A sensor is reported unless less than this share of its squared motion lies

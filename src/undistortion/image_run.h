@@ -26,7 +26,7 @@ struct ImageRunOptions {
   std::filesystem::path output_path;
   bool writes_masks = false;
   int jpeg_quality = 95;
-  // More than 8 bits stay, instead of the 8 bits that most programs expect.
+  // Keeps depths above 8 bits, although most programs expect 8.
   bool keeps_depth = false;
 };
 

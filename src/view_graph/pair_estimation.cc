@@ -187,8 +187,8 @@ class PairEstimator {
            score_.num_inliers >= ratio * matched_.rays.size();
   }
 
-  // The rotation is estimated first: it needs few trials, and five-point
-  // samples are degenerate where it explains the pair.
+  // A pure rotation is tried first: it needs few trials, and if it explains the
+  // pair, five-point samples are degenerate.
   void Reestimate(Random* random) {
     RansacOptions ransac;
     ransac.max_error_rad = max_error_;

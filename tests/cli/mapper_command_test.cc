@@ -72,8 +72,9 @@ TEST_F(MapperCommand, ModelOfASmallDriveAgreesWithTheTruth) {
 }
 
 TEST_F(MapperCommand, ReportSaysWhatWasDoneAndHowWell) {
-  ASSERT_EQ(Map().exit_code, 0);
+  ASSERT_EQ(Map("--random_seed 3").exit_code, 0);
   const Json report = Report();
+  EXPECT_EQ(report["random_seed"], 3);
   EXPECT_EQ(report["input"]["num_frames"], 12);
   EXPECT_EQ(report["input"]["num_images"], 48);
   EXPECT_GT(report["input"]["num_pairs"], 0);

@@ -229,6 +229,40 @@ TEST_F(PosePriorsTest, GravityOfTheDatabase) {
   EXPECT_THAT(error(), HasSubstr("is zero"));
 }
 
+// The table of COLMAP 4. Rows of other sensors may have the id of an image.
+TEST_F(PosePriorsTest, GravityOfColmap4) {
+  options_.use_prior_gravity = true;
+  const std::string path = Path("in.db");
+  WriteDatabase(path, MakeContents({"a b/0.png", "a b/1.png", "a b/2.png"}),
+                DatabaseSchema::k312);
+  const auto insert = [&](size_t image, int sensor_type, const char* gravity) {
+    return "INSERT INTO pose_priors (corr_data_id, corr_sensor_id, "
+           "corr_sensor_type, gravity, coordinate_system) VALUES (" +
+           std::to_string(scene_.images[image].id.value()) + ", 1, " +
+           std::to_string(sensor_type) + ", X'" + gravity + "', -1);";
+  };
+  const char* const kAlongY =
+      "0000000000000000"
+      "0000000000000040"
+      "0000000000000000";
+  const char* const kAlongZ =
+      "0000000000000000"
+      "0000000000000000"
+      "000000000000F0BF";
+  Execute(path,
+          "DROP TABLE IF EXISTS pose_priors; CREATE TABLE pose_priors "
+          "(pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER "
+          "NOT NULL, corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER "
+          "NOT NULL, position BLOB, position_covariance BLOB, gravity BLOB, "
+          "coordinate_system INTEGER NOT NULL);" +
+              insert(2, 1, kAlongZ) + insert(1, 0, kAlongY) +
+              insert(2, 0, kAlongZ) + insert(0, 1, kAlongY));
+  const GravityPriors gravity = ReadGravity(scene_, path, options_);
+  EXPECT_FALSE(gravity.images[0].has_value());
+  EXPECT_EQ(*gravity.images[1], Eigen::Vector3d::UnitY());
+  EXPECT_EQ(*gravity.images[2], Eigen::Vector3d(-Eigen::Vector3d::UnitZ()));
+}
+
 TEST_F(PosePriorsTest, GravityFilesNeedADirectionPerLine) {
   options_.gravity_path = Path("gravity.txt");
   const auto error = [&](const std::string& text) {

@@ -21,7 +21,7 @@ constexpr double kMaxError_px = 2.0;
 constexpr double kNoise_px = 0.3;
 constexpr double kRelativeDepthNoise = 0.01;
 
-// The rig drives a bend; a vehicle ahead keeps its distance.
+// The rig drives a bend; a vehicle ahead stays at a constant distance.
 const Rigid3 kDrive = Rigid3::FromRotationAndCenter(
     ExpSO3({0.0, DegToRad(-2.0), 0.0}), {0.03, 0.0, 1.5});
 const Rigid3 kFollow = Rigid3::FromRotationAndCenter(

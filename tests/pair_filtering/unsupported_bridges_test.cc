@@ -35,14 +35,11 @@ class Graph {
     }
   }
 
-  // Something else than a wrong bridge explains why the pair is inconsistent.
-  void Explain(size_t pair) { is_evidence_[pair] = false; }
-
   std::vector<size_t> UnsupportedPairs(
       SequenceMode sequence = SequenceMode::kNo) const {
-    const Mask is_unsupported = FindUnsupportedBridges(
-        FramePairIndex(scene_, view_graph_, sequence), view_graph_,
-        is_consistent_, is_evidence_, {}, 1);
+    const Mask is_unsupported =
+        FindUnsupportedBridges(FramePairIndex(scene_, view_graph_, sequence),
+                               view_graph_, is_consistent_, {}, 1);
     std::vector<size_t> unsupported;
     for (size_t i = 0; i < is_unsupported.size(); ++i) {
       if (is_unsupported[i]) unsupported.push_back(i);
@@ -62,14 +59,12 @@ class Graph {
     }
     view_graph_.pairs.push_back(pair);
     is_consistent_.push_back(is_consistent);
-    is_evidence_.push_back(true);
     return view_graph_.pairs.size() - 1;
   }
 
   Scene scene_;
   ViewGraph view_graph_;
   Mask is_consistent_;
-  Mask is_evidence_;
   uint32_t num_points_ = 0;
 };
 
@@ -85,10 +80,8 @@ TEST(UnsupportedBridges, AreContradictedByComparablePairs) {
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
   graph.AddPair(0, 7, 15, false);
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});  // too few matches
-  const size_t last = graph.AddPair(3, 4, 15, false);
+  graph.AddPair(3, 4, 15, false);
   EXPECT_EQ(graph.UnsupportedPairs(), Pairs{bridge});
-  graph.Explain(last);
-  EXPECT_EQ(graph.UnsupportedPairs(), Pairs{});
 }
 
 TEST(UnsupportedBridges, AreTheOnlyConnection) {

@@ -5,8 +5,10 @@
 
 #include <algorithm>
 
+#include "geometry/so3.h"
 #include "mgsfm/io/models/scene_loading.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "pipeline/mapper_recipe.h"
 #include "support/model_comparison.h"
 #include "support/permuted_ids.h"
 #include "support/threads.h"
@@ -140,6 +142,43 @@ TEST(MapperTest, ThreadsDoNotChangeTheResult) {
   EXPECT_LT(MaxPoseDifference(one.models[0].reconstruction,
                               two.models[0].reconstruction),
             1e-9);
+}
+
+// A step that corrects the rotations: here by a turn of the world, which any
+// later stage with the rotations of averaging would contradict.
+PositionResult EstimateInATurnedWorld(const PositionInput& input,
+                                      const PositionOptions& options,
+                                      const Context& context) {
+  const Eigen::Quaterniond turn = ExpSO3({0.3, -0.5, 0.2});
+  PositionResult result = EstimatePositions(input, options, context);
+  result.corrected_rig_from_world = input.rotations.rig_from_world;
+  for (auto& rotation : *result.corrected_rig_from_world) {
+    if (rotation) rotation = *rotation * turn.inverse();
+  }
+  for (auto* positions : {&result.estimate.frame_center_in_world,
+                          &result.estimate.point_in_world}) {
+    for (auto& position : *positions) {
+      if (position) position = turn * *position;
+    }
+  }
+  return result;
+}
+
+TEST(MapperTest, LaterStagesUseTheRotationsThatPositionsHoldFor) {
+  const Simulation simulation =
+      Simulate(NoisyDrive(RigPreset::kStereo, PathPreset::kCurve));
+  const MapperResult result = RunMapperWith(
+      EstimateInATurnedWorld, {simulation.scene, simulation.view_graph},
+      MapperOptions(), Threads(2));
+  ASSERT_EQ(result.models.size(), 1u);
+  const ModelDifference difference =
+      CompareModels(simulation.scene, result.models[0].reconstruction,
+                    simulation.ground_truth);
+  EXPECT_LT(difference.max_rotation_deg, 0.2);
+  EXPECT_LT(difference.max_position, 0.1);
+  // The first bundle adjustment starts close to its minimum.
+  const SolveSummary& solve = result.models[0].bundle.solves.front();
+  EXPECT_LT(solve.initial_cost, 2.0 * solve.final_cost);
 }
 
 TEST(MapperTest, AnObserverSeesTheModelGrowAndChangesNothing) {

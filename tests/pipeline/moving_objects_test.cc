@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Vehicles that keep their distance for tens of frames and fill images.
+// Vehicles that stay at a constant distance for tens of frames and fill images.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Vehicles that keep their distance, weak cuts, and the presets with both.
+// Vehicles that stay at a constant distance, weak cuts, and the presets with
+// both.
 #include <gtest/gtest.h>
 
 #include <algorithm>

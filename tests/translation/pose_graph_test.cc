@@ -3,13 +3,16 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "geometry/so3.h"
+#include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/scene/scene.h"
 #include "support/orders.h"
@@ -30,7 +33,8 @@ constexpr double kDriftPerFrame_rad = DegToRad(0.1);
 // the circle has the index order[k].
 class DriftingCircle {
  public:
-  explicit DriftingCircle(std::vector<int> order) : order_(std::move(order)) {
+  explicit DriftingCircle(std::vector<int> order, double unit = 1.0)
+      : order_(std::move(order)), unit_(unit) {
     scene_.rigs.push_back({RigId(1), 0, {0, 1}});
     scene_.sensors.push_back({"left", 0, 0, std::nullopt});
     scene_.sensors.push_back({"right", 0, 0, std::nullopt});
@@ -40,7 +44,7 @@ class DriftingCircle {
                                              Vector3d(-0.8, 0.1, 0.2)};
     initial_.positions.frame_is_placed = Mask(kNumFrames, true);
     initial_.positions.frame_center.resize(kNumFrames);
-    initial_.group_factor = {1.0};
+    initial_.group_factor = {unit};
     rotations_.rig_from_world.resize(kNumFrames);
     rotations_.component.assign(kNumFrames, 0);
     for (int f = 0; f < kNumFrames; ++f) {
@@ -50,7 +54,18 @@ class DriftingCircle {
       scene_.images.push_back({ImageId(2 * id + 2), "", 0, 1, f, {}});
     }
     Drift();
-    AddPairs();
+  }
+
+  void AddPairs(std::optional<int> rank_without_pairs = std::nullopt) {
+    for (int k = 0; k < kNumFrames; ++k) {
+      for (int gap = 1; gap <= 2; ++gap) {
+        const int next = (k + gap) % kNumFrames;
+        if (k == rank_without_pairs || next == rank_without_pairs) continue;
+        Add(k, 0, next, 0);
+        Add(k, 0, next, 1);
+        Add(next, 1, k, 1);
+      }
+    }
   }
 
   // A pair that measures a relative pose with another baseline.
@@ -69,7 +84,7 @@ class DriftingCircle {
         rotations_.CamFromWorld(scene_, baseline.image_idx1)->inverse() *
         in_cam1.normalized();
     baselines_.push_back(baseline);
-    scales_.pairs.push_back(PairScale{in_cam1.norm(), 0.05, 0});
+    scales_.pairs.push_back(PairScale{in_cam1.norm() / unit_, 0.05, 0});
     ImagePair pair;
     pair.image_idx1 = baseline.image_idx1;
     pair.image_idx2 = baseline.image_idx2;
@@ -78,13 +93,20 @@ class DriftingCircle {
     view_graph_.pairs.push_back(pair);
   }
 
-  PoseGraphEstimate Refine() {
-    scales_.group_sizes = {static_cast<int>(baselines_.size())};
-    scales_.typical_depth = 15.0;
+  // Puts the last pair into a group of lengths of its own, with a wrong guess.
+  void GuessLengthOfLastPair() {
+    scales_.pairs.back()->group =
+        static_cast<int>(initial_.group_factor.size());
+    initial_.group_factor.push_back(2.5 * unit_);
+  }
+
+  PoseGraphEstimate Refine(const Context& context = {}) {
+    scales_.group_sizes.assign(initial_.group_factor.size(), 1);
+    scales_.typical_depth = 15.0 / unit_;
     const PositionProblem problem = MakePositionProblem(scene_, rotations_);
     return RefinePoseGraph(
         {problem, baselines_, scales_, initial_, Mask(baselines_.size(), true)},
-        view_graph_, rotations_, Context());
+        view_graph_, rotations_, context);
   }
 
   // The largest error of the rotations relative to the first frame.
@@ -135,18 +157,8 @@ class DriftingCircle {
     }
   }
 
-  void AddPairs() {
-    for (int k = 0; k < kNumFrames; ++k) {
-      for (int gap = 1; gap <= 2; ++gap) {
-        const int next = (k + gap) % kNumFrames;
-        Add(k, 0, next, 0);
-        Add(k, 0, next, 1);
-        Add(next, 1, k, 1);
-      }
-    }
-  }
-
   std::vector<int> order_;
+  double unit_;
   Scene scene_;
   ViewGraph view_graph_;
   RotationEstimate rotations_;
@@ -155,17 +167,48 @@ class DriftingCircle {
   PairScales scales_;
 };
 
-TEST(PoseGraphTest, ClosesALoopByTurningEveryStep) {
+TEST(PoseGraphTest, ClosesALoopByTurningEveryStepInAnyOrderAndUnit) {
   for (const auto& order : {InOrder(kNumFrames), Shuffled(kNumFrames)}) {
-    DriftingCircle circle(order);
-    const PoseGraphEstimate estimate = circle.Refine();
-    EXPECT_EQ(estimate.summary.termination, Termination::kConverged);
-    EXPECT_LT(circle.MaxError(estimate), 1e-5);
+    for (const double unit : {1.0, 0.2}) {
+      DriftingCircle circle(order, unit);
+      circle.AddPairs();
+      const PoseGraphEstimate estimate = circle.Refine();
+      EXPECT_EQ(estimate.summary.termination, Termination::kConverged);
+      EXPECT_LT(circle.MaxError(estimate), 1e-5);
+    }
   }
+}
+
+TEST(PoseGraphTest, DoesNotTrustGuessedLengths) {
+  DriftingCircle circle(InOrder(kNumFrames));
+  circle.AddPairs();
+  for (int k = 0; k < 10; ++k) {
+    circle.Add(k, 0, k + 3, 0);
+    circle.GuessLengthOfLastPair();
+  }
+  EXPECT_LT(circle.MaxError(circle.Refine()), 1e-5);
+}
+
+TEST(PoseGraphTest, FramesWithoutPairsTurnLikeTheFrameBefore) {
+  constexpr int kRank = 25;
+  DriftingCircle circle(InOrder(kNumFrames));
+  circle.AddPairs(kRank);
+  // The frame was off by kRank times the drift, about an axis that turns by
+  // 6 degrees from frame to frame.
+  EXPECT_LT(circle.MaxError(circle.Refine()), 0.2 * kRank * kDriftPerFrame_rad);
+}
+
+TEST(PoseGraphTest, CanBeCancelled) {
+  DriftingCircle circle(InOrder(kNumFrames));
+  circle.AddPairs();
+  Context context;
+  context.is_cancelled = [] { return true; };
+  EXPECT_THROW((void)circle.Refine(context), Interrupted);
 }
 
 TEST(PoseGraphTest, IgnoresAFewWrongLoops) {
   DriftingCircle circle(InOrder(kNumFrames));
+  circle.AddPairs();
   for (int k = 0; k < 6; ++k) {
     circle.Add(k, 0, k + kNumFrames / 2, 0, Vector3d(30.0, 5.0, -10.0));
   }

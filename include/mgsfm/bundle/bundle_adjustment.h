@@ -80,8 +80,8 @@ struct EnumTable<RefineMode> {
 struct BundleAdjustmentOptions {
   Option<SolverBackend> backend{
       "backend", SolverBackend::kNative,
-      "native is this library's solver, ceres uses Ceres with the same "
-      "derivatives, for comparison."};
+      "native: this library's solver. ceres: Ceres with the same derivatives, "
+      "for comparison."};
   Option<int> max_num_iterations{"max_num_iterations", 100, AtLeast(1),
                                  "iterations",
                                  "Maximum number of iterations of one solve."};
@@ -148,8 +148,8 @@ struct BundleAdjustmentOptions {
       "refined, as a fraction of the largest one in the rig."};
   Option<double> prior_position_loss_scale{
       "prior_position_loss_scale", 2.8, GreaterThan(0.0), "standard deviations",
-      "Threshold of the Cauchy loss of measured positions. 2.8 is the 95 % "
-      "quantile of normal noise."};
+      "Scale of the Cauchy loss of measured positions. 2.8 is the 95 % "
+      "quantile of 3D normal noise."};
 
   Option<int> num_rounds{
       "num_rounds", 3, AtLeast(0), "rounds",
@@ -160,7 +160,7 @@ struct BundleAdjustmentOptions {
       "deviations of the keypoint noise are outliers."};
   Option<double> min_max_error_px{
       "min_max_error", 0.5, GreaterThan(0.0), "px",
-      "Observations with a reprojection error below this are inliers."};
+      "Lower bound of the outlier threshold of error_sigma_factor."};
   Option<double> max_max_error_px{
       "max_max_error", 4.0, GreaterThan(0.0), "px",
       "Observations with a reprojection error above this are outliers in the "
@@ -212,7 +212,7 @@ struct BundleAdjustmentOptions {
  private:
 };
 
-// The points and observations before and after a step between two solves.
+// Counts before and after points are filtered or retriangulated.
 struct BundleRound {
   double sigma_px = 0.0;      // noise of each coordinate of the keypoints
   double max_error_px = 0.0;  // the resulting bound for outliers

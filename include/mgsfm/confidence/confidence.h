@@ -44,10 +44,10 @@ namespace mgsfm {
 struct ConfidenceOptions {
   Option<int> min_num_tracks{
       "min_num_tracks", 60, AtLeast(0), "tracks",
-      "A cut of a model that fewer tracks cross is reported as a seam."};
+      "Cuts crossed by fewer tracks are reported as weak seams."};
   Option<double> max_share_against{
       "max_share_against", 0.6, Between(0.0, 1.0),
-      "A cut is reported as a seam if the largest group of rejected pairs "
+      "A cut is reported as a weak seam if the largest group of rejected pairs "
       "across it has more than this share of the matches."};
 
   template <class Visitor>

@@ -37,8 +37,8 @@ PairMatchingSummary MatchExhaustively(FeatureDatabase* database,
                                       const Context& context);
 
 // Image pairs of one camera within `overlap` frames; pairs of cameras of a rig
-// that turn out to overlap; and loops, that is, pairs of frames of one sequence
-// more than 2 overlap frames apart, or of different sequences.
+// that turn out to overlap; and loops: pairs of frames more than 2 * `overlap`
+// frames apart in a sequence, or of different sequences.
 PairMatchingSummary MatchSequentially(FeatureDatabase* database,
                                       const Scene& scene,
                                       const SequentialMatchingOptions& options,

@@ -36,8 +36,8 @@ namespace mgsfm {
 //    pairs within the bound must not turn a single step of a sequence
 //    (turned_steps.h).
 // 4. Unsupported bridges (unsupported_bridges.h). A pair that alone connects
-//    two components is rejected if it has no triplet support and other pairs,
-//    except those of rule 5, contradict it. The components then stay apart.
+//    two components is rejected if it has no triplet support and other pairs
+//    contradict it. The components then stay apart.
 // 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
 //    object that moves along with the rig imply that it stands still. Of the
 //    motions that matches support, the smoothest choice exposes them.
@@ -97,8 +97,8 @@ struct PairFilteringOptions {
   Option<bool> use_motion_continuity{
       "use_motion_continuity", true,
       "In a sequence, reject pairs of neighbouring frames whose baseline "
-      "contradicts a continuous motion, such as those on vehicles that keep "
-      "their distance."};
+      "contradicts a continuous motion, such as those on vehicles at a "
+      "constant distance."};
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "
@@ -117,8 +117,8 @@ struct PairFilteringOptions {
       "which a pair connects components of the skeletal graph."};
   Option<double> max_rotation_error_deg{
       "max_rotation_error_deg", 3.0, Between(0.0, 180.0), "deg",
-      "Deviation of a pair from the rotations of the skeletal graph that is "
-      "accepted without any drift."};
+      "Tolerance of pair rotations against those of the skeletal graph; the "
+      "drift bound is added to it."};
   Option<double> rotation_drift_in_sigmas{
       "rotation_drift_in_sigmas", 2.0, AtLeast(0.0), "sigmas",
       "Drift bound of rotations in standard deviations of a random walk along "
@@ -136,13 +136,14 @@ struct PairFilteringOptions {
       "tightened to a tenth while positions violate the skeletal graph."};
   Option<double> max_baseline_error_in_depths{
       "max_baseline_error_in_depths", 0.25, AtLeast(0.0), "depths",
-      "Error of a baseline, in typical depths of points, that never rejects a "
+      "Baseline errors below this many typical depths of points never reject a "
       "pair. Loop closures miss by the drift, which is small compared with "
       "what the cameras see."};
   Option<double> max_relative_baseline_error{
       "max_relative_baseline_error", 0.5, AtLeast(0.0),
-      "Error of a baseline, relative to the longer of the measured and the "
-      "estimated one, that never rejects a pair."};
+      "Baseline errors below this share of the longer of the measured and "
+      "estimated baseline never reject a pair. Steps of a sequence have the "
+      "same tolerance."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {

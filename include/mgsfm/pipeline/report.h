@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -13,9 +14,10 @@ namespace mgsfm {
 struct RunDescription {
   std::string version;
   std::string database_path;
-  std::string input_path;        // folder of the existing model, or ""
-  std::string rig_source;        // where rigs and frames come from, in words
-  std::string options_json;      // all options, as a JSON object
+  std::string input_path;    // folder of the existing model, or ""
+  std::string rig_source;    // where rigs and frames come from, in words
+  std::string options_json;  // all options, as a JSON object
+  uint64_t random_seed = 0;
   std::vector<StageTime> times;  // times of reading and writing
   double peak_memory_mib = 0.0;
 };

@@ -85,8 +85,8 @@ struct RotationAveragingOptions {
   Option<RotationStrategy> strategy{
       "strategy", RotationStrategy::kAuto,
       "Estimate sensor_from_rig rotations first and frames next (decoupled), "
-      "or all jointly (joint); auto: as the method of the mapper requires, "
-      "else decoupled."};
+      "or all jointly (joint); auto: joint if the method of the mapper is "
+      "mma, else decoupled."};
   Option<double> max_error_deg{
       "max_error_deg", 10.0, Between(0.0, 180.0), "deg",
       "Pairs whose relative rotation deviates more from the estimate are "

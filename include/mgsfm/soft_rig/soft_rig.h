@@ -92,8 +92,8 @@ struct SoftRigOptions {
       "Maximum number of rounds. Raise it if the estimate has not converged."};
   Option<double> sigma_tolerance{
       "sigma_tolerance", 0.05, GreaterThan(0.0),
-      "Converged when no standard deviation of the deviations changes by more "
-      "than this fraction."};
+      "Convergence requires that no standard deviation changes by more than "
+      "this fraction."};
   Option<double> time_offset_tolerance_s{
       "time_offset_tolerance", 1e-5, GreaterThan(0.0), "s",
       "Converged when no time offset changes by more than this."};

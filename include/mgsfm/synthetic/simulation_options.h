@@ -131,7 +131,7 @@ struct SimulationOptions {
   Option<double> convoy_ratio{
       "convoy_ratio", 0.0, Between(0.0, 0.9),
       "Fraction of the drive along which a large vehicle ahead or alongside "
-      "keeps its distance for tens of frames."};
+      "stays at a constant distance for tens of frames."};
   Option<double> convoy_feature_ratio{
       "convoy_feature_ratio", 0.45, Between(0.0, 0.9),
       "Maximum fraction of the features of an image on such vehicles."};

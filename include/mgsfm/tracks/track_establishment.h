@@ -97,12 +97,12 @@ struct MatchSelection {
 //
 // The sets are the connected components of the graph of keypoints and matches.
 // A component with two keypoints of one image (a conflict) contains wrong
-// matches. It is rebuilt match by match, in descending order of support, that
-// is, of the number of keypoints matched to both ends, then of matches of the
-// pair; matches that would cause a conflict are rejected. If a feature was
-// detected twice in one image, the keypoint with the most matches is kept.
+// matches. It is rebuilt match by match, in descending order of support
+// (keypoints matched to both ends; ties: matches of the pair); matches that
+// would cause a conflict are rejected. If a feature was detected twice in one
+// image, the keypoint with the most matches is kept.
 //
-// Groups are ordered by their first observations. Cost: nearly linear in the
+// Sets are ordered by their first observations. Cost: nearly linear in the
 // number of matches; O(m log m + m n) in the worst case for a conflicting
 // component of n keypoints and m matches.
 [[nodiscard]] ObservationGroups EstablishCandidates(

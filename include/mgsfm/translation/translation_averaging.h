@@ -70,8 +70,8 @@ struct TranslationAveragingOptions {
 // Estimate of the translation of sensor_from_rig of one sensor.
 struct SensorTranslationSummary {
   bool is_observable = true;
-  // Dimension of the directions that the data do not determine, 0 to 3; the
-  // estimate is zero along them.
+  // Dimension of the subspace that the data do not determine, 0 to 3; the
+  // estimate is zero in it.
   int num_unobservable_directions = 0;
   std::string message;  // which directions are not observable, and why
 };
@@ -85,8 +85,10 @@ struct TranslationSummary {
   int num_pairs_without_parallax = 0;
   int num_pairs_inconsistent = 0;  // no direction explains their matches
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
-  // Steps of a sequence whose positions all pairs of neighbours contradict.
+  // Steps of a sequence that nearly all pairs of neighbours contradict.
   int num_displaced_steps = 0;
+  // How often a pose graph corrected the rotations because of such steps.
+  int num_rotation_corrections = 0;
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
   int num_frames_not_placed = 0;  // though their rotations are known

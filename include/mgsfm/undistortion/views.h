@@ -28,8 +28,8 @@ struct EnumTable<ViewProjection> {
 struct ViewOptions {
   Option<ViewProjection> projection{
       "projection", ViewProjection::kAuto,
-      "pinhole: one view per image. cube: one image per face of a cube that "
-      "the camera sees, with fixed poses in the rig. auto: cube for fisheyes "
+      "pinhole: one view per image. cube: one image per visible face of a "
+      "cube, with fixed poses in the rig. auto: cube for fisheyes "
       "and panoramas too wide for a pinhole image."};
   Option<double> field_of_view_deg{
       "field_of_view", 0.0, Between(0.0, 160.0), "deg",

@@ -51,8 +51,8 @@ namespace mgsfm {
 struct FocalLengthOptions {
   Option<bool> calibrate{
       "calibrate", true,
-      "Estimate the focal lengths of cameras without a prior from all image "
-      "pairs, before the view graph."};
+      "Estimate focal lengths that have no prior from image pairs, before "
+      "relative poses are estimated."};
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
       "Maximum relative standard deviation of an estimated focal length; a "

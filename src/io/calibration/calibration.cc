@@ -18,7 +18,7 @@ namespace {
 constexpr const char* kFormats =
     "Kalibr, EuRoC, OpenCV, ROS, camodocal, KITTI, KITTI-360, nuScenes and "
     "Argoverse";
-// The largest calibrations, tables of nuScenes, have some MB.
+// The largest calibrations, nuScenes tables, take a few MB.
 constexpr uintmax_t kMaxFileSize = 64 << 20;
 
 bool HasExtension(const fs::path& path,

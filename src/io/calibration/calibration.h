@@ -19,7 +19,7 @@ struct CalibratedCamera {
   std::string place;  // "'cam.yaml', line 3", for messages
   std::optional<CameraModelId> model;
   std::vector<double> params;  // of model
-  // The largest error of the model, if it only approximates that of the file.
+  // The largest error of `model`, if it only approximates the lens of the file.
   std::optional<double> fit_error_px;
   // Why no model of COLMAP describes the lens; empty if one does.
   std::string why_no_model;

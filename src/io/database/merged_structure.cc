@@ -152,7 +152,7 @@ class CameraMerger {
   CameraIds Merge();
 
  private:
-  // Cameras of all inputs, and what is known of each.
+  // A camera of one input, and what is known of it.
   struct CameraNode {
     size_t input = 0;
     const Camera* camera = nullptr;

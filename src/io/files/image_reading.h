@@ -35,8 +35,8 @@ struct DecodedImage {
   std::string warning;  // what the decoder says, in one line; empty if nothing
 };
 
-// `imread_flags` are those of cv::imread. Throws Error with a message that
-// continues the name of the file, as in "is truncated; ...".
+// `imread_flags` are those of cv::imread. Throws Error; its message is to
+// follow the file name: "is truncated; ...".
 DecodedImage DecodeImage(const std::string& file, int imread_flags,
                          int64_t max_num_pixels);
 

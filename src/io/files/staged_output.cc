@@ -64,8 +64,8 @@ fs::path Canonical(const fs::path& path) {
               "; choose another output path");
 }
 
-// The files of a model that would be replaced must belong to one: a list of
-// cameras may be called cameras.txt, too.
+// Files that would be replaced must belong to a model: cameras.txt may be some
+// other list of cameras.
 void CheckModelFolder(const fs::path& folder) {
   const FolderContents contents = ListFolder(folder);
   for (const std::string& name : contents.others) {

@@ -35,7 +35,7 @@ class Handle {
   herr_t (*close_)(hid_t);
 };
 
-// Collects the parents of the datasets of one name.
+// Collects the groups with a dataset of this name.
 struct Search {
   std::string dataset;
   std::vector<std::string> groups;

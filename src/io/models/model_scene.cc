@@ -19,8 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Radians, and fraction of the model extent, between two copies of one pose.
-// Text files with six digits round by 1e-6; contradictions are far larger.
+// Largest difference of two copies of a pose, in radians and model extents.
+// Six-digit text files round by 1e-6; contradictions are far larger.
 constexpr double kMaxContradiction = 1e-4;
 
 // ------------------------------------------------------------------- tables
