@@ -11,6 +11,7 @@
 #include "pair_filtering/baseline_consistency.h"
 #include "pair_filtering/displaced_steps.h"
 #include "pair_filtering/skeletal_graph.h"
+#include "pair_filtering/turned_steps.h"
 #include "translation/measured_baselines.h"
 #include "translation/pose_graph.h"
 
@@ -304,6 +305,18 @@ RotationEstimate CorrectRotations(const ViewGraph& view_graph,
   return corrected;
 }
 
+// Whether rotations turn steps of the sequence that the rotations of the input
+// do not: a pose graph can tear a step that few pairs cross.
+bool TurnsMoreSteps(const PositionInput& input,
+                    const RotationEstimate& rotations) {
+  const auto count = [&](const RotationEstimate& r) {
+    return FindTurnedSteps(input.scene, input.index, input.view_graph,
+                           input.rotations.pair_is_inlier, r)
+        .Count();
+  };
+  return count(rotations) > count(input.rotations);
+}
+
 // Whether corrected rotations displace steps less and place as many frames.
 bool IsBetter(const PositionResult& corrected, const PositionResult& result) {
   return corrected.displacement < result.displacement &&
@@ -334,6 +347,7 @@ PositionResult EstimatePositions(const PositionInput& input,
        ++i) {
     RotationEstimate corrected =
         CorrectRotations(input.view_graph, rotations, best, context);
+    if (TurnsMoreSteps(input, corrected)) break;
     // The observer knows only the rotations of the input.
     PositionsByRotations next = EstimateByRotations(
         {input.scene, input.bearings, input.view_graph, input.index, corrected,

@@ -41,7 +41,8 @@ namespace mgsfm {
 // If steps of a sequence are displaced (pair_filtering/displaced_steps.h), the
 // rotations have drifted. A pose graph (translation/pose_graph.h) corrects
 // them, and all steps are repeated: at most three times, as long as that
-// reduces the displacement and places as many frames.
+// reduces the displacement, places as many frames and turns no step
+// (pair_filtering/turned_steps.h).
 //
 // The stages are those of translation/translation_stages.h, the rules those of
 // pair_filtering. The measurements by a set of rotations stay constant; each
