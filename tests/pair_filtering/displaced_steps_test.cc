@@ -95,7 +95,7 @@ class StraightDrive {
   Scene scene_;
   ViewGraph view_graph_;
   MeasuredBaselines measured_;
-  // Of frames, and of their only images.
+  // The centres of the frames, which are those of their only images.
   std::vector<std::optional<Vector3d>> centers_;
 };
 

@@ -87,7 +87,7 @@ struct TranslationSummary {
   int num_pairs_inconsistent_with_positions = 0;  // by direction or length
   // Steps of a sequence that nearly all pairs of neighbours contradict.
   int num_displaced_steps = 0;
-  // How often a pose graph corrected the rotations because of such steps.
+  // The number of corrections of the rotations because of such steps.
   int num_rotation_corrections = 0;
   int num_scale_groups = 0;  // sets of pairs whose lengths are not comparable
   int num_frames_placed_by_points = 0;
