@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "support/orders.h"
+#include "support/single_image_frames.h"
 
 namespace mgsfm {
 namespace {
@@ -27,18 +28,10 @@ const Vector3d kStep(0.0, 0.1, 1.0);
 class StraightDrive {
  public:
   explicit StraightDrive(std::vector<int> order = InOrder(kDriveLength))
-      : order_(std::move(order)), centers_(kDriveLength) {
-    scene_.rigs.push_back({RigId(1), 0, {0}});
-    scene_.sensors.push_back({"", 0, 0, std::nullopt});
-    std::vector<int> rank_of_frame(kDriveLength);
-    for (int k = 0; k < kDriveLength; ++k) rank_of_frame[order_[k]] = k;
-    for (int i = 0; i < kDriveLength; ++i) {
-      const auto id = static_cast<uint32_t>(i + 1);
-      scene_.images.push_back({ImageId(id), "", 0, 0, i, {}});
-      scene_.frames.push_back(
-          {FrameId(id), std::to_string(rank_of_frame[i]), 0, {i}});
-      centers_[i] = rank_of_frame[i] * kStep;
-    }
+      : order_(std::move(order)),
+        scene_(SingleImageFrames(order_)),
+        centers_(kDriveLength) {
+    for (int k = 0; k < kDriveLength; ++k) centers_[order_[k]] = k * kStep;
     for (int k = 0; k < kDriveLength; ++k) {
       for (int n = k + 1; n <= std::min(k + kReach, kDriveLength - 1); ++n) {
         Add(k, n);

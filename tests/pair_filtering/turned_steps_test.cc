@@ -11,6 +11,7 @@
 
 #include "geometry/so3.h"
 #include "support/orders.h"
+#include "support/single_image_frames.h"
 
 namespace mgsfm {
 namespace {
@@ -27,20 +28,12 @@ constexpr int kTurnedRank = 20;
 class TurningDrive {
  public:
   explicit TurningDrive(std::vector<int> order = InOrder(kDriveLength))
-      : order_(std::move(order)) {
-    scene_.rigs.push_back({RigId(1), 0, {0}});
-    scene_.sensors.push_back({"", 0, 0, std::nullopt});
+      : order_(std::move(order)), scene_(SingleImageFrames(order_)) {
     estimate_.sensor_from_rig.emplace_back(ExpSO3({0.1, 0.2, -0.3}));
     estimate_.rig_from_world.resize(kDriveLength);
     estimate_.component.assign(kDriveLength, 0);
-    std::vector<int> rank_of_frame(kDriveLength);
-    for (int k = 0; k < kDriveLength; ++k) rank_of_frame[order_[k]] = k;
-    for (int i = 0; i < kDriveLength; ++i) {
-      const auto id = static_cast<uint32_t>(i + 1);
-      scene_.images.push_back({ImageId(id), "", 0, 0, i, {}});
-      scene_.frames.push_back(
-          {FrameId(id), std::to_string(rank_of_frame[i]), 0, {i}});
-      estimate_.rig_from_world[i] = RigFromWorld(rank_of_frame[i]);
+    for (int k = 0; k < kDriveLength; ++k) {
+      estimate_.rig_from_world[order_[k]] = RigFromWorld(k);
     }
     for (int k = 0; k < kDriveLength; ++k) {
       for (int n = k + 1; n <= std::min(k + kReach, kDriveLength - 1); ++n) {
