@@ -208,8 +208,6 @@ struct BundleAdjustmentOptions {
           max_relative_distance, min_two_view_relative_distance,
           min_num_observations_per_frame);
   }
-
- private:
 };
 
 // Counts before and after points are filtered or retriangulated.
