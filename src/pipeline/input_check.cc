@@ -17,6 +17,7 @@
 #include "health/rig_samples.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "pipeline/focal_length_doubts.h"
+#include "pipeline/run_summary.h"
 #include "pipeline/weak_seams.h"
 
 namespace mgsfm {
@@ -69,18 +70,6 @@ std::vector<Finding> CheckSharedFrames(const Scene& scene) {
       "if the cameras are mounted rigidly, give images of one instant equal "
       "names, or set rig_name_rule";
   return {finding};
-}
-
-size_t NumRegisteredImages(const Scene& scene, const MapperResult& result) {
-  size_t count = 0;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    count += std::any_of(result.models.begin(), result.models.end(),
-                         [&](const MapperModel& model) {
-                           return model.reconstruction.IsRegistered(
-                               scene, static_cast<int>(i));
-                         });
-  }
-  return count;
 }
 
 // The reason of most unregistered frames, or what is wrong with a sensor.

@@ -206,14 +206,6 @@ void SortBySize(std::vector<MapperModel>* models) {
                    });
 }
 
-int NumImages(const Scene& scene, const MapperModel& model) {
-  int num_images = 0;
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    num_images += model.reconstruction.IsRegistered(scene, static_cast<int>(i));
-  }
-  return num_images;
-}
-
 // Drops the models of fewer than min_model_size images, but never the first
 // one. Returns which frames they have.
 Mask DropSmallModels(const Scene& scene, int min_model_size,
@@ -222,7 +214,8 @@ Mask DropSmallModels(const Scene& scene, int min_model_size,
   if (models->empty()) return is_dropped;
   const auto small = std::stable_partition(
       models->begin() + 1, models->end(), [&](const MapperModel& model) {
-        return NumImages(scene, model) >= min_model_size;
+        return model.reconstruction.NumRegisteredImages(scene) >=
+               min_model_size;
       });
   for (auto model = small; model != models->end(); ++model) {
     for (size_t i = 0; i < is_dropped.size(); ++i) {

@@ -32,8 +32,8 @@ std::string UnitOfLength(const MapperModel& model) {
   if (model.metres_per_unit) return "metric, by the known baseline";
   if (model.translation.is_metric) return "metric, that of the known rig";
   if (model.extension) return "that of the extended model";
-  return "arbitrary scale; known sensor poses, measured positions or "
-         "metric_scale would define it";
+  return "arbitrary scale; to define it, set metric_scale, use_prior_position, "
+         "or known poses of cameras (rig_config_path, calibration_path)";
 }
 
 bool IsCalibrated(const Scene& scene, const Reconstruction& model, size_t k) {
@@ -61,10 +61,7 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperModel& model) {
   for (const auto& pose : reconstruction.rig_from_world) {
     summary.num_frames += pose.has_value();
   }
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    summary.num_images +=
-        reconstruction.IsRegistered(scene, static_cast<int>(i));
-  }
+  summary.num_images = reconstruction.NumRegisteredImages(scene);
   summary.num_points = reconstruction.points.size();
   size_t num_errors = 0;
   double sum_errors_px = 0.0;
@@ -108,16 +105,22 @@ std::string DescribeRig(const ModelSummary& model) {
 
 }  // namespace
 
+size_t NumRegisteredImages(const Scene& scene, const MapperResult& result) {
+  size_t count = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    count += std::any_of(result.models.begin(), result.models.end(),
+                         [&](const MapperModel& model) {
+                           return model.reconstruction.IsRegistered(
+                               scene, static_cast<int>(i));
+                         });
+  }
+  return count;
+}
+
 RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
   RunSummary summary;
   summary.num_images = scene.images.size();
-  for (size_t i = 0; i < scene.images.size(); ++i) {
-    summary.num_registered_images += std::any_of(
-        result.models.begin(), result.models.end(),
-        [&](const MapperModel& model) {
-          return model.reconstruction.IsRegistered(scene, static_cast<int>(i));
-        });
-  }
+  summary.num_registered_images = NumRegisteredImages(scene, result);
   std::map<std::string, size_t> num_frames;
   for (const UnregisteredFrame& frame : result.unregistered_frames) {
     ++num_frames[frame.reason];

@@ -43,6 +43,9 @@ struct RunSummary {
   std::vector<ModelSummary> models;
 };
 
+// Images that at least one model has.
+size_t NumRegisteredImages(const Scene& scene, const MapperResult& result);
+
 RunSummary SummarizeRun(const Scene& scene, const MapperResult& result);
 
 // One line per fact: images, missing frames, and for each model its size,

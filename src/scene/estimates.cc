@@ -31,6 +31,14 @@ bool Reconstruction::IsRegistered(const Scene& scene, int image_idx) const {
          rig_from_world[image.frame_idx].has_value();
 }
 
+int Reconstruction::NumRegisteredImages(const Scene& scene) const {
+  int count = 0;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    count += IsRegistered(scene, static_cast<int>(i));
+  }
+  return count;
+}
+
 void TransformWorld(const Sim3& new_from_old, Reconstruction* reconstruction) {
   for (std::optional<Rigid3>& pose : reconstruction->sensor_from_rig) {
     if (pose) pose->translation *= new_from_old.scale;

@@ -91,6 +91,7 @@ struct Reconstruction {
   // sensor_from_rig * rig_from_world; nullopt unless both are estimated.
   std::optional<Rigid3> CamFromWorld(const Scene& scene, int image_idx) const;
   bool IsRegistered(const Scene& scene, int image_idx) const;
+  int NumRegisteredImages(const Scene& scene) const;
 };
 
 // Applies a similarity transform to the world frame of a model. The
