@@ -34,8 +34,8 @@ struct EvaluatorOptions {
   Option<TruthFormat> gt_format{
       "gt_format", TruthFormat::kColmap,
       "colmap: a model with the same image names. kitti, tum: poses of the "
-      "reference camera, assigned by the number (kitti) or the time in s or ns "
-      "(tum) in the image name, else in frame order. rig: only the rig of "
+      "reference camera, assigned by the number (kitti) or the time (tum) in "
+      "the image name, else in frame order. rig: only the rig of "
       "--calib_path."};
   Option<std::string> calib_path{
       "calib_path", "",

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "base/text.h"
+#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -148,9 +149,8 @@ TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
 
 namespace {
 
-// UNIX times in s have ten digits.
 bool MayBeCounter(const std::string& frame) {
-  constexpr size_t kMaxCounterDigits = 9;
+  constexpr size_t kMaxCounterDigits = 9;  // UNIX times in s have ten
   return frame.size() <= kMaxCounterDigits &&
          frame.find('.') == std::string::npos;
 }
@@ -159,13 +159,10 @@ bool MayBeCounter(const std::string& frame) {
 std::map<size_t, std::pair<double, std::string>> NearestFrames(
     const std::vector<std::string>& frames, const std::vector<TimedPose>& poses,
     double max_difference_s) {
-  // Seconds this large are three million years; nanoseconds this small are one
-  // day.
-  constexpr double kMinNanoseconds = 1e14;
   std::map<size_t, std::pair<double, std::string>> frame_of_pose;
   for (const std::string& frame : frames) {
-    double time_s = *ParseNumber(frame);
-    if (time_s > kMinNanoseconds) time_s *= 1e-9;
+    const double time_s =
+        1e-9 * static_cast<double>(*TimeOrNumberInStem(frame));
     size_t nearest = 0;
     for (size_t i = 1; i < poses.size(); ++i) {
       if (std::abs(poses[i].timestamp_s - time_s) <
@@ -197,7 +194,7 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
   const bool have_times =
       poses.size() > 1 &&
       std::all_of(frames.begin(), frames.end(), [](const std::string& frame) {
-        return ParseNumber(frame).has_value();
+        return TimeOrNumberInStem(frame).has_value();
       });
   if (!have_times) {
     return AssignByNumber(frames, std::move(ref_from_world), path);
@@ -207,7 +204,8 @@ TrueTrajectory AssignByTime(const std::vector<std::string>& frames,
       static_cast<double>(poses.size() - 1);
   const auto frame_of_pose = NearestFrames(frames, poses, max_difference_s);
   if (frame_of_pose.empty()) {
-    throw Error("no time in '" + path + "' is near that of any image name");
+    throw Error("no time in '" + path +
+                "' is near that of any image name; give both by one clock");
   }
   const bool is_ambiguous =
       std::all_of(frames.begin(), frames.end(), MayBeCounter) &&

@@ -24,8 +24,9 @@ struct TrueTrajectory {
 TrueTrajectory AssignByNumber(const std::vector<std::string>& frames,
                               std::vector<Rigid3> ref_from_world,
                               const std::string& path);
-// Assigns poses to frames by the time (s or ns) in their names, within half the
-// median step between poses, the nearest frame to each pose; else in order.
+// Assigns poses to frames by the times in their names (TimeOrNumberInStem),
+// within half the mean step between poses, the nearest frame to each pose; else
+// in order.
 // Throws Error if no frame is near a pose, or if names may be both counters and
 // times.
 TrueTrajectory AssignByTime(const std::vector<std::string>& frames,

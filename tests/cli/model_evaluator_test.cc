@@ -120,15 +120,16 @@ class ModelEvaluator : public testing::Test {
     return matrix;
   }
 
-  // A pose each `step_s`, of fractions of frames; frame i is at time i.
+  // A pose each `step_s`, of fractions of frames; frame i is at time begin + i.
   std::string WriteTum(int num_poses, double step_s,
-                       const std::string& more = "") const {
+                       const std::string& more = "",
+                       double begin_s = 0.0) const {
     std::ostringstream lines;
     lines.precision(17);
     for (int i = 0; i < num_poses; ++i) {
       const int frame = static_cast<int>(std::lround(i * step_s));
       const Rigid3 pose = TruePose(frame).Inverse();
-      lines << i * step_s;
+      lines << begin_s + i * step_s;
       for (const double value : pose.translation) lines << ' ' << value;
       for (const double value : pose.rotation.coeffs()) lines << ' ' << value;
       lines << '\n';
@@ -209,6 +210,24 @@ TEST_F(ModelEvaluator, AllCamerasOfAMissingFrameAreCounted) {
 TEST_F(ModelEvaluator, TumFramesInGapsAreNotRegistered) {
   WriteModel("model", Mono({3, 4, 5, 6, 8, 9}));
   ExpectCounts(Evaluate(WriteTum(200, 0.1)), 6, 7);
+}
+
+// Microseconds, and a date.
+TEST_F(ModelEvaluator, TimesAreReadFromNamesAsByOtherCommands) {
+  const std::string begin_of_name[] = {"left/front_150000000",
+                                       "left/2017-07-14T02-40-0"};
+  const std::string end_of_name[] = {"000000.png", ".000000000.png"};
+  for (int k = 0; k < 2; ++k) {
+    std::vector<NamedPose> images;
+    for (const int frame : {3, 4, 5, 6, 8, 9}) {
+      images.push_back(
+          {begin_of_name[k] + std::to_string(frame) + end_of_name[k], 1,
+           TruePose(frame)});
+    }
+    WriteModel("model", images);
+    SCOPED_TRACE(begin_of_name[k]);
+    ExpectCounts(Evaluate(WriteTum(200, 0.1, "", 1.5e9)), 6, 7);
+  }
 }
 
 // Images of one name in two sequences, with the cameras of one rig.

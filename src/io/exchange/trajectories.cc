@@ -35,21 +35,9 @@ bool HasOnly(const std::string& text, const char* characters) {
          text.find_first_not_of(characters) == std::string::npos;
 }
 
-// The time in the name of an image; the number itself, in seconds, if it is not
-// a time since the epoch.
-std::optional<int64_t> TimeOfName(const std::string& stem) {
-  // The function expects an extension.
-  if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
-  const std::optional<double> time_s =
-      HasOnly(stem, "0123456789.") ? ParseDouble(stem) : std::nullopt;
-  // Larger numbers do not fit into 64 bits of nanoseconds.
-  if (!time_s || *time_s >= 9e9) return std::nullopt;
-  return std::llround(*time_s * kNsPerSecond);
-}
-
 int64_t TimeOf(const Stop& stop) {
   if (stop.time_s) return std::llround(*stop.time_s * kNsPerSecond);
-  const std::optional<int64_t> time_ns = TimeOfName(stop.stem);
+  const std::optional<int64_t> time_ns = TimeOrNumberInStem(stop.stem);
   if (time_ns) return *time_ns;
   throw Error("the time of image '" + stop.name +
               "' is unknown, as its name is not a number; give times with "

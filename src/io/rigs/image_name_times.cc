@@ -4,9 +4,11 @@
 #include <re2/re2.h>
 
 #include <charconv>
+#include <cmath>
 #include <string_view>
 
 #include "base/nanoseconds.h"
+#include "base/text.h"
 #include "io/rigs/rig_inference.h"
 
 namespace mgsfm {
@@ -132,6 +134,18 @@ std::optional<int64_t> TimeInName(const std::string& image_name) {
   if (const auto time_ns = FindUnixTime(stem)) return time_ns;
   if (const auto time_ns = FindDate(stem)) return time_ns;
   return FindSeconds(stem);
+}
+
+std::optional<int64_t> TimeOrNumberInStem(const std::string& stem) {
+  // The function expects an extension.
+  if (const auto time_ns = TimeInName(stem + ".image")) return time_ns;
+  if (stem.find_first_not_of("0123456789.") != std::string::npos) {
+    return std::nullopt;
+  }
+  const std::optional<double> time_s = ParseDouble(stem);
+  // Larger numbers do not fit into 64 bits of nanoseconds.
+  if (!time_s || *time_s >= 9e9) return std::nullopt;
+  return std::llround(*time_s * kNsPerSecond);
 }
 
 }  // namespace mgsfm

@@ -20,4 +20,8 @@ namespace mgsfm {
 // Counters such as 0000000250 are no times.
 std::optional<int64_t> TimeInName(const std::string& image_name);
 
+// The same for a name without folder and extension. If it has no time and is a
+// number, its value is taken for seconds.
+std::optional<int64_t> TimeOrNumberInStem(const std::string& stem);
+
 }  // namespace mgsfm
