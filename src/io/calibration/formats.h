@@ -27,8 +27,8 @@ std::vector<CalibratedCamera> ReadEuroc(const YamlValue& file,
                                         const std::filesystem::path& path);
 
 // ROS camera_info and cv::FileStorage: camera_matrix and
-// distortion_coefficients. The projection matrices of a stereo pair relate its
-// cameras; a single camera has none.
+// distortion_coefficients. The optional rectification_matrix and
+// projection_matrix give the pose relative to the rectified left camera.
 bool IsOpenCv(const YamlValue& file);
 std::vector<CalibratedCamera> ReadOpenCv(const YamlValue& file,
                                          const std::filesystem::path& path);
