@@ -56,7 +56,8 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
   if (file.get() < 0 || fstat(file.get(), &status) != 0) {
     ThrowReadError(path, what, errno);
   }
-  // The size is a hint only: pipes have none, and files may grow.
+  // The size is a hint only: pipes have none, and files may grow. A Linux pipe
+  // holds 64 KiB, the most that one call can read from it.
   constexpr size_t kMinChunk = 1 << 16;
   std::string content;
   size_t num_read = 0;

@@ -15,6 +15,7 @@ constexpr std::pair<std::string_view, double> kMaxima[] = {
     {"matches", 1e7},      {"features", 1e7},   {"points", 1e7},
     {"observations", 1e7}, {"tracks", 1e7},     {"descriptors", 1e8},
     {"words", 1e8},        {"pairs", 1e8}};
+// Far above any sensible ratio, size or time: it only rejects typing errors.
 constexpr double kMaxOfOthers = 1e6;
 // Smaller values are negligible beside numbers of size 1 in double precision.
 constexpr double kMinAboveZero = 1e-15;

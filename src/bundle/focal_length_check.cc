@@ -15,7 +15,8 @@ namespace {
 // A larger factor means that the initial value or the estimate is wrong, unless
 // the initial value is a guess.
 constexpr double kMaxChange = 2.0;
-// The focal length of a guess, in larger image sides.
+// The focal length of a guess, in larger image sides: the default of
+// ImageReader.default_focal_length_factor, as in COLMAP.
 constexpr double kAssumedRatio = 1.2;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {

@@ -14,10 +14,11 @@
 namespace mgsfm {
 namespace {
 
-// All solves but the last prepare a triangulation, which needs less accuracy.
+// All solves but the last prepare a triangulation, which needs less accuracy:
+// by default, they end when the cost changes by less than 1e-4 of it.
 constexpr double kRoughToleranceFactor = 100.0;
-// The bound of gross outliers in multiples of max_max_error_px. Initial poses
-// can be inaccurate, so their noise can raise it further.
+// The bound of gross outliers in multiples of max_max_error_px: the largest of
+// the first of three rounds, which the noise of initial poses can exceed.
 constexpr double kGrossErrorFactor = 4.0;
 
 struct RefinementInput {

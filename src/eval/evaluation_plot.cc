@@ -68,7 +68,7 @@ std::vector<PathPoint> CollectPath(const std::vector<ImagePoses>& images,
   }
   if (steps.empty()) return path;
   // Consecutive sequences need not be connected: steps of many times the median
-  // step begin a new segment.
+  // step begin a new segment. Only the drawing depends on it.
   constexpr double kFarInSteps = 20.0;
   const double far = kFarInSteps * std::max(Median(steps), 1e-6);
   for (size_t i = 1; i < path.size(); ++i) {

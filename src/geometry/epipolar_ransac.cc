@@ -10,6 +10,7 @@ namespace mgsfm {
 namespace {
 
 // Local refinements rank hypotheses; the best one is refined to convergence.
+// More steps only cost time.
 constexpr int kNumLocalIterations = 5;
 
 // The truncated squared Sampson errors without the test for the front of the

@@ -20,7 +20,8 @@ using Matrix5d = Eigen::Matrix<double, 5, 5>;
 using Vector5d = Eigen::Matrix<double, 5, 1>;
 
 // Damping relative to the diagonal of the normal equations. The start is close
-// to Gauss-Newton. Above the upper bound no step decreases the cost.
+// to Gauss-Newton. Below the lower bound, damping changes a step by less than
+// 1e-10 of it; above the upper bound no step decreases the cost.
 constexpr double kInitialDamping = 1e-4;
 constexpr double kMinDamping = 1e-10;
 constexpr double kMaxDamping = 1e8;

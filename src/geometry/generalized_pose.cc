@@ -17,8 +17,10 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 // The size of a minimal sample: each match constrains one of six unknowns. Five
 // determine the pose up to the length of the baseline, the sixth the length.
 constexpr int kSampleSize = 6;
-constexpr double kLossScale = 0.5;  // relative to max_error
-// Number of lengths tested for a guess, each from a different match.
+// Relative to max_error: the reason is that in absolute_pose.cc.
+constexpr double kLossScale = 0.5;
+// Number of lengths tested for a guess, each from a different match. At an
+// inlier ratio of 0.2, one of them is right with probability 1 - 0.8^20 = 0.99.
 constexpr int kNumLengthsOfGuess = 20;
 // Centres coincide if their distance is below this fraction of their distances
 // to the origins of the units.

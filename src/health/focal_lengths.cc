@@ -14,14 +14,19 @@ namespace {
 // First a few pairs; as many as a calibration uses if they raise a suspicion.
 constexpr int kFewPairs = 40;
 constexpr int kManyPairs = 300;
+// Normal errors exceed it in a third of the cases, which costs only the second
+// check.
 constexpr double kSuspiciousErrorInSigmas = 1.0;
 // Healthy cameras: see docs/results/input_check.md. With twice the logarithm,
 // an error of 30 % is not noticed (docs/results/constants.md).
 const double kMinLogFactor = std::log(1.15);
+// Sound cameras reach 1.0, and wrong ones have at least 2.9
+// (docs/results/input_check.md).
 constexpr double kMinErrorInSigmas = 2.5;
 // Farther from the known value the linearisation is not valid, and the motion
 // does not determine a focal length.
 const double kMaxLogFactor = std::log(2.5);
+// Half or twice the value changes no verdict (docs/results/constants.md).
 constexpr double kMaxSigma = 0.2;
 
 bool IsWrong(const FocalLengthMeasurement& m) {

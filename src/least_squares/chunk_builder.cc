@@ -17,7 +17,8 @@ namespace {
 constexpr size_t kObservationsPerChunk = 4096;
 constexpr size_t kTermsPerChunk = 1024;
 constexpr size_t kBlocksPerChunk = 256;
-// Points that are observed over more frames close a loop.
+// Points that are observed over more frames close a loop. Only the order of
+// points depends on it.
 constexpr uint32_t kMaxSpanOfLocalPoint = 40;
 
 // Appends chunks to a structure. Remembers for each image and block the chunk

@@ -194,8 +194,10 @@ MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
 }
 
 // The linear model of a point is unreliable for steps beyond this fraction of
-// its distance: reprojection errors are inversely proportional to depth.
+// its distance. Reprojections are inversely proportional to depth, so for
+// shorter steps the model misses at most a tenth of their change.
 constexpr double kLongStep = 0.1;
+// A point whose step still fails at 1/64 stays for this iteration.
 constexpr int kMaxNumPointHalvings = 6;
 
 // Moves a point to old_point + fraction * d with the first fraction of 1, 1/2,

@@ -14,6 +14,8 @@ constexpr double kMinRatio = 1e-3;
 constexpr double kRoundOff = 1e-14;
 // The initial value of Ceres.
 constexpr double kInitialLambda = 1e-4;
+// Below the first bound, damping vanishes in the rounding of the diagonal;
+// above the second, a step vanishes in the rounding of the state.
 constexpr double kMinLambda = 1e-16;
 constexpr double kMaxLambda = 1e16;
 // Factor of lambda after a step as good as predicted (Nielsen), and of this

@@ -17,16 +17,17 @@
 namespace mgsfm {
 namespace {
 
-// Extrinsics and intrinsics are eliminated last as long as all of them together
-// are small, or each of them meets many frames.
+// Extrinsics and intrinsics are eliminated last if all of them together are
+// small, or each of them meets many frames. Only the fill depends on it.
 constexpr int kMaxSizeOfBorder = 200;
 constexpr int kImagesOfBorderBlock = 64;
-// The largest factor of the direct solver: 1.6 GB, and about the operations
-// that conjugate gradients need.
+// The largest factor of the direct solver: 1.6 GB, and about the operations of
+// the 17 products per step that docs/results/design_measurements.md counts.
 constexpr double kMaxFactorEntries = 2e8;
-constexpr double kMinAffordableFlops = 4e9;
+constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
 constexpr double kAffordableFlopsPerObservation = 2e4;
-// Neighbours per block of the first preconditioner that is tried.
+// Neighbours per block of the first preconditioner that is tried; half as many
+// each time its factor is too large.
 constexpr int kMaxNumStrongNeighbours = 64;
 
 using Pairs = std::vector<BlockPairKey>;

@@ -7,7 +7,8 @@ namespace mgsfm {
 namespace internal {
 namespace {
 
-// Rows multiplied with one block of columns while both are in the L1 cache.
+// Rows multiplied with one block of columns while both are in the L1 cache: 64
+// rows and 16 columns of 128 values of 16 bits take 20 KiB of usually 32.
 constexpr int kPanelRows = 16 * kTileRows;
 // Rows and blocks of columns whose positions fit into one code.
 constexpr int kCellRows = 4 * kPanelRows;

@@ -18,7 +18,7 @@ namespace mgsfm {
 namespace {
 
 // Wide panels give efficient products; narrow panels reduce waiting between
-// threads.
+// threads. A multiple of both sides of a tile, 8 and 6 (panel_kernels.cc).
 constexpr int kPanelWidth = 96;
 // Upper bound on the share of the work in one subtree, for load balancing.
 constexpr double kLargestSubtree = 1.0 / 16.0;

@@ -57,7 +57,7 @@ Mask FindInconsistentBaselines(const FramePairIndex& index,
 
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
   // The first bound is loose because one camera drifts in scale and loops must
-  // close.
+  // close. Small steps drop the worst pairs before the others are judged.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
   std::vector<double> bounds;
   for (const double divisor : kDivisors) {

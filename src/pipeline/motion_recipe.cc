@@ -48,7 +48,8 @@ constexpr double kMaxSupportError = 0.1;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
 // needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
-// The standard deviation of a keypoint, relative to the epipolar tolerance.
+// The standard deviation of a keypoint, relative to the epipolar tolerance,
+// which thus includes 95 % of normal errors.
 constexpr double kKeypointNoise = 0.5;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;

@@ -31,7 +31,8 @@ constexpr int kNumAlternations = 10;
 constexpr double kOutlierInSigmas = 4.0;
 // The same in medians of all distances; normal noise has a median of 1.54.
 constexpr double kOutlierInMedians = 3.0;
-// Smallest extent of the positions, in standard deviations.
+// Smallest extent of the positions, in standard deviations: twice the median
+// distance of 1.54 that normal noise in three dimensions has.
 constexpr double kMinExtent = 3.0;
 // Standard deviation of the upward direction: cameras held roughly upright, and
 // measured gravity.

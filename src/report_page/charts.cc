@@ -228,7 +228,7 @@ void DrawResiduals(const SensorStatistics& sensor, const Vector2d& corner,
 
 void DrawColorScale(const Vector2d& corner, const std::string& low,
                     const std::string& high, SvgDrawing* drawing) {
-  constexpr int kNumSteps = 60;
+  constexpr int kNumSteps = 60;  // of two pixels, too small to be seen
   for (int i = 0; i < kNumSteps; ++i) {
     drawing->Box(corner + Vector2d(2.0 * i, 0.0), {2.3, 10.0},
                  FillStyle(RgbHex(SequentialColor(i / (kNumSteps - 1.0)))));

@@ -20,7 +20,7 @@ using Eigen::AlignedBox3d;
 using Eigen::Vector3d;
 using Json = nlohmann::ordered_json;
 
-// Frames of more images are thinned out.
+// Frames of more images are thinned out, which bounds the size of the page.
 constexpr size_t kMaxImages = 60000;
 constexpr float kNone = std::numeric_limits<float>::quiet_NaN();
 

@@ -24,7 +24,8 @@ constexpr double kWidth = 960.0, kLeft = 70.0, kTop = 24.0;
 constexpr double kPlotWidth = 860.0;
 // Limits of the height of the plot, whatever the shape of the path.
 constexpr double kMinHeight = 160.0, kMaxHeight = 760.0;
-// Steps beyond this are gaps in the path.
+// Steps beyond this are gaps in the drawn path, as in
+// io/priors/trajectory_positions.cc.
 constexpr double kMaxGapInMedians = 10.0;
 constexpr size_t kMaxLegendRows = 8;
 

@@ -39,7 +39,7 @@ void Count(size_t a, size_t b, size_t count, size_t num_bins,
 // Long tracks are represented by some bins at equal steps: without a bound, the
 // cost is quadratic in the length of a track.
 void CountCommonPoints(const PageModel& model, FrameMatrix* matrix) {
-  constexpr size_t kMaxBinsPerTrack = 64;
+  constexpr size_t kMaxBinsPerTrack = 64;  // at most 2080 pairs of bins
   for (const Point3D& point : model.input.reconstruction.points) {
     std::vector<size_t> bins;
     for (const Observation& observation : point.track) {

@@ -255,7 +255,7 @@ RotationResult AverageRotations(const Scene& scene, const ViewGraph& view_graph,
   const Input input{scene,   view_graph, pair_is_used, start,
                     gravity, options,    context};
   CheckInput(input);
-  constexpr int kNumSteps = 4;
+  constexpr int kNumSteps = 4;  // the reports below
   const auto report = [&](int num_done) {
     context.ReportProgress("rotation averaging", num_done, kNumSteps);
   };

@@ -16,7 +16,7 @@ constexpr double kStoreyHeight_m = 4.0;
 constexpr int kMinRevisitNodes = 40;
 // Nodes on each side that determine the heading of the road.
 constexpr int kHeadingNodes = 3;
-constexpr double kGridCell_m = 10.0;
+constexpr double kGridCell_m = 10.0;  // affects only the time of searches
 
 // The up direction is opposite to the mean y axis of the reference camera.
 Eigen::Quaterniond LevelFromWorld(const Drive& drive) {

@@ -232,7 +232,7 @@ class StretchFinder {
 
   // The same within a distance before or after a node.
   int FindNear(int node, int size, Random* random) const {
-    constexpr int kMaxDistance = 40;
+    constexpr int kMaxDistance = 40;  // metres, as nodes are one metre apart
     return Find(
         size, false, std::max(road_.driven_begin(), node - kMaxDistance - size),
         std::min(road_.driven_end() - size, node + kMaxDistance), random);
@@ -240,7 +240,7 @@ class StretchFinder {
 
   // Also keeps a distance to other duplicate structures.
   void Use(int begin, int size) {
-    constexpr int kDistance = 10;
+    constexpr int kDistance = 10;  // metres
     const int end = static_cast<int>(is_used_.size());
     for (int i = std::max(0, begin - kDistance);
          i < std::min(end, begin + size + kDistance); ++i) {

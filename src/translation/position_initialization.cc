@@ -38,7 +38,7 @@ constexpr double kGroupSigma = 0.7;
 // Lower bound of a baseline, relative to its estimated length.
 constexpr double kLowerBound = 0.1;
 // A sensor translation is not determined beyond this standard deviation, in
-// units of the median baseline.
+// units of the median baseline: two of them reach the baseline itself.
 constexpr double kMaxSensorSigma = 0.5;
 // Ridge rows kRidge x with weight kRidgeWeight make A^T A definite. Their pull
 // is 1e-8 of that of a pair with a baseline of one unit.

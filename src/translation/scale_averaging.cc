@@ -32,7 +32,7 @@ constexpr int kMaxNumLinks = 3;
 constexpr double kMinRatioSigma = 0.03;
 constexpr double kMinScaleSigma = 0.05;
 // The error of lengths that are equal if the cameras of the rig trigger
-// simultaneously.
+// simultaneously, as large as kMinScaleSigma.
 constexpr double kEqualLengthSigma = 0.05;
 // The error of expected lengths; links by matches have 40 times the weight.
 constexpr double kExpectedLengthSigma = 0.2;
@@ -43,7 +43,7 @@ constexpr double kMinStep = 1e-4;
 // Fixes the gauge of each group; negligible beside the weights of the links.
 constexpr double kRidge = 1e-6;
 // Cauchy loss in standard deviations of a link: from kFirstLossScale, halved
-// each round, to kLastLossScale.
+// each round, to kLastLossScale, which takes four rounds; the others converge.
 constexpr double kFirstLossScale = 30.0;
 constexpr double kLastLossScale = 3.0;
 constexpr int kMaxNumRounds = 20;

@@ -26,7 +26,8 @@ constexpr size_t kMinNumPatches = 10;
 constexpr double kMinCorrelation = 0.8;
 // Motion of the last candidate, relative to that of the first.
 constexpr double kWindow = 1.5;
-// A camera that stops within the window need not move on to be sampled.
+// A camera that stops within the window need not move on to be sampled; 60
+// candidates are two seconds at 30 Hz.
 constexpr size_t kMaxNumCandidates = 60;
 
 cv::Mat Reduce(const cv::Mat& gray) {

@@ -14,7 +14,7 @@ namespace mgsfm {
 namespace {
 
 constexpr std::string_view kBlanks = " \t\r\n\v\f";
-constexpr size_t kMaxQuoted = 40;
+constexpr size_t kMaxQuoted = 40;  // half of a line of a terminal
 
 std::string_view Trim(std::string_view text) {
   const size_t first = text.find_first_not_of(kBlanks);

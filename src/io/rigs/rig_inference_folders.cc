@@ -12,7 +12,7 @@ namespace mgsfm {
 namespace {
 
 // The best level must exceed the next by this factor in images that share
-// frames; a smaller lead may be an accident.
+// frames; a smaller lead may be due to some missing images.
 constexpr double kMinSharedRatio = 1.1;
 
 struct Name {
