@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
 #include "io/database/database_merging.h"
@@ -49,7 +49,7 @@ struct DatabaseMergerOptions {
 
 std::vector<std::string> Split(const std::string& text, char separator) {
   std::vector<std::string> parts;
-  std::istringstream stream(text);
+  TextInput stream(text);
   for (std::string part; std::getline(stream, part, separator);) {
     parts.push_back(part);
   }
@@ -58,7 +58,7 @@ std::vector<std::string> Split(const std::string& text, char separator) {
 
 std::vector<MergeInput> ReadList(const std::string& path) {
   std::vector<MergeInput> inputs;
-  std::istringstream file(ReadFile(path));
+  TextInput file(ReadFile(path));
   int number = 0;
   for (std::string line; std::getline(file, line);) {
     ++number;

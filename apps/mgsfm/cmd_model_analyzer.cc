@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <ostream>
-#include <sstream>
 
+#include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
 #include "tool_model.h"
@@ -78,7 +78,7 @@ void DescribeRigs(const SceneModel& model, std::ostream& text) {
 CommandResult RunModelAnalyzer(const ModelAnalyzerOptions& options,
                                const Context& context) {
   const ToolModel input = ReadToolModel(options.path, options.rigs, context);
-  std::ostringstream text;
+  TextOutput text;
   Describe(AnalyzeModel(input.model), text);
   DescribeRigs(input.model, text);
   CommandResult result(kExitSuccess);

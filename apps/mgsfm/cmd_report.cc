@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <utility>
 
+#include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
 #include "extension/model_placement.h"
@@ -123,8 +123,7 @@ RunReport FindReport(const fs::path& model_path) {
     path = folder.parent_path() / kReportFileName;
     report.model_idx = std::stoul(number);
   }
-  std::ifstream file(path, std::ios::binary);
-  report.json.assign(std::istreambuf_iterator<char>(file), {});
+  report.json = fs::is_regular_file(path, ignored) ? ReadFile(path) : "";
   return report;
 }
 
@@ -134,7 +133,9 @@ RunReport FindReport(const fs::path& model_path) {
 std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
                                                   const Scene& scene) {
   std::map<std::string, double> confidence_of_name;
-  std::ifstream file(model_path / "frames.csv");
+  const fs::path path = model_path / "frames.csv";
+  std::error_code ignored;
+  TextInput file(fs::is_regular_file(path, ignored) ? ReadFile(path) : "");
   std::string line;
   std::getline(file, line);  // names of the columns
   while (std::getline(file, line)) {

@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <iterator>
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -155,7 +155,7 @@ const char* const kCommonOptions[] = {"num_threads", "random_seed", "log_level",
                                       "quiet"};
 
 OptionList SelectBasic(const BasicHelp& help, const OptionList& options) {
-  std::istringstream words(help.options);
+  TextInput words(help.options);
   const std::vector<std::string> names{
       std::istream_iterator<std::string>(words), {}};
   const auto is_basic = [&](const std::string& name) {

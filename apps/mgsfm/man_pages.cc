@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <sstream>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "base/text_streams.h"
 #include "help.h"
 #include "help_formats.h"
 
@@ -38,7 +38,7 @@ std::string Title(const std::string& name, const std::string& version) {
 // example and 6 for what is said about a flag, into a man page.
 std::string RoffOfHelp(const std::string& help) {
   std::string text;
-  std::istringstream lines(help);
+  TextInput lines(help);
   bool follows_flag = false;
   bool is_in_options = false;
   for (std::string line; std::getline(lines, line);) {

@@ -5,10 +5,10 @@
 #include <iomanip>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/option_range.h"
+#include "base/text_streams.h"
 #include "mgsfm/base/version.h"
 
 namespace mgsfm {
@@ -26,7 +26,7 @@ std::string Trim(const std::string& text) {
 // Quotes text that Trim or Unquote would change.
 std::string QuoteIfNeeded(const std::string& text) {
   if (text == Trim(text) && (text.empty() || text[0] != '"')) return text;
-  std::ostringstream quoted;
+  TextOutput quoted;
   quoted << std::quoted(text);
   return quoted.str();
 }
@@ -110,7 +110,7 @@ std::string DescribeDefault(const OptionEntry& entry) {
 }
 
 void AppendWrapped(const std::string& text, size_t indent, std::string* out) {
-  std::istringstream words(text);
+  TextInput words(text);
   std::string word;
   size_t column = 0;
   while (words >> word) {
@@ -184,8 +184,7 @@ void LoadOptions(std::istream& text, const std::string& source,
 }
 
 void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
-  std::istringstream file(
-      ReadFile(path, "configuration file '" + path.string() + "'"));
+  TextInput file(ReadFile(path, "configuration file '" + path.string() + "'"));
   LoadOptions(file, path.string(), options);
 }
 
@@ -209,7 +208,7 @@ std::string OptionsToJson(const OptionList& options) {
   nlohmann::ordered_json root = nlohmann::ordered_json::object();
   for (const OptionEntry& entry : options) {
     nlohmann::ordered_json* node = &root;
-    std::istringstream sections(entry.Section());
+    TextInput sections(entry.Section());
     std::string section;
     while (std::getline(sections, section, '.')) node = &(*node)[section];
     std::visit([&](const auto& value) { (*node)[KeyInSection(entry)] = value; },

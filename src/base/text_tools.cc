@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "base/text_tools.h"
 
-#include <sstream>
+#include "base/text_streams.h"
 
 namespace mgsfm {
 
@@ -33,7 +33,7 @@ std::string EscapeMarkup(std::string_view text) {
 
 std::vector<std::string> SplitList(const std::string& list) {
   std::vector<std::string> items;
-  std::istringstream stream(list);
+  TextInput stream(list);
   for (std::string item; std::getline(stream, item, ',');) {
     if (!item.empty()) items.push_back(item);
   }

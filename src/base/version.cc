@@ -2,9 +2,9 @@
 #include "mgsfm/base/version.h"
 
 #include <array>
-#include <sstream>
 #include <utility>
 
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -14,7 +14,7 @@ using MajorMinorPatch = std::array<int, 3>;
 
 MajorMinorPatch ParseVersion(const std::string& text) {
   MajorMinorPatch version{};
-  std::istringstream stream(text);
+  TextInput stream(text);
   char dots[2] = {};
   stream >> version[0] >> dots[0] >> version[1] >> dots[1] >> version[2];
   if (!stream || !stream.eof() || dots[0] != '.' || dots[1] != '.') {

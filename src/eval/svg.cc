@@ -4,9 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <iomanip>
-#include <locale>
-#include <sstream>
 
+#include "base/text_streams.h"
 #include "base/text_tools.h"
 
 namespace mgsfm {
@@ -19,8 +18,7 @@ std::string Attribute(const char* name, double value) {
 }  // namespace
 
 std::string FormatNumber(double value, int digits) {
-  std::ostringstream stream;
-  stream.imbue(std::locale::classic());
+  TextOutput stream;
   stream << std::fixed << std::setprecision(digits) << value;
   std::string text = stream.str();
   if (text.find('.') != std::string::npos) {

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
 
@@ -62,7 +62,7 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
   Camera camera{CameraId(0), model->id, 0, 0, {}, false};
   if (options.camera_params->empty()) return camera;
   std::vector<std::string> texts;
-  std::istringstream stream(options.camera_params);
+  TextInput stream(options.camera_params);
   for (std::string text; std::getline(stream, text, ',');) {
     text.erase(0, text.find_first_not_of(' '));
     text.erase(text.find_last_not_of(' ') + 1);
@@ -75,7 +75,7 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
 // `folder MODEL width height params...`; the folder may contain blanks.
 std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
                                                const std::string& what) {
-  std::istringstream stream(line);
+  TextInput stream(line);
   std::vector<std::string> words;
   for (std::string word; stream >> word;) words.push_back(word);
   const auto is_model = [](const std::string& word) {
@@ -108,7 +108,7 @@ std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
 std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   std::map<std::string, Camera> cameras;
   if (path.empty()) return cameras;
-  std::istringstream file(
+  TextInput file(
       ReadFile(path, "'" + path + "' (ImageReader.camera_params_path)"));
   std::string line;
   for (int number = 1; std::getline(file, line); ++number) {

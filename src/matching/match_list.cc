@@ -32,6 +32,7 @@ class LineReader {
       *line = Trim(*line);
       if (line->empty() || line->front() != '#') return true;
     }
+    if (text_.bad()) throw Error(source_ + ": read error");
     return false;
   }
 

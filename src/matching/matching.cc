@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "matching/match_list.h"
 #include "matching/pair_matching.h"
 #include "matching/pair_selection.h"
@@ -235,7 +235,7 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   if (type == MatchListType::kPairs) {
     pairs = SelectListed(scene, match_list_path);
   } else {
-    std::istringstream file(ReadFile(match_list_path));
+    TextInput file(ReadFile(match_list_path));
     std::vector<std::string> names;
     for (const Image& image : scene.images) names.push_back(image.name);
     const auto lists = ReadMatchList(file, match_list_path, names);

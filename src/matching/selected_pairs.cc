@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <optional>
-#include <sstream>
 #include <vector>
 
 #include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "geometry/geodetic.h"
 #include "io/database/sqlite_snapshot.h"
 #include "io/files/file_operations.h"
@@ -137,7 +137,7 @@ ImagePairList SelectSpatially(const FeatureDatabase& database,
 }
 
 ImagePairList SelectListed(const Scene& scene, const std::string& list_path) {
-  std::istringstream file(ReadFile(list_path));
+  TextInput file(ReadFile(list_path));
   std::vector<std::string> names;
   for (const Image& image : scene.images) names.push_back(image.name);
   return ReadPairList(file, list_path, names);

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -170,7 +170,7 @@ SolveSummary internal::MinimizeByAdmm(const AdmmProblem& problem,
     next_balance = i + i / 4;
   }
   summary.final_cost = admm.Cost();
-  std::ostringstream message;
+  TextOutput message;
   message << "Ratios of residuals to tolerances: primal " << ratios.primal
           << ", dual " << ratios.dual << '.';
   summary.message = message.str();

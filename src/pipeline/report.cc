@@ -3,11 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <locale>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <sstream>
 
+#include "base/text_streams.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "pipeline/covariance_report.h"
@@ -554,8 +553,7 @@ std::string FramesToCsv(const Scene& scene, const MapperModel& model) {
       ++num_observations[scene.images[observation.image_idx].frame_idx];
     }
   }
-  std::ostringstream csv;
-  csv.imbue(std::locale::classic());
+  TextOutput csv;
   csv << "frame,num_images,num_observations,confidence\n";
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     if (!model.confidence.of_frame[i]) continue;

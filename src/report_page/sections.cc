@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/text_streams.h"
 #include "eval/error_statistics.h"
 #include "eval/evaluation_plot.h"
 #include "eval/svg.h"
@@ -33,8 +34,7 @@ std::string Number(std::optional<double> value, int digits,
   const double size = std::abs(*value);
   std::string text = FormatNumber(*value, digits);
   if (size > 0.0 && (size < 0.5 * std::pow(10.0, -digits) || size > 1e9)) {
-    std::ostringstream stream;
-    stream.imbue(std::locale::classic());
+    TextOutput stream;
     stream.precision(3);
     stream << *value;
     text = stream.str();

@@ -10,11 +10,11 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
-#include <sstream>
 #include <utility>
 #include <vector>
 
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "report_page/encoding.h"
 
 namespace mgsfm {
@@ -90,7 +90,7 @@ std::vector<double> Numbers(std::string text) {
   for (char& c : text) {
     if (c == ',' || c == '(' || c == ')') c = ' ';
   }
-  std::istringstream words(text);
+  TextInput words(text);
   std::vector<double> numbers;
   for (std::string word; words >> word;) {
     const std::optional<double> number = ParseDouble(word);

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <sstream>
 
+#include "base/text_streams.h"
 #include "geometry/so3.h"
 #include "math/l1_admm.h"
 #include "math/robust_scale.h"
@@ -220,7 +220,7 @@ SolveSummary AverageRobust(const RotationProblem& problem,
   }
   summary.initial_cost = RobustCost(problem, initial_norms, loss);
   summary.final_cost = RobustCost(problem, norms, loss);
-  std::ostringstream message;
+  TextOutput message;
   message << "Final scale " << RadToDeg(schedule.scale_rad()) << " deg.";
   summary.message = message.str();
   return summary;
@@ -234,7 +234,7 @@ SolveSummary AverageNodes(const RotationProblem& problem,
   if (!start.IsEmpty()) return AverageRobust(problem, options, context, state);
   const SolveSummary l1 = AverageL1(problem, options, context, state);
   SolveSummary summary = AverageRobust(problem, options, context, state);
-  std::ostringstream message;
+  TextOutput message;
   message << summary.message << " L1 step: " << TerminationName(l1.termination)
           << " after " << l1.num_iterations << " iterations. " << l1.message;
   summary.message = message.str();

@@ -5,11 +5,11 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <sstream>
 #include <utility>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "geometry/so3.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_limits.h"
@@ -260,7 +260,7 @@ bool IsLineOf(const std::string& folder, const std::string& line) {
 std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
   std::vector<std::string> given;
   if (!input.camera_params_path.empty()) {
-    std::istringstream text(ReadFile(input.camera_params_path));
+    TextInput text(ReadFile(input.camera_params_path));
     for (std::string line; std::getline(text, line);) given.push_back(line);
   }
   std::string file;

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <map>
 #include <optional>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "geometry/rigid_matrix.h"
 #include "io/calibration/formats.h"
 #include "io/calibration/lens_models.h"
@@ -26,13 +26,12 @@ using Lines = std::map<std::string, Line>;
 
 Lines ParseLines(const std::string& text, const std::string& path) {
   Lines lines;
-  std::istringstream stream(text);
+  TextInput stream(text);
   std::string line;
   size_t num_unnamed = 0;
   for (int number = 1; std::getline(stream, line); ++number) {
     const size_t colon = line.find(": ");
-    std::istringstream words(
-        colon == std::string::npos ? line : line.substr(colon + 1));
+    TextInput words(colon == std::string::npos ? line : line.substr(colon + 1));
     Line parsed{"'" + path + "', line " + std::to_string(number), {}};
     for (std::string word; words >> word;) parsed.words.push_back(word);
     if (parsed.words.empty()) continue;

@@ -2,9 +2,9 @@
 #include "io/database/image_list.h"
 
 #include <algorithm>
-#include <sstream>
 
 #include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -20,7 +20,7 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 }  // namespace
 
 std::vector<std::string> ReadImageList(const std::string& path) {
-  std::istringstream file(ReadFile(path, "'" + path + "' (image_list_path)"));
+  TextInput file(ReadFile(path, "'" + path + "' (image_list_path)"));
   std::vector<std::string> names;
   for (std::string line; std::getline(file, line);) {
     line.erase(line.find_last_not_of(" \t\r") + 1);

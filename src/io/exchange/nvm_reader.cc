@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <Eigen/Geometry>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "geometry/so3.h"
 #include "io/exchange/import_formats.h"
 #include "io/exchange/import_text.h"
@@ -52,7 +52,7 @@ std::optional<FixedCalibration> ReadHeader(ImportText* text) {
   if (header.substr(0, 6) != "NVM_V3") {
     text->ThrowUnexpected("NVM_V3", header);
   }
-  std::istringstream words{std::string(header)};
+  TextInput words{std::string(header)};
   std::string word;
   words >> word;
   if (!(words >> word) || word != "FixedK") return std::nullopt;

@@ -4,10 +4,10 @@
 #include <cstring>
 #include <limits>
 #include <optional>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "io/exchange/formats.h"
 #include "mgsfm/base/error.h"
 
@@ -29,18 +29,18 @@ struct PlyHeader {
               "binary little-endian");
 }
 
-bool SkipsWord(const std::string& word, std::istringstream* words) {
+bool SkipsWord(const std::string& word, TextInput* words) {
   std::string next;
   return *words >> next && next == word;
 }
 
 PlyHeader ReadHeader(const std::string& file, const fs::path& path) {
   PlyHeader header;
-  std::istringstream lines(file);
+  TextInput lines(file);
   std::string line, word;
   bool is_in_vertex = false;
   for (int number = 1; std::getline(lines, line); ++number) {
-    std::istringstream words(line);
+    TextInput words(line);
     if (number == 1 && !SkipsWord("ply", &words)) break;
     words >> word;
     if (word == "format") {
@@ -149,7 +149,7 @@ class VertexReader {
   const fs::path& path_;
   const char* bytes_;
   size_t num_bytes_;
-  std::istringstream words_;
+  TextInput words_;
   std::vector<const PlyType*> types_;
 };
 

@@ -3,13 +3,12 @@
 
 #include <sys/stat.h>
 
-#include <locale>
 #include <optional>
 #include <set>
-#include <sstream>
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/text_streams.h"
 #include "io/files/model_files.h"
 #include "mgsfm/base/error.h"
 
@@ -49,8 +48,7 @@ std::string ToText(const std::vector<SwapStep>& steps) {
 std::vector<SwapStep> ParseSteps(std::istream& text) {
   std::vector<SwapStep> steps;
   for (std::string record; std::getline(text, record, '\0');) {
-    std::istringstream fields(record);
-    fields.imbue(std::locale::classic());
+    TextInput fields(record);
     int kind = 0;
     SwapStep step;
     fields >> kind >> step.inode;
@@ -232,7 +230,7 @@ void OutputSwap::Run() {
 void OutputSwap::FinishPending(const fs::path& base, const fs::path& work,
                                FileOperations* operations) {
   const SwapPlaces places{base, work};
-  std::istringstream journal(ReadFile(work / kJournal));
+  TextInput journal(ReadFile(work / kJournal));
   const Steps steps = ParseSteps(journal);
   try {
     DoAll(places, steps, operations);

@@ -129,7 +129,7 @@ bool TextModelFile::NextRecord() {
 
 bool TextModelFile::NextItem() {
   line_ >> std::ws;
-  return line_.peek() != std::istringstream::traits_type::eof();
+  return line_.peek() != std::istream::traits_type::eof();
 }
 
 int64_t TextModelFile::ReadInteger(int64_t max) {

@@ -5,9 +5,9 @@
 #include <cstring>
 #include <filesystem>
 #include <optional>
-#include <sstream>
 #include <string>
 
+#include "base/text_streams.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 
@@ -108,8 +108,8 @@ class TextModelFile {
   bool NextLine(std::string* text);
 
   std::filesystem::path path_;
-  std::istringstream file_;
-  std::istringstream line_;
+  TextInput file_;
+  TextInput line_;
   int line_number_ = 0;
 };
 

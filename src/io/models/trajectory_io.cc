@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
-#include <sstream>
 #include <string>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "geometry/rigid_matrix.h"
 #include "mgsfm/base/error.h"
 
@@ -22,7 +22,7 @@ constexpr double kQuaternionTolerance = 1e-3;
 
 // The finite numbers a text consists of; none if there is any other word.
 std::vector<double> ParseNumbers(const std::string& text) {
-  std::istringstream words(text);
+  TextInput words(text);
   std::vector<double> numbers;
   for (std::string word; words >> word;) {
     const std::optional<double> number = ParseDouble(word);
@@ -54,7 +54,7 @@ bool IsBlank(const std::string& line) {
 }  // namespace
 
 std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
-  std::istringstream file(ReadFile(path));
+  TextInput file(ReadFile(path));
   std::vector<Rigid3> poses;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -74,7 +74,7 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
 }
 
 std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
-  std::istringstream file(ReadFile(path));
+  TextInput file(ReadFile(path));
   std::vector<TimedPose> poses;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -92,7 +92,7 @@ std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
 }
 
 std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
-  std::istringstream file(ReadFile(path));
+  TextInput file(ReadFile(path));
   std::vector<TimedPose> poses;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {
@@ -112,7 +112,7 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
 }
 
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
-  std::istringstream file(ReadFile(path));
+  TextInput file(ReadFile(path));
   std::vector<Rigid3> cameras;
   std::string line;
   for (int line_number = 1; std::getline(file, line); ++line_number) {

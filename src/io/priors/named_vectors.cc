@@ -3,10 +3,10 @@
 
 #include <map>
 #include <optional>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
@@ -23,7 +23,7 @@ namespace {
 std::string SplitLine(const std::string& line, const std::string& columns,
                       Eigen::Vector3d* value, std::string* problem) {
   std::vector<std::string> words;
-  std::istringstream stream(line);
+  TextInput stream(line);
   for (std::string word; stream >> word;) words.push_back(word);
   if (words.size() < 4) {
     *problem = "is not 'image_name " + columns + "'";
@@ -62,7 +62,7 @@ std::vector<NamedVector> ReadNamedVectors(const Scene& scene,
   for (size_t i = 0; i < scene.images.size(); ++i) {
     idx_of_name[scene.images[i].name] = static_cast<int>(i);
   }
-  std::istringstream file(ReadFile(path, "'" + path + "' (" + option + ")"));
+  TextInput file(ReadFile(path, "'" + path + "' (" + option + ")"));
   std::vector<NamedVector> vectors;
   Mask is_named(scene.images.size(), false);
   std::string line;

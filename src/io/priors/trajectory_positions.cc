@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <numeric>
 #include <optional>
-#include <sstream>
 
 #include "base/file_reading.h"
 #include "base/natural_order.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/trajectory_io.h"
@@ -114,10 +114,10 @@ Poses PosesByTime(const Scene& scene, const std::string& path,
 }  // namespace
 
 PositionFileFormat DetectPositionFormat(const std::string& path) {
-  std::istringstream file(ReadFile(path, "'" + path + "' (ref_images_path)"));
+  TextInput file(ReadFile(path, "'" + path + "' (ref_images_path)"));
   std::string line;
   while (std::getline(file, line)) {
-    std::istringstream words(line);
+    TextInput words(line);
     size_t num_numbers = 0;
     bool is_numeric = true;
     std::string word;

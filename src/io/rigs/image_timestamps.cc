@@ -4,13 +4,13 @@
 #include <algorithm>
 #include <map>
 #include <optional>
-#include <sstream>
 #include <utility>
 #include <vector>
 
 #include "base/file_reading.h"
 #include "base/natural_order.h"
 #include "base/text.h"
+#include "base/text_streams.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -35,7 +35,7 @@ class TimestampReader {
   }
 
   std::vector<double> Read() {
-    std::istringstream file(
+    TextInput file(
         ReadFile(path_, "'" + path_.string() + "' (image_timestamps_path)"));
     std::string line;
     for (int number = 1; std::getline(file, line); ++number) {
