@@ -3,6 +3,7 @@
 #include <cmath>
 #include <exiv2/exiv2.hpp>
 #include <mutex>
+#include <new>
 #include <string>
 
 #include "features/image_file.h"
@@ -125,6 +126,8 @@ ImageTags ReadTags(const std::string& file, int width, int height) {
     const Exiv2::ExifData& tags = image->exifData();
     return {FocalLengthPx(tags, width, height), PositionWgs84(tags),
             TimeOf(tags)};
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception&) {
     return {};  // a format without tags, or damaged tags
   }

@@ -2,6 +2,7 @@
 #include "io/files/place_and_time_tags.h"
 
 #include <exiv2/exiv2.hpp>
+#include <new>
 
 namespace mgsfm {
 namespace {
@@ -41,6 +42,8 @@ PlaceAndTimeTags::PlaceAndTimeTags(const std::string& file)
     for (const Exiv2::Exifdatum& tag : image->exifData()) {
       if (IsPlaceOrTime(tag.key())) tags_->data.add(tag);
     }
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception&) {
     tags_->data.clear();  // a format without tags, or damaged tags
   }
@@ -60,6 +63,8 @@ std::string PlaceAndTimeTags::AddTo(const std::string& file) const {
     const Exiv2::DataBuf bytes = io.read(static_cast<long>(io.size()));
     return {reinterpret_cast<const char*>(bytes.pData_),
             static_cast<size_t>(bytes.size_)};
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception&) {
     return file;  // a format without tags
   }
