@@ -1,8 +1,8 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
 # Makes every n-th system call of small runs of the commands go wrong, and every
-# n-th allocation of readers and mapper fail. The tests `faults` and
-# `allocations` do the same with a few of them.
+# n-th allocation of readers and writers and call stack of the mapper fail. The
+# tests `faults` and `allocations` do the same with a few of them.
 #   scripts/faults.sh [N]    N = 1 by default: all of them
 set -euo pipefail
 cd "$(dirname "$0")/.."

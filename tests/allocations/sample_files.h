@@ -39,6 +39,10 @@ class SampleFiles {
     options.num_frames = num_frames;
     options.num_points_per_frame = 30;
     simulation_ = Simulate(options);
+    // Strings of up to 15 bytes need no allocation.
+    for (Image& image : simulation_.scene.images) {
+      image.name = "drive_in_the_morning/" + image.name;
+    }
     WriteDatabase(
         Path("a.db"),
         MakeDatabaseContents(simulation_.scene, simulation_.view_graph),
