@@ -16,9 +16,12 @@ constexpr double kFactorPoint = 30.0;
 constexpr double kSolveTriangle = 9.0;
 
 // The product of two matrices of kDim rows, rows^T rows.
-double Product(double rows, double columns) {
+constexpr double Product(double rows, double columns) {
   return 2.0 * kDim * rows * columns;
 }
+
+// V and g of a point.
+constexpr double kSums = Product(3.0, 3.0) * 2.0 / 3.0 + Product(3.0, 1.0);
 
 class Counter {
  public:
@@ -43,13 +46,12 @@ class Counter {
     }
     const double num = static_cast<double>(s_.point_begin[p + 1]) -
                        static_cast<double>(s_.point_begin[p]);
-    // Pixel and image of each observation; position, V, g and first observation
-    // of each point.
-    constexpr double kObservation = 2.0 * sizeof(double) + sizeof(int);
-    constexpr double kPoint = (3.0 + 6.0 + 3.0) * sizeof(double);
+    // Pixel and image of each observation; position and first observation of
+    // each point.
+    constexpr double kObservation = 2.0 * sizeof(float) + sizeof(int);
+    constexpr double kPoint = 3.0 * sizeof(double);
     cost_.linearize_bytes += num * kObservation + kPoint + sizeof(size_t);
-    cost_.step_bytes +=
-        num * kObservation + kPoint + 3.0 * sizeof(double) + sizeof(size_t);
+    cost_.step_bytes += num * kObservation + 2.0 * kPoint + sizeof(size_t);
     if (problem_.points_are_free) AddElimination();
   }
 
@@ -62,7 +64,7 @@ class Counter {
     const double size = s_.pose_size;
     double flops = kTransform + kDim + kSquaredNorm + kTimesMatrix;
     if (size == 6.0) flops += kCrossProducts + kTimesMatrix;
-    flops += Product(3.0, 3.0) * 2.0 / 3.0 + Product(3.0, 1.0);  // V, g
+    flops += kSums;
     flops += Product(size + num_free, size + num_free + 1.0);
     for (const int block : {image.frame, image.sensor, image.camera}) {
       if (block < 0) continue;
@@ -73,8 +75,8 @@ class Counter {
     cost_.linearize_flops += flops;
     // The step of the point and the cost at its new position.
     cost_.step_flops += 2.0 * (kTransform + kDim + kSquaredNorm) + 12.0 +
-                        kDim * (5.0 + 2.0 * num_free) + Product(3.0, 1.0) +
-                        18.0;
+                        kDim * (5.0 + 2.0 * num_free) + kTimesMatrix + kSums +
+                        kDim + Product(3.0, 1.0);
   }
 
   void AddElimination() {

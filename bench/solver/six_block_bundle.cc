@@ -73,8 +73,8 @@ void AddObservations(const RigProblem<PixelObservation>& problem,
       FramePose& frame = state->frames[image.frame];
       Rigid3& sensor = state->sensors[image.sensor];
       ceres_problem->AddResidualBlock(
-          new PinholeCost(new PinholeError{observation.pixel}), loss,
-          frame.rig_from_world.coeffs().data(), frame.center.data(),
+          new PinholeCost(new PinholeError{observation.pixel.cast<double>()}),
+          loss, frame.rig_from_world.coeffs().data(), frame.center.data(),
           sensor.rotation.coeffs().data(), sensor.translation.data(),
           state->points[p].data(), state->cameras[image.camera].data());
     }

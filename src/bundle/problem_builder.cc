@@ -64,6 +64,10 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
     num_observations += point.track.size();
   }
   problem.observations.reserve(num_observations);
+  const size_t num_points = input.reconstruction.points.size();
+  problem.point_begin.reserve(num_points + 1);
+  built->state.points.reserve(num_points);
+  built->point_idxs.reserve(num_points);
   for (size_t i = 0; i < input.reconstruction.points.size(); ++i) {
     const Point3D& point = input.reconstruction.points[i];
     visible.clear();
@@ -87,7 +91,7 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
              cameras.NumberOf(image.camera_idx, &built->camera_idxs)});
       }
       problem.observations.push_back(
-          {number, image.keypoints_px[o->keypoint_idx].cast<double>()});
+          {number, image.keypoints_px[o->keypoint_idx]});
     }
     problem.point_begin.push_back(problem.observations.size());
     built->state.points.push_back(point.point_in_world);

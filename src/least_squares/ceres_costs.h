@@ -109,7 +109,7 @@ template <class R>
 class ObservationCost : public ceres::CostFunction {
  public:
   ObservationCost(const RigProblemBase& problem, int image,
-                  const double* measured)
+                  const typename R::Scalar* measured)
       : problem_(problem), image_(image) {
     std::copy_n(measured, R::kDim, measured_);
     set_num_residuals(R::kDim);
@@ -171,7 +171,7 @@ class ObservationCost : public ceres::CostFunction {
 
   const RigProblemBase& problem_;
   const int image_;
-  double measured_[R::kDim];
+  typename R::Scalar measured_[R::kDim];
 };
 
 // Blocks: those of frames and sensors of both images, each once.

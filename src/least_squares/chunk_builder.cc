@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/parallel.h"
+#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
@@ -98,8 +99,9 @@ int ChunkBuilder::AddBlock(int block) {
 int ChunkBuilder::AddImage(int image) {
   Place& place = images_[image];
   if (place.end_chunk != s_.chunks.size()) {
-    place = {s_.chunks.size(),
-             static_cast<int>(s_.chunk_images.size() - chunk().images.begin)};
+    const size_t position = s_.chunk_images.size() - chunk().images.begin;
+    MGSFM_CHECK_LT(position, size_t{1} << 16);
+    place = {s_.chunks.size(), static_cast<int>(position)};
     const ImageBlockIndices blocks = BlocksOfImage(problem_, s_, image);
     s_.chunk_images.push_back({image, AddBlock(blocks.frame),
                                AddBlock(blocks.sensor),
@@ -177,8 +179,8 @@ void AddPointChunks(const RigProblemBase& problem,
     std::sort(s->observation_order.begin() + begin, s->observation_order.end(),
               [&](uint32_t a, uint32_t b) { return key(a) < key(b); });
     for (size_t k = begin; k < s->observation_order.size(); ++k) {
-      s->observation_image.push_back(
-          builder->AddImage(image_of_observation[s->observation_order[k]]));
+      s->observation_image.push_back(static_cast<uint16_t>(
+          builder->AddImage(image_of_observation[s->observation_order[k]])));
     }
     s->point_begin.push_back(s->observation_image.size());
     is_open =

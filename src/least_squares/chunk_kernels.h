@@ -24,7 +24,8 @@ template <class R>
 struct PassInput {
   const RigProblemBase& problem;
   const RigStructure& structure;
-  const std::vector<double>& measured;  // R::kDim per observation
+  // R::kDim per observation.
+  const std::vector<typename R::Scalar>& measured;
   const std::vector<ImagePose>& poses;
   const std::vector<Eigen::Vector3d>& points;
   double lambda;
@@ -108,13 +109,11 @@ struct ObservationTerms {
   double K[kDim * kMaxNumCameraParams];  // by free parameters
 };
 
-// False if the residual is undefined.
-template <class R>
-MGSFM_ALWAYS_INLINE bool LinearizeObservation(const RobustLoss& loss,
-                                              const ImagePose& pose,
-                                              const double* point,
-                                              const double* measured,
-                                              ObservationTerms<R::kDim>* o) {
+// Sets y, residual, P and K. False if the residual is undefined.
+template <class R, class Terms>
+MGSFM_ALWAYS_INLINE bool LinearizeObservation(
+    const RobustLoss& loss, const ImagePose& pose, const double* point,
+    const typename R::Scalar* measured, Terms* o) {
   double x[3];
   TransformPoint(pose, point, o->y, x);
   if (!R::Linearize(pose, x, measured, o->residual, o->P, o->K)) {

@@ -14,15 +14,19 @@
 
 namespace mgsfm {
 
-// The output of a linearisation besides the workspace, which receives the local
-// system of the chunk after elimination of its points (images still separate).
-template <class R>
-struct LinearizeOutput {
-  std::vector<PointHessian>& hessians;
-  std::vector<Eigen::Vector3d>& gradients;
-  // P and K of all observations for MultiplyChunk; empty if direct.
-  std::vector<double>& kept;
-  size_t kept_size = 0;
+// What a linearisation keeps for MultiplyChunk besides the workspace, which
+// receives the local system of the chunk after elimination of its points
+// (images still separate).
+struct KeptDerivatives {
+  size_t num_values = 0;  // of an observation: P and K
+  // Empty if products recompute the derivatives, or if there are none.
+  std::vector<double> observations;
+
+  double* Find(size_t observation) {
+    return observations.empty()
+               ? nullptr
+               : observations.data() + num_values * observation;
+  }
 };
 
 // The end of the part of a point that begins at an observation.
@@ -36,24 +40,21 @@ inline size_t EndOfPart(const RigStructure& s, size_t begin, size_t end) {
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
                                             const ChunkRanges& chunk,
-                                            const LinearizeOutput<R>& out,
+                                            KeptDerivatives* kept,
                                             ChunkWorkspace* w) {
   const RigStructure& s = in.structure;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    double* kept = out.kept.empty()
-                       ? nullptr
-                       : out.kept.data() + out.kept_size * s.point_begin[p];
-    if (!LinearizePoint<R, N>(in, chunk, p, &out.hessians[p],
-                              out.gradients[p].data(), kept, out.kept_size,
-                              w)) {
+    PointHessian V;
+    double g[3];
+    if (!LinearizePoint<R, N>(in, chunk, p, &V, g, kept->Find(s.point_begin[p]),
+                              kept->num_values, w)) {
       return false;
     }
     if (!in.problem.points_are_free) continue;
     const size_t end = s.point_begin[p + 1];
     size_t end_of_part = EndOfPart(s, s.point_begin[p], end);
     const bool is_cut = end_of_part < end;
-    EliminatePoint<N>(FactorPoint(in, out.hessians[p]), out.gradients[p].data(),
-                      is_cut, w);
+    EliminatePoint<N>(FactorPoint(in, V), g, is_cut, w);
     if (!is_cut) continue;
     for (size_t k = s.point_begin[p]; k < end; k = end_of_part) {
       end_of_part = EndOfPart(s, k, end);
@@ -65,15 +66,15 @@ MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
 
 template <class R, int N>
 bool LinearizeChunkAny(const PassInput<R>& in, const ChunkRanges& chunk,
-                       const LinearizeOutput<R>& out, ChunkWorkspace* w) {
-  return LinearizeChunkBody<R, N>(in, chunk, out, w);
+                       KeptDerivatives* kept, ChunkWorkspace* w) {
+  return LinearizeChunkBody<R, N>(in, chunk, kept, w);
 }
 template <class R, int N>
 MGSFM_TARGET_AVX2 bool LinearizeChunkAvx2(const PassInput<R>& in,
                                           const ChunkRanges& chunk,
-                                          const LinearizeOutput<R>& out,
+                                          KeptDerivatives* kept,
                                           ChunkWorkspace* w) {
-  return LinearizeChunkBody<R, N>(in, chunk, out, w);
+  return LinearizeChunkBody<R, N>(in, chunk, kept, w);
 }
 
 // A step of all unknowns except points, per image.
@@ -106,28 +107,12 @@ MGSFM_ALWAYS_INLINE void ApplyStep(const double* y, const double* P,
   }
 }
 
-// b += (P S R)^T u.
-template <int kDim>
-MGSFM_ALWAYS_INLINE void AddToPoint(const ImagePose& pose, const double* P,
-                                    const double* u, double* b) {
-  double f[3] = {0.0, 0.0, 0.0};
-  for (int k = 0; k < kDim; ++k) {
-    for (int i = 0; i < 3; ++i) f[i] += P[3 * k + i] * u[k];
-  }
-  const double* m = pose.cam_from_world;
-  for (int i = 0; i < 3; ++i) {
-    b[i] += m[i] * f[0] + m[3 + i] * f[1] + m[6 + i] * f[2];
-  }
-}
-
 // The cost of the observations of a point; infinite if one is undefined.
 template <class R>
-MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
-                                       const RigStructure& s,
-                                       const ChunkRanges& chunk,
-                                       const std::vector<double>& measured,
-                                       const std::vector<ImagePose>& poses,
-                                       size_t p, const double* point) {
+MGSFM_ALWAYS_INLINE double CostOfPoint(
+    const RigProblemBase& problem, const RigStructure& s,
+    const ChunkRanges& chunk, const std::vector<typename R::Scalar>& measured,
+    const std::vector<ImagePose>& poses, size_t p, const double* point) {
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
   double cost = 0.0;
   for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
@@ -144,26 +129,29 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(const RigProblemBase& problem,
   return cost;
 }
 
-template <class R>
 struct StepInput {
-  const std::vector<PointHessian>& hessians;
-  const std::vector<Eigen::Vector3d>& gradients;
   const ImageSteps& steps;
   const std::vector<ImagePose>& new_poses;
 };
 
-// d = -(V + lambda D)^-1 (g + W z). Returns the square of the point's distance
-// from the closest camera that observes it.
+// The step d = -(V + lambda D)^-1 (g + W z) of a point.
+struct PointStep {
+  double d[3] = {0.0, 0.0, 0.0};
+  double g[3] = {0.0, 0.0, 0.0};
+  PointHessian V;
+  // Of the point from the closest camera that observes it.
+  double squared_distance = std::numeric_limits<double>::infinity();
+};
+
 template <class R>
-MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
-                                       const StepInput<R>& step,
-                                       const ChunkRanges& chunk, size_t p,
-                                       double* d) {
+MGSFM_ALWAYS_INLINE PointStep StepOfPoint(const PassInput<R>& in,
+                                          const ImageSteps& steps,
+                                          const ChunkRanges& chunk, size_t p) {
   constexpr int kDim = R::kDim;
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
-  double b[3] = {step.gradients[p][0], step.gradients[p][1],
-                 step.gradients[p][2]};
+  PointStep step;
+  double b[3] = {0.0, 0.0, 0.0};  // g + W z
   double squared_distance = std::numeric_limits<double>::infinity();
   ObservationTerms<kDim> o;
   for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
@@ -179,18 +167,25 @@ MGSFM_ALWAYS_INLINE double StepOfPoint(const PassInput<R>& in,
         std::min(squared_distance, x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     const int num_free = R::kHasCamera ? pose.num_free_params : 0;
     const double* params =
-        num_free > 0 ? step.steps.params[in.problem.images[image].camera].data()
+        num_free > 0 ? steps.params[in.problem.images[image].camera].data()
                      : nullptr;
-    double u[kDim];
-    ApplyStep<kDim>(o.y, o.P, o.K, num_free, step.steps.twists[image], params,
-                    u);
-    AddToPoint<kDim>(pose, o.P, u, b);
+    double u[kDim], J[3 * kDim];
+    ApplyStep<kDim>(o.y, o.P, o.K, num_free, steps.twists[image], params, u);
+    MultiplyRows<kDim>(o.P, 3, pose.cam_from_world, 3, J);
+    AddSquareOfPoint<kDim>(J, step.V.values);
+    for (int k = 0; k < kDim; ++k) {
+      for (int i = 0; i < 3; ++i) {
+        step.g[i] += J[3 * k + i] * o.residual[k];
+        b[i] += J[3 * k + i] * (o.residual[k] + u[k]);
+      }
+    }
   }
-  const PointFactor f = FactorPoint(in, step.hessians[p]);
+  step.squared_distance = squared_distance;
+  const PointFactor f = FactorPoint(in, step.V);
   SolveLower(f, b);
   SolveUpper(f, b);
-  for (int i = 0; i < 3; ++i) d[i] = -b[i];
-  return squared_distance;
+  for (int i = 0; i < 3; ++i) step.d[i] = -b[i];
+  return step;
 }
 
 // The linear model of a point is unreliable for steps beyond this fraction of
@@ -221,31 +216,31 @@ MGSFM_ALWAYS_INLINE double MovePoint(const double* old_point, const double* d,
 // cost.
 template <class R>
 MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
-    const PassInput<R>& in, const StepInput<R>& step, const ChunkRanges& chunk,
+    const PassInput<R>& in, const StepInput& input, const ChunkRanges& chunk,
     std::vector<Eigen::Vector3d>* new_points) {
   StepSums sums;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    double d[3] = {0.0, 0.0, 0.0};
-    double squared_distance = 0.0;
+    PointStep step;
     if (in.problem.points_are_free) {
-      squared_distance = StepOfPoint(in, step, chunk, p, d);
+      step = StepOfPoint(in, input.steps, chunk, p);
     }
+    const double* d = step.d;
     const double* old_point = in.points[p].data();
     double D[3];
-    DiagonalOfPoint(step.hessians[p], D);
+    DiagonalOfPoint(step.V, D);
     double squared_step = 0.0;
     for (int i = 0; i < 3; ++i) {
-      sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.gradients[p][i]);
+      sums.decrease += d[i] * (in.lambda * D[i] * d[i] - step.g[i]);
       squared_step += d[i] * d[i];
       sums.squared_position += old_point[i] * old_point[i];
     }
     sums.squared_step += squared_step;
     const auto cost_at = [&](const double* point) {
       return CostOfPoint<R>(in.problem, in.structure, chunk, in.measured,
-                            step.new_poses, p, point);
+                            input.new_poses, p, point);
     };
     const bool is_long =
-        squared_step > kLongStep * kLongStep * squared_distance;
+        squared_step > kLongStep * kLongStep * step.squared_distance;
     const double bound =
         is_long ? cost_at(old_point) : std::numeric_limits<double>::infinity();
     sums.cost +=
@@ -255,16 +250,58 @@ MGSFM_ALWAYS_INLINE StepSums StepChunkBody(
 }
 
 template <class R>
-StepSums StepChunkAny(const PassInput<R>& in, const StepInput<R>& step,
+StepSums StepChunkAny(const PassInput<R>& in, const StepInput& input,
                       const ChunkRanges& chunk,
                       std::vector<Eigen::Vector3d>* new_points) {
-  return StepChunkBody(in, step, chunk, new_points);
+  return StepChunkBody(in, input, chunk, new_points);
 }
 template <class R>
 MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
-    const PassInput<R>& in, const StepInput<R>& step, const ChunkRanges& chunk,
+    const PassInput<R>& in, const StepInput& input, const ChunkRanges& chunk,
     std::vector<Eigen::Vector3d>* new_points) {
-  return StepChunkBody(in, step, chunk, new_points);
+  return StepChunkBody(in, input, chunk, new_points);
+}
+
+// Sets the derivatives of observation k: those that were kept, or new ones.
+template <class R>
+MGSFM_ALWAYS_INLINE void LoadDerivatives(const PassInput<R>& in,
+                                         const double* kept,
+                                         const ImagePose& pose, size_t p,
+                                         size_t k, ProductTerms* o) {
+  constexpr int kDim = R::kDim;
+  if (kept == nullptr) {
+    // Linearize() has succeeded with this state.
+    LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
+                            in.measured.data() + kDim * k, o);
+  } else {
+    double x[3];
+    TransformPoint(pose, in.points[p].data(), o->y, x);
+    std::copy_n(kept, 3 * kDim, o->P);
+    if (R::kHasCamera) {
+      std::copy_n(kept + 3 * kDim, kDim * pose.num_free_params, o->K);
+    }
+  }
+  MultiplyRows<kDim>(o->P, 3, pose.cam_from_world, 3, o->J);
+}
+
+// Adds the columns of an image times u - J a to its sums.
+template <class R, int N>
+MGSFM_ALWAYS_INLINE void AddProductToImage(const ProductTerms& o, int num_free,
+                                           const double* a, double* sums) {
+  constexpr int kDim = R::kDim;
+  double Q[3 * kDim];
+  if (N == 6) RotationRows<kDim>(o.y, o.P, 3, Q);
+  for (int d = 0; d < kDim; ++d) {
+    const double* J = o.J + 3 * d;
+    const double rest = o.u[d] - J[0] * a[0] - J[1] * a[1] - J[2] * a[2];
+    for (int c = 0; c < 3; ++c) {
+      if (N == 6) sums[c] += Q[3 * d + c] * rest;
+      sums[N - 3 + c] += o.P[3 * d + c] * rest;
+    }
+    for (int c = 0; c < num_free; ++c) {
+      sums[N + c] += o.K[d * num_free + c] * rest;
+    }
+  }
 }
 
 // Multiplies the reduced matrix, without its damping, with a vector. Per image,
@@ -272,74 +309,65 @@ MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
 // (I - J (V + lambda D)^-1 J^T) times the change of the image.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
-                                           const LinearizeOutput<R>& linear,
+                                           KeptDerivatives* kept,
                                            const ImageSteps& steps,
                                            const ChunkRanges& chunk,
                                            ChunkWorkspace* w) {
   constexpr int kDim = R::kDim;
   const RigStructure& s = in.structure;
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  ProductTerms* terms = w->product_terms.data();
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    double a[3] = {0.0, 0.0, 0.0};
-    for (int half = 0; half < 2; ++half) {
-      double b[3] = {0.0, 0.0, 0.0};
-      for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
-        const int i = s.observation_image[k];
-        const int image = images[i].image;
-        const ImagePose& pose = in.poses[image];
-        double y[3], x[3];
-        TransformPoint(pose, in.points[p].data(), y, x);
-        const double* P = linear.kept.data() + linear.kept_size * k;
-        const double* K = P + 3 * kDim;
-        const int num_free = R::kHasCamera ? pose.num_free_params : 0;
-        const double* params =
-            num_free > 0 ? steps.params[in.problem.images[image].camera].data()
-                         : nullptr;
-        double u[kDim];
-        ApplyStep<kDim>(y, P, K, num_free, steps.twists[image], params, u);
-        if (half == 0) {
-          AddToPoint<kDim>(pose, P, u, b);
-          continue;
-        }
-        if (w->image_num_columns[i] == 0) continue;
-        double J[3 * kDim], Q[3 * kDim];
-        MultiplyRows<kDim>(P, 3, pose.cam_from_world, 3, J);
-        if (N == 6) RotationRows<kDim>(y, P, 3, Q);
-        double* sums = w->image_gradients.data() + kMaxNumImageColumns * i;
-        for (int d = 0; d < kDim; ++d) {
-          const double rest = u[d] - J[3 * d] * a[0] - J[3 * d + 1] * a[1] -
-                              J[3 * d + 2] * a[2];
-          for (int c = 0; c < 3; ++c) {
-            if (N == 6) sums[c] += Q[3 * d + c] * rest;
-            sums[N - 3 + c] += P[3 * d + c] * rest;
-          }
-          for (int c = 0; c < num_free; ++c) {
-            sums[N + c] += K[d * num_free + c] * rest;
-          }
-        }
+    const size_t begin = s.point_begin[p], end = s.point_begin[p + 1];
+    PointHessian V;
+    double a[3] = {0.0, 0.0, 0.0};  // J^T u, then (V + lambda D)^-1 J^T u
+    for (size_t k = begin; k < end; ++k) {
+      const int image = images[s.observation_image[k]].image;
+      const ImagePose& pose = in.poses[image];
+      ProductTerms& o = terms[k - begin];
+      LoadDerivatives(in, kept->Find(k), pose, p, k, &o);
+      AddSquareOfPoint<kDim>(o.J, V.values);
+      const int num_free = R::kHasCamera ? pose.num_free_params : 0;
+      const double* params =
+          num_free > 0 ? steps.params[in.problem.images[image].camera].data()
+                       : nullptr;
+      ApplyStep<kDim>(o.y, o.P, o.K, num_free, steps.twists[image], params,
+                      o.u);
+      for (int d = 0; d < kDim; ++d) {
+        for (int i = 0; i < 3; ++i) a[i] += o.J[3 * d + i] * o.u[d];
       }
-      if (half == 1 || !in.problem.points_are_free) continue;
-      const PointFactor f = FactorPoint(in, linear.hessians[p]);
-      SolveLower(f, b);
-      SolveUpper(f, b);
-      for (int i = 0; i < 3; ++i) a[i] = b[i];
+    }
+    if (in.problem.points_are_free) {
+      const PointFactor f = FactorPoint(in, V);
+      SolveLower(f, a);
+      SolveUpper(f, a);
+    } else {
+      std::fill_n(a, 3, 0.0);
+    }
+    for (size_t k = begin; k < end; ++k) {
+      const int i = s.observation_image[k];
+      if (w->image_num_columns[i] == 0) continue;
+      const ImagePose& pose = in.poses[images[i].image];
+      AddProductToImage<R, N>(
+          terms[k - begin], R::kHasCamera ? pose.num_free_params : 0, a,
+          w->image_gradients.data() + kMaxNumImageColumns * i);
     }
   }
 }
 
 template <class R, int N>
-void MultiplyChunkAny(const PassInput<R>& in, const LinearizeOutput<R>& linear,
+void MultiplyChunkAny(const PassInput<R>& in, KeptDerivatives* kept,
                       const ImageSteps& steps, const ChunkRanges& chunk,
                       ChunkWorkspace* w) {
-  MultiplyChunkBody<R, N>(in, linear, steps, chunk, w);
+  MultiplyChunkBody<R, N>(in, kept, steps, chunk, w);
 }
 template <class R, int N>
 MGSFM_TARGET_AVX2 void MultiplyChunkAvx2(const PassInput<R>& in,
-                                         const LinearizeOutput<R>& linear,
+                                         KeptDerivatives* kept,
                                          const ImageSteps& steps,
                                          const ChunkRanges& chunk,
                                          ChunkWorkspace* w) {
-  MultiplyChunkBody<R, N>(in, linear, steps, chunk, w);
+  MultiplyChunkBody<R, N>(in, kept, steps, chunk, w);
 }
 
 }  // namespace mgsfm

@@ -150,6 +150,14 @@ const PoseMask& MaskOf(const RigProblemBase& problem, const ChunkImage& image,
                               : problem.sensor_masks[of_problem.sensor];
 }
 
+size_t MaxNumObservationsOfPoint(const RigStructure& s) {
+  size_t most = 0;
+  for (size_t p = 0; p + 1 < s.point_begin.size(); ++p) {
+    most = std::max(most, s.point_begin[p + 1] - s.point_begin[p]);
+  }
+  return most;
+}
+
 }  // namespace
 
 ChunkWorkspace::ChunkWorkspace(const RigStructure& s)
@@ -169,7 +177,8 @@ ChunkWorkspace::ChunkWorkspace(const RigStructure& s)
       image_gradients(kMaxNumImageColumns * s.max_num_images),
       met(s.max_num_blocks),
       last_point(s.max_num_blocks),
-      couplings(kCouplingSize * s.max_num_blocks) {}
+      couplings(kCouplingSize * s.max_num_blocks),
+      product_terms(s.is_iterative ? MaxNumObservationsOfPoint(s) : 0) {}
 
 void ChunkWorkspace::StartVectors(const RigProblemBase& problem,
                                   const RigStructure& s,

@@ -21,6 +21,17 @@ constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 // kernels.
 constexpr int kNoPair = -1;
 
+// An observation in a product with the reduced matrix: its derivatives, J by
+// the point, and the change u of its residual. Rows have their own length.
+struct ProductTerms {
+  double y[3];
+  double residual[3];
+  double P[3 * 3];
+  double K[3 * kMaxNumCameraParams];
+  double J[3 * 3];
+  double u[3];
+};
+
 // The local system of one chunk, with temporaries for its points. Blocks are
 // those of the chunk. Symmetric matrices are stored completely, column-major.
 struct ChunkWorkspace {
@@ -67,6 +78,8 @@ struct ChunkWorkspace {
   size_t num_met = 0;
   std::vector<size_t> last_point;  // the last point of each block
   std::vector<double> couplings;   // kCouplingSize per block
+  // Of the current point, if iterative.
+  std::vector<ProductTerms> product_terms;
 };
 
 constexpr int kMaxNumImageColumns = 6 + kMaxNumCameraParams;

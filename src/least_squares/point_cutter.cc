@@ -14,17 +14,20 @@ namespace {
 
 // Chunks repeat each other's pairs. Adding up those of some chunks at a time
 // needs far less memory than those of all.
-constexpr size_t kNumChunksAtATime = 32;
+constexpr size_t kNumChunksAtATime = 8;
+// A merge takes as long as there are sums. It waits for this share of new ones,
+// which need memory meanwhile.
+constexpr size_t kNumSumsPerAdded = 4;
 
 bool IsBefore(const WeightedPair& a, const WeightedPair& b) {
-  return a.pair < b.pair;
+  return a.Key() < b.Key();
 }
 
 // Replaces equal neighbours by their sum.
 void SumEqualPairs(std::vector<WeightedPair>* weights) {
   size_t num_sums = 0;
   for (const WeightedPair weight : *weights) {
-    if (num_sums == 0 || (*weights)[num_sums - 1].pair != weight.pair) {
+    if (num_sums == 0 || (*weights)[num_sums - 1].Key() != weight.Key()) {
       (*weights)[num_sums++] = weight;
       continue;
     }
@@ -78,7 +81,7 @@ std::vector<WeightedPair> PointCutter::WeightsOfChunk(
           block_is_border_[b]) {
         continue;
       }
-      weights.push_back({MakeBlockPairKey(a, b), count[i * num_blocks + k]});
+      weights.push_back({a, b, count[i * num_blocks + k]});
     }
   }
   return weights;
@@ -88,7 +91,7 @@ std::vector<WeightedPair> PointCutter::WeightsOfChunk(
 void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
   std::vector<WeightedPair> added;
   for (const BlockPairKey pair : inseparable) {
-    added.push_back({pair, kInfiniteWeight});
+    added.push_back({ColumnOf(pair), RowOf(pair), kInfiniteWeight});
   }
   for (size_t first = 0; first < s_.chunks.size(); first += kNumChunksAtATime) {
     std::vector<std::vector<WeightedPair>> of_chunks(
@@ -100,10 +103,12 @@ void PointCutter::WeighPairs(const std::vector<BlockPairKey>& inseparable) {
     for (const std::vector<WeightedPair>& weights : of_chunks) {
       added.insert(added.end(), weights.begin(), weights.end());
     }
-    // A merge takes as long as there are sums; it waits for as many new ones.
-    if (added.size() > weights_.size()) AddWeights(&added, &weights_);
+    if (kNumSumsPerAdded * added.size() > weights_.size()) {
+      AddWeights(&added, &weights_);
+    }
   }
   AddWeights(&added, &weights_);
+  weights_.shrink_to_fit();
 }
 
 void PointCutter::Cut(int num_kept) {
@@ -130,7 +135,7 @@ void PointCutter::CutPoint(const StrongPairs& strong_pairs,
                            const ChunkRanges& chunk, size_t begin, size_t end) {
   struct Part {
     std::vector<int> blocks;
-    std::vector<std::pair<uint32_t, int>> observations;  // order, image
+    std::vector<std::pair<uint32_t, uint16_t>> observations;  // order, image
   };
   std::vector<Part> parts;
   for (size_t k = begin; k < end; ++k) {

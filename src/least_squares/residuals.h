@@ -14,6 +14,7 @@ namespace mgsfm {
 // The residuals r of a point x in the camera frame. Each is a struct
 // with
 //   Observation  the type in the problem
+//   Scalar       that of the measured values
 //   kDim         the dimension of r
 //   kHasCamera   whether r depends on camera parameters
 //   Measured()   the kDim measured values
@@ -22,14 +23,15 @@ namespace mgsfm {
 //                parameters, K = dr/d(parameters); row-major
 struct PixelResidual {
   using Observation = PixelObservation;
+  using Scalar = float;
   static constexpr int kDim = 2;
   static constexpr bool kHasCamera = true;
 
-  static const double* Measured(const Observation& o) { return o.pixel.data(); }
+  static const Scalar* Measured(const Observation& o) { return o.pixel.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose& pose,
                                            const double* x,
-                                           const double* measured, double* r) {
+                                           const Scalar* measured, double* r) {
     if (!pose.projection.project(pose.params, x, r)) return false;
     r[0] -= measured[0];
     r[1] -= measured[1];
@@ -38,7 +40,7 @@ struct PixelResidual {
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose& pose,
                                             const double* x,
-                                            const double* measured, double* r,
+                                            const Scalar* measured, double* r,
                                             double* P, double* K) {
     double all[2 * kMaxNumCameraParams];
     const int num_free = pose.num_free_params;
@@ -58,13 +60,14 @@ struct PixelResidual {
 
 struct RayResidual {
   using Observation = RayObservation;
+  using Scalar = double;
   static constexpr int kDim = 3;
   static constexpr bool kHasCamera = false;
 
-  static const double* Measured(const Observation& o) { return o.ray.data(); }
+  static const Scalar* Measured(const Observation& o) { return o.ray.data(); }
 
   static MGSFM_ALWAYS_INLINE bool Evaluate(const ImagePose&, const double* x,
-                                           const double* measured, double* r) {
+                                           const Scalar* measured, double* r) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;
     for (int i = 0; i < 3; ++i) r[i] = x[i] / norm - measured[i];
@@ -72,7 +75,7 @@ struct RayResidual {
   }
 
   static MGSFM_ALWAYS_INLINE bool Linearize(const ImagePose&, const double* x,
-                                            const double* measured, double* r,
+                                            const Scalar* measured, double* r,
                                             double* P, double*) {
     const double norm = std::sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
     if (!(norm > 1e-150)) return false;

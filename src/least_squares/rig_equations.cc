@@ -19,6 +19,8 @@ namespace {
 // Inexact steps converge almost as fast as exact ones. A step takes 17 products
 // on average (docs/results/design_measurements.md).
 constexpr double kConjugateGradientTolerance = 1e-2;
+// As many steps with half of the products, which take longer then.
+constexpr double kConjugateGradientToleranceIfCompact = 1e-1;
 constexpr int kMaxNumConjugateGradients = 500;  // as in Ceres
 // Sections of the values of the reduced matrix; chunks are merged into several
 // at a time. Enough for some tens of threads.
@@ -73,13 +75,13 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
       chunks_(structure_, context.num_threads),
       chunk_costs_(structure_.chunks.size()),
       chunk_sums_(structure_.chunks.size()),
-      matrix_(structure_.pattern.MakeMatrix()),
+      conjugate_gradient_tolerance_(solver == ReducedSolver::kCompact
+                                        ? kConjugateGradientToleranceIfCompact
+                                        : kConjugateGradientTolerance),
       solver_(context.num_threads) {
   const size_t num_points = problem.num_points();
   points_.resize(num_points);
   trial_points_.resize(num_points);
-  point_hessians_.resize(num_points);
-  point_gradients_.resize(num_points);
   steps_.twists.resize(problem.images.size());
   steps_.params.resize(problem.cameras.size());
   const int num_unknowns = structure_.num_unknowns;
@@ -96,9 +98,13 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
           position + static_cast<size_t>(i) * stride + i;
     }
   }
-  if (num_unknowns > 0) {
-    solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
-  }
+}
+
+// Not before the caller could free the observations.
+void RigEquationsBase::AllocateMatrix() {
+  if (matrix_.rows() == structure_.num_unknowns) return;
+  matrix_ = structure_.pattern.MakeMatrix();
+  solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
 }
 
 void RigEquationsBase::SetState(const RigState& state) {
@@ -137,6 +143,7 @@ double RigEquationsBase::Cost() {
 
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
+  AllocateMatrix();
   SetZero(context_.num_threads, &matrix_);
   gradient_.setZero();
   correction_.setZero();
@@ -225,7 +232,7 @@ bool RigEquationsBase::Solve() {
 
 bool RigEquationsBase::SolveByConjugateGradients() {
   return SolveByConjugateGradient(
-      rhs_, kConjugateGradientTolerance, kMaxNumConjugateGradients,
+      rhs_, conjugate_gradient_tolerance_, kMaxNumConjugateGradients,
       [this](const Eigen::VectorXd& x, Eigen::VectorXd* y) {
         context_.CheckInterrupted();
         Multiply(x, y);

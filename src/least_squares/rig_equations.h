@@ -31,10 +31,10 @@ namespace mgsfm {
 //
 // One pass over the observations linearises and eliminates. A second one steps
 // (with shortened steps of single points, see rig_solver.h) and evaluates the
-// new cost. Both compute the derivatives, which is faster than storing them; W
-// is never stored. The reduced matrix is factorised. If that is too expensive,
-// the matrix is applied without being formed, and that of cut points is the
-// preconditioner (docs/maths/least_squares.md).
+// new cost. Both compute the derivatives, which is faster than storing them; V
+// and W are never stored. The reduced matrix is factorised. If that is too
+// expensive, the matrix is applied without being formed, and that of cut points
+// is the preconditioner (docs/maths/least_squares.md).
 class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
@@ -82,11 +82,10 @@ class RigEquationsBase : public DampedProblem {
   double lambda_ = 0.0;
   std::vector<Eigen::Vector3d> points_, trial_points_;
   std::vector<ImagePose> poses_, trial_poses_;
-  std::vector<PointHessian> point_hessians_;      // V without damping
-  std::vector<Eigen::Vector3d> point_gradients_;  // g_p
   ImageSteps steps_;
 
  private:
+  void AllocateMatrix();
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const ChunkWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
@@ -102,6 +101,7 @@ class RigEquationsBase : public DampedProblem {
   OrderedChunks chunks_;
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
+  const double conjugate_gradient_tolerance_;
   Eigen::SparseMatrix<double> matrix_;
   std::vector<size_t> diagonal_position_;  // in its values
   SparseCholesky solver_;
@@ -134,13 +134,9 @@ class RigEquations : public RigEquationsBase {
   PassInput<R> Input() const {
     return {problem_, structure_, measured_, poses_, points_, lambda_};
   }
-  LinearizeOutput<R> Output() {
-    return {point_hessians_, point_gradients_, kept_, kept_size_};
-  }
 
-  std::vector<double> measured_;
-  std::vector<double> kept_;
-  size_t kept_size_ = 0;
+  std::vector<typename R::Scalar> measured_;
+  KeptDerivatives kept_;
 };
 
 extern template class RigEquations<PixelResidual>;

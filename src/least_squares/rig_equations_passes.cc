@@ -26,18 +26,18 @@ RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
     : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
   measured_.reserve(R::kDim * problem.observations.size());
   for (const uint32_t o : structure_.observation_order) {
-    const double* values = R::Measured(problem.observations[o]);
+    const typename R::Scalar* values = R::Measured(problem.observations[o]);
     measured_.insert(measured_.end(), values, values + R::kDim);
   }
   structure_.observation_order = std::vector<uint32_t>();
-  if (!structure_.is_iterative) return;
   int num_params = 0;
   for (const RigProblemBase::Camera& camera : problem.cameras) {
     num_params =
         std::max(num_params, static_cast<int>(camera.free_params.size()));
   }
-  kept_size_ = R::kDim * (3 + num_params);
-  kept_.resize(kept_size_ * problem.observations.size());
+  kept_.num_values = R::kDim * (3 + static_cast<size_t>(num_params));
+  if (!structure_.is_iterative || solver == ReducedSolver::kCompact) return;
+  kept_.observations.resize(kept_.num_values * problem.observations.size());
 }
 
 template <class R>
@@ -57,15 +57,13 @@ bool RigEquations<R>::LinearizeChunk(const ChunkRanges& chunk,
       structure_.pose_size == 6
           ? (HasAvx2() ? LinearizeChunkAvx2<R, 6> : LinearizeChunkAny<R, 6>)
           : (HasAvx2() ? LinearizeChunkAvx2<R, 3> : LinearizeChunkAny<R, 3>);
-  return function(Input(), chunk, Output(), workspace);
+  return function(Input(), chunk, &kept_, workspace);
 }
 
 template <class R>
 StepSums RigEquations<R>::StepChunk(const ChunkRanges& chunk) {
   const auto function = HasAvx2() ? StepChunkAvx2<R> : StepChunkAny<R>;
-  const StepInput<R> step = {point_hessians_, point_gradients_, steps_,
-                             trial_poses_};
-  return function(Input(), step, chunk, &trial_points_);
+  return function(Input(), {steps_, trial_poses_}, chunk, &trial_points_);
 }
 
 template <class R>
@@ -75,7 +73,7 @@ void RigEquations<R>::MultiplyChunk(const ChunkRanges& chunk,
       structure_.pose_size == 6
           ? (HasAvx2() ? MultiplyChunkAvx2<R, 6> : MultiplyChunkAny<R, 6>)
           : (HasAvx2() ? MultiplyChunkAvx2<R, 3> : MultiplyChunkAny<R, 3>);
-  function(Input(), Output(), steps_, chunk, workspace);
+  function(Input(), &kept_, steps_, chunk, workspace);
 }
 
 template class RigEquations<PixelResidual>;

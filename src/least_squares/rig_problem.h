@@ -46,7 +46,7 @@ struct RigState {
 // is Project(K, x) - pixel,
 struct PixelObservation {
   int image = 0;
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+  Eigen::Vector2f pixel = Eigen::Vector2f::Zero();  // as in Image
 };
 
 // or x / |x| - ray, which does not depend on a camera.

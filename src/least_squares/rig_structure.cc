@@ -29,6 +29,7 @@ constexpr double kAffordableFlopsPerObservation = 2e4;
 // Neighbours per block of the first preconditioner that is tried; half as many
 // each time its factor is too large.
 constexpr int kMaxNumStrongNeighbours = 64;
+constexpr int kMaxNumStrongNeighboursIfCompact = 16;
 
 using Pairs = std::vector<BlockPairKey>;
 
@@ -323,11 +324,12 @@ ReducedGraph MakeGraph(const RigProblemBase& problem, const RigStructure& s,
 // Cuts points until the factor of the preconditioner is affordable.
 ReducedGraph MakePreconditionerGraph(const RigProblemBase& problem,
                                      const Mask& is_border,
+                                     int max_num_neighbours,
                                      size_t num_observations, int num_threads,
                                      RigStructure* s) {
   PointCutter cutter(problem.points_are_free, is_border,
                      InseparablePairs(problem, *s, is_border), num_threads, s);
-  for (int num_kept = kMaxNumStrongNeighbours;; num_kept /= 2) {
+  for (int num_kept = max_num_neighbours;; num_kept /= 2) {
     cutter.Cut(num_kept);
     ReducedGraph graph = MakeGraph(problem, *s, is_border, num_threads);
     if (num_kept == 0 ||
@@ -427,14 +429,21 @@ RigStructure::RigStructure(const RigProblemBase& problem,
   const Mask is_border = ChooseBorder(problem, *this);
   BuildChunks(problem, image_of_observation, num_threads, this);
   const size_t num_observations = image_of_observation.size();
-  ReducedGraph graph = MakeGraph(problem, *this, is_border, num_threads);
-  is_iterative = solver == ReducedSolver::kAuto
-                     ? !IsAffordable(graph.order, pose_size, num_observations)
-                     : solver == ReducedSolver::kIterative;
+  ReducedGraph graph;
+  is_iterative =
+      solver == ReducedSolver::kIterative || solver == ReducedSolver::kCompact;
+  if (!is_iterative) {
+    graph = MakeGraph(problem, *this, is_border, num_threads);
+    is_iterative = solver == ReducedSolver::kAuto &&
+                   !IsAffordable(graph.order, pose_size, num_observations);
+  }
   if (is_iterative) {
     graph = ReducedGraph();  // frees its memory
-    graph = MakePreconditionerGraph(problem, is_border, num_observations,
-                                    num_threads, this);
+    graph = MakePreconditionerGraph(problem, is_border,
+                                    solver == ReducedSolver::kCompact
+                                        ? kMaxNumStrongNeighboursIfCompact
+                                        : kMaxNumStrongNeighbours,
+                                    num_observations, num_threads, this);
   }
   std::vector<Pairs> pairs_of_chunks = std::move(graph.pairs_of_chunks);
   PlaceBlocks(is_border, std::move(graph), this);

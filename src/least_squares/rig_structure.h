@@ -91,7 +91,7 @@ struct RigStructure {
   std::vector<int> point_order;
   std::vector<size_t> point_begin;          // in the new order
   std::vector<uint32_t> observation_order;  // may be cleared after use
-  std::vector<int> observation_image;       // in the images of the chunk
+  std::vector<uint16_t> observation_image;  // in the images of the chunk
   // Per observation: whether it begins a part of its point other than the
   // first. Empty if no point is cut.
   Mask observation_starts_part;

@@ -17,7 +17,7 @@ StrongPairs::StrongPairs(const std::vector<WeightedPair>& pairs, int num_blocks,
   };
   std::vector<std::vector<Neighbour>> all(num_blocks);
   for (const WeightedPair& pair : pairs) {
-    const int a = ColumnOf(pair.pair), b = RowOf(pair.pair);
+    const int a = pair.column, b = pair.row;
     all[a].push_back({b, pair.weight});
     all[b].push_back({a, pair.weight});
   }

@@ -8,10 +8,14 @@
 
 namespace mgsfm {
 
-// A pair of blocks, weighted by the number of points that they share.
+// A pair of blocks, weighted by the number of points that they share. There can
+// be millions of them.
 struct WeightedPair {
-  BlockPairKey pair = 0;
+  int column = 0;
+  int row = 0;
   int weight = 0;
+
+  BlockPairKey Key() const { return MakeBlockPairKey(column, row); }
 };
 
 // The weight of pairs that are always kept.

@@ -33,8 +33,8 @@ inline Eigen::Vector2d ProjectPoint(const BundleProblem& problem,
       .value();
 }
 
-// The problem of the ground truth with pixels in double precision; those of a
-// scene are single precision.
+// The problem of the ground truth without noise, but for the rounding of pixels
+// to single precision.
 inline BuiltProblem ExactProblem(const Simulation& simulation,
                                  const BundleAdjustmentOptions& options) {
   BuiltProblem built = BuildProblem(simulation.scene, simulation.ground_truth,
@@ -45,10 +45,19 @@ inline BuiltProblem ExactProblem(const Simulation& simulation,
          ++o) {
       auto& observation = problem.observations[o];
       observation.pixel = ProjectPoint(problem, built.state, observation.image,
-                                       built.state.points[p]);
+                                       built.state.points[p])
+                              .cast<float>();
     }
   }
   return built;
+}
+
+// The largest cost of the ground truth that the rounding of pixels below 2048
+// causes.
+inline double RoundingCost(const BundleProblem& problem) {
+  constexpr double kMaxRounding = 0x1p-14;
+  return static_cast<double>(problem.observations.size()) * kMaxRounding *
+         kMaxRounding;
 }
 
 // The tracks of the points as groups, `num_joined` points in each.

@@ -53,7 +53,8 @@ void AddPixelNoise(double sigma_px, double outlier_ratio, Random* random,
     const bool is_outlier = random->Uniform() < outlier_ratio;
     const double size = is_outlier ? 50.0 * sigma_px : sigma_px;
     observation.pixel +=
-        size * Eigen::Vector2d(random->Normal(), random->Normal());
+        (size * Eigen::Vector2d(random->Normal(), random->Normal()))
+            .cast<float>();
   }
 }
 
@@ -76,8 +77,8 @@ TEST_P(BundleSolverTest, ExactDataGiveTheTruth) {
   const SolveSummary summary =
       SolveRigProblem(built.problem, TightTolerances(), Threads(2), &state);
   EXPECT_EQ(summary.termination, Termination::kConverged) << summary.message;
-  EXPECT_LT(summary.final_cost, 1e-12);
-  EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-8);
+  EXPECT_LT(summary.final_cost, RoundingCost(built.problem));
+  EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-5);
 }
 
 TEST_P(BundleSolverTest, OptimumIsThatOfCeres) {
@@ -166,10 +167,10 @@ TEST(BundleSolverEdgeTest, ConstantPointsOrFramesDoNotMove) {
     if (points_are_constant) state.points = built.state.points;
     const SolveSummary summary =
         SolveRigProblem(built.problem, TightTolerances(), Threads(2), &state);
-    EXPECT_LT(summary.final_cost, 1e-12);
-    EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-8);
+    EXPECT_LT(summary.final_cost, RoundingCost(built.problem));
+    EXPECT_LT(MaxPoseDifference(built.problem, state, built.state), 1e-5);
     for (size_t p = 0; p < state.points.size(); ++p) {
-      EXPECT_LT((state.points[p] - built.state.points[p]).norm(), 1e-4);
+      EXPECT_LT((state.points[p] - built.state.points[p]).norm(), 1e-3);
     }
   }
 }

@@ -62,9 +62,10 @@ double SolveWithCeres(const BundleProblem& problem, BundleState* state) {
       FramePose& frame = state->frames[image.frame];
       Rigid3& sensor = state->sensors[image.sensor];
       ceres_problem.AddResidualBlock(
-          new ReprojectionCost(new ReprojectionError{
-              problem.cameras[image.camera].model,
-              state->cameras[image.camera].data(), observation.pixel}),
+          new ReprojectionCost(
+              new ReprojectionError{problem.cameras[image.camera].model,
+                                    state->cameras[image.camera].data(),
+                                    observation.pixel.cast<double>()}),
           new ceres::HuberLoss(problem.loss.scale),
           frame.rig_from_world.coeffs().data(), frame.center.data(),
           sensor.rotation.coeffs().data(), sensor.translation.data(),

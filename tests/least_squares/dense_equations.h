@@ -32,7 +32,7 @@ inline Eigen::VectorXd ObservationResidual(const RigProblemBase& problem,
                         state.cameras[camera].data(),
                         PointInCamera(problem, state, o.image, point))
              .value() -
-         o.pixel;
+         o.pixel.cast<double>();
 }
 
 inline Eigen::VectorXd ObservationResidual(const RigProblemBase& problem,

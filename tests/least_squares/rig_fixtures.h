@@ -142,18 +142,18 @@ inline RigScene<PixelObservation> MakePixelScene(
   RigScene<PixelObservation> scene;
   Random random(options.seed);
   AddPosesAndImages(options, &random, &scene.problem, &scene.truth);
-  AddPoints(options, &random, &scene.problem, &scene.truth,
-            [&](int image, const Eigen::Vector3d& x) {
-              const int camera = scene.problem.images[image].camera;
-              auto pixel =
-                  ProjectToPixel(scene.problem.cameras[camera].model,
-                                 scene.truth.cameras[camera].data(), x);
-              if (!pixel) return false;
-              *pixel += options.noise_px *
-                        Eigen::Vector2d(random.Normal(), random.Normal());
-              scene.problem.observations.push_back({image, *pixel});
-              return true;
-            });
+  AddPoints(
+      options, &random, &scene.problem, &scene.truth,
+      [&](int image, const Eigen::Vector3d& x) {
+        const int camera = scene.problem.images[image].camera;
+        auto pixel = ProjectToPixel(scene.problem.cameras[camera].model,
+                                    scene.truth.cameras[camera].data(), x);
+        if (!pixel) return false;
+        *pixel += options.noise_px *
+                  Eigen::Vector2d(random.Normal(), random.Normal());
+        scene.problem.observations.push_back({image, pixel->cast<float>()});
+        return true;
+      });
   return scene;
 }
 

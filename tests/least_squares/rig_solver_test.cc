@@ -92,20 +92,27 @@ TEST_P(EachModelTest, OptimumIsThatOfCeres) {
   }
 }
 
+constexpr ReducedSolver kIterativeSolvers[] = {ReducedSolver::kIterative,
+                                               ReducedSolver::kCompact};
+
 TEST_P(EachModelTest, IterativeOptimumIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
-  iterative.reduced_solver = ReducedSolver::kIterative;
-  ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
+  for (const ReducedSolver solver : kIterativeSolvers) {
+    iterative.reduced_solver = solver;
+    ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
+  }
 }
 
 TEST(RigSolverTest, OptimumOfCutPointsIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
-  iterative.reduced_solver = ReducedSolver::kIterative;
-  RigSceneOptions options = SceneOfLongTracks();
-  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
-  options.rotations_are_free = false;
-  ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
-  ExpectSameOptimum(MakeRayScene(options, 0.005), iterative, Tight());
+  for (const ReducedSolver solver : kIterativeSolvers) {
+    iterative.reduced_solver = solver;
+    RigSceneOptions options = SceneOfLongTracks();
+    ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+    options.rotations_are_free = false;
+    ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
+    ExpectSameOptimum(MakeRayScene(options, 0.005), iterative, Tight());
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -176,15 +183,16 @@ TEST(RigSolverTest, ThreadsDoNotChangeABit) {
   options.params_are_free = true;
   const RigScene<PixelObservation> pixels = MakePixelScene(options);
   const RigScene<RayObservation> rays = MakeRayScene(options, 0.005);
-  for (const auto solver :
-       {ReducedSolver::kDirect, ReducedSolver::kIterative}) {
+  for (const auto solver : {ReducedSolver::kDirect, ReducedSolver::kIterative,
+                            ReducedSolver::kCompact}) {
     ExpectSameBits(pixels, solver);
     ExpectSameBits(rays, solver);
   }
   ExpectSameBits(pixels, ReducedSolver::kDirect, SolverBackend::kCeres);
   ExpectSameBits(rays, ReducedSolver::kDirect, SolverBackend::kCeres);
-  ExpectSameBits(MakePixelScene(SceneOfLongTracks()),
-                 ReducedSolver::kIterative);
+  for (const ReducedSolver solver : kIterativeSolvers) {
+    ExpectSameBits(MakePixelScene(SceneOfLongTracks()), solver);
+  }
 }
 
 TEST(RigSolverTest, CanSolveAgainWithOtherValues) {

@@ -9,15 +9,10 @@
 namespace mgsfm {
 namespace {
 
-WeightedPair Weighted(int a, int b, int weight) {
-  return {MakeBlockPairKey(a, b), weight};
-}
-
 TEST(StrongPairsTest, KeepsTheHeaviestOfEitherBlock) {
   // A star and one separate pair.
-  const std::vector<WeightedPair> pairs = {Weighted(0, 1, 3), Weighted(0, 2, 5),
-                                           Weighted(0, 3, 4),
-                                           Weighted(1, 2, 9)};
+  const std::vector<WeightedPair> pairs = {
+      {0, 1, 3}, {0, 2, 5}, {0, 3, 4}, {1, 2, 9}};
   const StrongPairs strong(pairs, 5, 1);
   EXPECT_TRUE(strong.Contains(0, 2));   // of 0
   EXPECT_TRUE(strong.Contains(1, 2));   // of 1 and of 2
@@ -30,7 +25,7 @@ TEST(StrongPairsTest, KeepsTheHeaviestOfEitherBlock) {
 TEST(StrongPairsTest, TiesPreferCloseIndices) {
   std::vector<WeightedPair> pairs;
   for (int a = 0; a < 12; ++a) {
-    for (int b = a + 1; b < 12; ++b) pairs.push_back(Weighted(a, b, 7));
+    for (int b = a + 1; b < 12; ++b) pairs.push_back({a, b, 7});
   }
   const StrongPairs strong(pairs, 12, 4);
   for (int a = 2; a < 10; ++a) {
@@ -42,7 +37,7 @@ TEST(StrongPairsTest, TiesPreferCloseIndices) {
 
 TEST(StrongPairsTest, InfiniteWeightsAreKept) {
   const std::vector<WeightedPair> pairs = {
-      Weighted(0, 1, 8), Weighted(0, 2, kInfiniteWeight), Weighted(1, 2, 8)};
+      {0, 1, 8}, {0, 2, kInfiniteWeight}, {1, 2, 8}};
   const StrongPairs strong(pairs, 3, 0);
   EXPECT_TRUE(strong.Contains(0, 2));
   EXPECT_FALSE(strong.Contains(0, 1));
