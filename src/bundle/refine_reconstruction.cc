@@ -123,7 +123,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
   const BundleRound round =
       StartRound(input, result->estimate, num_rounds_left);
   Retriangulate(input.scene,
-                input.candidates(result->estimate, round.max_error_px),
+                *input.candidates(result->estimate, round.max_error_px),
                 FilterOf(input, round, result->estimate),
                 input.context.num_threads, &result->estimate);
   FinishRound(round, input.context, result);
@@ -225,7 +225,7 @@ Reconstruction TriangulateCandidates(const Scene& scene,
                                      const Context& context) {
   Reconstruction model = initial;
   const double max_error_px = options.max_max_error_px;
-  Retriangulate(scene, candidates(model, max_error_px),
+  Retriangulate(scene, *candidates(model, max_error_px),
                 MakeFilterOptions(scene, model, options, max_error_px, context),
                 context.num_threads, &model);
   return model;

@@ -250,6 +250,31 @@ class GroupLookup {
   std::vector<int> group_;
 };
 
+// Replaces old points by new ones some groups at a time, so that a model is not
+// in memory twice.
+constexpr size_t kGroupsAtATime = 4096;
+
+// The new points of the groups [begin, end).
+std::vector<std::vector<Point3D>> TriangulateGroups(
+    const Scene& scene, const std::vector<ImageView>& views,
+    const ObservationGroups& groups, size_t begin, size_t end,
+    const IndexGroups& points_of_group, const std::vector<Point3D>& old,
+    const PointFilterOptions& options, int num_threads) {
+  std::vector<std::vector<Point3D>> points(end - begin);
+  ParallelFor(points.size(), num_threads, [&](size_t i) {
+    const size_t g = begin + i;
+    std::vector<Eigen::Vector3d> old_points;
+    for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
+         ++k) {
+      old_points.push_back(old[points_of_group.items[k]].point_in_world);
+    }
+    points[i] = TriangulateGroup(
+        CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
+        old_points, options);
+  });
+  return points;
+}
+
 }  // namespace
 
 void Retriangulate(const Scene& scene, const ObservationGroups& groups,
@@ -261,35 +286,35 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
       num_threads, reconstruction);
   const GroupLookup lookup(scene, groups);
   std::vector<int> group_of_point;
+  group_of_point.reserve(reconstruction->points.size());
   for (const Point3D& point : reconstruction->points) {
     group_of_point.push_back(lookup.FindAny(point));
   }
   const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
 
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
-  std::vector<std::vector<Point3D>> points(groups.size());
-  ParallelFor(groups.size(), num_threads, [&](size_t g) {
-    std::vector<Eigen::Vector3d> old_points;
-    for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
-         ++k) {
-      old_points.push_back(
-          reconstruction->points[points_of_group.items[k]].point_in_world);
-    }
-    points[g] = TriangulateGroup(
-        CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
-        old_points, options);
-  });
-
-  std::vector<Point3D>& result = reconstruction->points;
-  size_t num_kept = 0;
-  for (size_t i = 0; i < result.size(); ++i) {
-    if (group_of_point[i] == kNoGroup) std::swap(result[num_kept++], result[i]);
+  std::vector<Point3D> old = std::move(reconstruction->points);
+  std::vector<Point3D>& kept = reconstruction->points;
+  kept.clear();
+  for (size_t i = 0; i < old.size(); ++i) {
+    if (group_of_point[i] == kNoGroup) kept.push_back(std::move(old[i]));
   }
-  result.resize(num_kept);
   FilterPoints(scene, options, num_threads, reconstruction);
-  for (std::vector<Point3D>& of_group : points) {
-    for (Point3D& point : of_group) result.push_back(std::move(point));
+  std::vector<Point3D> result = std::move(kept);
+  result.reserve(result.size() + groups.size());
+  for (size_t begin = 0; begin < groups.size(); begin += kGroupsAtATime) {
+    const size_t end = std::min(groups.size(), begin + kGroupsAtATime);
+    for (std::vector<Point3D>& of_group :
+         TriangulateGroups(scene, views, groups, begin, end, points_of_group,
+                           old, options, num_threads)) {
+      for (Point3D& point : of_group) result.push_back(std::move(point));
+    }
+    for (size_t k = points_of_group.begin[begin];
+         k < points_of_group.begin[end]; ++k) {
+      old[points_of_group.items[k]].track = std::vector<Observation>();
+    }
   }
+  reconstruction->points = std::move(result);
 }
 
 }  // namespace mgsfm

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/candidates.h"
 
+#include <memory>
 #include <utility>
 
 #include "mgsfm/base/mask.h"
@@ -15,11 +16,11 @@ CandidateSource MakeCandidateSource(const Scene& scene,
   return [&scene, &view_graph, &options, &context,
           pair_is_used = std::move(pair_is_used)](const Reconstruction& model,
                                                   double max_error_px) {
-    return EstablishCandidates(
+    return std::make_shared<const ObservationGroups>(EstablishCandidates(
         scene, view_graph,
         SelectConsistentMatches(scene, view_graph, pair_is_used, model,
                                 max_error_px, options.match_selection, context),
-        options.tracks, context);
+        options.tracks, context));
   };
 }
 

@@ -320,7 +320,7 @@ void RetriangulatePoints(const SoftRigInput& input, int num_rounds_left,
                          SoftRigState* state) {
   const double max_error_px = MaxErrorOfRound(input, *state, num_rounds_left);
   Reconstruction& model = state->model.separate;
-  Retriangulate(input.separate, input.candidates(model, max_error_px),
+  Retriangulate(input.separate, *input.candidates(model, max_error_px),
                 MakeFilterOptions(input.separate, model, input.bundle_options,
                                   max_error_px, input.context),
                 input.context.num_threads, &model);

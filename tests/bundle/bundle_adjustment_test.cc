@@ -490,5 +490,27 @@ TEST(AdjustBundleTest, OrderOfPointsDoesNotMatter) {
   EXPECT_LT(difference.max_rotation_deg, 1e-6);
 }
 
+// A loop, whose first and last frames share points.
+TEST(AdjustBundleTest, LittleMemoryReachesTheSameOptimum) {
+  const Simulation simulation =
+      Simulate(NoisyScene(RigPreset::kStereo, PathPreset::kLoop));
+  const Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.01, 5);
+  BundleAdjustmentOptions options;
+  options.function_tolerance = 1e-13;
+  const BundleResult fast =
+      AdjustBundle(simulation.scene, initial, options, Threads(2));
+  options.saves_memory = true;
+  const BundleResult small =
+      AdjustBundle(simulation.scene, initial, options, Threads(2));
+  EXPECT_NEAR(small.summary.solves.at(0).final_cost,
+              fast.summary.solves.at(0).final_cost,
+              1e-8 * fast.summary.solves.at(0).final_cost);
+  const ModelDifference difference =
+      CompareModels(simulation.scene, fast.estimate, small.estimate);
+  EXPECT_LT(difference.max_position, 1e-4);
+  EXPECT_LT(difference.max_rotation_deg, 1e-4);
+}
+
 }  // namespace
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -193,6 +194,10 @@ struct BundleAdjustmentOptions {
       "min_num_observations_per_frame", 6, AtLeast(0), "observations",
       "Frames with fewer observations are reported as weak."};
 
+  // Not an option of commands, which set it to keep a limit of memory: solve
+  // with as little memory as possible, in about twice the time.
+  bool saves_memory = false;
+
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(backend, max_num_iterations, function_tolerance, loss_scale_px,
@@ -290,14 +295,14 @@ struct RefinementStore {
 // Returns groups of keypoints that can be observations of one point. The model,
 // with reprojection errors up to max_error_px, helps to separate points. A
 // group has at most one keypoint per image.
-using CandidateSource = std::function<ObservationGroups(
+using CandidateSource = std::function<std::shared_ptr<const ObservationGroups>(
     const Reconstruction& model, double max_error_px)>;
 
 // Returns the same groups for every model.
 inline CandidateSource FixedCandidates(ObservationGroups groups) {
-  return [groups = std::move(groups)](const Reconstruction&, double) {
-    return groups;
-  };
+  return
+      [shared = std::make_shared<const ObservationGroups>(std::move(groups))](
+          const Reconstruction&, double) { return shared; };
 }
 
 // The complete stage:
