@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include "base/memory.h"
 #include "command.h"
 #include "commands.h"
 #include "live_view.h"
@@ -66,6 +67,7 @@ struct MapperCommandOptions {
 
 int RunMapperCommand(const MapperCommandOptions& options,
                      const Context& context) {
+  if (options.max_memory_mib > 0) ReturnLargeBlocks();
   const auto live = LiveView::Start(options.live, options.output_path, context);
   const MapperRun run{
       options.database_path,   options.output_path,      options.image_path,

@@ -39,6 +39,10 @@ struct ModelMergerOptions {
       "With graph: database with the matches, for loop closures between "
       "clusters. It is only read."};
   Option<bool> refine{"refine", true, "With graph: adjust the joined models."};
+  Option<int> max_memory_mib{
+      "max_memory", 0, AtLeast(0), "MiB",
+      "With graph: adjust the joined models within this memory, more slowly if "
+      "necessary. 0: no limit."};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of common images, or of cameras in common frames."};
@@ -55,7 +59,7 @@ struct ModelMergerOptions {
   void Describe(Visitor& visit) {
     visit(input_path1, input_path2, output_path, min_common_images,
           max_reproj_error, output_format, rigs, graph, input_path,
-          cluster_path, database_path, refine);
+          cluster_path, database_path, refine, max_memory_mib);
     visit.Group("Join", join);
     visit.Group("BundleAdjustment", bundle_adjustment);
   }
@@ -83,8 +87,9 @@ int JoinGraph(const ModelMergerOptions& options, const Context& context) {
   }
   return JoinClusters(
       {options.input_path, options.cluster_path, options.database_path,
-       options.output_path, options.refine, options.output_format, options.rigs,
-       options.join, options.bundle_adjustment},
+       options.output_path, options.refine, options.max_memory_mib,
+       options.output_format, options.rigs, options.join,
+       options.bundle_adjustment},
       context);
 }
 

@@ -2,18 +2,23 @@
 #include "sub_map_run.h"
 
 #include <algorithm>
+#include <cstring>
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <system_error>
 #include <utility>
 #include <vector>
 
+#include "base/file_reading.h"
+#include "base/memory.h"
 #include "command.h"
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
 #include "io/files/staged_output.h"
+#include "memory_limit.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "mgsfm/base/version.h"
@@ -160,14 +165,58 @@ JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
                      context);
 }
 
-BundleSummary Adjust(const SubMapRun& run, SceneModel* joined,
+template <class Item>
+void AppendBytes(const std::vector<Item>& items, std::string* bytes) {
+  bytes->append(reinterpret_cast<const char*>(items.data()),
+                items.size() * sizeof(Item));
+}
+
+template <class Item>
+void TakeBytes(const std::string& bytes, size_t* position,
+               std::vector<Item>* items) {
+  std::memcpy(items->data(), bytes.data() + *position,
+              items->size() * sizeof(Item));
+  *position += items->size() * sizeof(Item);
+}
+
+// Returns the tracks of a model, which are in a file until then.
+CandidateSource TracksInFile(const Reconstruction& model,
+                             const fs::path& path) {
+  const ObservationGroups tracks = GroupTracks(model);
+  std::string bytes;
+  bytes.reserve(tracks.offsets.size() * sizeof(size_t) +
+                tracks.observations.size() * sizeof(Observation));
+  AppendBytes(tracks.offsets, &bytes);
+  AppendBytes(tracks.observations, &bytes);
+  WriteFile(path, bytes);
+  return [path, num_offsets = tracks.offsets.size(),
+          num_observations = tracks.observations.size()](const Reconstruction&,
+                                                         double) {
+    const std::string content = ReadFile(path);
+    auto groups = std::make_shared<ObservationGroups>();
+    groups->offsets.resize(num_offsets);
+    groups->observations.resize(num_observations);
+    MGSFM_CHECK_EQ(content.size(), num_offsets * sizeof(size_t) +
+                                       num_observations * sizeof(Observation));
+    size_t position = 0;
+    TakeBytes(content, &position, &groups->offsets);
+    TakeBytes(content, &position, &groups->observations);
+    return groups;
+  };
+}
+
+BundleSummary Adjust(const BundleAdjustmentOptions& options,
+                     const fs::path& folder, SceneModel* joined,
                      const Context& context) {
   Reconstruction& model = joined->reconstruction;
-  const CandidateSource tracks = FixedCandidates(GroupTracks(model));
-  BundleResult result =
-      RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
-                           run.bundle_adjustment, context);
+  const fs::path file = folder / "tracks";
+  const CandidateSource tracks = options.saves_memory
+                                     ? TracksInFile(model, file)
+                                     : FixedCandidates(GroupTracks(model));
+  BundleResult result = RefineReconstruction(
+      joined->scene, tracks, std::exchange(model, {}), options, context);
   model = std::move(result.estimate);
+  fs::remove(file);
   return std::move(result.summary);
 }
 
@@ -255,17 +304,34 @@ void LogMissing(const SubMapFiles& files, const Context& context) {
 
 // Adjusts a joined model and writes it into the folder. Returns its entry in
 // the report.
-Json FinishModel(const SubMapRun& run, const fs::path& folder,
-                 const std::vector<int>& sub_maps, SceneModel* model,
-                 const Context& context) {
+Json FinishModel(const SubMapRun& run, const BundleAdjustmentOptions& options,
+                 const fs::path& folder, const std::vector<int>& sub_maps,
+                 SceneModel* model, const Context& context) {
   CheckFormat(model->scene, run.output_format);
   std::optional<BundleSummary> bundle;
-  if (run.adjusts) bundle = Adjust(run, model, context);
+  if (run.adjusts) bundle = Adjust(options, folder, model, context);
   WriteModel(folder, model->scene, model->reconstruction, run.output_format,
              context);
   WriteRigConfig((folder / "rig_config.json").string(), model->scene,
                  model->reconstruction);
   return DescribeModel(AnalyzeModel(*model), sub_maps, bundle);
+}
+
+BundleAdjustmentOptions AdjustmentOptions(const SubMapRun& run,
+                                          const std::vector<SceneModel>& models,
+                                          const Context& context) {
+  BundleAdjustmentOptions options = run.bundle_adjustment;
+  options.saves_memory =
+      run.adjusts && MustSaveMemory(models, run.max_memory_mib);
+  if (options.saves_memory) {
+    if (options.backend != SolverBackend::kNative) {
+      throw Error(
+          "only the native solver keeps --max_memory; set "
+          "--BundleAdjustment.backend native");
+    }
+    context.Info("bundle adjustment recomputes what does not fit the memory");
+  }
+  return options;
 }
 
 // "12 frames, 48 images and 3600 points of 3 sub-maps".
@@ -286,6 +352,7 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
     throw Error("'" + run.output_path +
                 "' holds the sub-maps; choose another --output_path");
   }
+  ReturnLargeBlocks();
   StagedOutput output(run.output_path);
   const SubMapFiles files = FindSubMaps(run);
   LogMissing(files, context);
@@ -299,11 +366,13 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
   LogEdges(files, joined, context);
   Json report = DescribeSubMaps(files, joined);
   report["models"] = Json::array();
+  const BundleAdjustmentOptions options =
+      AdjustmentOptions(run, joined.models, context);
   for (size_t i = 0; i < joined.models.size(); ++i) {
     const fs::path folder = output.StagingDir() / std::to_string(i);
     fs::create_directory(folder);
-    report["models"].push_back(FinishModel(run, folder, joined.sub_maps[i],
-                                           &joined.models[i], context));
+    report["models"].push_back(FinishModel(
+        run, options, folder, joined.sub_maps[i], &joined.models[i], context));
     context.Info("model " + std::to_string(i) + ": " +
                  DescribeEntry(report["models"].back()));
   }

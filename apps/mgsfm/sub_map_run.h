@@ -17,6 +17,7 @@ struct SubMapRun {
   std::string database_path;  // for matches across clusters; may be empty
   std::string output_path;
   bool adjusts = true;
+  int max_memory_mib = 0;  // of the adjustment; 0: not limited
   ModelFormat output_format = ModelFormat::kBinary;
   ToolRigOptions rigs;
   JoinOptions join;

@@ -88,6 +88,30 @@ TEST_F(SubMapCommands, JoinedClustersAreAsGoodAsOneModel) {
   EXPECT_TRUE(report["missing_clusters"].empty());
 }
 
+TEST_F(SubMapCommands, LimitOfMemoryDoesNotChangeTheResult) {
+  MapAll(Partition(3));
+  Join();
+  const std::string join = JoinTo("small") + " --max_memory ";
+  const CommandOutput refused = RunMgsfm(join + "71");
+  EXPECT_EQ(refused.exit_code, 1);
+  const std::string message = LastWord(refused);
+  EXPECT_THAT(message, HasSubstr("--max_memory allows 71; allow more"));
+  EXPECT_FALSE(fs::exists(Path("small")));
+  const std::string about = "needs about ";
+  const CommandOutput output =
+      Run(join + message.substr(message.find(about) + about.size(), 2));
+  EXPECT_THAT(output.err, HasSubstr("recomputes"));
+  EXPECT_FALSE(fs::exists(Path("small/0/tracks")));
+  ExpectAsGood(Path("small/0"), Path("joined/0"));
+  const auto final_cost = [&](const std::string& name) {
+    const Json report = Json::parse(ReadTextFile(Path(name + "/report.json")));
+    return report["models"][0]["adjustment"].back()["final_cost"].get<double>();
+  };
+  // Both stop at a relative decrease of 1e-6.
+  EXPECT_NEAR(final_cost("small"), final_cost("joined"),
+              1e-4 * final_cost("joined"));
+}
+
 TEST_F(SubMapCommands, FailedClusterIsReportedAndTheRestDelivered) {
   const Json clusters = Partition(4);
   const int failing = clusters["calibration_clusters"][0] == 0 ? 1 : 0;

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+namespace mgsfm {
+
+// From now on, large blocks of memory return to the system as soon as they are
+// freed. By default, the C library of Linux may keep blocks of up to 32 MiB,
+// which leaves holes between small ones. Does nothing on other systems.
+void ReturnLargeBlocks();
+
+}  // namespace mgsfm
