@@ -21,9 +21,10 @@ using Json = nlohmann::ordered_json;
 
 constexpr int kVersion = 1;  // of clusters.json
 
-LoadedScene LoadMatches(const MapperRun& run, const Context& context) {
+LoadedMatches LoadListedMatches(const MapperRun& run, const Context& context) {
   DatabaseSelection selection;
   selection.has_keypoints = false;
+  selection.has_geometries = false;
   if (!run.image_list_path.empty()) {
     const auto listed = ReadImageList(run.image_list_path);
     selection.image_names.insert(listed.begin(), listed.end());
@@ -33,7 +34,7 @@ LoadedScene LoadMatches(const MapperRun& run, const Context& context) {
   if (!selection.image_names.empty()) {
     KeepListedImages(selection.image_names, run.image_list_path, &contents);
   }
-  return LoadScene(std::move(contents), run.loading, context);
+  return LoadMatches(std::move(contents), run.loading, context);
 }
 
 std::string FileName(size_t cluster) {
@@ -116,9 +117,9 @@ int PartitionDatabase(const MapperRun& run, const PartitionOptions& options,
         "' holds models; choose another --output_path for the clusters");
   }
   StagedOutput output(run.output_path);
-  const LoadedScene loaded = LoadMatches(run, context);
+  LoadedMatches loaded = LoadListedMatches(run, context);
   const ViewGraphPartition partition =
-      PartitionViewGraph(loaded.scene, loaded.view_graph,
+      PartitionViewGraph(loaded.scene, std::move(loaded.pairs),
                          run.mapper.pair_filtering, options, context);
   if (partition.clusters.empty()) {
     context.log(LogLevel::kError,

@@ -25,7 +25,7 @@ struct FrameLink {
 
 std::vector<FrameLink> LinksOfRigs(
     const std::vector<FramePairIndex::FramePair>& frame_pairs,
-    const ViewGraph& view_graph, const TemporalOrder& order) {
+    const std::vector<MatchedImages>& pairs, const TemporalOrder& order) {
   std::vector<FrameLink> links;
   for (const FramePairIndex::FramePair& frames : frame_pairs) {
     const auto gap = order.Gap(frames.frame_idx1, frames.frame_idx2);
@@ -33,7 +33,7 @@ std::vector<FrameLink> LinksOfRigs(
     links.push_back(
         {frames.frame_idx1, frames.frame_idx2, 0, *gap <= kMaxNeighbourGap});
     for (const size_t i : frames.pair_idxs) {
-      links.back().num_matches += view_graph.pairs[i].matches.size();
+      links.back().num_matches += pairs[i].num_matches;
     }
   }
   return links;
@@ -83,16 +83,30 @@ bool IsSequence(const std::vector<FrameLink>& links, int num_frames) {
               kMaxShareInRandomOrder);
 }
 
+std::vector<MatchedImages> CountMatches(const ViewGraph& view_graph) {
+  std::vector<MatchedImages> pairs;
+  pairs.reserve(view_graph.pairs.size());
+  for (const ImagePair& pair : view_graph.pairs) {
+    pairs.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
+  }
+  return pairs;
+}
+
 }  // namespace
 
 FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                                SequenceMode sequence)
+    : FramePairIndex(scene, CountMatches(view_graph), sequence) {}
+
+FramePairIndex::FramePairIndex(const Scene& scene,
+                               const std::vector<MatchedImages>& pairs,
+                               SequenceMode sequence)
     : num_frames_(static_cast<int>(scene.frames.size())),
-      frame_pair_of_pair_(view_graph.pairs.size()) {
+      frame_pair_of_pair_(pairs.size()) {
   std::vector<std::tuple<int, int, size_t>> order;
-  order.reserve(view_graph.pairs.size());
-  for (size_t i = 0; i < view_graph.pairs.size(); ++i) {
-    const ImagePair& pair = view_graph.pairs[i];
+  order.reserve(pairs.size());
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const MatchedImages& pair = pairs[i];
     const auto [low, high] =
         std::minmax({scene.images[pair.image_idx1].frame_idx,
                      scene.images[pair.image_idx2].frame_idx});
@@ -110,7 +124,7 @@ FramePairIndex::FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
   if (sequence == SequenceMode::kNo) return;
   TemporalOrder order_of_frames(scene);
   if (sequence == SequenceMode::kAuto &&
-      !IsSequence(LinksOfRigs(frame_pairs_, view_graph, order_of_frames),
+      !IsSequence(LinksOfRigs(frame_pairs_, pairs, order_of_frames),
                   num_frames_)) {
     return;
   }

@@ -16,6 +16,13 @@ namespace mgsfm {
 // of sequential matching.
 constexpr int kMaxSequentialGap = 10;
 
+// The part of an ImagePair that the index needs.
+struct MatchedImages {
+  int image_idx1 = 0;
+  int image_idx2 = 0;
+  size_t num_matches = 0;
+};
+
 // The pairs of a view graph by the frames of their images. All rules of pair
 // filtering share one index.
 class FramePairIndex {
@@ -36,6 +43,8 @@ class FramePairIndex {
   // O(n log n) for n pairs.
   FramePairIndex(const Scene& scene, const ViewGraph& view_graph,
                  SequenceMode sequence = SequenceMode::kAuto);
+  FramePairIndex(const Scene& scene, const std::vector<MatchedImages>& pairs,
+                 SequenceMode sequence);
 
   int num_frames() const { return num_frames_; }
   bool is_sequence() const { return order_.has_value(); }

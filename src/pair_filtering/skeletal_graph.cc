@@ -35,12 +35,11 @@ struct Skeleton {
   }
 };
 
-// A pair without known matches counts as one match.
 std::vector<int> CountMatches(const ViewGraph& view_graph) {
   std::vector<int> num_matches;
   num_matches.reserve(view_graph.pairs.size());
   for (const ImagePair& pair : view_graph.pairs) {
-    num_matches.push_back(std::max(1, static_cast<int>(pair.matches.size())));
+    num_matches.push_back(static_cast<int>(pair.matches.size()));
   }
   return num_matches;
 }
@@ -160,17 +159,34 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
 Mask SelectSkeletalGraph(const FramePairIndex& index,
                          const ViewGraph& view_graph, const Mask& pair_is_used,
                          const PairFilteringOptions& options, int num_threads) {
-  MGSFM_CHECK_EQ(index.num_pairs(), view_graph.pairs.size());
   MGSFM_CHECK_EQ(pair_is_used.size(), view_graph.pairs.size());
+  std::vector<int> num_triplet_consistent;
+  if (options.use_triplet_support) {
+    num_triplet_consistent =
+        CountTripletConsistentMatches(view_graph, pair_is_used, num_threads);
+  }
+  return SelectSkeletalGraph(index, CountMatches(view_graph),
+                             num_triplet_consistent, pair_is_used, options);
+}
+
+Mask SelectSkeletalGraph(const FramePairIndex& index,
+                         const std::vector<int>& num_matches,
+                         const std::vector<int>& num_triplet_consistent,
+                         const Mask& pair_is_used,
+                         const PairFilteringOptions& options) {
+  MGSFM_CHECK_EQ(index.num_pairs(), num_matches.size());
+  MGSFM_CHECK_EQ(pair_is_used.size(), num_matches.size());
   Skeleton skeleton{Mask(pair_is_used.size(), false),
                     UnionFind(static_cast<size_t>(index.num_frames()))};
   SelectPairsWithinFrames(index, pair_is_used, &skeleton);
   std::vector<std::vector<int>> supports;
   if (options.use_triplet_support) {
-    supports.push_back(
-        CountTripletConsistentMatches(view_graph, pair_is_used, num_threads));
+    MGSFM_CHECK_EQ(num_triplet_consistent.size(), num_matches.size());
+    supports.push_back(num_triplet_consistent);
   }
-  supports.push_back(CountMatches(view_graph));
+  supports.push_back(num_matches);
+  // A pair without known matches counts as one match.
+  for (int& support : supports.back()) support = std::max(1, support);
   const std::vector<Mask> rounds = CandidatesOfRounds(index, pair_is_used);
   for (const std::vector<int>& support : supports) {
     for (size_t i = 0; i + 1 < rounds.size(); ++i) {

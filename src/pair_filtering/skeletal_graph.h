@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <vector>
+
 #include "mgsfm/base/mask.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
 #include "mgsfm/scene/view_graph.h"
@@ -36,5 +38,13 @@ namespace mgsfm {
 Mask SelectSkeletalGraph(const FramePairIndex& index,
                          const ViewGraph& view_graph, const Mask& pair_is_used,
                          const PairFilteringOptions& options, int num_threads);
+
+// The same for known numbers of matches and of triplet-consistent ones, per
+// pair.
+Mask SelectSkeletalGraph(const FramePairIndex& index,
+                         const std::vector<int>& num_matches,
+                         const std::vector<int>& num_triplet_consistent,
+                         const Mask& pair_is_used,
+                         const PairFilteringOptions& options);
 
 }  // namespace mgsfm

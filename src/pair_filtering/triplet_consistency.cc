@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
+#include <utility>
 
 #include "base/parallel.h"
 #include "math/sorted_adjacency.h"
@@ -60,6 +62,80 @@ std::vector<size_t> FirstMatches(const ViewGraph& view_graph) {
   return first;
 }
 
+bool IsBefore(const Match& a, const Match& b) {
+  return std::tie(a.keypoint_idx1, a.keypoint_idx2) <
+         std::tie(b.keypoint_idx1, b.keypoint_idx2);
+}
+
+// The triplets of keypoints in triangles of images.
+class TripletMarker {
+ public:
+  // Pairs and their matches are sorted. They must outlive this object.
+  explicit TripletMarker(const std::vector<PairMatches>& pairs)
+      : pairs_(pairs) {
+    for (const PairMatches& pair : pairs) {
+      first_match_.push_back(first_match_.back() + pair.matches.size());
+    }
+    is_consistent_.resize(first_match_.back(), false);
+  }
+
+  // Marks the matches of three images a < b < c that form triplets. The
+  // arguments are the pairs of (a, b), (a, c) and (b, c).
+  void Mark(size_t ab, size_t ac, size_t bc) {
+    const std::vector<Match>& of_ab = pairs_[ab].matches;
+    const std::vector<Match>& of_ac = pairs_[ac].matches;
+    size_t k = 0;
+    for (size_t i = 0; i < of_ab.size(); ++i) {
+      const uint32_t keypoint_idx = of_ab[i].keypoint_idx1;
+      while (k < of_ac.size() && of_ac[k].keypoint_idx1 < keypoint_idx) ++k;
+      for (size_t m = k;
+           m < of_ac.size() && of_ac[m].keypoint_idx1 == keypoint_idx; ++m) {
+        if (!MarkEqual(bc, {of_ab[i].keypoint_idx2, of_ac[m].keypoint_idx2})) {
+          continue;
+        }
+        is_consistent_[first_match_[ab] + i] = true;
+        is_consistent_[first_match_[ac] + m] = true;
+      }
+    }
+  }
+
+  int Count(size_t pair_idx) const {
+    const auto at = [&](size_t i) {
+      return is_consistent_.begin() + static_cast<std::ptrdiff_t>(i);
+    };
+    return static_cast<int>(std::count(at(first_match_[pair_idx]),
+                                       at(first_match_[pair_idx + 1]), true));
+  }
+
+ private:
+  // False if the pair has no such match.
+  bool MarkEqual(size_t pair_idx, const Match& match) {
+    const std::vector<Match>& matches = pairs_[pair_idx].matches;
+    const auto [begin, end] =
+        std::equal_range(matches.begin(), matches.end(), match, IsBefore);
+    for (auto i = begin; i != end; ++i) {
+      is_consistent_[first_match_[pair_idx] + (i - matches.begin())] = true;
+    }
+    return begin != end;
+  }
+
+  const std::vector<PairMatches>& pairs_;
+  std::vector<size_t> first_match_ = {0};  // per pair
+  std::vector<bool> is_consistent_;        // per match
+};
+
+std::pair<int, int> ImagesOf(const PairMatches& pair) {
+  return {pair.image_idx1, pair.image_idx2};
+}
+
+// The first of the sorted pairs whose first image is this one or a later one.
+size_t FirstPairOf(const std::vector<PairMatches>& pairs, int image_idx) {
+  const auto first = std::partition_point(
+      pairs.begin(), pairs.end(),
+      [&](const PairMatches& pair) { return pair.image_idx1 < image_idx; });
+  return first - pairs.begin();
+}
+
 }  // namespace
 
 Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
@@ -105,6 +181,33 @@ std::vector<int> CountTripletConsistentMatches(const ViewGraph& view_graph,
     num_triplet_consistent.push_back(
         static_cast<int>(std::count(begin, end, char{true})));
     begin = end;
+  }
+  return num_triplet_consistent;
+}
+
+std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
+                                               const Context& context) {
+  for (PairMatches& pair : *pairs) {
+    std::sort(pair.matches.begin(), pair.matches.end(), IsBefore);
+  }
+  TripletMarker marker(*pairs);
+  const size_t num_pairs = pairs->size();
+  for (size_t ab = 0; ab < num_pairs; ++ab) {
+    context.CheckInterrupted();
+    const auto [a, b] = ImagesOf((*pairs)[ab]);
+    size_t bc = FirstPairOf(*pairs, b);
+    for (size_t ac = ab + 1; ac < num_pairs && (*pairs)[ac].image_idx1 == a;
+         ++ac) {
+      const std::pair<int, int> wanted(b, (*pairs)[ac].image_idx2);
+      while (bc < num_pairs && ImagesOf((*pairs)[bc]) < wanted) ++bc;
+      if (bc < num_pairs && ImagesOf((*pairs)[bc]) == wanted) {
+        marker.Mark(ab, ac, bc);
+      }
+    }
+  }
+  std::vector<int> num_triplet_consistent;
+  for (size_t i = 0; i < num_pairs; ++i) {
+    num_triplet_consistent.push_back(marker.Count(i));
   }
   return num_triplet_consistent;
 }

@@ -3,7 +3,9 @@
 
 #include <vector>
 
+#include "mgsfm/base/context.h"
 #include "mgsfm/base/mask.h"
+#include "mgsfm/scene/pair_matches.h"
 #include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
@@ -24,5 +26,12 @@ Mask FindTripletConsistentMatches(const ViewGraph& view_graph,
 std::vector<int> CountTripletConsistentMatches(const ViewGraph& view_graph,
                                                const Mask& pair_is_used,
                                                int num_threads = 1);
+
+// The same for sorted pairs, all of which are used: one thread goes through the
+// triangles of images. Beyond the pairs, it needs one bit per match instead of
+// 8 bytes and 16 bytes per keypoint, but for each triangle the time of a binary
+// search per match. Sorts the matches of each pair.
+std::vector<int> CountTripletConsistentMatches(std::vector<PairMatches>* pairs,
+                                               const Context& context);
 
 }  // namespace mgsfm

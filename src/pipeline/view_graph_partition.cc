@@ -15,15 +15,27 @@
 namespace mgsfm {
 namespace {
 
+std::vector<MatchedImages> CountMatches(const std::vector<PairMatches>& pairs) {
+  std::vector<MatchedImages> counted;
+  counted.reserve(pairs.size());
+  for (const PairMatches& pair : pairs) {
+    counted.push_back({pair.image_idx1, pair.image_idx2, pair.matches.size()});
+  }
+  return counted;
+}
+
+// `support` are the triplet-consistent matches of each pair.
 std::vector<GraphEdge> EdgesOfSkeleton(const FramePairIndex& index,
-                                       const ViewGraph& view_graph,
-                                       const PairFilteringOptions& filtering,
-                                       const Context& context) {
-  const Mask is_used(view_graph.pairs.size(), true);
+                                       const std::vector<MatchedImages>& pairs,
+                                       const std::vector<int>& support,
+                                       const PairFilteringOptions& filtering) {
+  std::vector<int> num_matches;
+  num_matches.reserve(pairs.size());
+  for (const MatchedImages& pair : pairs) {
+    num_matches.push_back(static_cast<int>(pair.num_matches));
+  }
   const Mask is_in_skeleton = SelectSkeletalGraph(
-      index, view_graph, is_used, filtering, context.num_threads);
-  const std::vector<int> support =
-      CountTripletConsistentMatches(view_graph, is_used, context.num_threads);
+      index, num_matches, support, Mask(pairs.size(), true), filtering);
   std::vector<GraphEdge> edges;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames()) continue;
@@ -65,20 +77,20 @@ std::vector<ClusterOverlap> CountCommonFrames(
 
 // Per cluster and sensor: matches of its images within the cluster.
 std::vector<std::vector<double>> CountMatchesOfSensors(
-    const Scene& scene, const ViewGraph& view_graph,
+    const Scene& scene, const std::vector<MatchedImages>& pairs,
     const std::vector<FrameCluster>& clusters) {
   std::vector<std::vector<double>> counts;
   for (const FrameCluster& cluster : clusters) {
     Mask has_frame(scene.frames.size(), false);
     for (const int frame_idx : cluster.frame_idxs) has_frame[frame_idx] = true;
     std::vector<double> count(scene.sensors.size(), 0.0);
-    for (const ImagePair& pair : view_graph.pairs) {
+    for (const MatchedImages& pair : pairs) {
       const Image& image1 = scene.images[pair.image_idx1];
       const Image& image2 = scene.images[pair.image_idx2];
       if (!has_frame[image1.frame_idx] || !has_frame[image2.frame_idx]) {
         continue;
       }
-      const auto num_matches = static_cast<double>(pair.matches.size());
+      const auto num_matches = static_cast<double>(pair.num_matches);
       count[image1.sensor_idx] += num_matches;
       count[image2.sensor_idx] += num_matches;
     }
@@ -90,9 +102,9 @@ std::vector<std::vector<double>> CountMatchesOfSensors(
 // For each rig of several sensors, the cluster in which its weakest sensor has
 // the most matches.
 std::vector<int> ChooseCalibrationClusters(
-    const Scene& scene, const ViewGraph& view_graph,
+    const Scene& scene, const std::vector<MatchedImages>& pairs,
     const std::vector<FrameCluster>& clusters) {
-  const auto counts = CountMatchesOfSensors(scene, view_graph, clusters);
+  const auto counts = CountMatchesOfSensors(scene, pairs, clusters);
   std::vector<int> chosen;
   for (const Rig& rig : scene.rigs) {
     if (rig.sensor_idxs.size() < 2) continue;
@@ -119,17 +131,21 @@ std::vector<int> ChooseCalibrationClusters(
 }  // namespace
 
 ViewGraphPartition PartitionViewGraph(const Scene& scene,
-                                      const ViewGraph& view_graph,
+                                      std::vector<PairMatches> pair_matches,
                                       const PairFilteringOptions& filtering,
                                       const PartitionOptions& options,
                                       const Context& context) {
-  const FramePairIndex index(scene, view_graph, filtering.is_sequence);
+  const std::vector<int> support =
+      CountTripletConsistentMatches(&pair_matches, context);
+  const std::vector<MatchedImages> pairs = CountMatches(pair_matches);
+  std::vector<PairMatches>().swap(pair_matches);
+  const FramePairIndex index(scene, pairs, filtering.is_sequence);
   GraphPartitionOptions graph_options;
   graph_options.num_parts = options.num_clusters;
   graph_options.num_overlap_nodes = options.num_overlap_frames;
   const GraphPartition parts = PartitionGraph(
       static_cast<int>(scene.frames.size()),
-      EdgesOfSkeleton(index, view_graph, filtering, context), graph_options);
+      EdgesOfSkeleton(index, pairs, support, filtering), graph_options);
   ViewGraphPartition partition;
   partition.clusters.resize(parts.nodes.size());
   for (size_t i = 0; i < parts.nodes.size(); ++i) {
@@ -145,7 +161,7 @@ ViewGraphPartition PartitionViewGraph(const Scene& scene,
   partition.overlaps = CountCommonFrames(partition.clusters);
   if (!partition.clusters.empty()) {
     partition.calibration_clusters =
-        ChooseCalibrationClusters(scene, view_graph, partition.clusters);
+        ChooseCalibrationClusters(scene, pairs, partition.clusters);
   }
   return partition;
 }

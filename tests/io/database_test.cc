@@ -428,6 +428,21 @@ TEST_F(DatabaseTest, SelectionsHaveTheirImagesAndPairsOnly) {
   EXPECT_EQ(ReadDatabase(Path(), Context(), selection).frames.size(), 1u);
 }
 
+TEST_F(DatabaseTest, MatchesAreReadWithoutGeometries) {
+  Write();
+  DatabaseSelection selection;
+  selection.has_geometries = false;
+  const DatabaseContents whole = Read();
+  const DatabaseContents part = ReadDatabase(Path(), Context(), selection);
+  EXPECT_TRUE(part.pairs.empty());
+  ASSERT_EQ(part.matches.size(), whole.pairs.size());
+  for (size_t i = 0; i < part.matches.size(); ++i) {
+    EXPECT_EQ(part.matches[i].image_id1, whole.pairs[i].image_id1);
+    EXPECT_EQ(part.matches[i].image_id2, whole.pairs[i].image_id2);
+    EXPECT_EQ(part.matches[i].matches.size(), whole.pairs[i].matches.size());
+  }
+}
+
 TEST_F(DatabaseTest, NamesAreThoseOfTheImages) {
   Write();
   EXPECT_EQ(ReadImageNames(Path()), kNames);

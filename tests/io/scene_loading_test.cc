@@ -561,6 +561,31 @@ TEST_F(SceneLoadingTest, PairsAreSortedAndKeptWithMatchesOnly) {
   EXPECT_FALSE(ac.relative_pose->translation_direction.has_value());
 }
 
+TEST_F(SceneLoadingTest, MatchesWithoutGeometriesHaveTheSameOrder) {
+  const DatabaseContents contents =
+      Renumber(MakeContents({"c.png", "b.png", "a.png", "d.png"}), 1);
+  WriteDatabase(Path("a.db"), contents, DatabaseSchema::k38);
+  const LoadedScene expected = LoadScene(Path("a.db"), {}, Context());
+  DatabaseSelection selection;
+  selection.has_geometries = false;
+  const LoadedMatches loaded = LoadMatches(
+      ReadDatabase(Path("a.db"), Context(), selection), {}, Context());
+  ExpectSameScene(loaded.scene, expected.scene, true);
+  ASSERT_EQ(loaded.pairs.size(), expected.view_graph.pairs.size());
+  for (size_t i = 0; i < loaded.pairs.size(); ++i) {
+    const ImagePair& pair = expected.view_graph.pairs[i];
+    EXPECT_EQ(loaded.pairs[i].image_idx1, pair.image_idx1);
+    EXPECT_EQ(loaded.pairs[i].image_idx2, pair.image_idx2);
+    ASSERT_EQ(loaded.pairs[i].matches.size(), pair.matches.size());
+    for (size_t k = 0; k < pair.matches.size(); ++k) {
+      EXPECT_EQ(loaded.pairs[i].matches[k].keypoint_idx1,
+                pair.matches[k].keypoint_idx1);
+      EXPECT_EQ(loaded.pairs[i].matches[k].keypoint_idx2,
+                pair.matches[k].keypoint_idx2);
+    }
+  }
+}
+
 TEST(RealDataTest, Kitti06IsOneStereoRig) {
   const auto data = FindSharedData("kitti06_stereo");
   if (!data) GTEST_SKIP() << "no kitti06_stereo; see shared_data.h";

@@ -75,6 +75,14 @@ std::vector<int> CountByTryingAll(const ViewGraph& view_graph,
   return num_triplet_consistent;
 }
 
+std::vector<PairMatches> MatchesOf(const ViewGraph& view_graph) {
+  std::vector<PairMatches> pairs;
+  for (const ImagePair& pair : view_graph.pairs) {
+    pairs.push_back({pair.image_idx1, pair.image_idx2, pair.matches});
+  }
+  return pairs;
+}
+
 TEST(TripletConsistency, AgreesWithTryingAllKeypoints) {
   constexpr int kNumImages = 6, kNumKeypoints = 12;
   const ViewGraph view_graph = RandomViewGraph(kNumImages, kNumKeypoints, 12);
@@ -115,7 +123,36 @@ TEST(TripletConsistency, TellsTrueFromIsolatedWrongPairs) {
 }
 
 TEST(TripletConsistency, NoPairsNoMatches) {
-  EXPECT_TRUE(CountTripletConsistentMatches({}, {}).empty());
+  EXPECT_TRUE(CountTripletConsistentMatches({}, Mask()).empty());
+  std::vector<PairMatches> none;
+  EXPECT_TRUE(CountTripletConsistentMatches(&none, Context()).empty());
+}
+
+// Some images are not matched, some keypoints several times.
+TEST(TripletConsistency, TrianglesOfImagesHaveTheSameTriplets) {
+  constexpr int kNumImages = 8, kNumKeypoints = 12;
+  ViewGraph view_graph = RandomViewGraph(kNumImages, kNumKeypoints, 12);
+  for (int round = 0; round < 3; ++round) {
+    const std::vector<int> expected = CountByTryingAll(
+        view_graph, All(view_graph), kNumImages, kNumKeypoints);
+    std::vector<PairMatches> pairs = MatchesOf(view_graph);
+    EXPECT_EQ(CountTripletConsistentMatches(&pairs, Context()), expected);
+    for (size_t i = round; i < view_graph.pairs.size(); i += 5) {
+      view_graph.pairs.erase(view_graph.pairs.begin() + i);
+    }
+  }
+}
+
+TEST(TripletConsistency, TrianglesOfSimulatedImagesHaveTheSameTriplets) {
+  SimulationOptions options;
+  options.rig = RigPreset::kKitti360;
+  options.max_num_features_per_image = 200;
+  options.mismatch_ratio = 0.2;
+  options.missing_image_ratio = 0.2;
+  const ViewGraph view_graph = Simulate(options).view_graph;
+  std::vector<PairMatches> pairs = MatchesOf(view_graph);
+  EXPECT_EQ(CountTripletConsistentMatches(&pairs, Context()),
+            CountTripletConsistentMatches(view_graph, All(view_graph)));
 }
 
 TEST(TripletConsistency, ThreadsDoNotMatter) {

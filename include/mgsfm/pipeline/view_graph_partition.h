@@ -6,8 +6,8 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
+#include "mgsfm/scene/pair_matches.h"
 #include "mgsfm/scene/scene.h"
-#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
@@ -57,8 +57,9 @@ struct ViewGraphPartition {
   std::vector<int> frame_idxs_without_cluster;  // hardly connected
 };
 
+// The matches are released as soon as they are counted.
 [[nodiscard]] ViewGraphPartition PartitionViewGraph(
-    const Scene& scene, const ViewGraph& view_graph,
+    const Scene& scene, std::vector<PairMatches> pair_matches,
     const PairFilteringOptions& filtering, const PartitionOptions& options,
     const Context& context);
 

@@ -248,22 +248,26 @@ std::optional<TwoViewGeometryRow> DecodePair(const Source& source,
   return pair;
 }
 
-std::vector<TwoViewGeometryRow> ReadPairs(const Source& source,
-                                          const DatabaseSelection& selection,
-                                          const ImageTable& images,
-                                          const std::string& pair_table) {
-  std::vector<TwoViewGeometryRow> pairs;
+void ReadPairs(const Source& source, const DatabaseSelection& selection,
+               const ImageTable& images, const std::string& pair_table,
+               DatabaseContents* contents) {
   SqliteStatement row = source.database.Prepare(
       TwoViewGeometryQuery(source.database, pair_table) + " ORDER BY pair_id");
   while (source.Next(&row)) {
     auto pair = DecodePair(source, selection, images, pair_table, row);
-    if (pair) pairs.push_back(std::move(*pair));
+    if (!pair) continue;
+    if (selection.has_geometries) {
+      contents->pairs.push_back(std::move(*pair));
+    } else {
+      contents->matches.push_back(
+          {pair->image_id1, pair->image_id2, std::move(pair->matches)});
+    }
   }
-  return pairs;
 }
 
+template <class PairRow>
 void CheckMatches(const Source& source, const ImageTable& images,
-                  const std::vector<TwoViewGeometryRow>& pairs) {
+                  const std::vector<PairRow>& pairs) {
   const auto num_keypoints = [&](ImageId id) {
     return images.Find(id.value())->keypoints_px.size();
   };
@@ -401,8 +405,11 @@ DatabaseContents ReadContents(const SqliteDatabase& database,
     ReadKeypoints(source, &images);
     CheckKeypoints(source, images.rows);
   }
-  contents.pairs = ReadPairs(source, selection, images, pair_table);
-  if (selection.has_keypoints) CheckMatches(source, images, contents.pairs);
+  ReadPairs(source, selection, images, pair_table, &contents);
+  if (selection.has_keypoints) {
+    CheckMatches(source, images, contents.pairs);
+    CheckMatches(source, images, contents.matches);
+  }
   contents.rigs = ReadRigs(source);
   contents.frames = ReadFrames(source, images);
   contents.images = std::move(images.rows);

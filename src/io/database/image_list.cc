@@ -50,11 +50,11 @@ void KeepListedImages(const std::set<std::string>& names,
                 "features of the image");
   }
   const auto has = [&](ImageId id) { return ids.count(id) > 0; };
-  EraseUnless(
-      [&](const TwoViewGeometryRow& pair) {
-        return has(pair.image_id1) && has(pair.image_id2);
-      },
-      &contents->pairs);
+  const auto has_pair = [&](const auto& pair) {
+    return has(pair.image_id1) && has(pair.image_id2);
+  };
+  EraseUnless(has_pair, &contents->pairs);
+  EraseUnless(has_pair, &contents->matches);
   for (FrameRow& frame : contents->frames) {
     EraseUnless([&](const FrameDataRow& data) { return has(data.image_id); },
                 &frame.data);

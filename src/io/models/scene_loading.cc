@@ -32,8 +32,17 @@ ImagePair MakePair(TwoViewGeometryRow* row, int image_idx1, int image_idx2) {
   return pair;
 }
 
-ViewGraph BuildViewGraph(std::vector<TwoViewGeometryRow> rows,
-                         const Scene& scene) {
+void SwapImages(MatchesRow* pair) {
+  std::swap(pair->image_id1, pair->image_id2);
+  for (Match& match : pair->matches) {
+    std::swap(match.keypoint_idx1, match.keypoint_idx2);
+  }
+}
+
+// The rows with matches in canonical order.
+template <class Row>
+std::vector<std::tuple<int, int, Row*>> OrderPairs(const Scene& scene,
+                                                   std::vector<Row>* rows) {
   std::map<ImageId, int> image_idx_of_id;
   for (size_t i = 0; i < scene.images.size(); ++i) {
     image_idx_of_id[scene.images[i].id] = static_cast<int>(i);
@@ -43,13 +52,19 @@ ViewGraph BuildViewGraph(std::vector<TwoViewGeometryRow> rows,
     MGSFM_CHECK_MSG(found != image_idx_of_id.end(), std::to_string(id.value()));
     return found->second;
   };
-  std::vector<std::tuple<int, int, TwoViewGeometryRow*>> order;
-  for (TwoViewGeometryRow& row : rows) {
+  std::vector<std::tuple<int, int, Row*>> order;
+  for (Row& row : *rows) {
     if (row.matches.empty()) continue;
     if (idx_of(row.image_id1) > idx_of(row.image_id2)) SwapImages(&row);
     order.emplace_back(idx_of(row.image_id1), idx_of(row.image_id2), &row);
   }
   std::sort(order.begin(), order.end());
+  return order;
+}
+
+ViewGraph BuildViewGraph(std::vector<TwoViewGeometryRow> rows,
+                         const Scene& scene) {
+  const auto order = OrderPairs(scene, &rows);
   ViewGraph view_graph;
   view_graph.pairs.reserve(order.size());
   for (const auto& [image_idx1, image_idx2, row] : order) {
@@ -58,13 +73,13 @@ ViewGraph BuildViewGraph(std::vector<TwoViewGeometryRow> rows,
   return view_graph;
 }
 
-void LogScene(const LoadedScene& loaded, const Context& context) {
-  const Scene& scene = loaded.scene;
-  context.Info("rigs from " + loaded.rig_source + ": " +
+void LogScene(const Scene& scene, const std::string& rig_source,
+              size_t num_pairs, const Context& context) {
+  context.Info("rigs from " + rig_source + ": " +
                std::to_string(scene.rigs.size()) + " rigs, " +
                std::to_string(scene.frames.size()) + " frames, " +
                std::to_string(scene.images.size()) + " images, " +
-               std::to_string(loaded.view_graph.pairs.size()) + " pairs");
+               std::to_string(num_pairs) + " pairs");
   std::vector<int> num_images(scene.sensors.size(), 0);
   for (const Image& image : scene.images) ++num_images[image.sensor_idx];
   for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
@@ -76,7 +91,7 @@ void LogScene(const LoadedScene& loaded, const Context& context) {
     }
     context.Debug(line);
   }
-  if (loaded.view_graph.pairs.empty()) {
+  if (num_pairs == 0) {
     context.Warning(
         "the database has no verified matches; run a matcher with geometric "
         "verification first");
@@ -95,7 +110,25 @@ LoadedScene LoadScene(DatabaseContents contents,
   loaded.scene = std::move(rows.scene);
   loaded.rig_source = std::move(rows.rig_source);
   loaded.view_graph = BuildViewGraph(std::move(pairs), loaded.scene);
-  LogScene(loaded, context);
+  LogScene(loaded.scene, loaded.rig_source, loaded.view_graph.pairs.size(),
+           context);
+  return loaded;
+}
+
+LoadedMatches LoadMatches(DatabaseContents contents,
+                          const SceneLoadingOptions& options,
+                          const Context& context) {
+  std::vector<MatchesRow> matches = std::move(contents.matches);
+  SceneOfRows rows =
+      BuildSceneOfRows("database", std::move(contents), options, context);
+  LoadedMatches loaded;
+  loaded.scene = std::move(rows.scene);
+  const auto order = OrderPairs(loaded.scene, &matches);
+  loaded.pairs.reserve(order.size());
+  for (const auto& [image_idx1, image_idx2, row] : order) {
+    loaded.pairs.push_back({image_idx1, image_idx2, std::move(row->matches)});
+  }
+  LogScene(loaded.scene, rows.rig_source, loaded.pairs.size(), context);
   return loaded;
 }
 

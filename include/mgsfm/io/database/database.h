@@ -41,6 +41,13 @@ struct TwoViewGeometryRow {
   std::vector<Match> matches;
 };
 
+// The same without the geometry, which takes 300 bytes.
+struct MatchesRow {
+  ImageId image_id1;
+  ImageId image_id2;
+  std::vector<Match> matches;
+};
+
 // A camera mounted in a rig. Sensors that are not cameras are ignored.
 struct RigSensorRow {
   CameraId camera_id;
@@ -74,8 +81,9 @@ struct DatabaseContents {
   std::vector<Camera> cameras;
   std::vector<ImageRow> images;
   std::vector<TwoViewGeometryRow> pairs;
-  std::vector<RigRow> rigs;      // empty before COLMAP 3.12
-  std::vector<FrameRow> frames;  // empty before COLMAP 3.12
+  std::vector<MatchesRow> matches;  // instead of `pairs` of a selection
+  std::vector<RigRow> rigs;         // empty before COLMAP 3.12
+  std::vector<FrameRow> frames;     // empty before COLMAP 3.12
   // Some images are excluded, so cameras of a rig may have none.
   bool is_selection = false;
 };
@@ -85,6 +93,8 @@ struct DatabaseSelection {
   // Names that the database does not have are ignored. Empty: all images.
   std::set<std::string> image_names;
   bool has_keypoints = true;
+  // Otherwise, the verified matches of pairs are read into `matches`.
+  bool has_geometries = true;
   // Whether the pair of two image names is read. Empty: all pairs.
   std::function<bool(const std::string&, const std::string&)> has_pair = {};
 };

@@ -6,6 +6,7 @@
 #include "mgsfm/base/context.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/io/database/database.h"
+#include "mgsfm/scene/pair_matches.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -128,5 +129,15 @@ struct LoadedScene {
 [[nodiscard]] LoadedScene LoadScene(DatabaseContents contents,
                                     const SceneLoadingOptions& options,
                                     const Context& context);
+
+struct LoadedMatches {
+  Scene scene;
+  std::vector<PairMatches> pairs;  // sorted as those of a ViewGraph
+};
+
+// The same for rows that were selected without geometries.
+[[nodiscard]] LoadedMatches LoadMatches(DatabaseContents contents,
+                                        const SceneLoadingOptions& options,
+                                        const Context& context);
 
 }  // namespace mgsfm
