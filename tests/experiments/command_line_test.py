@@ -9,7 +9,7 @@ from experiments import command_line, requirements
 
 SUBCOMMANDS = ("kitti_odometry", "kitti360", "eth3d_slam", "simulate_drives",
                "hardest_settings", "oracle_table", "robustness", "growth",
-               "bench", "compare_front_end", "use_cases")
+               "sub_maps", "bench", "compare_front_end", "use_cases")
 
 
 def test_all_subcommands_are_listed(run_experiments):

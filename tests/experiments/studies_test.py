@@ -5,7 +5,7 @@ import json
 import pytest
 
 from experiments.studies import (growth_numbers, oracle_runs, oracle_table,
-                                 robustness)
+                                 robustness, sub_maps)
 
 
 def report_of(num_images, tracks_s, total_memory_mib, num_observations):
@@ -96,6 +96,42 @@ def test_growth_along_a_trajectory(run_experiments, program, tmp_path):
                           program, "--sizes", 16, "--trajectory",
                           tmp_path / "path.txt")
     assert "| 16 | 16 |" in out
+
+
+def sub_map_values():
+    """Costs and errors of a drive with two clusters."""
+    def job(seconds, mib):
+        return {"processor_seconds": seconds, "peak_memory_mib": mib}
+
+    def errors(mean):
+        return {"num_registered": 40, "position_m": {"mean": mean}}
+    return {"single": job(20.0, 400.0), "cut": job(1.0, 80.0),
+            "clusters": [job(8.0, 100.0), job(7.0, 120.0)],
+            "join": job(9.0, 300.0), "single_errors": errors(0.02),
+            "joined_errors": errors(0.021)}
+
+
+def test_sub_maps_are_relative_to_the_single_run():
+    # 1 + 8 + 7 + 9 s; the larger cluster.
+    assert sub_maps.row_of("a", sub_map_values()) == [
+        "a", "40", "0.0200 m", "0.0210 m (1.05)", "20.0 s", "25.0 s (1.25)",
+        "400 MiB", "80 MiB (0.20)", "120 MiB (0.30)", "300 MiB (0.75)"]
+
+
+def test_sub_maps_of_a_short_drive(run_experiments, try_experiments, program,
+                                   simulate, tmp_path):
+    drive = simulate(tmp_path / "drive")
+
+    def call(*words):
+        return ("sub_maps", *words, "--num_clusters", 2, "--output",
+                tmp_path / "out", "--program", program)
+    out = run_experiments(*call(drive))
+    assert "| drive | 24 |" in out
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["drive.json"]
+    assert len(json.loads((tmp_path / "out/drive.json").read_text())[
+        "clusters"]) == 2
+    assert run_experiments(*call(drive)) == out
+    assert "has no folder truth" in try_experiments(*call(tmp_path)).stderr
 
 
 def oracle_values(name, x, seed_error=None, rig="stereo"):
