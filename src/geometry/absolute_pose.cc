@@ -104,8 +104,9 @@ PoseEquations Linearize(const std::vector<CameraPoints>& cameras,
       Whiten(error.g, &error.r);
       Whiten(error.g, &jacobian);
       const double x = 1.0 + error.r.squaredNorm() / squared_scale;
-      equations.hessian.noalias() += jacobian.transpose() / x * jacobian;
-      equations.gradient.noalias() += jacobian.transpose() * (error.r / x);
+      const Eigen::Matrix<double, 3, 6> weighted = jacobian * (1.0 / x);
+      equations.hessian.noalias() += weighted.transpose() * jacobian;
+      equations.gradient.noalias() += weighted.transpose() * error.r;
       equations.cost += 0.5 * squared_scale * std::log(x);
     }
   }
@@ -140,7 +141,7 @@ std::vector<CameraPoints> InliersOf(const std::vector<CameraPoints>& cameras,
 // The pose that is returned is refined to a relative change of its cost of
 // 1e-8.
 constexpr PoseStepOptions kConverged{20, 1e-8, 1e-12};
-// Within RANSAC: only a start of the last refinement.
+// Only a start of another refinement.
 constexpr PoseStepOptions kLocal{5, 1e-3, 1e-12};
 
 SolveSummary Refine(const std::vector<CameraPoints>& cameras, double loss_scale,
@@ -289,6 +290,11 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
 SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
                                 double loss_scale, Rigid3* unit_from_world) {
   return Refine(cameras, loss_scale, kConverged, unit_from_world);
+}
+
+SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,
+                                 double loss_scale, Rigid3* unit_from_world) {
+  return Refine(cameras, loss_scale, kLocal, unit_from_world);
 }
 
 std::optional<Rigid3> EstimateAbsolutePose(

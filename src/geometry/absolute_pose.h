@@ -67,6 +67,10 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
 SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
                                 double loss_scale, Rigid3* unit_from_world);
 
+// A few steps of the same, for a start of another refinement.
+SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,
+                                 double loss_scale, Rigid3* unit_from_world);
+
 // All solutions cam_from_world of the perspective three-point problem. The
 // depths along the rays solve a quartic (Grunert 1841, in Haralick et al.,
 // Review and analysis of solutions of the three point perspective pose

@@ -32,9 +32,9 @@ constexpr double kMinRemainingShare = 0.1;
 // Finds a motion that 30 % of the correspondences support with a probability of
 // 0.9997.
 constexpr int kMaxNumTrials = 300;
-// Bounds of the refinement in units of max_error_px. An interpolated motion is
-// wrong by about a degree.
-constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0, 1.0};
+// Bounds of the refinement before its last round, in units of max_error_px. An
+// interpolated motion is wrong by about a degree.
+constexpr double kRefinementBounds[] = {8.0, 4.0, 2.0, 1.0};
 // Loss scale, relative to the bound: that of RANSAC (geometry/absolute_pose.h).
 constexpr double kRefinementLossScale = 0.5;
 // The same depth within a factor of 1.5, however certain both are.
@@ -207,12 +207,17 @@ std::optional<Rigid3> RefineRigMotion(const FrameMatches& matches,
                                       const Rigid3& later_from_earlier) {
   const Correspondences all = CollectMost(matches, max_error_px);
   Rigid3 pose = all.ToMotion(later_from_earlier);
-  for (const double bound : kRefinementBounds) {
+  const auto refine = [&](double bound, auto&& minimize) {
     std::vector<CameraPoints> near = all.cameras;
     KeepRays(pose, bound, /*keep_agreeing=*/true, &near);
-    if (CountRays(near) < kMinNumAgreeing) return std::nullopt;
-    RefineAbsolutePose(near, kRefinementLossScale * bound, &pose);
+    if (CountRays(near) < kMinNumAgreeing) return false;
+    minimize(near, kRefinementLossScale * bound, &pose);
+    return true;
+  };
+  for (const double bound : kRefinementBounds) {
+    if (!refine(bound, ImproveAbsolutePose)) return std::nullopt;
   }
+  if (!refine(1.0, RefineAbsolutePose)) return std::nullopt;
   if (ScoreAbsolutePose(all.cameras, pose).num_inliers <
       static_cast<int>(kMinNumAgreeing)) {
     return std::nullopt;

@@ -207,17 +207,23 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
 struct PlacedFrames {
   Rigid3 rig2_from_rig1;
   double drift_rad = 0.0;
+  bool is_near_object = false;
 };
+// Per pair of frames; nullopt unless they are neighbours on the path.
+using PlacedPairs = std::vector<std::optional<PlacedFrames>>;
 
-// Per pair of frames; nullopt unless they are neighbours on the path. Their
-// motion is refined next to objects.
-std::vector<std::optional<PlacedFrames>> PlaceFrames(
-    const MotionProblem& problem, const RigPath& path,
-    const Mask& is_near_object, const Context& context) {
+// Motions are refined next to objects, unless `known` has them.
+PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
+                        const Mask& is_near_object, const Context& context,
+                        const PlacedPairs& known = {}) {
   const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
-  std::vector<std::optional<PlacedFrames>> placed(frame_pairs.size());
+  PlacedPairs placed(frame_pairs.size());
   ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
     const FramePair& frames = frame_pairs[i];
+    if (!known.empty() && known[i] && known[i]->is_near_object) {
+      placed[i] = known[i];
+      return;
+    }
     if (!frames.IsBetweenFrames() || !frames.time_gap ||
         *frames.time_gap > kMaxSequentialGap ||
         !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
@@ -227,24 +233,21 @@ std::vector<std::optional<PlacedFrames>> PlaceFrames(
     const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
     if (is_reversed) std::swap(earlier, later);
     std::optional<Rigid3> refined;
-    if (is_near_object[earlier] || is_near_object[later]) {
-      refined = RefineMotion(problem, path, earlier, later);
-    }
+    const bool is_near = is_near_object[earlier] || is_near_object[later];
+    if (is_near) refined = RefineMotion(problem, path, earlier, later);
     const Rigid3 motion = refined ? *refined : path.Between(earlier, later);
     placed[i] =
         PlacedFrames{is_reversed ? motion.Inverse() : motion,
                      refined ? kRefinedError_rad
-                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap)};
+                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap),
+                     is_near};
   });
   return placed;
 }
 
 // Expects pairs only of sensors whose places in the rig are known.
 std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
-                                      const RigPath& path,
-                                      const Mask& is_near_object,
-                                      const Context& context) {
-  const auto placed = PlaceFrames(problem, path, is_near_object, context);
+                                      const PlacedPairs& placed) {
   std::vector<ExpectedPair> expected;
   for (size_t f = 0; f < placed.size(); ++f) {
     if (!placed[f]) continue;
@@ -470,11 +473,12 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
                              const Context& context) {
-  const Mask is_near_object = FramesNearObjects(
-      problem, path, ExpectPairs(problem, path, path.is_contested, context));
+  PlacedPairs placed = PlaceFrames(problem, path, path.is_contested, context);
+  const Mask is_near_object =
+      FramesNearObjects(problem, path, ExpectPairs(problem, placed));
   if (!is_near_object.Any()) return {};
-  const std::vector<ExpectedPair> expected =
-      ExpectPairs(problem, path, is_near_object, context);
+  placed = PlaceFrames(problem, path, is_near_object, context, placed);
+  const std::vector<ExpectedPair> expected = ExpectPairs(problem, placed);
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion;
   motion.pair_is_discontinuous = Mask(num_pairs, false);
