@@ -16,7 +16,9 @@ constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
 constexpr double kOverlapFactor = 1.1;
-// Of joined models and their adjustment.
+// Joined models and their adjustment, measured in docs/results/submaps.md: the
+// estimate is 12 to 17 % above the peak on 05, and 6 % below it on 100,000
+// images.
 constexpr double kBytesPerKeypointOfModel = 10.0;
 constexpr double kBytesPerObservation = 260.0;
 constexpr double kBytesPerObservationIfSaved = 100.0;

@@ -139,7 +139,7 @@ struct PointStep {
   double d[3] = {0.0, 0.0, 0.0};
   double g[3] = {0.0, 0.0, 0.0};
   PointHessian V;
-  // Of the point from the closest camera that observes it.
+  // From the point to the closest camera that observes it.
   double squared_distance = std::numeric_limits<double>::infinity();
 };
 

@@ -78,7 +78,7 @@ struct ChunkWorkspace {
   size_t num_met = 0;
   std::vector<size_t> last_point;  // the last point of each block
   std::vector<double> couplings;   // kCouplingSize per block
-  // Of the current point, if iterative.
+  // The terms of the current point, if the solver is iterative.
   std::vector<ProductTerms> product_terms;
 };
 

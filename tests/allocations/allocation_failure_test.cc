@@ -47,7 +47,7 @@ std::vector<T> Sample(const std::vector<T>& items, size_t num_samples) {
 // Exit codes of children, which no other exit has.
 enum Outcome { kThrown = 50, kHarmless, kLeak, kWrong, kCrash };
 
-// What comes of a call of a function while an allocation fails. Only
+// The outcome of a call of a function while an allocation fails. Only
 // std::bad_alloc and Error may leave it, and it must release all memory. A
 // result that lacks a part would be worse than none.
 template <class StartFailure>

@@ -30,7 +30,7 @@ std::atomic<long> num_live{0};
 std::atomic<long> num_failed{0};
 std::atomic<uint64_t> order_hash{0};
 
-// Of the call of the function that started the count.
+// The thread and the frame that started the count.
 pthread_t starting_thread;
 uintptr_t outermost_frame = 0;
 
