@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
+#include "io/files/image_encoding.h"
 #include "report_page/encoding.h"
 
 namespace mgsfm {
@@ -41,10 +42,8 @@ std::string PngUrl(int width_px, int height_px,
     image.data[i + 2] = rgba[i];
     image.data[i + 3] = rgba[i + 3];
   }
-  std::vector<uint8_t> file;
-  cv::imencode(".png", image, file, {cv::IMWRITE_PNG_COMPRESSION, 9});
   return "data:image/png;base64," +
-         ToBase64(std::string(file.begin(), file.end()));
+         ToBase64(EncodeImage(".png", image, {cv::IMWRITE_PNG_COMPRESSION, 9}));
 }
 
 void DrawHorizontalAxis(const Eigen::Vector2d& corner, double width,

@@ -15,6 +15,8 @@
 
 #include "base/text.h"
 #include "base/text_streams.h"
+#include "io/files/image_encoding.h"
+#include "io/files/image_reading.h"
 #include "report_page/encoding.h"
 
 namespace mgsfm {
@@ -157,9 +159,7 @@ class Raster {
     cv::resize(canvas_, half,
                {canvas_.cols / kSupersampling, canvas_.rows / kSupersampling},
                0, 0, cv::INTER_AREA);
-    std::vector<uint8_t> file;
-    cv::imencode(".png", half, file);
-    return {file.begin(), file.end()};
+    return EncodeImage(".png", half);
   }
 
  private:
@@ -287,8 +287,8 @@ void Raster::DrawImage(const Attributes& a) {
   if (url == a.end()) return;
   const std::string file =
       DecodeBase64(url->second.substr(url->second.find(',') + 1));
-  const std::vector<uint8_t> bytes(file.begin(), file.end());
-  const cv::Mat image = cv::imdecode(bytes, cv::IMREAD_UNCHANGED);
+  const cv::Mat image =
+      DecodeImage(file, cv::IMREAD_UNCHANGED, kDefaultMaxNumPixels).pixels;
   if (image.type() != CV_8UC4) return;
   const cv::Rect rect = RectOf(a);
   const cv::Rect visible = rect & clip_;

@@ -9,6 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/parallel.h"
+#include "io/files/image_encoding.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 
@@ -48,9 +49,7 @@ std::string MakeJpeg(const std::filesystem::path& path, const Camera& camera) {
     cv::Mat small;
     cv::resize(image, small, {kWidthPx, std::min(height_px, 4 * kWidthPx)}, 0,
                0, cv::INTER_AREA);
-    std::vector<uint8_t> file;
-    cv::imencode(".jpg", small, file, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
-    return {file.begin(), file.end()};
+    return EncodeImage(".jpg", small, {cv::IMWRITE_JPEG_QUALITY, kJpegQuality});
   } catch (const Error&) {
     return {};
   }

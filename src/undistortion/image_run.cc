@@ -12,6 +12,7 @@
 #include "base/file_reading.h"
 #include "base/parallel.h"
 #include "io/files/file_operations.h"
+#include "io/files/image_encoding.h"
 #include "io/files/image_reading.h"
 #include "io/files/place_and_time_tags.h"
 #include "mgsfm/base/error.h"
@@ -189,16 +190,8 @@ class ImageRun {
   }
 
   std::string Encode(const fs::path& path, const cv::Mat& image) const {
-    std::vector<uint8_t> file;
-    try {
-      cv::imencode(path.extension().string(), image, file,
-                   {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
-    } catch (const cv::Exception& exception) {
-      RethrowLackOfMemory(exception);
-      throw Error("cannot be written as '" + path.extension().string() +
-                  "'; convert it to JPEG or PNG");
-    }
-    return {file.begin(), file.end()};
+    return EncodeImage(path.extension().string(), image,
+                       {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
   }
 
   const std::vector<Camera>& cameras_;

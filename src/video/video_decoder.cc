@@ -204,9 +204,7 @@ cv::Mat Convert(const AVFrame& frame, cv::Size size, bool is_gray) {
   return image;
 }
 
-}  // namespace
-
-VideoIndex IndexVideo(const std::filesystem::path& path) {
+VideoIndex Index(const fs::path& path) {
   VideoFile file(path);
   VideoIndex index;
   index.creation_time_ns = CreationTimeNs(file.format());
@@ -229,9 +227,9 @@ VideoIndex IndexVideo(const std::filesystem::path& path) {
   return index;
 }
 
-class VideoDecoder::Impl {
+class FfmpegDecoder : public VideoDecoder {
  public:
-  Impl(const fs::path& path, int num_threads)
+  FfmpegDecoder(const fs::path& path, int num_threads)
       : file_(path),
         packet_(CheckedOwner(av_packet_alloc())),
         frame_(CheckedOwner(av_frame_alloc())),
@@ -247,7 +245,7 @@ class VideoDecoder::Impl {
     if (code < 0) file_.ThrowDamaged(ReasonOf(code));
   }
 
-  bool Next() {
+  bool Next() override {
     while (true) {
       const int code = avcodec_receive_frame(codec_.get(), frame_.get());
       if (code == AVERROR_EOF) return false;
@@ -259,8 +257,19 @@ class VideoDecoder::Impl {
     }
   }
 
-  int64_t TimeNs() const { return file_.ToNs(frame_->best_effort_timestamp); }
+  int64_t TimeNs() const override {
+    return file_.ToNs(frame_->best_effort_timestamp);
+  }
 
+  cv::Mat ReadPixels() const override {
+    return Read(std::numeric_limits<int>::max(), false);
+  }
+
+  cv::Mat ReadSmallGray(int max_size_px) const override {
+    return Read(max_size_px, true);
+  }
+
+ private:
   cv::Mat Read(int max_size_px, bool as_gray) const {
     const double scale =
         std::min(1.0, static_cast<double>(max_size_px) /
@@ -282,7 +291,6 @@ class VideoDecoder::Impl {
     return image;
   }
 
- private:
   // At the end of the file, the decoder returns the images it still holds.
   void SendPacket() {
     const bool has_packet = file_.ReadPacket(packet_.get());
@@ -303,19 +311,15 @@ class VideoDecoder::Impl {
   Owned<AVCodecContext> codec_;
 };
 
-VideoDecoder::VideoDecoder(const std::filesystem::path& path, int num_threads)
-    : impl_(std::make_unique<Impl>(path, num_threads)) {}
-VideoDecoder::~VideoDecoder() = default;
-
-bool VideoDecoder::Next() { return impl_->Next(); }
-int64_t VideoDecoder::TimeNs() const { return impl_->TimeNs(); }
-
-cv::Mat VideoDecoder::ReadPixels() const {
-  return impl_->Read(std::numeric_limits<int>::max(), false);
+std::unique_ptr<VideoDecoder> Open(const fs::path& path, int num_threads) {
+  return std::make_unique<FfmpegDecoder>(path, num_threads);
 }
 
-cv::Mat VideoDecoder::ReadSmallGray(int max_size_px) const {
-  return impl_->Read(max_size_px, true);
+}  // namespace
+
+extern "C" const VideoCodecs* mgsfm_video_codecs() {
+  static constexpr VideoCodecs kCodecs = {Index, Open};
+  return &kCodecs;
 }
 
 }  // namespace mgsfm

@@ -19,34 +19,45 @@ struct VideoIndex {
   std::optional<int64_t> creation_time_ns;  // since 1970
 };
 
-// Throws Error, naming the file and a remedy, if it is missing, is no video or
-// has no time stamps. Only the file itself is read, never others or the
-// network, whatever it refers to.
-VideoIndex IndexVideo(const std::filesystem::path& path);
-
 // Decodes the images of a video in the order of their presentation times.
 // Images are upright: the rotation in the metadata is applied.
 class VideoDecoder {
  public:
-  // Throws like IndexVideo.
-  VideoDecoder(const std::filesystem::path& path, int num_threads);
-  ~VideoDecoder();
+  VideoDecoder() = default;
+  virtual ~VideoDecoder() = default;
   VideoDecoder(const VideoDecoder&) = delete;
   VideoDecoder& operator=(const VideoDecoder&) = delete;
 
   // Returns false at the end. Images that cannot be decoded are skipped.
-  bool Next();
+  virtual bool Next() = 0;
 
   // The time of the current image. Valid after Next() returned true.
-  int64_t TimeNs() const;
+  virtual int64_t TimeNs() const = 0;
   // 8 bits per channel; BGR, or grey if the video is.
-  cv::Mat ReadPixels() const;
+  virtual cv::Mat ReadPixels() const = 0;
   // Gray, scaled down such that no side exceeds `max_size_px`.
-  cv::Mat ReadSmallGray(int max_size_px) const;
-
- private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  virtual cv::Mat ReadSmallGray(int max_size_px) const = 0;
 };
+
+struct VideoCodecs {
+  VideoIndex (*index)(const std::filesystem::path& path);
+  std::unique_ptr<VideoDecoder> (*open)(const std::filesystem::path& path,
+                                        int num_threads);
+};
+
+// The library links FFmpeg. The program replaces this function, and loads it
+// when it first needs it (apps/mgsfm/codec_loading.cc).
+extern "C" const VideoCodecs* mgsfm_video_codecs();
+
+// Both throw Error, naming the file and a remedy, if it is missing, is no video
+// or has no time stamps. Only the file itself is read, never others or the
+// network, whatever it refers to.
+inline VideoIndex IndexVideo(const std::filesystem::path& path) {
+  return mgsfm_video_codecs()->index(path);
+}
+inline std::unique_ptr<VideoDecoder> OpenVideo(
+    const std::filesystem::path& path, int num_threads) {
+  return mgsfm_video_codecs()->open(path, num_threads);
+}
 
 }  // namespace mgsfm

@@ -13,21 +13,17 @@ namespace {
               "again");
 }
 
-}  // namespace
-
-class VideoDecoder::Impl {};
-
-VideoIndex IndexVideo(const std::filesystem::path& path) { Throw(path); }
-
-VideoDecoder::VideoDecoder(const std::filesystem::path& path,
-                           int /*num_threads*/) {
+VideoIndex Index(const std::filesystem::path& path) { Throw(path); }
+std::unique_ptr<VideoDecoder> Open(const std::filesystem::path& path,
+                                   int /*num_threads*/) {
   Throw(path);
 }
-VideoDecoder::~VideoDecoder() = default;
 
-bool VideoDecoder::Next() { return false; }
-int64_t VideoDecoder::TimeNs() const { return 0; }
-cv::Mat VideoDecoder::ReadPixels() const { return {}; }
-cv::Mat VideoDecoder::ReadSmallGray(int /*max_size_px*/) const { return {}; }
+}  // namespace
+
+extern "C" const VideoCodecs* mgsfm_video_codecs() {
+  static constexpr VideoCodecs kCodecs = {Index, Open};
+  return &kCodecs;
+}
 
 }  // namespace mgsfm

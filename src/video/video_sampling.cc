@@ -13,6 +13,7 @@
 #include "base/text.h"
 #include "base/text_tools.h"
 #include "io/files/file_operations.h"
+#include "io/files/image_encoding.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
 #include "video/frame_selection.h"
@@ -160,13 +161,13 @@ std::vector<int> SelectByMotion(const Video& video, double min_motion,
                                 const Context& context) {
   const std::vector<int64_t>& times_ns = video.index.times_ns;
   MotionSampler sampler(min_motion);
-  VideoDecoder decoder(video.path, context.num_threads);
-  while (decoder.Next()) {
+  const auto decoder = OpenVideo(video.path, context.num_threads);
+  while (decoder->Next()) {
     const auto found =
-        std::lower_bound(times_ns.begin(), times_ns.end(), decoder.TimeNs());
-    if (found == times_ns.end() || *found != decoder.TimeNs()) continue;
+        std::lower_bound(times_ns.begin(), times_ns.end(), decoder->TimeNs());
+    if (found == times_ns.end() || *found != decoder->TimeNs()) continue;
     const auto idx = static_cast<int>(found - times_ns.begin());
-    sampler.Add(idx, decoder.ReadSmallGray(kAnalysisSizePx));
+    sampler.Add(idx, decoder->ReadSmallGray(kAnalysisSizePx));
     context.ReportProgress("measuring motion", idx, times_ns.size());
   }
   return sampler.Finish();
@@ -274,11 +275,11 @@ class Extractor {
            fs::file_size(path, ignored) > 0;
   }
   void Write(const fs::path& path, const cv::Mat& image) const {
-    std::vector<uint8_t> file;
-    cv::imencode(path.extension().string(), image, file,
-                 {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality});
     ManyFileOperations operations;
-    ReplaceFile(path, std::string(file.begin(), file.end()), &operations);
+    ReplaceFile(path,
+                EncodeImage(path.extension().string(), image,
+                            {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality}),
+                &operations);
   }
 
   const SamplingPlan& plan_;
@@ -302,15 +303,15 @@ void Extractor::Extract(size_t video_idx, const fs::path& path,
   if (frame_of_time.empty()) return;
   const fs::path folder = output_path_ / "images" / plan_.folders[video_idx];
   fs::create_directories(folder);
-  VideoDecoder decoder(path, context.num_threads);
+  const auto decoder = OpenVideo(path, context.num_threads);
   const std::string stage = "extracting '" + plan_.folders[video_idx] + "'";
   const size_t num_images = frame_of_time.size();
-  while (!frame_of_time.empty() && decoder.Next()) {
+  while (!frame_of_time.empty() && decoder->Next()) {
     context.ReportProgress(stage, num_images - frame_of_time.size(),
                            num_images);
-    const auto found = frame_of_time.find(decoder.TimeNs());
+    const auto found = frame_of_time.find(decoder->TimeNs());
     if (found == frame_of_time.end()) continue;
-    Write(ImagePath(found->second, video_idx), decoder.ReadPixels());
+    Write(ImagePath(found->second, video_idx), decoder->ReadPixels());
     frame_of_time.erase(found);
     ++summary->num_written;
   }

@@ -242,17 +242,17 @@ TEST_F(VideoSamplingTest, ReorderedImagesKeepTheirTimes) {
   video.num_b_frames = 2;
   Write("a.mp4", video);
   const VideoIndex index = IndexVideo(Path("a.mp4"));
-  VideoDecoder decoder(Path("a.mp4"), 2);
+  const auto decoder = OpenVideo(Path("a.mp4"), 2);
   for (size_t i = 0; i < video.times_ms.size(); ++i) {
-    ASSERT_TRUE(decoder.Next()) << i;
+    ASSERT_TRUE(decoder->Next()) << i;
     EXPECT_EQ(index.times_ns[i] - index.times_ns[0],
               1'000'000 * (video.times_ms[i] - video.times_ms[0]));
-    EXPECT_EQ(decoder.TimeNs(), index.times_ns[i]);
-    EXPECT_NEAR(cv::mean(decoder.ReadSmallGray(64))[0],
+    EXPECT_EQ(decoder->TimeNs(), index.times_ns[i]);
+    EXPECT_NEAR(cv::mean(decoder->ReadSmallGray(64))[0],
                 18.0 * 255.0 / 219.0 * static_cast<double>(i), 5.0)
         << i;
   }
-  EXPECT_FALSE(decoder.Next());
+  EXPECT_FALSE(decoder->Next());
 }
 
 TEST_F(VideoSamplingTest, ASecondRunContinues) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "base/text.h"
+#include "io/files/image_codecs.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -288,7 +289,7 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
     if (size) {
       const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
                          const_cast<char*>(file.data()));
-      image.pixels = cv::imdecode(view, imread_flags);
+      image.pixels = mgsfm_image_codecs()->decode(view, imread_flags);
     }
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);
@@ -328,9 +329,9 @@ void SetUpCodecs() {
                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (memory == MAP_FAILED) throw std::bad_alloc();
   munmap(memory, kSetupBytes);
-  const std::string image = "P5 1 1 255\n0";
-  (void)cv::imdecode(std::vector<char>(image.begin(), image.end()),
-                     cv::IMREAD_GRAYSCALE);
+  std::string image = "P5 1 1 255\n0";
+  const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
+  (void)mgsfm_image_codecs()->decode(view, cv::IMREAD_GRAYSCALE);
 }
 
 }  // namespace

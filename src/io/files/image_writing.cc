@@ -5,7 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <string>
 
-#include "io/files/image_reading.h"
+#include "io/files/image_encoding.h"
 #include "io/files/output_file.h"
 #include "mgsfm/base/error.h"
 
@@ -19,16 +19,14 @@ void WriteColorImage(const std::filesystem::path& path, int width_px,
   for (size_t i = 0; i < rgb.size(); i += 3) {
     for (size_t j = 0; j < 3; ++j) bgr.data[i + j] = rgb[i + 2 - j];
   }
-  std::vector<uint8_t> file;
+  std::string file;
   try {
-    cv::imencode(path.extension().string(), bgr, file,
-                 {cv::IMWRITE_JPEG_QUALITY, jpeg_quality});
-  } catch (const cv::Exception& exception) {
-    RethrowLackOfMemory(exception);
-    throw Error("cannot encode '" + path.string() + "': " + exception.err +
-                "; name it .png or .jpg");
+    file = EncodeImage(path.extension().string(), bgr,
+                       {cv::IMWRITE_JPEG_QUALITY, jpeg_quality});
+  } catch (const Error& error) {
+    throw Error("image '" + path.string() + "' " + error.what());
   }
-  WriteFile(path, std::string(file.begin(), file.end()));
+  WriteFile(path, file);
 }
 
 }  // namespace mgsfm

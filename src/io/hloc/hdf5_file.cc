@@ -58,11 +58,9 @@ hid_t NativeType() {
   return std::is_same_v<T, float> ? H5T_NATIVE_FLOAT : H5T_NATIVE_INT32;
 }
 
-}  // namespace
-
-class Hdf5File::Impl {
+class LinkedHdf5File : public Hdf5File {
  public:
-  explicit Impl(const std::string& path)
+  explicit LinkedHdf5File(const std::string& path)
       : path_(path), file_(Open(path), H5Fclose) {
     if (!file_.IsValid()) {
       throw Error("'" + path +
@@ -70,9 +68,10 @@ class Hdf5File::Impl {
     }
   }
 
-  const std::string& path() const { return path_; }
+  const std::string& path() const override { return path_; }
 
-  std::vector<std::string> GroupsWith(const std::string& dataset) const {
+  std::vector<std::string> GroupsWith(
+      const std::string& dataset) const override {
     Search search{dataset, {}};
     if (H5Lvisit(file_.id(), H5_INDEX_NAME, H5_ITER_INC, Visit, &search) < 0) {
       Throw(dataset, "cannot be searched; the file is damaged");
@@ -81,7 +80,7 @@ class Hdf5File::Impl {
     return std::move(search.groups);
   }
 
-  bool Has(const std::string& dataset) const {
+  bool Has(const std::string& dataset) const override {
     // Each group of the path must exist before the next is asked for.
     for (size_t end = dataset.find('/'); end != std::string::npos;
          end = dataset.find('/', end + 1)) {
@@ -90,6 +89,15 @@ class Hdf5File::Impl {
     return Exists(dataset);
   }
 
+  Hdf5Matrix<float> ReadFloats(const std::string& dataset) const override {
+    return Read<float>(dataset);
+  }
+
+  Hdf5Matrix<int32_t> ReadInts(const std::string& dataset) const override {
+    return Read<int32_t>(dataset);
+  }
+
+ private:
   template <class T>
   Hdf5Matrix<T> Read(const std::string& name) const {
     const Handle dataset(H5Dopen2(file_.id(), name.c_str(), H5P_DEFAULT),
@@ -118,7 +126,6 @@ class Hdf5File::Impl {
     return matrix;
   }
 
- private:
   static hid_t Open(const std::string& path) {
     if (!std::filesystem::is_regular_file(path)) {
       throw Error("there is no file '" + path + "'; check the path");
@@ -139,27 +146,15 @@ class Hdf5File::Impl {
   const Handle file_;
 };
 
-Hdf5File::Hdf5File(const std::string& path)
-    : impl_(std::make_unique<Impl>(path)) {}
-Hdf5File::~Hdf5File() = default;
-
-const std::string& Hdf5File::path() const { return impl_->path(); }
-
-std::vector<std::string> Hdf5File::GroupsWith(
-    const std::string& dataset) const {
-  return impl_->GroupsWith(dataset);
+std::unique_ptr<Hdf5File> OpenFile(const std::string& path) {
+  return std::make_unique<LinkedHdf5File>(path);
 }
 
-bool Hdf5File::Has(const std::string& dataset) const {
-  return impl_->Has(dataset);
-}
+}  // namespace
 
-Hdf5Matrix<float> Hdf5File::ReadFloats(const std::string& dataset) const {
-  return impl_->Read<float>(dataset);
-}
-
-Hdf5Matrix<int32_t> Hdf5File::ReadInts(const std::string& dataset) const {
-  return impl_->Read<int32_t>(dataset);
+extern "C" const Hdf5Library* mgsfm_hdf5_library() {
+  static constexpr Hdf5Library kLibrary = {OpenFile};
+  return &kLibrary;
 }
 
 }  // namespace mgsfm

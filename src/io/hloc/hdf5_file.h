@@ -18,26 +18,35 @@ struct Hdf5Matrix {
 };
 
 // A file of HDF5 that is read. Numbers of any size become float or int32. All
-// functions throw Error, naming file and dataset, for damaged files, and the
-// constructor also if this build has no HDF5.
+// functions throw Error, naming file and dataset, for damaged files.
 class Hdf5File {
  public:
-  explicit Hdf5File(const std::string& path);
-  ~Hdf5File();
+  Hdf5File() = default;
+  virtual ~Hdf5File() = default;
   Hdf5File(const Hdf5File&) = delete;
   Hdf5File& operator=(const Hdf5File&) = delete;
 
-  const std::string& path() const;
+  virtual const std::string& path() const = 0;
   // The paths of all groups, at any depth, that have a dataset of this name;
   // sorted.
-  std::vector<std::string> GroupsWith(const std::string& dataset) const;
-  bool Has(const std::string& dataset) const;
-  Hdf5Matrix<float> ReadFloats(const std::string& dataset) const;
-  Hdf5Matrix<int32_t> ReadInts(const std::string& dataset) const;
-
- private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  virtual std::vector<std::string> GroupsWith(
+      const std::string& dataset) const = 0;
+  virtual bool Has(const std::string& dataset) const = 0;
+  virtual Hdf5Matrix<float> ReadFloats(const std::string& dataset) const = 0;
+  virtual Hdf5Matrix<int32_t> ReadInts(const std::string& dataset) const = 0;
 };
+
+struct Hdf5Library {
+  std::unique_ptr<Hdf5File> (*open)(const std::string& path);
+};
+
+// The library links HDF5. The program replaces this function, and loads it when
+// it first needs it (apps/mgsfm/codec_loading.cc).
+extern "C" const Hdf5Library* mgsfm_hdf5_library();
+
+// Throws Error also if this build has no HDF5.
+inline std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path) {
+  return mgsfm_hdf5_library()->open(path);
+}
 
 }  // namespace mgsfm

@@ -4,23 +4,18 @@
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
+namespace {
 
-class Hdf5File::Impl {};
-
-Hdf5File::Hdf5File(const std::string& path) {
+std::unique_ptr<Hdf5File> OpenFile(const std::string& path) {
   throw Error("this build of mgsfm cannot read '" + path +
               "'; install libhdf5-dev and build it again");
 }
-Hdf5File::~Hdf5File() = default;
 
-const std::string& Hdf5File::path() const {
-  throw ContractError("no file is open");
+}  // namespace
+
+extern "C" const Hdf5Library* mgsfm_hdf5_library() {
+  static constexpr Hdf5Library kLibrary = {OpenFile};
+  return &kLibrary;
 }
-std::vector<std::string> Hdf5File::GroupsWith(const std::string&) const {
-  return {};
-}
-bool Hdf5File::Has(const std::string&) const { return false; }
-Hdf5Matrix<float> Hdf5File::ReadFloats(const std::string&) const { return {}; }
-Hdf5Matrix<int32_t> Hdf5File::ReadInts(const std::string&) const { return {}; }
 
 }  // namespace mgsfm

@@ -45,7 +45,7 @@ bool AreFinite(const std::vector<float>& values) {
 }  // namespace
 
 HlocFeatureFile::HlocFeatureFile(const std::string& path)
-    : file_(path), image_names_(file_.GroupsWith("keypoints")) {
+    : file_(OpenHdf5(path)), image_names_(file_->GroupsWith("keypoints")) {
   if (image_names_.empty()) {
     throw Error("'" + path +
                 "' has no image with keypoints; give the features of hloc");
@@ -59,13 +59,13 @@ HlocFeatureFile::HlocFeatureFile(const std::string& path)
 
 void HlocFeatureFile::Throw(const std::string& image_name,
                             const std::string& problem) const {
-  throw Error("'" + file_.path() + "': image '" + image_name + "' " + problem +
+  throw Error("'" + file_->path() + "': image '" + image_name + "' " + problem +
               "; extract its features again");
 }
 
 HlocFeatures HlocFeatureFile::Read(const std::string& image_name) const {
   HlocFeatures features;
-  const auto keypoints = file_.ReadFloats(image_name + "/keypoints");
+  const auto keypoints = file_->ReadFloats(image_name + "/keypoints");
   if (keypoints.rows > 0 && keypoints.cols != 2) {
     Throw(image_name, "has keypoints of " + std::to_string(keypoints.cols) +
                           " columns instead of 2");
@@ -78,8 +78,8 @@ HlocFeatures HlocFeatureFile::Read(const std::string& image_name) const {
     features.keypoints[i].x_px = keypoints.values[2 * i] + 0.5f;
     features.keypoints[i].y_px = keypoints.values[2 * i + 1] + 0.5f;
   }
-  if (file_.Has(image_name + "/descriptors")) {
-    const auto columns = file_.ReadFloats(image_name + "/descriptors");
+  if (file_->Has(image_name + "/descriptors")) {
+    const auto columns = file_->ReadFloats(image_name + "/descriptors");
     if (columns.cols != keypoints.rows || !AreFinite(columns.values)) {
       Throw(image_name, "has " + std::to_string(columns.cols) +
                             " descriptors for " +
@@ -88,8 +88,8 @@ HlocFeatures HlocFeatureFile::Read(const std::string& image_name) const {
     }
     features.descriptors = BytesOfRows(columns);
   }
-  if (file_.Has(image_name + "/image_size")) {
-    const auto size = file_.ReadFloats(image_name + "/image_size").values;
+  if (file_->Has(image_name + "/image_size")) {
+    const auto size = file_->ReadFloats(image_name + "/image_size").values;
     if (size.size() != 2 || !(size[0] >= 1.0f && size[1] >= 1.0f) ||
         !(std::max(size[0], size[1]) <= kMaxImageSide_px)) {
       Throw(image_name, "has an image_size that is not [width, height]");
@@ -102,7 +102,7 @@ HlocFeatures HlocFeatureFile::Read(const std::string& image_name) const {
 
 HlocMatchFile::HlocMatchFile(const std::string& path,
                              const std::vector<std::string>& image_names)
-    : file_(path) {
+    : file_(OpenHdf5(path)) {
   std::map<std::string, int> image_of_name;
   for (size_t i = 0; i < image_names.size(); ++i) {
     const auto [other, is_new] =
@@ -113,7 +113,7 @@ HlocMatchFile::HlocMatchFile(const std::string& path,
                   "' apart, which differ in '-' and '/' only; rename one");
     }
   }
-  for (const std::string& group : file_.GroupsWith("matches0")) {
+  for (const std::string& group : file_->GroupsWith("matches0")) {
     const size_t slash = group.find('/');
     const auto find = [&](const std::string& name) {
       const auto found = image_of_name.find(name);
@@ -134,9 +134,9 @@ HlocMatchFile::HlocMatchFile(const std::string& path,
 
 std::vector<Match> HlocMatchFile::Read(const Pair& pair, size_t num_keypoints1,
                                        size_t num_keypoints2) const {
-  const auto partners = file_.ReadInts(pair.group + "/matches0");
+  const auto partners = file_->ReadInts(pair.group + "/matches0");
   const auto fail = [&](const std::string& problem) {
-    throw Error("'" + file_.path() + "': the pair '" + pair.group + "' " +
+    throw Error("'" + file_->path() + "': the pair '" + pair.group + "' " +
                 problem + "; match it again");
   };
   if (partners.rows != 1 && !partners.values.empty()) {

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -37,7 +38,7 @@ class HlocFeatureFile {
   [[noreturn]] void Throw(const std::string& image_name,
                           const std::string& problem) const;
 
-  Hdf5File file_;
+  std::unique_ptr<Hdf5File> file_;
   std::vector<std::string> image_names_;
 };
 
@@ -61,7 +62,7 @@ class HlocMatchFile {
                           size_t num_keypoints2) const;
 
  private:
-  Hdf5File file_;
+  std::unique_ptr<Hdf5File> file_;
   std::vector<Pair> pairs_;
 };
 

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// OpenCV's image codecs, FFmpeg and HDF5 bring 200 libraries with them. To load
+// these takes 0.09 s and 45 MiB, in a program that takes 0.02 s and 25 MiB
+// without them, and most commands decode nothing. They are therefore in a
+// library of their own, mgsfm_codecs.so, which is loaded when it is first
+// needed. The functions here replace those that the modules define.
+#include <dlfcn.h>
+#include <sys/mman.h>
+
+#include <new>
+#include <string>
+
+#include "io/files/image_codecs.h"
+#include "io/hloc/hdf5_file.h"
+#include "mgsfm/base/error.h"
+#include "video/video_decoder.h"
+
+namespace mgsfm {
+namespace {
+
+// Constructors of these libraries end the process if they lack memory, so that
+// it is tested first. Address space, 220 MiB of which the libraries take.
+void RequireMemory() {
+  constexpr size_t kBytes = size_t{256} << 20;
+  void* memory = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (memory == MAP_FAILED) throw std::bad_alloc();
+  munmap(memory, kBytes);
+}
+
+[[noreturn]] void ThrowNotLoaded() {
+  const char* const reason = dlerror();
+  throw Error(
+      "cannot load mgsfm_codecs.so, which reads images, videos and "
+      "HDF5 files (" +
+      std::string(reason == nullptr ? "" : reason) + "); install mgsfm again");
+}
+
+void* LoadLibrary() {
+  RequireMemory();
+  // The linker searches the folders that the program names (CMakeLists.txt).
+  void* const library = dlopen("mgsfm_codecs.so", RTLD_NOW | RTLD_LOCAL);
+  if (library == nullptr) ThrowNotLoaded();
+  return library;
+}
+
+// The table that a function of the library returns. The library stays loaded.
+template <class T>
+const T* LoadTable(const char* function) {
+  static void* const library = LoadLibrary();
+  void* const address = dlsym(library, function);
+  if (address == nullptr) ThrowNotLoaded();
+  return reinterpret_cast<const T* (*)()>(address)();
+}
+
+}  // namespace
+
+extern "C" const ImageCodecs* mgsfm_image_codecs() {
+  static const auto* const table = LoadTable<ImageCodecs>(__func__);
+  return table;
+}
+
+extern "C" const VideoCodecs* mgsfm_video_codecs() {
+  static const auto* const table = LoadTable<VideoCodecs>(__func__);
+  return table;
+}
+
+extern "C" const Hdf5Library* mgsfm_hdf5_library() {
+  static const auto* const table = LoadTable<Hdf5Library>(__func__);
+  return table;
+}
+
+}  // namespace mgsfm
