@@ -37,8 +37,12 @@ void GravityWeighting::AdjustScale(const std::vector<double>& angles,
                                    const std::vector<double>& edge_norms,
                                    bool edges_are_final) {
   const double sigma = SigmaOfAngles(problem_.gravity_sigma_rad, angles);
+  std::vector<double> unit_norms = edge_norms;
+  for (size_t e = 0; e < unit_norms.size(); ++e) {
+    unit_norms[e] *= std::sqrt(problem_.edges[e].final_weight);
+  }
   const double edge_sigma =
-      edge_norms.empty() ? 0.0 : RobustSigma<3>(edge_norms);
+      unit_norms.empty() ? 0.0 : RobustSigma<3>(std::move(unit_norms));
   const double ratio = std::max(kMinSigmaRatio, edge_sigma / sigma);
   variance_ratio_ = ratio * ratio;
   const double target = kScaleInSigmas * sigma;

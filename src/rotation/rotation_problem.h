@@ -21,8 +21,9 @@ struct RotationEdge {
   int sensor1 = 0;
   int sensor2 = 0;
   Eigen::Quaterniond cam2_from_cam1;
-  double weight = 1.0;   // in the objective
   double support = 1.0;  // number of matches, for the spanning forest
+  double weight = 1.0;   // in the objective until outliers are known
+  double final_weight = 1.0;
 };
 
 // A gravity prior: the direction of gravity, a unit vector in the camera of

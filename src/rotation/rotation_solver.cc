@@ -74,7 +74,7 @@ double RobustCost(const RotationProblem& problem,
                   const std::vector<double>& norms, const RobustLoss& loss) {
   double sum = 0.0;
   for (size_t e = 0; e < norms.size(); ++e) {
-    sum += 0.5 * problem.edges[e].weight * loss.Cost(norms[e] * norms[e]);
+    sum += 0.5 * problem.edges[e].final_weight * loss.Cost(norms[e] * norms[e]);
   }
   return sum;
 }
@@ -200,7 +200,8 @@ SolveSummary AverageRobust(const RotationProblem& problem,
     const GravityValues& level =
         gravity.Next(*state, norms, schedule.IsFinal());
     for (size_t e = 0; e < norms.size(); ++e) {
-      weights[e] = problem.edges[e].weight *
+      const RotationEdge& edge = problem.edges[e];
+      weights[e] = (schedule.IsFinal() ? edge.final_weight : edge.weight) *
                    std::max(kMinWeight, loss.Weight(norms[e] * norms[e]));
     }
     if (!equations.Solve(weights, residuals, *state, &step, level)) {
