@@ -11,17 +11,18 @@ namespace mgsfm {
 namespace {
 
 // Upper bounds of the peaks in docs/results/submaps.md.
-constexpr double kProgramMib = 70.0;
+constexpr double kProgramMib = 25.0;
 constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
 constexpr double kOverlapFactor = 1.1;
-// Joined models and their adjustment, measured in docs/results/submaps.md: the
-// estimate is 12 to 17 % above the peak on 05, and 6 % below it on 100,000
-// images.
+// Joined models and their adjustment, measured in docs/results/submaps.md.
 constexpr double kBytesPerKeypointOfModel = 10.0;
 constexpr double kBytesPerObservation = 260.0;
-constexpr double kBytesPerObservationIfSaved = 100.0;
+constexpr double kBytesPerObservationIfSaved = 50.0;
+constexpr double kBytesPerNeighbour = 680.0;  // and frame
+// From the fastest to the smallest.
+constexpr int kNumNeighbours[] = {64, 48, 32, 24, 16, 12};
 constexpr double kBytesPerMib = 1024.0 * 1024.0;
 
 std::string RemedyFor(double needed_mib, int max_memory_mib) {
@@ -42,22 +43,35 @@ std::string DescribeNeed(const std::string& what, double needed_mib,
          "; ";
 }
 
-// The memory of an adjustment while all joined models are held.
-double EstimateAdjustmentMib(const std::vector<SceneModel>& models,
-                             bool saves_memory) {
-  double num_bytes = 0.0;
+// What the adjustment of joined models is proportional to.
+struct ModelSize {
+  double num_frames = 0.0;
+  double num_keypoints = 0.0;
+  double num_observations = 0.0;
+};
+
+ModelSize SizeOf(const std::vector<SceneModel>& models) {
+  ModelSize size;
   for (const SceneModel& model : models) {
+    size.num_frames += static_cast<double>(model.scene.frames.size());
     for (const Image& image : model.scene.images) {
-      num_bytes += kBytesPerKeypointOfModel *
-                   static_cast<double>(image.keypoints_px.size());
+      size.num_keypoints += static_cast<double>(image.keypoints_px.size());
     }
     for (const Point3D& point : model.reconstruction.points) {
-      num_bytes +=
-          (saves_memory ? kBytesPerObservationIfSaved : kBytesPerObservation) *
-          static_cast<double>(point.track.size());
+      size.num_observations += static_cast<double>(point.track.size());
     }
   }
-  return kProgramMib + num_bytes / kBytesPerMib;
+  return size;
+}
+
+// The memory of an adjustment while all joined models are held.
+double EstimateAdjustmentMib(const ModelSize& size,
+                             double bytes_per_observation,
+                             double bytes_per_frame) {
+  return kProgramMib + (kBytesPerKeypointOfModel * size.num_keypoints +
+                        bytes_per_observation * size.num_observations +
+                        bytes_per_frame * size.num_frames) /
+                           kBytesPerMib;
 }
 
 }  // namespace
@@ -82,13 +96,19 @@ void CheckMemory(const MapperInput& input, int max_memory_mib) {
               RemedyFor(needed_mib, max_memory_mib));
 }
 
-bool MustSaveMemory(const std::vector<SceneModel>& models, int max_memory_mib) {
-  if (max_memory_mib == 0 ||
-      EstimateAdjustmentMib(models, false) <= max_memory_mib) {
-    return false;
+std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
+                                       int max_memory_mib) {
+  const ModelSize size = SizeOf(models);
+  if (max_memory_mib == 0 || EstimateAdjustmentMib(size, kBytesPerObservation,
+                                                   0.0) <= max_memory_mib) {
+    return std::nullopt;
   }
-  const double needed_mib = EstimateAdjustmentMib(models, true);
-  if (needed_mib <= max_memory_mib) return true;
+  double needed_mib = 0.0;
+  for (const int num_neighbours : kNumNeighbours) {
+    needed_mib = EstimateAdjustmentMib(size, kBytesPerObservationIfSaved,
+                                       kBytesPerNeighbour * num_neighbours);
+    if (needed_mib <= max_memory_mib) return num_neighbours;
+  }
   throw Error(DescribeNeed("the adjustment of the joined model", needed_mib,
                            max_memory_mib) +
               "allow more, or join without it (--refine 0)");

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "mgsfm/model_tools/model_tools.h"
@@ -16,10 +17,12 @@ double EstimateMemoryMib(const MapperInput& input);
 // above the limit. 0: not limited.
 void CheckMemory(const MapperInput& input, int max_memory_mib);
 
-// Whether the adjustment of joined models needs
-// BundleAdjustmentOptions::saves_memory to keep the limit, from their numbers
-// of keypoints and observations. Throws Error if even this is not enough. 0:
-// not limited.
-bool MustSaveMemory(const std::vector<SceneModel>& models, int max_memory_mib);
+// BundleAdjustmentOptions::num_neighbours_in_little_memory for the adjustment
+// of joined models: the largest value with which the estimate, from their
+// numbers of keypoints, observations and frames, keeps the limit; nullopt if
+// the fastest adjustment does, too. Throws Error if no value does. 0: not
+// limited.
+std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
+                                       int max_memory_mib);
 
 }  // namespace mgsfm

@@ -2,8 +2,8 @@
 #include "sub_map_run.h"
 
 #include <algorithm>
-#include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -24,6 +24,7 @@
 #include "mgsfm/base/version.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "partition_run.h"
+#include "pipeline/stage_archive.h"
 
 namespace mgsfm {
 namespace {
@@ -165,58 +166,83 @@ JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
                      context);
 }
 
-template <class Item>
-void AppendBytes(const std::vector<Item>& items, std::string* bytes) {
-  bytes->append(reinterpret_cast<const char*>(items.data()),
-                items.size() * sizeof(Item));
+// Writes values without a copy of all bytes in memory.
+class FileSink {
+ public:
+  explicit FileSink(const fs::path& path)
+      : path_(path), file_(path, std::ios::binary | std::ios::trunc) {}
+
+  void Write(const void* data, size_t size) {
+    file_.write(static_cast<const char*>(data),
+                static_cast<std::streamsize>(size));
+  }
+  // Throws Error unless everything is written.
+  void Close() {
+    file_.close();
+    if (!file_) ThrowWriteError(path_);
+  }
+
+ private:
+  const fs::path path_;
+  std::ofstream file_;
+};
+
+// Values that wait in files take no memory.
+template <class T>
+void SaveTo(const fs::path& path, const T& value) {
+  FileSink sink(path);
+  WriteTo(&sink, value);
+  sink.Close();
 }
 
-template <class Item>
-void TakeBytes(const std::string& bytes, size_t* position,
-               std::vector<Item>* items) {
-  std::memcpy(items->data(), bytes.data() + *position,
-              items->size() * sizeof(Item));
-  *position += items->size() * sizeof(Item);
+template <class T>
+T LoadFrom(const fs::path& path) {
+  const std::string content = ReadFile(path);
+  StringSource source(content);
+  return ReadFrom<StringSource, T>(&source);
 }
 
 // Returns the tracks of a model, which are in a file until then.
 CandidateSource TracksInFile(const Reconstruction& model,
                              const fs::path& path) {
-  const ObservationGroups tracks = GroupTracks(model);
-  std::string bytes;
-  bytes.reserve(tracks.offsets.size() * sizeof(size_t) +
-                tracks.observations.size() * sizeof(Observation));
-  AppendBytes(tracks.offsets, &bytes);
-  AppendBytes(tracks.observations, &bytes);
-  WriteFile(path, bytes);
-  return [path, num_offsets = tracks.offsets.size(),
-          num_observations = tracks.observations.size()](const Reconstruction&,
-                                                         double) {
-    const std::string content = ReadFile(path);
-    auto groups = std::make_shared<ObservationGroups>();
-    groups->offsets.resize(num_offsets);
-    groups->observations.resize(num_observations);
-    MGSFM_CHECK_EQ(content.size(), num_offsets * sizeof(size_t) +
-                                       num_observations * sizeof(Observation));
-    size_t position = 0;
-    TakeBytes(content, &position, &groups->offsets);
-    TakeBytes(content, &position, &groups->observations);
-    return groups;
+  SaveTo(path, GroupTracks(model));
+  return [path](const Reconstruction&, double) {
+    return std::make_shared<const ObservationGroups>(
+        LoadFrom<ObservationGroups>(path));
   };
+}
+
+RefinementStore PointsInFile(const fs::path& path) {
+  RefinementStore store;
+  store.put_points = [path](std::vector<Point3D> points) {
+    SaveTo(path, points);
+    points = std::vector<Point3D>();
+    ReturnFreedMemory();
+  };
+  store.take_points = [path] { return LoadFrom<std::vector<Point3D>>(path); };
+  return store;
 }
 
 BundleSummary Adjust(const BundleAdjustmentOptions& options,
                      const fs::path& folder, SceneModel* joined,
                      const Context& context) {
   Reconstruction& model = joined->reconstruction;
-  const fs::path file = folder / "tracks";
-  const CandidateSource tracks = options.saves_memory
-                                     ? TracksInFile(model, file)
-                                     : FixedCandidates(GroupTracks(model));
-  BundleResult result = RefineReconstruction(
-      joined->scene, tracks, std::exchange(model, {}), options, context);
+  const fs::path tracks_file = folder / "tracks",
+                 points_file = folder / "points";
+  CandidateSource tracks;
+  RefinementStore store;
+  if (options.num_neighbours_in_little_memory) {
+    tracks = TracksInFile(model, tracks_file);
+    store = PointsInFile(points_file);
+  } else {
+    tracks = FixedCandidates(GroupTracks(model));
+  }
+  BundleResult result =
+      RefineReconstruction(joined->scene, tracks, std::exchange(model, {}),
+                           options, context, {}, {}, store);
   model = std::move(result.estimate);
-  fs::remove(file);
+  fs::remove(tracks_file);
+  fs::remove(points_file);
   return std::move(result.summary);
 }
 
@@ -321,9 +347,10 @@ BundleAdjustmentOptions AdjustmentOptions(const SubMapRun& run,
                                           const std::vector<SceneModel>& models,
                                           const Context& context) {
   BundleAdjustmentOptions options = run.bundle_adjustment;
-  options.saves_memory =
-      run.adjusts && MustSaveMemory(models, run.max_memory_mib);
-  if (options.saves_memory) {
+  if (!run.adjusts) return options;
+  options.num_neighbours_in_little_memory =
+      ChooseNumNeighbours(models, run.max_memory_mib);
+  if (options.num_neighbours_in_little_memory) {
     if (options.backend != SolverBackend::kNative) {
       throw Error(
           "only the native solver keeps --max_memory; set "

@@ -18,4 +18,10 @@ void ReturnLargeBlocks() {
 #endif
 }
 
+void ReturnFreedMemory() {
+#ifdef __GLIBC__
+  malloc_trim(0);
+#endif
+}
+
 }  // namespace mgsfm

@@ -8,4 +8,8 @@ namespace mgsfm {
 // which leaves holes between small ones. Does nothing on other systems.
 void ReturnLargeBlocks();
 
+// Returns memory that was freed but kept by the C library. Takes some
+// milliseconds. Does nothing on other systems.
+void ReturnFreedMemory();
+
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
@@ -12,27 +13,42 @@
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
+namespace {
 
-bool SolveOnce(const Scene& scene, const BundlePriors& priors,
-               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
-               RefinedParts parts, double function_tolerance,
-               const Context& context, BundleResult* result) {
-  BuiltProblem built =
-      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
+SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
+                          double function_tolerance, const Context& context,
+                          BuiltProblem* built) {
   RigSolverOptions solver_options;
   solver_options.backend = options.backend;
   solver_options.max_num_iterations = options.max_num_iterations;
   solver_options.function_tolerance = function_tolerance;
-  if (options.saves_memory) {
-    solver_options.reduced_solver = ReducedSolver::kCompact;
+  if (options.num_neighbours_in_little_memory) {
+    solver_options.reduced_solver = {ReducedSolver::kCompact,
+                                     *options.num_neighbours_in_little_memory};
   }
-  RigSolver<PixelObservation> solver(built.problem, solver_options, context);
+  RigSolver<PixelObservation> solver(built->problem, solver_options, context);
   // The native solver holds its own copy, in its own order.
   if (options.backend == SolverBackend::kNative) {
-    built.problem.observations = std::vector<PixelObservation>();
+    built->problem.observations = std::vector<PixelObservation>();
+  }
+  return solver.Solve(solver_options.max_num_iterations, &built->state);
+}
+
+}  // namespace
+
+bool SolveOnce(const Scene& scene, const BundlePriors& priors,
+               const FixedPoses& fixed, const BundleAdjustmentOptions& options,
+               RefinedParts parts, double function_tolerance,
+               const Context& context, BundleResult* result,
+               const RefinementStore& store) {
+  BuiltProblem built =
+      BuildProblem(scene, result->estimate, options, parts, priors, fixed);
+  if (store.put_points) {
+    store.put_points(std::exchange(result->estimate.points, {}));
   }
   SolveSummary summary =
-      solver.Solve(solver_options.max_num_iterations, &built.state);
+      SolveProblem(options, function_tolerance, context, &built);
+  if (store.put_points) result->estimate.points = store.take_points();
   const bool is_usable = summary.IsUsable();
   if (is_usable) WriteBack(built, &result->estimate);
   result->summary.num_invisible_observations = built.num_invisible_observations;

@@ -29,6 +29,7 @@ struct RefinementInput {
   const Context& context;
   const BundlePriors& priors;
   const FixedPoses& fixed;
+  const RefinementStore& store;
 };
 
 // Counts the iterations of all solves, supposing that those to come take as
@@ -57,9 +58,9 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
     options.loss_scale_px =
         LossScalePx(input.options, summary.rounds.back().sigma_px);
   }
-  const bool is_usable =
-      SolveOnce(input.scene, input.priors, input.fixed, options, parts,
-                function_tolerance, ContextOfSolve(input, summary), result);
+  const bool is_usable = SolveOnce(
+      input.scene, input.priors, input.fixed, options, parts,
+      function_tolerance, ContextOfSolve(input, summary), result, input.store);
   const SolveSummary& solve = summary.solves.back();
   char line[160];
   std::snprintf(line, sizeof(line),
@@ -174,8 +175,8 @@ bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
 }
 
 // All steps after those of the store. Returns false if a solve fails.
-bool SolveAndTriangulate(const RefinementInput& input,
-                         const RefinementStore& store, BundleResult* result) {
+bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
+  const RefinementStore& store = input.store;
   std::optional<RefinementState> state;
   if (store.load) state = store.load();
   if (!state) {
@@ -208,8 +209,8 @@ BundleResult RefineReconstruction(
   std::swap(result.estimate.points, initial.points);
   result.estimate = std::move(initial);
   const RefinementInput input{scene,   candidates, initial_poses, options,
-                              context, priors,     fixed};
-  if (SolveAndTriangulate(input, store, &result)) {
+                              context, priors,     fixed,         store};
+  if (SolveAndTriangulate(input, &result)) {
     FilterFinalPoints(input, &result);
     DropFramesWithoutObservations(input, &result);
   }

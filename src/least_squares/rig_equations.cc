@@ -68,14 +68,15 @@ double SquaredLength(const RigStructure& structure, const RigState& state) {
 
 RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
                                    const std::vector<int>& image_of_observation,
-                                   ReducedSolver solver, const Context& context)
+                                   const ReducedSolverOptions& solver,
+                                   const Context& context)
     : problem_(problem),
       context_(context),
       structure_(problem, image_of_observation, solver, context.num_threads),
       chunks_(structure_, context.num_threads),
       chunk_costs_(structure_.chunks.size()),
       chunk_sums_(structure_.chunks.size()),
-      conjugate_gradient_tolerance_(solver == ReducedSolver::kCompact
+      conjugate_gradient_tolerance_(solver.type == ReducedSolver::kCompact
                                         ? kConjugateGradientToleranceIfCompact
                                         : kConjugateGradientTolerance),
       solver_(context.num_threads) {

@@ -39,7 +39,7 @@ class RigEquationsBase : public DampedProblem {
  public:
   RigEquationsBase(const RigProblemBase& problem,
                    const std::vector<int>& image_of_observation,
-                   ReducedSolver solver, const Context& context);
+                   const ReducedSolverOptions& solver, const Context& context);
 
   // Sets and copies the current state.
   void SetState(const RigState& state);
@@ -119,7 +119,7 @@ class RigEquations : public RigEquationsBase {
  public:
   using Problem = RigProblem<typename R::Observation>;
 
-  RigEquations(const Problem& problem, ReducedSolver solver,
+  RigEquations(const Problem& problem, const ReducedSolverOptions& solver,
                const Context& context);
 
  protected:

@@ -21,7 +21,8 @@ std::vector<int> ImagesOf(const Problem& problem) {
 }  // namespace
 
 template <class R>
-RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
+RigEquations<R>::RigEquations(const Problem& problem,
+                              const ReducedSolverOptions& solver,
                               const Context& context)
     : RigEquationsBase(problem, ImagesOf(problem), solver, context) {
   measured_.reserve(R::kDim * problem.observations.size());
@@ -36,7 +37,8 @@ RigEquations<R>::RigEquations(const Problem& problem, ReducedSolver solver,
         std::max(num_params, static_cast<int>(camera.free_params.size()));
   }
   kept_.num_values = R::kDim * (3 + static_cast<size_t>(num_params));
-  if (!structure_.is_iterative || solver == ReducedSolver::kCompact) return;
+  if (!structure_.is_iterative || solver.type == ReducedSolver::kCompact)
+    return;
   kept_.observations.resize(kept_.num_values * problem.observations.size());
 }
 

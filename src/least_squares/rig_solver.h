@@ -14,7 +14,19 @@ enum class ReducedSolver {
   kAuto,       // kDirect unless its factor is too large or too slow
   kDirect,     // sparse Cholesky factorisation
   kIterative,  // preconditioned conjugate gradients
-  kCompact,    // the same with less memory, in about twice the time
+  kCompact,    // the same with less memory, in more time
+};
+
+// A solver converts to its options.
+struct ReducedSolverOptions {
+  ReducedSolverOptions(ReducedSolver solver = ReducedSolver::kAuto,
+                       int max_num_neighbours = 64)
+      : type(solver), num_neighbours(max_num_neighbours) {}
+
+  ReducedSolver type;
+  // Of each block in the first preconditioner that is tried; half as many each
+  // time its factor is too large.
+  int num_neighbours;
 };
 
 // Levenberg-Marquardt with Schur complement; docs/maths/least_squares.md.
@@ -53,7 +65,7 @@ struct RigSolverOptions {
   double function_tolerance = 1e-6;
   double parameter_tolerance = 1e-10;
   SolverBackend backend = SolverBackend::kNative;
-  ReducedSolver reduced_solver = ReducedSolver::kAuto;
+  ReducedSolverOptions reduced_solver;
 };
 
 // Solves a problem repeatedly. Its structure is analysed once; between solves,

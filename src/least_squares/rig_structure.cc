@@ -26,10 +26,6 @@ constexpr int kImagesOfBorderBlock = 64;
 constexpr double kMaxFactorEntries = 2e8;
 constexpr double kMinAffordableFlops = 4e9;  // some 0.1 s of one core
 constexpr double kAffordableFlopsPerObservation = 2e4;
-// Neighbours per block of the first preconditioner that is tried; half as many
-// each time its factor is too large.
-constexpr int kMaxNumStrongNeighbours = 64;
-constexpr int kMaxNumStrongNeighboursIfCompact = 16;
 
 using Pairs = std::vector<BlockPairKey>;
 
@@ -423,26 +419,24 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
 
 RigStructure::RigStructure(const RigProblemBase& problem,
                            const std::vector<int>& image_of_observation,
-                           ReducedSolver solver, int num_threads) {
+                           const ReducedSolverOptions& solver,
+                           int num_threads) {
   pose_size = ChoosePoseSize(problem);
   NumberBlocks(problem, image_of_observation, this);
   const Mask is_border = ChooseBorder(problem, *this);
   BuildChunks(problem, image_of_observation, num_threads, this);
   const size_t num_observations = image_of_observation.size();
   ReducedGraph graph;
-  is_iterative =
-      solver == ReducedSolver::kIterative || solver == ReducedSolver::kCompact;
+  is_iterative = solver.type == ReducedSolver::kIterative ||
+                 solver.type == ReducedSolver::kCompact;
   if (!is_iterative) {
     graph = MakeGraph(problem, *this, is_border, num_threads);
-    is_iterative = solver == ReducedSolver::kAuto &&
+    is_iterative = solver.type == ReducedSolver::kAuto &&
                    !IsAffordable(graph.order, pose_size, num_observations);
   }
   if (is_iterative) {
     graph = ReducedGraph();  // frees its memory
-    graph = MakePreconditionerGraph(problem, is_border,
-                                    solver == ReducedSolver::kCompact
-                                        ? kMaxNumStrongNeighboursIfCompact
-                                        : kMaxNumStrongNeighbours,
+    graph = MakePreconditionerGraph(problem, is_border, solver.num_neighbours,
                                     num_observations, num_threads, this);
   }
   std::vector<Pairs> pairs_of_chunks = std::move(graph.pairs_of_chunks);

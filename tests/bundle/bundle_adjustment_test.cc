@@ -5,6 +5,9 @@
 
 #include <cmath>
 #include <numeric>
+#include <optional>
+#include <utility>
+#include <vector>
 
 #include "bundle/bundle_fixtures.h"
 #include "bundle/image_views.h"
@@ -184,6 +187,30 @@ TEST_P(BundleAdjustmentTest, ThreadsDoNotChangeABit) {
   const Reconstruction one = refine(1);
   ExpectSame(one, refine(2));
   ExpectSame(one, refine(3));
+}
+
+TEST_P(BundleAdjustmentTest, PointsElsewhereDuringSolvesDoNotChangeABit) {
+  const Simulation simulation = Simulate(NoisyScene(rig(), path()));
+  const Reconstruction initial =
+      Perturbed(simulation.scene, simulation.ground_truth, 0.02, 14);
+  const ObservationGroups groups = GroupTracks(simulation.ground_truth, 2);
+  const auto refine = [&](const RefinementStore& store) {
+    return RefineReconstruction(simulation.scene, FixedCandidates(groups),
+                                initial, BundleAdjustmentOptions(), Threads(2),
+                                {}, {}, store);
+  };
+  std::optional<std::vector<Point3D>> elsewhere;
+  size_t num_times = 0;
+  RefinementStore store;
+  store.put_points = [&](std::vector<Point3D> points) {
+    EXPECT_FALSE(elsewhere);
+    elsewhere = std::move(points);
+    ++num_times;
+  };
+  store.take_points = [&] { return *std::exchange(elsewhere, std::nullopt); };
+  const BundleResult result = refine(store);
+  EXPECT_EQ(num_times, result.summary.solves.size());
+  ExpectSame(result.estimate, refine({}).estimate);
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -500,7 +527,7 @@ TEST(AdjustBundleTest, LittleMemoryReachesTheSameOptimum) {
   options.function_tolerance = 1e-13;
   const BundleResult fast =
       AdjustBundle(simulation.scene, initial, options, Threads(2));
-  options.saves_memory = true;
+  options.num_neighbours_in_little_memory = 8;
   const BundleResult small =
       AdjustBundle(simulation.scene, initial, options, Threads(2));
   EXPECT_NEAR(small.summary.solves.at(0).final_cost,

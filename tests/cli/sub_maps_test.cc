@@ -92,16 +92,17 @@ TEST_F(SubMapCommands, LimitOfMemoryDoesNotChangeTheResult) {
   MapAll(Partition(3));
   Join();
   const std::string join = JoinTo("small") + " --max_memory ";
-  const CommandOutput refused = RunMgsfm(join + "71");
+  const CommandOutput refused = RunMgsfm(join + "26");
   EXPECT_EQ(refused.exit_code, 1);
   const std::string message = LastWord(refused);
-  EXPECT_THAT(message, HasSubstr("--max_memory allows 71; allow more"));
+  EXPECT_THAT(message, HasSubstr("--max_memory allows 26; allow more"));
   EXPECT_FALSE(fs::exists(Path("small")));
   const std::string about = "needs about ";
   const CommandOutput output =
       Run(join + message.substr(message.find(about) + about.size(), 2));
   EXPECT_THAT(output.err, HasSubstr("recomputes"));
   EXPECT_FALSE(fs::exists(Path("small/0/tracks")));
+  EXPECT_FALSE(fs::exists(Path("small/0/points")));
   ExpectAsGood(Path("small/0"), Path("joined/0"));
   const auto final_cost = [&](const std::string& name) {
     const Json report = Json::parse(ReadTextFile(Path(name + "/report.json")));
@@ -215,9 +216,9 @@ TEST_F(SubMapCommands, TooLargeInputIsRefusedBeforeTheReconstruction) {
   const std::string mapper = "mapper --write_report 0 --database_path " +
                              Database() + " --output_path " + Path("out") +
                              " --max_memory ";
-  const CommandOutput refused = RunMgsfm(mapper + "71");
+  const CommandOutput refused = RunMgsfm(mapper + "26");
   EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 71; cut the "
+  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 26; cut the "
                                            "view graph with --partition"));
   EXPECT_THAT(refused.err, Not(HasSubstr("rotation averaging")));
   EXPECT_FALSE(fs::exists(Path("out")));

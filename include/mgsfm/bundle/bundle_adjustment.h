@@ -194,9 +194,11 @@ struct BundleAdjustmentOptions {
       "min_num_observations_per_frame", 6, AtLeast(0), "observations",
       "Frames with fewer observations are reported as weak."};
 
-  // Not an option of commands, which set it to keep a limit of memory: solve
-  // with as little memory as possible, in about twice the time.
-  bool saves_memory = false;
+  // Not an option of commands, which set it to keep a limit of memory: solve in
+  // little memory, with so many neighbours of each frame in the preconditioner.
+  // With 16, a solve takes about twice the time; more of them take memory and
+  // save time.
+  std::optional<int> num_neighbours_in_little_memory;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
@@ -286,10 +288,13 @@ struct RefinementState {
 
 // Loads the latest state and saves new ones, so that a run can continue an
 // interrupted one with the same input and reach the same result. Empty
-// functions do nothing.
+// functions do nothing. put_points() keeps the points of the model somewhere
+// else until take_points(), so that they take no memory during a solve.
 struct RefinementStore {
   std::function<std::optional<RefinementState>()> load = {};
   std::function<void(const RefinementState&)> save = {};
+  std::function<void(std::vector<Point3D>)> put_points = {};
+  std::function<std::vector<Point3D>()> take_points = {};
 };
 
 // Returns groups of keypoints that can be observations of one point. The model,
