@@ -13,7 +13,7 @@ brackets are relative to the single run. Finished drives in the output folder
 are reused; models are removed.
 
   mgsfm simulate --preset standard --output_path drive
-  python3 -m experiments sub_maps drive"""
+  python3 -m experiments sub_maps drive --join_memory 0.25"""
 HEADER = ["drive", "images", "error, single run", "joined",
           "processor time, single run", "sub-maps", "memory, single run", "cut",
           "a cluster", "join"]
@@ -28,6 +28,10 @@ def add_parser(subparsers):
                         help="folders that mgsfm simulate wrote")
     parser.add_argument("--num_clusters", type=options.positive(int), default=8,
                         help="about this many")
+    parser.add_argument("--join_memory", type=options.positive(float),
+                        metavar="SHARE",
+                        help="limit of the join's memory relative to the "
+                        "single run; no limit by default")
     parser.add_argument("--output", type=pathlib.Path,
                         default=options.REPOSITORY / "build/sub_maps",
                         help="folder of results; finished drives are reused")
@@ -77,9 +81,12 @@ def measure_drive(program, arguments, drive, scratch):
     values = {"single": mapper(scratch / "single", "--write_report", 0)}
     values["cut"] = mapper(clusters, "--partition", arguments.num_clusters)
     values["clusters"] = map_clusters(mapper, clusters, maps)
+    limit_mib = ((arguments.join_memory or 0.0) *
+                 values["single"]["peak_memory_mib"])
     values["join"] = call(
         "model_merger", "--graph", 1, *database, "--cluster_path", clusters,
-        "--input_path", maps, "--output_path", scratch / "joined")
+        "--input_path", maps, "--output_path", scratch / "joined",
+        "--max_memory", round(limit_mib))
     return {**values, "single_errors": evaluate(scratch / "single/0"),
             "joined_errors": evaluate(scratch / "joined/0")}
 
