@@ -13,7 +13,8 @@ namespace mgsfm {
 namespace {
 
 // A larger factor means that the initial value or the estimate is wrong, unless
-// the initial value is a guess.
+// the initial value is a guess: bundle adjustment recovers values that are
+// wrong by up to this factor, but not beyond (docs/results/constants.md).
 constexpr double kMaxChange = 2.0;
 // The focal length of a guess, in larger image sides: the default of
 // ImageReader.default_focal_length_factor, as in COLMAP.

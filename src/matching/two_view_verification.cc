@@ -19,7 +19,8 @@ namespace {
 // 1 - (1 - 0.2^2)^200 = 0.9997.
 constexpr int kMaxNumRotationTrials = 200;
 // Minimum ratio of rotation inliers to homography inliers of a PANORAMIC pair.
-// A rotation is a homography, so the ratio is 1 without parallax, up to noise.
+// Without parallax it is at least 1 up to noise, as the tolerance of rotations
+// is sqrt(2) wider. docs/results/constants.md compares 0.8 to 1.
 constexpr double kMinRotationRatio = 0.95;
 // Refinement of the pose on its inliers stops early: it decides which matches
 // are inliers, and the mapper refines the pose again.

@@ -58,6 +58,7 @@ Mask FindInconsistentBaselines(const FramePairIndex& index,
 std::vector<double> BaselineDriftBounds(const PairFilteringOptions& options) {
   // The first bound is loose because one camera drifts in scale and loops must
   // close. Small steps drop the worst pairs before the others are judged.
+  // docs/results/constants.md compares fewer and more of them.
   constexpr double kDivisors[] = {1.0, 2.0, 4.0, 10.0};
   std::vector<double> bounds;
   for (const double divisor : kDivisors) {

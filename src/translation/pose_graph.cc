@@ -20,13 +20,14 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-// A relative rotation of 30 matches is off by some tenths of a degree; the
-// results on hard drives are in docs/results/hard_drives.md.
+// A relative rotation of 30 matches is off by some tenths of a degree. With
+// half the value, a displaced step can remain (docs/results/constants.md).
 constexpr double kPoseRotationSigma = DegToRad(0.2);
 // The error that remains however many keypoints vote: 0.06 degrees, about that
 // of averaged rotations (kRotationSigma in baseline_directions.cc).
 constexpr double kMinSigmaInDepths = 1e-3;
-// In standard deviations; the Cauchy loss is 95 % efficient at 2.4.
+// In standard deviations; the Cauchy loss is 95 % efficient at 2.4. Twice the
+// value changes errors by less than 1 % (docs/results/constants.md).
 constexpr double kPoseLossScale = 3.0;
 // The defaults of Ceres.
 constexpr int kMaxNumPoseIterations = 50;

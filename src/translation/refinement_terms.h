@@ -68,7 +68,9 @@ constexpr double kMinRelativeLength = 1e-4;
 
 // The loss of the refinement without points is annealed: its scale is
 // multiplied by these factors. All solves but the last have
-// kNumCoarseRefinements iterations.
+// kNumCoarseRefinements iterations. Half and twice this number, 16 as first
+// factor, or no annealing change errors by at most 1.3 %
+// (docs/results/constants.md).
 constexpr double kLossAnnealing[] = {8.0, 2.0, 1.0};
 constexpr int kNumCoarseRefinements = 10;
 

@@ -14,7 +14,9 @@
 namespace mgsfm {
 namespace {
 
-// The coarse refinement prepares a second triangulation, so it ends early.
+// The coarse refinement prepares a second triangulation, so it ends early. Half
+// and twice the iterations change errors by less than 1 %, those of the loss by
+// at most 8 % (docs/results/constants.md).
 constexpr double kCoarseLossRad = DegToRad(1.0);
 constexpr double kCoarseFunctionTolerance = 1e-3;
 constexpr int kNumCoarseIterations = 10;
@@ -28,7 +30,8 @@ constexpr double kFunctionTolerance = 1e-5;
 // changes no error (docs/results/constants.md).
 constexpr double kMinRelativeDepth = 0.02;
 // A sensor is reported unless less than this share of its squared motion lies
-// in the undetermined subspace.
+// in the undetermined subspace. N sensors that move together have 1 / N each; a
+// share below this value is less than a tenth of the motion.
 constexpr double kMinUnobservableShare = 0.01;
 // A pair without parallax does not move by more, in standard deviations; normal
 // errors exceed it with probability 3e-2 in three dimensions.

@@ -16,8 +16,9 @@
 namespace mgsfm::internal {
 namespace {
 
-// Matches within this factor of the maximum error refine the initial pose,
-// which may be slightly wrong.
+// Matches within this factor of the maximum error refine the initial pose: if
+// that is off by the maximum error at a match, both errors add up. Half and
+// twice the value increase errors by 4 and 2 % (docs/results/constants.md).
 constexpr double kRelaxation = 2.0;
 // A homography is a rotation if its singular values differ by at most this
 // ratio.
@@ -27,7 +28,8 @@ constexpr int kMaxNumRefinementIterations = 15;
 // A sample of two inliers at an inlier ratio of 0.2 is found with probability
 // 1 - (1 - 0.2^2)^200 = 0.9997.
 constexpr int kMaxNumRotationTrials = 200;
-// Scales of the loss relative to the maximum error: initially, and the lower
+// Scales of the loss relative to the maximum error: initially
+// (docs/results/constants.md compares half and twice the value), and the lower
 // bound for exact (simulated) matches.
 constexpr double kInitialLossScale = 0.25;
 constexpr double kMinLossScale = 1e-3;
