@@ -74,41 +74,88 @@ RayError ErrorOf(const PlacedCamera& placed, const CameraPoints& camera,
                  camera.rays[i], camera.max_error_rad);
 }
 
-// Divides the component along g by its standard deviation.
-template <class Components>
-void Whiten(const Vector3d& g, Components* components) {
-  const double squared = g.squaredNorm();
-  if (!(squared > 0.0)) return;
-  const double reduction = (1.0 - 1.0 / std::sqrt(1.0 + squared)) / squared;
-  *components -= reduction * g * (g.transpose() * *components).eval();
-}
+// The equations for a rotation w and a translation t in the camera frame, which
+// move the point q + translation by w x q + t. With s = 1 / (distance
+// max_error), the derivative of r is s (I - n n^T) per movement, and whitening
+// by the covariance I + g g^T leaves s^2 (I - n n^T - h h^T) of the Hessian,
+// h = g / sqrt(1 + |g|^2). g is orthogonal to n.
+class CameraEquations {
+ public:
+  explicit CameraEquations(double loss_scale)
+      : squared_scale_(loss_scale * loss_scale) {}
+
+  void Add(const RayError& error, const Vector3d& q, double max_error_rad) {
+    const Vector3d& n = error.direction;
+    const Vector3d h = error.g / std::sqrt(1.0 + error.g.squaredNorm());
+    const double along = error.r.dot(h);
+    const double x =
+        1.0 +
+        std::max(0.0, error.r.squaredNorm() - along * along) / squared_scale_;
+    const double s = 1.0 / (error.distance * max_error_rad);
+    Matrix3d by_tt = -n * n.transpose();
+    by_tt.noalias() -= h * h.transpose();
+    by_tt.diagonal().array() += 1.0;
+    by_tt *= s * s / x;
+    const Vector3d by_t = (error.r - n * n.dot(error.r) - h * along) * (s / x);
+    const Matrix3d cross = CrossMatrix(q);
+    const Matrix3d by_wt = cross * by_tt;
+    tt_ += by_tt;
+    wt_ += by_wt;
+    ww_.noalias() -= by_wt * cross;
+    t_ += by_t;
+    w_ += q.cross(by_t);
+    AddFactorOfCost(x);
+  }
+
+  // Adds them for a rotation and a translation in the frame of the unit.
+  void AddTo(const Matrix3d& cam_from_unit, PoseEquations* equations) const {
+    const Matrix3d& C = cam_from_unit;
+    auto& hessian = equations->hessian;
+    const Matrix3d by_wt = C.transpose() * wt_ * C;
+    hessian.topLeftCorner<3, 3>() += C.transpose() * ww_ * C;
+    hessian.topRightCorner<3, 3>() += by_wt;
+    hessian.bottomLeftCorner<3, 3>() += by_wt.transpose();
+    hessian.bottomRightCorner<3, 3>() += C.transpose() * tt_ * C;
+    equations->gradient.head<3>() += C.transpose() * w_;
+    equations->gradient.tail<3>() += C.transpose() * t_;
+    equations->cost +=
+        0.5 * squared_scale_ * (sum_of_logs_ + std::log(product_));
+  }
+
+ private:
+  // A logarithm takes as long as the rest.
+  void AddFactorOfCost(double x) {
+    constexpr double kLarge = 1e100;
+    product_ *= x;
+    if (product_ < kLarge) return;
+    sum_of_logs_ += std::log(product_);
+    product_ = 1.0;
+  }
+
+  double squared_scale_;
+  Matrix3d ww_ = Matrix3d::Zero();
+  Matrix3d wt_ = Matrix3d::Zero();
+  Matrix3d tt_ = Matrix3d::Zero();
+  Vector3d w_ = Vector3d::Zero();
+  Vector3d t_ = Vector3d::Zero();
+  double sum_of_logs_ = 0.0;
+  double product_ = 1.0;
+};
 
 PoseEquations Linearize(const std::vector<CameraPoints>& cameras,
                         double loss_scale, const Rigid3& unit_from_world) {
   PoseEquations equations;
-  const double squared_scale = loss_scale * loss_scale;
-  const Matrix3d rotation = unit_from_world.rotation.toRotationMatrix();
   for (const CameraPoints& camera : cameras) {
     const PlacedCamera placed(camera, unit_from_world);
-    const Matrix3d cam_from_unit =
-        camera.cam_from_unit.rotation.toRotationMatrix();
+    CameraEquations of_camera(loss_scale);
     for (size_t i = 0; i < camera.size(); ++i) {
-      RayError error = ErrorOf(placed, camera, i);
+      const RayError error = ErrorOf(placed, camera, i);
       if (!(error.distance > 0.0)) continue;
-      const Vector3d& n = error.direction;
-      const Matrix3d by_t =
-          (cam_from_unit - n * (n.transpose() * cam_from_unit)) /
-          (error.distance * camera.max_error_rad);
-      Eigen::Matrix<double, 3, 6> jacobian;
-      jacobian << -by_t * CrossMatrix(rotation * camera.points[i]), by_t;
-      Whiten(error.g, &error.r);
-      Whiten(error.g, &jacobian);
-      const double x = 1.0 + error.r.squaredNorm() / squared_scale;
-      const Eigen::Matrix<double, 3, 6> weighted = jacobian * (1.0 / x);
-      equations.hessian.noalias() += weighted.transpose() * jacobian;
-      equations.gradient.noalias() += weighted.transpose() * error.r;
-      equations.cost += 0.5 * squared_scale * std::log(x);
+      of_camera.Add(error, placed.cam_from_world * camera.points[i],
+                    camera.max_error_rad);
     }
+    of_camera.AddTo(camera.cam_from_unit.rotation.toRotationMatrix(),
+                    &equations);
   }
   return equations;
 }
