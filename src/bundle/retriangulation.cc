@@ -250,15 +250,27 @@ class GroupLookup {
   std::vector<int> group_;
 };
 
-// Replaces old points by new ones some groups at a time, so that a model is not
-// in memory twice.
+// The group of each point, or kNoGroup.
+std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
+                            const std::vector<Point3D>& points) {
+  const GroupLookup lookup(scene, groups);
+  std::vector<int> group_of_point;
+  group_of_point.reserve(points.size());
+  for (const Point3D& point : points) {
+    group_of_point.push_back(lookup.FindAny(point));
+  }
+  return group_of_point;
+}
+
+// Bounds the memory of points that do not have their final place yet.
 constexpr size_t kGroupsAtATime = 4096;
 
 // The new points of the groups [begin, end).
 std::vector<std::vector<Point3D>> TriangulateGroups(
     const Scene& scene, const std::vector<ImageView>& views,
     const ObservationGroups& groups, size_t begin, size_t end,
-    const IndexGroups& points_of_group, const std::vector<Point3D>& old,
+    const IndexGroups& points_of_group,
+    const std::vector<Eigen::Vector3d>& all_old_points,
     const PointFilterOptions& options, int num_threads) {
   std::vector<std::vector<Point3D>> points(end - begin);
   ParallelFor(points.size(), num_threads, [&](size_t i) {
@@ -266,7 +278,7 @@ std::vector<std::vector<Point3D>> TriangulateGroups(
     std::vector<Eigen::Vector3d> old_points;
     for (size_t k = points_of_group.begin[g]; k < points_of_group.begin[g + 1];
          ++k) {
-      old_points.push_back(old[points_of_group.items[k]].point_in_world);
+      old_points.push_back(all_old_points[points_of_group.items[k]]);
     }
     points[i] = TriangulateGroup(
         CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
@@ -284,34 +296,30 @@ void Retriangulate(const Scene& scene, const ObservationGroups& groups,
       scene,
       PointFilterOptions{std::numeric_limits<double>::max(), 1, 0.0, 0.0},
       num_threads, reconstruction);
-  const GroupLookup lookup(scene, groups);
-  std::vector<int> group_of_point;
-  group_of_point.reserve(reconstruction->points.size());
-  for (const Point3D& point : reconstruction->points) {
-    group_of_point.push_back(lookup.FindAny(point));
-  }
+  const std::vector<int> group_of_point =
+      FindGroups(scene, groups, reconstruction->points);
   const IndexGroups points_of_group = GroupByKey(group_of_point, groups.size());
 
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
-  std::vector<Point3D> old = std::move(reconstruction->points);
-  std::vector<Point3D>& kept = reconstruction->points;
-  kept.clear();
-  for (size_t i = 0; i < old.size(); ++i) {
-    if (group_of_point[i] == kNoGroup) kept.push_back(std::move(old[i]));
+  // Only the positions stay, so that a model is not in memory twice.
+  std::vector<Eigen::Vector3d> old_points;
+  old_points.reserve(reconstruction->points.size());
+  std::vector<Point3D> kept;
+  for (size_t i = 0; i < reconstruction->points.size(); ++i) {
+    Point3D& point = reconstruction->points[i];
+    old_points.push_back(point.point_in_world);
+    if (group_of_point[i] == kNoGroup) kept.push_back(std::move(point));
   }
+  reconstruction->points = std::move(kept);
   FilterPoints(scene, options, num_threads, reconstruction);
-  std::vector<Point3D> result = std::move(kept);
+  std::vector<Point3D> result = std::move(reconstruction->points);
   result.reserve(result.size() + groups.size());
   for (size_t begin = 0; begin < groups.size(); begin += kGroupsAtATime) {
     const size_t end = std::min(groups.size(), begin + kGroupsAtATime);
     for (std::vector<Point3D>& of_group :
          TriangulateGroups(scene, views, groups, begin, end, points_of_group,
-                           old, options, num_threads)) {
+                           old_points, options, num_threads)) {
       for (Point3D& point : of_group) result.push_back(std::move(point));
-    }
-    for (size_t k = points_of_group.begin[begin];
-         k < points_of_group.begin[end]; ++k) {
-      old[points_of_group.items[k]].track = std::vector<Observation>();
     }
   }
   reconstruction->points = std::move(result);
