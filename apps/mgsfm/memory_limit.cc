@@ -11,16 +11,18 @@ namespace mgsfm {
 namespace {
 
 // Upper bounds of the peaks in docs/results/submaps.md.
-constexpr double kProgramMib = 25.0;
+constexpr double kProgramMib = 24.0;
 constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
 constexpr double kOverlapFactor = 1.1;
-// Joined models and their adjustment, measured in docs/results/submaps.md.
+// Joined models and their adjustment, measured in
+// docs/results/submaps.md#join-in-a-quarter-of-the-memory.
 constexpr double kBytesPerKeypointOfModel = 10.0;
+constexpr double kBytesPerObservationOfModel = 52.0;
 constexpr double kBytesPerObservation = 260.0;
-constexpr double kBytesPerObservationIfSaved = 50.0;
-constexpr double kBytesPerNeighbour = 680.0;  // and frame
+constexpr double kBytesPerObservationIfSaved = 63.0;
+constexpr double kBytesPerNeighbour = 500.0;  // and frame
 // From the fastest to the smallest.
 constexpr int kNumNeighbours[] = {64, 48, 32, 24, 16, 12};
 constexpr double kBytesPerMib = 1024.0 * 1024.0;
@@ -64,14 +66,23 @@ ModelSize SizeOf(const std::vector<SceneModel>& models) {
   return size;
 }
 
-// The memory of an adjustment while all joined models are held.
-double EstimateAdjustmentMib(const ModelSize& size,
-                             double bytes_per_observation,
-                             double bytes_per_frame) {
-  return kProgramMib + (kBytesPerKeypointOfModel * size.num_keypoints +
-                        bytes_per_observation * size.num_observations +
-                        bytes_per_frame * size.num_frames) /
-                           kBytesPerMib;
+double ToMib(double num_bytes) {
+  return kProgramMib + num_bytes / kBytesPerMib;
+}
+
+double EstimateFastAdjustmentMib(const ModelSize& size) {
+  return ToMib(kBytesPerKeypointOfModel * size.num_keypoints +
+               kBytesPerObservation * size.num_observations);
+}
+
+// Either the models are in memory, or the equations of their adjustment.
+double EstimateCompactAdjustmentMib(const ModelSize& size, int num_neighbours) {
+  const double models = kBytesPerKeypointOfModel * size.num_keypoints +
+                        kBytesPerObservationOfModel * size.num_observations;
+  const double equations =
+      kBytesPerObservationIfSaved * size.num_observations +
+      kBytesPerNeighbour * num_neighbours * size.num_frames;
+  return ToMib(std::max(models, equations));
 }
 
 }  // namespace
@@ -85,7 +96,7 @@ double EstimateMemoryMib(const MapperInput& input) {
   for (const ImagePair& pair : input.view_graph.pairs) {
     num_bytes += kBytesPerMatch * static_cast<double>(pair.matches.size());
   }
-  return kProgramMib + num_bytes / kBytesPerMib;
+  return ToMib(num_bytes);
 }
 
 void CheckMemory(const MapperInput& input, int max_memory_mib) {
@@ -99,14 +110,13 @@ void CheckMemory(const MapperInput& input, int max_memory_mib) {
 std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
                                        int max_memory_mib) {
   const ModelSize size = SizeOf(models);
-  if (max_memory_mib == 0 || EstimateAdjustmentMib(size, kBytesPerObservation,
-                                                   0.0) <= max_memory_mib) {
+  if (max_memory_mib == 0 ||
+      EstimateFastAdjustmentMib(size) <= max_memory_mib) {
     return std::nullopt;
   }
   double needed_mib = 0.0;
   for (const int num_neighbours : kNumNeighbours) {
-    needed_mib = EstimateAdjustmentMib(size, kBytesPerObservationIfSaved,
-                                       kBytesPerNeighbour * num_neighbours);
+    needed_mib = EstimateCompactAdjustmentMib(size, num_neighbours);
     if (needed_mib <= max_memory_mib) return num_neighbours;
   }
   throw Error(DescribeNeed("the adjustment of the joined model", needed_mib,

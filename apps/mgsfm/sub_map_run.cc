@@ -12,7 +12,6 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
 #include "base/memory.h"
 #include "command.h"
 #include "io/files/model_files.h"
@@ -187,39 +186,69 @@ class FileSink {
   std::ofstream file_;
 };
 
-// Values that wait in files take no memory.
-template <class T>
-void SaveTo(const fs::path& path, const T& value) {
-  FileSink sink(path);
-  WriteTo(&sink, value);
-  sink.Close();
-}
+class FileSource {
+ public:
+  explicit FileSource(const fs::path& path)
+      : path_(path),
+        file_(path, std::ios::binary),
+        num_bytes_left_(fs::file_size(path)) {}
 
-template <class T>
-T LoadFrom(const fs::path& path) {
-  const std::string content = ReadFile(path);
-  StringSource source(content);
-  return ReadFrom<StringSource, T>(&source);
-}
+  void CheckSize(uint64_t size) const {
+    if (size > num_bytes_left_) ThrowDamaged();
+  }
+  void Read(void* data, size_t size) {
+    CheckSize(size);
+    file_.read(static_cast<char*>(data), static_cast<std::streamsize>(size));
+    if (!file_) ThrowDamaged();
+    num_bytes_left_ -= size;
+  }
+
+ private:
+  [[noreturn]] void ThrowDamaged() const {
+    throw Error("cannot read '" + path_.string() +
+                "', which this run has written; check its disk");
+  }
+
+  const fs::path path_;
+  std::ifstream file_;
+  uint64_t num_bytes_left_;
+};
 
 // Returns the tracks of a model, which are in a file until then.
 CandidateSource TracksInFile(const Reconstruction& model,
                              const fs::path& path) {
-  SaveTo(path, GroupTracks(model));
+  FileSink sink(path);
+  WriteTo(&sink, GroupTracks(model));
+  sink.Close();
   return [path](const Reconstruction&, double) {
+    FileSource source(path);
     return std::make_shared<const ObservationGroups>(
-        LoadFrom<ObservationGroups>(path));
+        ReadFrom<FileSource, ObservationGroups>(&source));
   };
 }
 
-RefinementStore PointsInFile(const fs::path& path) {
+// Keeps points and keypoints in a file during solves.
+RefinementStore PointsInFile(const fs::path& path, Scene* scene) {
   RefinementStore store;
-  store.put_points = [path](std::vector<Point3D> points) {
-    SaveTo(path, points);
+  store.put_points = [path, scene](std::vector<Point3D> points) {
+    FileSink sink(path);
+    WriteTo(&sink, points);
     points = std::vector<Point3D>();
+    for (Image& image : scene->images) {
+      WriteTo(&sink, std::exchange(image.keypoints_px, {}));
+    }
+    sink.Close();
     ReturnFreedMemory();
   };
-  store.take_points = [path] { return LoadFrom<std::vector<Point3D>>(path); };
+  store.take_points = [path, scene] {
+    FileSource source(path);
+    auto points = ReadFrom<FileSource, std::vector<Point3D>>(&source);
+    for (Image& image : scene->images) {
+      image.keypoints_px =
+          ReadFrom<FileSource, decltype(image.keypoints_px)>(&source);
+    }
+    return points;
+  };
   return store;
 }
 
@@ -233,7 +262,7 @@ BundleSummary Adjust(const BundleAdjustmentOptions& options,
   RefinementStore store;
   if (options.num_neighbours_in_little_memory) {
     tracks = TracksInFile(model, tracks_file);
-    store = PointsInFile(points_file);
+    store = PointsInFile(points_file, &joined->scene);
   } else {
     tracks = FixedCandidates(GroupTracks(model));
   }

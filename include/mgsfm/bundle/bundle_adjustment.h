@@ -289,7 +289,9 @@ struct RefinementState {
 // Loads the latest state and saves new ones, so that a run can continue an
 // interrupted one with the same input and reach the same result. Empty
 // functions do nothing. put_points() keeps the points of the model somewhere
-// else until take_points(), so that they take no memory during a solve.
+// else until take_points(), so that they take no memory during a solve. A solve
+// does not read the keypoints of the scene either, so that they may wait there,
+// too.
 struct RefinementStore {
   std::function<std::optional<RefinementState>()> load = {};
   std::function<void(const RefinementState&)> save = {};
