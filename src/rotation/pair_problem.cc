@@ -7,11 +7,6 @@
 namespace mgsfm {
 namespace {
 
-// In the simulated drives of docs/results/hard_drives.md#weights-of-rotations,
-// the median error of a pair falls as n^-0.85 with its number of matches: few
-// matches also lie in a smaller part of the image.
-constexpr double kFinalWeightExponent = 1.5;
-
 RotationEdge MakeEdge(const ImagePair& pair,
                       const RotationAveragingOptions& options) {
   RotationEdge edge;
@@ -20,7 +15,8 @@ RotationEdge MakeEdge(const ImagePair& pair,
   const double share =
       std::min(1.0, edge.support / static_cast<double>(options.inlier_cap));
   edge.weight = std::sqrt(share);
-  edge.final_weight = std::pow(share, kFinalWeightExponent);
+  // The inverse variance if matches err independently.
+  edge.final_weight = share;
   return edge;
 }
 

@@ -30,9 +30,9 @@ namespace mgsfm {
 // Objective: sum_ij w_ij rho(|e_ij|^2) / 2 with e_ij = Log(R_j^T R_ij R_i). rho
 // is the loss of Geman and McClure; its scale is annealed from 5 deg to six
 // robust standard deviations of e (rotation_solver.h). With the share s =
-// min(n, inlier_cap) / inlier_cap of n matches, w_ij is s^1.5 at the last
-// scale, about the inverse variance of a right pair, and s^0.5 before, so that
-// strong wrong pairs do not outvote the weak right ones of a thin cut. Method:
+// min(n, inlier_cap) / inlier_cap of n matches, w_ij is s at the last scale,
+// the inverse variance of a right pair, and sqrt(s) before, so that strong
+// wrong pairs do not outvote the weak right ones of a thin cut. Method:
 //
 // 1. Rotations of single images without regard to rigs: spanning forest, L1
 //    averaging, iteratively re-weighted least squares (IRLS).
