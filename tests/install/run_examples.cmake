@@ -24,6 +24,11 @@ endforeach()
 set(mgsfm ${prefix}/bin/mgsfm)
 run(${mgsfm} --version)
 run(${mgsfm} simulate --output_path ${data} --preset standard --num_frames 12)
+# The program finds its codecs in the prefix.
+string(REPEAT "0 255 " 2048 pixels)
+file(WRITE ${data}/images/a.pgm "P2 64 64 255\n${pixels}\n")
+run(${mgsfm} feature_extractor --image_path ${data}/images
+  --database_path ${data}/images.db)
 run(${examples}/average_rotations ${data}/database.db)
 run(${examples}/map_database ${data}/database.db ${data}/sparse)
 run(${examples}/adjust_model ${data}/sparse/0 ${data}/adjusted)
