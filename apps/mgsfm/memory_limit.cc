@@ -45,7 +45,7 @@ std::string DescribeNeed(const std::string& what, double needed_mib,
          "; ";
 }
 
-// What the adjustment of joined models is proportional to.
+// The numbers that determine the memory of an adjustment.
 struct ModelSize {
   double num_frames = 0.0;
   double num_keypoints = 0.0;

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <cstddef>
+
 namespace mgsfm {
 
 // From now on, large blocks of memory return to the system as soon as they are
 // freed. By default, the C library of Linux may keep blocks of up to 32 MiB,
 // which leaves holes between small ones. Does nothing on other systems.
 void ReturnLargeBlocks();
+
+// Throws std::bad_alloc unless the process may have so many more bytes. Some
+// libraries end the process if they lack memory while they set themselves up.
+void RequireMemory(size_t num_bytes);
 
 // Returns memory that was freed but kept by the C library. Takes some
 // milliseconds. Does nothing on other systems.

@@ -24,8 +24,8 @@ struct ReducedSolverOptions {
       : type(solver), num_neighbours(max_num_neighbours) {}
 
   ReducedSolver type;
-  // Of each block in the first preconditioner that is tried; half as many each
-  // time its factor is too large.
+  // Each block has so many in the first preconditioner that is tried, and half
+  // as many each time its factor is too large.
   int num_neighbours;
 };
 

@@ -8,7 +8,7 @@
 
 namespace mgsfm {
 
-// What mgsfm needs of OpenCV's image codecs: cv::imdecode and cv::imencode.
+// The image codecs of OpenCV: cv::imdecode and cv::imencode.
 struct ImageCodecs {
   cv::Mat (*decode)(const cv::Mat& file, int imread_flags);
   bool (*encode)(const std::string& extension, const cv::Mat& image,

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/files/image_reading.h"
 
-#include <sys/mman.h>
-
 #include <algorithm>
 #include <cctype>
 #include <iostream>
@@ -13,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/memory.h"
 #include "base/text.h"
 #include "io/files/image_codecs.h"
 #include "mgsfm/base/error.h"
@@ -323,12 +322,7 @@ namespace {
 // Sets up the codecs of OpenCV in the calling thread. GDAL, one of them, ends
 // the process if it lacks memory there, so that memory is tested first.
 void SetUpCodecs() {
-  // The setup takes 10 MB.
-  constexpr size_t kSetupBytes = size_t{32} << 20;
-  void* memory = mmap(nullptr, kSetupBytes, PROT_READ | PROT_WRITE,
-                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-  if (memory == MAP_FAILED) throw std::bad_alloc();
-  munmap(memory, kSetupBytes);
+  RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
   std::string image = "P5 1 1 255\n0";
   const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
   (void)mgsfm_image_codecs()->decode(view, cv::IMREAD_GRAYSCALE);
