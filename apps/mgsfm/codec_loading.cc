@@ -37,27 +37,27 @@ void* LoadLibrary() {
 // The table that a function of the library returns. The library stays loaded.
 template <class T>
 const T* LoadTable(const char* function) {
-  static void* const library = LoadLibrary();
-  void* const address = dlsym(library, function);
+  static void* const kLibrary = LoadLibrary();
+  void* const address = dlsym(kLibrary, function);
   if (address == nullptr) ThrowNotLoaded();
   return reinterpret_cast<const T* (*)()>(address)();
 }
 
 }  // namespace
 
-extern "C" const ImageCodecs* mgsfm_image_codecs() {
-  static const auto* const table = LoadTable<ImageCodecs>(__func__);
-  return table;
+extern "C" const ImageCodecs* MgsfmImageCodecs() {
+  static const auto* const kTable = LoadTable<ImageCodecs>(__func__);
+  return kTable;
 }
 
-extern "C" const VideoCodecs* mgsfm_video_codecs() {
-  static const auto* const table = LoadTable<VideoCodecs>(__func__);
-  return table;
+extern "C" const VideoCodecs* MgsfmVideoCodecs() {
+  static const auto* const kTable = LoadTable<VideoCodecs>(__func__);
+  return kTable;
 }
 
-extern "C" const Hdf5Library* mgsfm_hdf5_library() {
-  static const auto* const table = LoadTable<Hdf5Library>(__func__);
-  return table;
+extern "C" const Hdf5Library* MgsfmHdf5Library() {
+  static const auto* const kTable = LoadTable<Hdf5Library>(__func__);
+  return kTable;
 }
 
 }  // namespace mgsfm

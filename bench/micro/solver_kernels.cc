@@ -95,7 +95,7 @@ void Report(const Case& c, const Work& work, double num_items, const char* item,
 template <class R, class Scene>
 void BenchmarkScene(const Case& c, const Scene& scene,
                     benchmark::State* state) {
-  RigEquations<R> equations(scene.problem, ReducedSolver::kDirect,
+  RigEquations<R> equations(scene.problem, {ReducedSolver::kDirect},
                             Threads(c.num_threads));
   equations.SetState(scene.truth);
   if (!equations.Linearize(kLambda) || !equations.Solve()) {

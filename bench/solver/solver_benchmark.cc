@@ -177,8 +177,8 @@ Json WorkToJson(const BundleProblem& problem, double seconds_per_iteration,
   for (const PixelObservation& o : problem.observations) {
     images.push_back(o.image);
   }
-  const RigStructure structure(problem, std::move(images), ReducedSolver::kAuto,
-                               context.num_threads);
+  const RigStructure structure(problem, std::move(images),
+                               {ReducedSolver::kAuto}, context.num_threads);
   const PassCost cost = CountPassCost(problem, structure);
   const EliminationOrder order =
       FindEliminationOrder(structure.pattern.MakeMatrix());

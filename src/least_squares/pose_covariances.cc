@@ -65,7 +65,7 @@ template <class R>
 std::optional<PoseCovariances> Compute(
     const RigProblem<typename R::Observation>& problem, const RigState& state,
     const Context& context) {
-  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
   const RigStructure& s = equations.structure();
   PoseCovariances result;
   std::vector<FreePose> poses;
@@ -128,7 +128,7 @@ std::optional<std::vector<Eigen::MatrixXd>> ComputeOfGroups(
     const RigProblem<typename R::Observation>& problem, const RigState& state,
     const std::vector<std::vector<int>>& groups, const Context& context,
     const PosesOf& poses_of) {
-  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
   equations.SetState(state);
   if (!equations.Linearize(kDamping) || !equations.Factorize()) {
     return std::nullopt;
@@ -159,7 +159,7 @@ template <class R>
 std::optional<std::vector<std::vector<double>>> ComputeOfParameters(
     const RigProblem<typename R::Observation>& problem, const RigState& state,
     const Context& context) {
-  RigEquations<R> equations(problem, ReducedSolver::kDirect, context);
+  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, context);
   const RigStructure& s = equations.structure();
   std::vector<std::vector<double>> variances(problem.cameras.size());
   equations.SetState(state);

@@ -17,16 +17,11 @@ enum class ReducedSolver {
   kCompact,    // the same with less memory, in more time
 };
 
-// A solver converts to its options.
 struct ReducedSolverOptions {
-  ReducedSolverOptions(ReducedSolver solver = ReducedSolver::kAuto,
-                       int max_num_neighbours = 64)
-      : type(solver), num_neighbours(max_num_neighbours) {}
-
-  ReducedSolver type;
+  ReducedSolver type = ReducedSolver::kAuto;
   // Each block has so many in the first preconditioner that is tried, and half
   // as many each time its factor is too large.
-  int num_neighbours;
+  int num_neighbours = 64;
 };
 
 // Levenberg-Marquardt with Schur complement; docs/maths/least_squares.md.

@@ -317,7 +317,7 @@ std::unique_ptr<VideoDecoder> Open(const fs::path& path, int num_threads) {
 
 }  // namespace
 
-extern "C" const VideoCodecs* mgsfm_video_codecs() {
+extern "C" const VideoCodecs* MgsfmVideoCodecs() {
   static constexpr VideoCodecs kCodecs = {Index, Open};
   return &kCodecs;
 }

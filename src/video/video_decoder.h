@@ -47,17 +47,17 @@ struct VideoCodecs {
 
 // The library links FFmpeg. The program replaces this function, and loads it
 // when it first needs it (apps/mgsfm/codec_loading.cc).
-extern "C" const VideoCodecs* mgsfm_video_codecs();
+extern "C" const VideoCodecs* MgsfmVideoCodecs();
 
 // Both throw Error, naming the file and a remedy, if it is missing, is no video
 // or has no time stamps. Only the file itself is read, never others or the
 // network, whatever it refers to.
 inline VideoIndex IndexVideo(const std::filesystem::path& path) {
-  return mgsfm_video_codecs()->index(path);
+  return MgsfmVideoCodecs()->index(path);
 }
 inline std::unique_ptr<VideoDecoder> OpenVideo(
     const std::filesystem::path& path, int num_threads) {
-  return mgsfm_video_codecs()->open(path, num_threads);
+  return MgsfmVideoCodecs()->open(path, num_threads);
 }
 
 }  // namespace mgsfm

@@ -21,7 +21,7 @@ std::unique_ptr<VideoDecoder> Open(const std::filesystem::path& path,
 
 }  // namespace
 
-extern "C" const VideoCodecs* mgsfm_video_codecs() {
+extern "C" const VideoCodecs* MgsfmVideoCodecs() {
   static constexpr VideoCodecs kCodecs = {Index, Open};
   return &kCodecs;
 }

@@ -31,8 +31,8 @@ RigSceneOptions Options() {
 struct CutScene {
   explicit CutScene(const std::vector<BlockPairKey>& inseparable = {})
       : scene(MakeRayScene(Options(), 0.0)),
-        structure(scene.problem, ImagesOfObservations(), ReducedSolver::kDirect,
-                  1) {
+        structure(scene.problem, ImagesOfObservations(),
+                  {ReducedSolver::kDirect}, 1) {
     const Mask no_border(structure.block_size.size(), false);
     PointCutter(true, no_border, inseparable, 1, &structure).Cut(kNumKept);
   }

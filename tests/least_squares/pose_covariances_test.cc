@@ -19,7 +19,7 @@ void ExpectBlocksOfDenseInverse(const RigSceneOptions& options,
   RigScene<PixelObservation> scene = MakePixelScene(options);
   if (has_priors) AddPosePriorsNearby(0.05, &scene);
   const RigEquations<PixelResidual> equations(
-      scene.problem, ReducedSolver::kDirect, Threads(1));
+      scene.problem, {ReducedSolver::kDirect}, Threads(1));
   const RigStructure& s = equations.structure();
   const DenseEquations dense =
       MakeDenseEquations(scene.problem, s, scene.truth);
@@ -70,7 +70,7 @@ TEST(PoseCovariancesTest, GroupsOfSensorsAreBlocksOfTheDenseInverse) {
   options.num_points = 40;
   const RigScene<PixelObservation> scene = MakePixelScene(options);
   const RigEquations<PixelResidual> equations(
-      scene.problem, ReducedSolver::kDirect, Threads(1));
+      scene.problem, {ReducedSolver::kDirect}, Threads(1));
   const RigStructure& structure = equations.structure();
   const Eigen::MatrixXd inverse =
       MakeDenseEquations(scene.problem, structure, scene.truth)
@@ -106,7 +106,7 @@ TEST(PoseCovariancesTest, GroupsOfFramesAreBlocksOfTheDenseInverse) {
   RigScene<PixelObservation> scene = MakePixelScene(options);
   scene.problem.frame_masks[4][5] = 0.0;
   const RigEquations<PixelResidual> equations(
-      scene.problem, ReducedSolver::kDirect, Threads(1));
+      scene.problem, {ReducedSolver::kDirect}, Threads(1));
   const RigStructure& structure = equations.structure();
   const Eigen::MatrixXd inverse =
       MakeDenseEquations(scene.problem, structure, scene.truth)

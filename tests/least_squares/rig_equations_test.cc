@@ -90,7 +90,7 @@ void ExpectTrial(const TrialStep& trial, const DenseEquations& dense,
 template <class R>
 void ExpectStepOfDenseEquations(
     const RigProblem<typename R::Observation>& problem, const RigState& state) {
-  RigEquations<R> equations(problem, ReducedSolver::kDirect, Threads(2));
+  RigEquations<R> equations(problem, {ReducedSolver::kDirect}, Threads(2));
   equations.SetState(state);
   const RigStructure& s = equations.structure();
   const DenseEquations dense = MakeDenseEquations(problem, s, state);
@@ -242,7 +242,7 @@ TEST(RigEquationsTest, LongStepsOfPointsDoNotIncreaseTheirCost) {
   for (size_t p = 0; p < state.points.size(); p += 8) {
     MovePointAway(scene.problem, p, 5.0, &state);
   }
-  RigEquations<PixelResidual> equations(scene.problem, ReducedSolver::kDirect,
+  RigEquations<PixelResidual> equations(scene.problem, {ReducedSolver::kDirect},
                                         Threads(2));
   equations.SetState(state);
   ASSERT_TRUE(equations.Linearize(1e-10));
@@ -304,9 +304,9 @@ TEST(RigEquationsTest, HeldRotationsMayBeTheProblems) {
          scene.truth.frames[image.frame].rig_from_world)
             .toRotationMatrix());
   }
-  RigEquations<RayResidual> by_state(scene.problem, ReducedSolver::kDirect,
+  RigEquations<RayResidual> by_state(scene.problem, {ReducedSolver::kDirect},
                                      Threads(1));
-  RigEquations<RayResidual> by_problem(held, ReducedSolver::kDirect,
+  RigEquations<RayResidual> by_problem(held, {ReducedSolver::kDirect},
                                        Threads(1));
   for (auto* equations : {&by_state, &by_problem}) {
     equations->SetState(scene.truth);
@@ -364,13 +364,13 @@ RigScene<PixelObservation> SceneOfParts(const RigScene<PixelObservation>& scene,
 
 TEST(RigEquationsTest, PreconditionerIsTheMatrixOfCutPoints) {
   const RigScene<PixelObservation> scene = MakePixelScene(SceneOfLongTracks());
-  RigEquations<PixelResidual> iterative(scene.problem,
-                                        ReducedSolver::kIterative, Threads(2));
+  RigEquations<PixelResidual> iterative(
+      scene.problem, {ReducedSolver::kIterative}, Threads(2));
   const RigStructure& s = iterative.structure();
   const RigScene<PixelObservation> cut = SceneOfParts(scene, s);
   ASSERT_EQ(cut.problem.observations.size(), scene.problem.observations.size());
   EXPECT_GT(cut.problem.num_points(), scene.problem.num_points());
-  RigEquations<PixelResidual> direct(cut.problem, ReducedSolver::kDirect,
+  RigEquations<PixelResidual> direct(cut.problem, {ReducedSolver::kDirect},
                                      Threads(2));
   const RigStructure& d = direct.structure();
   ASSERT_EQ(d.num_unknowns, s.num_unknowns);

@@ -98,7 +98,7 @@ constexpr ReducedSolver kIterativeSolvers[] = {ReducedSolver::kIterative,
 TEST_P(EachModelTest, IterativeOptimumIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
   for (const ReducedSolver solver : kIterativeSolvers) {
-    iterative.reduced_solver = solver;
+    iterative.reduced_solver.type = solver;
     ExpectSameOptimum(MakePixelScene(Scenes().front()), iterative, Tight());
   }
 }
@@ -106,7 +106,7 @@ TEST_P(EachModelTest, IterativeOptimumIsTheDirectOne) {
 TEST(RigSolverTest, OptimumOfCutPointsIsTheDirectOne) {
   RigSolverOptions iterative = Tight();
   for (const ReducedSolver solver : kIterativeSolvers) {
-    iterative.reduced_solver = solver;
+    iterative.reduced_solver.type = solver;
     RigSceneOptions options = SceneOfLongTracks();
     ExpectSameOptimum(MakePixelScene(options), iterative, Tight());
     options.rotations_are_free = false;
@@ -130,7 +130,7 @@ RigScene<RayObservation> RayScene() {
 TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver = ReducedSolver::kIterative;
+  iterative.reduced_solver.type = ReducedSolver::kIterative;
   RigScene<PixelObservation> scene = MakePixelScene(
       NoisyScene({PerspectiveTestCameras()[0], FisheyeTestCameras()[0]}));
   AddPosePriorsNearby(0.05, &scene);
@@ -141,7 +141,7 @@ TEST(RigSolverTest, OptimumWithPriorsOnPosesIsThatOfCeres) {
 TEST(RigSolverTest, OptimumOfRaysAndBaselinesIsThatOfCeres) {
   RigSolverOptions ceres = Tight(), iterative = Tight();
   ceres.backend = SolverBackend::kCeres;
-  iterative.reduced_solver = ReducedSolver::kIterative;
+  iterative.reduced_solver.type = ReducedSolver::kIterative;
   const RigScene<RayObservation> scene = RayScene();
   ExpectSameOptimum(scene, Tight(), ceres);
   ExpectSameOptimum(scene, iterative, Tight());
@@ -153,7 +153,7 @@ void ExpectSameBits(const RigScene<Observation>& scene, ReducedSolver solver,
   RigSolverOptions options;
   options.backend = backend;
   options.max_num_iterations = 8;
-  options.reduced_solver = solver;
+  options.reduced_solver.type = solver;
   RigState one, three;
   const SolveSummary a = SolveWith(scene, 0.01, options, 1, &one);
   const SolveSummary b = SolveWith(scene, 0.01, options, 3, &three);

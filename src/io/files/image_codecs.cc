@@ -18,7 +18,7 @@ bool Encode(const std::string& extension, const cv::Mat& image,
 
 }  // namespace
 
-extern "C" const ImageCodecs* mgsfm_image_codecs() {
+extern "C" const ImageCodecs* MgsfmImageCodecs() {
   static constexpr ImageCodecs kCodecs = {Decode, Encode};
   return &kCodecs;
 }

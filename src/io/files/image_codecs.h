@@ -18,6 +18,6 @@ struct ImageCodecs {
 
 // The library links the codecs. The program replaces this function, and loads
 // them when it first needs them (apps/mgsfm/codec_loading.cc).
-extern "C" const ImageCodecs* mgsfm_image_codecs();
+extern "C" const ImageCodecs* MgsfmImageCodecs();
 
 }  // namespace mgsfm

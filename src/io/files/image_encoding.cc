@@ -14,8 +14,8 @@ std::string EncodeImage(const std::string& extension, const cv::Mat& image,
   std::vector<uint8_t> file;
   bool is_encoded = false;
   try {
-    is_encoded = mgsfm_image_codecs()->encode(extension, image, &file,
-                                              imwrite_parameters);
+    is_encoded =
+        MgsfmImageCodecs()->encode(extension, image, &file, imwrite_parameters);
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);
   }

@@ -288,7 +288,7 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
     if (size) {
       const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
                          const_cast<char*>(file.data()));
-      image.pixels = mgsfm_image_codecs()->decode(view, imread_flags);
+      image.pixels = MgsfmImageCodecs()->decode(view, imread_flags);
     }
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);
@@ -325,7 +325,7 @@ void SetUpCodecs() {
   RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
   std::string image = "P5 1 1 255\n0";
   const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
-  (void)mgsfm_image_codecs()->decode(view, cv::IMREAD_GRAYSCALE);
+  (void)MgsfmImageCodecs()->decode(view, cv::IMREAD_GRAYSCALE);
 }
 
 }  // namespace

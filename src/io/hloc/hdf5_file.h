@@ -42,11 +42,11 @@ struct Hdf5Library {
 
 // The library links HDF5. The program replaces this function, and loads it when
 // it first needs it (apps/mgsfm/codec_loading.cc).
-extern "C" const Hdf5Library* mgsfm_hdf5_library();
+extern "C" const Hdf5Library* MgsfmHdf5Library();
 
 // Throws Error also if this build has no HDF5.
 inline std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path) {
-  return mgsfm_hdf5_library()->open(path);
+  return MgsfmHdf5Library()->open(path);
 }
 
 }  // namespace mgsfm

@@ -13,7 +13,7 @@ std::unique_ptr<Hdf5File> OpenFile(const std::string& path) {
 
 }  // namespace
 
-extern "C" const Hdf5Library* mgsfm_hdf5_library() {
+extern "C" const Hdf5Library* MgsfmHdf5Library() {
   static constexpr Hdf5Library kLibrary = {OpenFile};
   return &kLibrary;
 }
