@@ -26,8 +26,9 @@ constexpr double kPoseRotationSigma = DegToRad(0.2);
 // The error that remains however many keypoints vote: 0.06 degrees, about that
 // of averaged rotations (kRotationSigma in baseline_directions.cc).
 constexpr double kMinSigmaInDepths = 1e-3;
-// In standard deviations; the Cauchy loss is 95 % efficient at 2.4. Twice the
-// value changes errors by less than 1 % (docs/results/constants.md).
+// The scale of the Cauchy loss in standard deviations; it is 95 % efficient at
+// 2.4. Twice the value changes errors by less than 1 %
+// (docs/results/constants.md).
 constexpr double kPoseLossScale = 3.0;
 // The defaults of Ceres.
 constexpr int kMaxNumPoseIterations = 50;
