@@ -164,16 +164,18 @@ int RunBenchmark(const SimulatedRunOptions& options, const Context& context) {
   return comparison ? kExitSuccess : kExitNotSolvable;
 }
 
+SimulatedRunOptions& DriveOf(SimulatedRunOptions& options) { return options; }
+
 }  // namespace
 }  // namespace mgsfm
 
 int main(int argc, char** argv) {
   try {
-    return mgsfm::MakeCommand(
-               "oracle_benchmark",
-               "Compares the mapper with the best that its input allows.",
-               mgsfm::RunBenchmark)
-        .run(std::vector<std::string>(argv + 1, argv + argc));
+    return mgsfm::RunOnDrive(
+        "oracle_benchmark",
+        "Compares the mapper with the best that its input allows.",
+        std::vector<std::string>(argv + 1, argv + argc), mgsfm::DriveOf,
+        mgsfm::RunBenchmark);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "mgsfm_oracle_benchmark: %s\n", error.what());
     return mgsfm::kExitBadInput;

@@ -22,14 +22,6 @@
 namespace mgsfm {
 namespace {
 
-enum class SimulationPreset {
-  kSmall,
-  kStreet,
-  kStandard,
-  kAliased,
-  kModerate,
-  kHard
-};
 enum class TrajectoryFormat { kKitti, kTum };
 enum class ImageFormat { kPng, kJpeg };
 
@@ -39,17 +31,6 @@ template <>
 struct EnumTable<DatabaseSchema> {
   static constexpr std::pair<std::string_view, DatabaseSchema> kNames[] = {
       {"3.8", DatabaseSchema::k38}, {"3.12", DatabaseSchema::k312}};
-};
-
-template <>
-struct EnumTable<SimulationPreset> {
-  static constexpr std::pair<std::string_view, SimulationPreset> kNames[] = {
-      {"small", SimulationPreset::kSmall},
-      {"street", SimulationPreset::kStreet},
-      {"standard", SimulationPreset::kStandard},
-      {"aliased", SimulationPreset::kAliased},
-      {"moderate", SimulationPreset::kModerate},
-      {"hard", SimulationPreset::kHard}};
 };
 
 template <>
@@ -122,25 +103,6 @@ struct SimulateCommandOptions {
           render_jpeg_quality, rendering, simulation, positions, gravity);
   }
 };
-
-SimulationOptions OptionsOf(SimulationPreset preset) {
-  const RigPreset rig = SimulationOptions().rig;
-  switch (preset) {
-    case SimulationPreset::kSmall:
-      return {};
-    case SimulationPreset::kStreet:
-      return StreetSimulation(rig);
-    case SimulationPreset::kStandard:
-      return StandardSimulation(rig);
-    case SimulationPreset::kAliased:
-      return AliasedSimulation(rig);
-    case SimulationPreset::kModerate:
-      return ModerateSimulation(rig);
-    case SimulationPreset::kHard:
-      return HardSimulation(rig);
-  }
-  return {};
-}
 
 // The image size whose centre is the principal point.
 std::pair<int, int> ImageSize(CameraModelId model,
@@ -374,7 +336,8 @@ int ParseAndRun(const std::vector<std::string>& arguments) {
   AllOptions<SimulateCommandOptions> preset;
   SetOptions(arguments, ListOptions(&preset));
   AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = OptionsOf(preset.command.preset);
+  options.command.simulation = 
+      PresetSimulation(preset.command.preset, SimulationOptions().rig);
   if (!ParseArguments(kName, kSummary, arguments, ListOptions(&options))) {
     return kExitSuccess;
   }
@@ -385,7 +348,8 @@ CommandResult SetAndRun(const OptionSetter& set, const Context& environment) {
   AllOptions<SimulateCommandOptions> preset;
   set(ListOptions(&preset));
   AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = OptionsOf(preset.command.preset);
+  options.command.simulation = 
+      PresetSimulation(preset.command.preset, SimulationOptions().rig);
   return CallWith(kName, options, set, environment, RunSimulate);
 }
 

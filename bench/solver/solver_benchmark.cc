@@ -258,15 +258,17 @@ int RunBenchmark(const BenchmarkOptions& options, const Context& context) {
   return kExitSuccess;
 }
 
+SimulatedRunOptions& DriveOf(BenchmarkOptions& options) { return options.run; }
+
 }  // namespace
 }  // namespace mgsfm
 
 int main(int argc, char** argv) {
   try {
-    return mgsfm::MakeCommand("solver_benchmark",
-                              "Compares solvers of bundle adjustment.",
-                              mgsfm::RunBenchmark)
-        .run(std::vector<std::string>(argv + 1, argv + argc));
+    return mgsfm::RunOnDrive(
+        "solver_benchmark", "Compares solvers of bundle adjustment.",
+        std::vector<std::string>(argv + 1, argv + argc), mgsfm::DriveOf,
+        mgsfm::RunBenchmark);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "mgsfm_solver_benchmark: %s\n", error.what());
     return mgsfm::kExitBadInput;

@@ -394,4 +394,24 @@ SimulationOptions HardSimulation(RigPreset rig) {
   return options;
 }
 
+SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig) {
+  SimulationOptions options;
+  options.rig = rig;
+  switch (preset) {
+    case SimulationPreset::kSmall:
+      return options;
+    case SimulationPreset::kStreet:
+      return StreetSimulation(rig);
+    case SimulationPreset::kStandard:
+      return StandardSimulation(rig);
+    case SimulationPreset::kAliased:
+      return AliasedSimulation(rig);
+    case SimulationPreset::kModerate:
+      return ModerateSimulation(rig);
+    case SimulationPreset::kHard:
+      return HardSimulation(rig);
+  }
+  return options;
+}
+
 }  // namespace mgsfm

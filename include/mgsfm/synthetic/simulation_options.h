@@ -32,6 +32,16 @@ enum class WorldPreset {
   kStreet,
 };
 
+// Settings of all options of a simulation, named below.
+enum class SimulationPreset {
+  kSmall,
+  kStreet,
+  kStandard,
+  kAliased,
+  kModerate,
+  kHard
+};
+
 template <>
 struct EnumTable<RigPreset> {
   static constexpr std::pair<std::string_view, RigPreset> kNames[] = {
@@ -48,6 +58,17 @@ struct EnumTable<PathPreset> {
       {"curve", PathPreset::kCurve},
       {"straight", PathPreset::kStraight},
       {"standing", PathPreset::kStanding}};
+};
+
+template <>
+struct EnumTable<SimulationPreset> {
+  static constexpr std::pair<std::string_view, SimulationPreset> kNames[] = {
+      {"small", SimulationPreset::kSmall},
+      {"street", SimulationPreset::kStreet},
+      {"standard", SimulationPreset::kStandard},
+      {"aliased", SimulationPreset::kAliased},
+      {"moderate", SimulationPreset::kModerate},
+      {"hard", SimulationPreset::kHard}};
 };
 
 template <>
@@ -218,5 +239,8 @@ SimulationOptions ModerateSimulation(RigPreset rig);
 // of the features on vehicles, 5 % wrong pairs, 3 % missing images and more
 // weak cuts.
 SimulationOptions HardSimulation(RigPreset rig);
+
+// The options of a preset; those of kSmall are the defaults.
+SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig);
 
 }  // namespace mgsfm
