@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "base/memory.h"
 #include "bundle/point_filters.h"
 #include "bundle/problem_builder.h"
 #include "bundle/solve.h"
@@ -30,6 +31,7 @@ SolveSummary SolveProblem(const BundleAdjustmentOptions& options,
   // The native solver holds its own copy, in its own order.
   if (options.backend == SolverBackend::kNative) {
     built->problem.observations = std::vector<PixelObservation>();
+    built->problem.point_begin = std::vector<size_t>{0};
   }
   return solver.Solve(solver_options.max_num_iterations, &built->state);
 }
@@ -41,6 +43,7 @@ bool SolveOnce(const Scene& scene, const BundlePriors& priors,
                RefinedParts parts, double function_tolerance,
                const Context& context, BundleResult* result,
                const RefinementStore& store) {
+  if (store.put_points) ReturnFreedMemory();
   BuiltProblem built =
       BuildProblem(scene, result->estimate, options, parts, priors, fixed);
   if (store.put_points) {

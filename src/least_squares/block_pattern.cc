@@ -53,21 +53,31 @@ Eigen::SparseMatrix<double> BlockPattern::MakeMatrix() const {
   Eigen::SparseMatrix<double> matrix(num_rows(), num_rows());
   if (num_rows() == 0) return matrix;
   matrix.resizeNonZeros(static_cast<Eigen::Index>(first_value_.back()));
-  int* outer = matrix.outerIndexPtr();
-  int* inner = matrix.innerIndexPtr();
-  *outer = 0;
+  ListRows(matrix.outerIndexPtr(), matrix.innerIndexPtr());
+  std::fill_n(matrix.valuePtr(), matrix.nonZeros(), 0.0);
+  return matrix;
+}
+
+BlockPattern::Rows BlockPattern::MakeRows() const {
+  Rows rows;
+  rows.column_begin.resize(num_rows() + 1);
+  rows.rows.resize(first_value_.back());
+  ListRows(rows.column_begin.data(), rows.rows.data());
+  return rows;
+}
+
+void BlockPattern::ListRows(int* column_begin, int* rows) const {
+  *column_begin = 0;
   for (size_t b = 0; b < height_.size(); ++b) {
     for (int c = first_[b]; c < first_[b + 1]; ++c) {
       for (size_t k = column_begin_[b]; k < column_begin_[b + 1]; ++k) {
         const int row = row_block_[k];
-        for (int r = first_[row]; r < first_[row + 1]; ++r) *inner++ = r;
+        for (int r = first_[row]; r < first_[row + 1]; ++r) *rows++ = r;
       }
-      ++outer;
-      *outer = *(outer - 1) + height_[b];
+      ++column_begin;
+      *column_begin = *(column_begin - 1) + height_[b];
     }
   }
-  std::fill_n(matrix.valuePtr(), matrix.nonZeros(), 0.0);
-  return matrix;
 }
 
 }  // namespace mgsfm

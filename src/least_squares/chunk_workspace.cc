@@ -153,7 +153,7 @@ const PoseMask& MaskOf(const RigProblemBase& problem, const ChunkImage& image,
 size_t MaxNumObservationsOfPoint(const RigStructure& s) {
   size_t most = 0;
   for (size_t p = 0; p + 1 < s.point_begin.size(); ++p) {
-    most = std::max(most, s.point_begin[p + 1] - s.point_begin[p]);
+    most = std::max(most, size_t{s.point_begin[p + 1]} - s.point_begin[p]);
   }
   return most;
 }

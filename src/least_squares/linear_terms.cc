@@ -57,12 +57,12 @@ std::optional<int> UnknownOf(const RigProblemBase& problem,
 }
 
 void AddProduct(const RigStructure& s, const PartColumns& a,
-                const PartColumns& b, Eigen::SparseMatrix<double>* matrix) {
+                const PartColumns& b, double* matrix) {
   const int row = s.block_rank[a.block], column = s.block_rank[b.block];
   if (row < column || !s.pattern.Contains(column, row)) return;
   const auto [position, stride] = s.pattern.Find(column, row);
   const int offset = s.pose_size - 3;
-  double* values = matrix->valuePtr() + position + offset;
+  double* values = matrix + position + offset;
   for (int j = 0; j < 3; ++j) {
     for (int i = 0; i < 3; ++i) {
       values[static_cast<size_t>(j + offset) * stride + i] +=
@@ -88,8 +88,7 @@ double CostOfLinearTerms(const RigProblemBase& problem, const RigState& state) {
 
 void AddLinearTerms(const RigProblemBase& problem, const RigStructure& s,
                     const RigState& state, Eigen::VectorXd* gradient,
-                    Eigen::VectorXd* diagonal,
-                    Eigen::SparseMatrix<double>* matrix) {
+                    Eigen::VectorXd* diagonal, double* matrix) {
   for (const LinearTerm& term : problem.linear_terms) {
     const double r = ResidualOf(term, state);
     for (const LinearTerm::Part& part : term.parts) {
@@ -110,7 +109,11 @@ void AddLinearTerms(const RigProblemBase& problem, const RigStructure& s,
     const double weight = 1.0 / (prior.sigma * prior.sigma);
     (*gradient)[i] += ResidualOf(prior, state) / prior.sigma;
     (*diagonal)[i] += weight;
-    matrix->coeffRef(i, i) += weight;
+    const int block = s.camera_block[prior.camera];
+    const int rank = s.block_rank[block];
+    const auto [position, stride] = s.pattern.Find(rank, rank);
+    const auto offset = static_cast<size_t>(i - s.block_first[block]);
+    matrix[position + offset * stride + offset] += weight;
   }
 }
 

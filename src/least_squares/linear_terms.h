@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/SparseCore>
 
 #include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
@@ -14,11 +13,11 @@ namespace mgsfm {
 double CostOfLinearTerms(const RigProblemBase& problem, const RigState& state);
 
 // Adds J^T r, the diagonal of J^T J, and the blocks of J^T J that are in the
-// pattern.
+// pattern, to its values.
 void AddLinearTerms(const RigProblemBase& problem,
                     const RigStructure& structure, const RigState& state,
                     Eigen::VectorXd* gradient, Eigen::VectorXd* diagonal,
-                    Eigen::SparseMatrix<double>* matrix);
+                    double* matrix);
 
 // y += J^T J x.
 void MultiplyLinearTerms(const RigProblemBase& problem,

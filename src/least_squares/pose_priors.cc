@@ -77,7 +77,7 @@ auto UsedColumns(const RigStructure& s, const WeightedPrior& prior, int part) {
 }
 
 void AddProduct(const RigStructure& s, const WeightedPrior& prior, int a, int b,
-                Eigen::SparseMatrix<double>* matrix) {
+                double* matrix) {
   const int row = s.block_rank[prior.blocks[a]];
   const int column = s.block_rank[prior.blocks[b]];
   if (row < column || !s.pattern.Contains(column, row)) return;
@@ -85,7 +85,7 @@ void AddProduct(const RigStructure& s, const WeightedPrior& prior, int a, int b,
   const Eigen::MatrixXd product =
       prior.weight *
       (UsedColumns(s, prior, a).transpose() * UsedColumns(s, prior, b));
-  double* values = matrix->valuePtr() + position;
+  double* values = matrix + position;
   for (int j = 0; j < s.pose_size; ++j) {
     for (int i = 0; i < s.pose_size; ++i) {
       values[static_cast<size_t>(j) * stride + i] += product(i, j);
@@ -170,8 +170,7 @@ double CostOfPosePriors(const RigProblemBase& problem, const RigState& state) {
 
 void AddPosePriors(const RigProblemBase& problem, const RigStructure& s,
                    const RigState& state, Eigen::VectorXd* gradient,
-                   Eigen::VectorXd* diagonal,
-                   Eigen::SparseMatrix<double>* matrix) {
+                   Eigen::VectorXd* diagonal, double* matrix) {
   VisitPriors(problem, s, state, [&](const WeightedPrior& prior) {
     for (int a = 0; a < 2; ++a) {
       if (prior.blocks[a] == kNoBlock) continue;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/SparseCore>
 
 #include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
@@ -33,11 +32,10 @@ PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
 double CostOfPosePriors(const RigProblemBase& problem, const RigState& state);
 
 // Adds J^T W r, the diagonal of J^T W J, and the blocks of J^T W J that are in
-// the pattern.
+// the pattern, to its values.
 void AddPosePriors(const RigProblemBase& problem, const RigStructure& structure,
                    const RigState& state, Eigen::VectorXd* gradient,
-                   Eigen::VectorXd* diagonal,
-                   Eigen::SparseMatrix<double>* matrix);
+                   Eigen::VectorXd* diagonal, double* matrix);
 
 // y += J^T W J x.
 void MultiplyPosePriors(const RigProblemBase& problem,

@@ -27,19 +27,6 @@ constexpr int kMaxNumConjugateGradients = 500;  // as in Ceres
 // at a time. Enough for some tens of threads.
 constexpr size_t kNumSections = 32;
 
-void SetZero(int num_threads, Eigen::SparseMatrix<double>* matrix) {
-  const auto num_values = static_cast<size_t>(matrix->nonZeros());
-  ParallelFor(
-      kNumSections, num_threads,
-      [&](size_t section) {
-        std::fill(
-            matrix->valuePtr() + section * num_values / kNumSections,
-            matrix->valuePtr() + (section + 1) * num_values / kNumSections,
-            0.0);
-      },
-      1);
-}
-
 // The part of a pose block of z; zero if the block is constant.
 PoseVector PosePart(const RigStructure& structure, const Eigen::VectorXd& z,
                     int block) {
@@ -80,10 +67,9 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
       conjugate_gradient_tolerance_(solver.type == ReducedSolver::kCompact
                                         ? kConjugateGradientToleranceIfCompact
                                         : kConjugateGradientTolerance),
-      solver_(context.num_threads) {
+      matrix_(solver.type == ReducedSolver::kCompact, context.num_threads) {
   const size_t num_points = problem.num_points();
   points_.resize(num_points);
-  trial_points_.resize(num_points);
   steps_.twists.resize(problem.images.size());
   steps_.params.resize(problem.cameras.size());
   const int num_unknowns = structure_.num_unknowns;
@@ -91,22 +77,6 @@ RigEquationsBase::RigEquationsBase(const RigProblemBase& problem,
        {&gradient_, &correction_, &diagonal_, &rhs_, &step_, &residual_}) {
     v->setZero(num_unknowns);
   }
-  diagonal_position_.resize(num_unknowns);
-  for (size_t b = 0; b < structure_.block_size.size(); ++b) {
-    const int rank = structure_.block_rank[b];
-    const auto [position, stride] = structure_.pattern.Find(rank, rank);
-    for (int i = 0; i < structure_.block_size[b]; ++i) {
-      diagonal_position_[structure_.block_first[b] + i] =
-          position + static_cast<size_t>(i) * stride + i;
-    }
-  }
-}
-
-// Not before the caller could free the observations.
-void RigEquationsBase::AllocateMatrix() {
-  if (matrix_.rows() == structure_.num_unknowns) return;
-  matrix_ = structure_.pattern.MakeMatrix();
-  solver_.Analyze(matrix_, SparseCholesky::Order::kNatural);
 }
 
 void RigEquationsBase::SetState(const RigState& state) {
@@ -114,16 +84,19 @@ void RigEquationsBase::SetState(const RigState& state) {
   state_.sensors = state.sensors;
   state_.cameras = state.cameras;
   trial_state_ = state_;
+  trial_points_.resize(points_.size());
   for (size_t p = 0; p < points_.size(); ++p) {
     points_[p] = state.points[structure_.point_order[p]];
   }
   ComputeImagePoses(problem_, state_, &poses_);
 }
 
-void RigEquationsBase::GetState(RigState* state) const {
+void RigEquationsBase::GetState(RigState* state) {
+  trial_points_ = std::vector<Eigen::Vector3d>();
   state->frames = state_.frames;
   state->sensors = state_.sensors;
   state->cameras = state_.cameras;
+  state->points.resize(points_.size());
   for (size_t p = 0; p < points_.size(); ++p) {
     state->points[structure_.point_order[p]] = points_[p];
   }
@@ -145,8 +118,9 @@ double RigEquationsBase::Cost() {
 
 bool RigEquationsBase::Linearize(double lambda) {
   lambda_ = lambda;
-  AllocateMatrix();
-  SetZero(context_.num_threads, &matrix_);
+  // Not before the caller could free the observations.
+  matrix_.Allocate(&structure_);
+  matrix_.SetZero();
   gradient_.setZero();
   correction_.setZero();
   diagonal_.setZero();
@@ -165,8 +139,9 @@ bool RigEquationsBase::Linearize(double lambda) {
         if (section == 0) MergeVectors(structure_.chunks[c], *workspace);
       });
   AddLinearTerms(problem_, structure_, state_, &gradient_, &diagonal_,
-                 &matrix_);
-  AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_, &matrix_);
+                 matrix_.values());
+  AddPosePriors(problem_, structure_, state_, &gradient_, &diagonal_,
+                matrix_.values());
   DampMatrix();
   return is_valid && gradient_.allFinite() && diagonal_.allFinite();
 }
@@ -175,7 +150,7 @@ bool RigEquationsBase::Linearize(double lambda) {
 // are in ascending order.
 void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
                                    const ChunkWorkspace& w) {
-  const auto num_values = static_cast<size_t>(matrix_.nonZeros());
+  const size_t num_values = matrix_.num_values();
   const auto first = structure_.chunk_pairs.begin() + chunk.pairs.begin;
   const auto last = structure_.chunk_pairs.begin() + chunk.pairs.end;
   const auto find = [&](size_t bound) {
@@ -190,7 +165,7 @@ void RigEquationsBase::MergeSystem(const ChunkRanges& chunk, size_t section,
                          w.pair_begin[pair.row * w.num_blocks + pair.column];
     const int rows = w.block_size[pair.row];
     const int columns = w.block_size[pair.column];
-    double* to = matrix_.valuePtr() + pair.position;
+    double* to = matrix_.values() + pair.position;
     for (int j = 0; j < columns; ++j, from += rows, to += pair.stride) {
       for (int i = 0; i < rows; ++i) to[i] += from[i];
     }
@@ -215,10 +190,9 @@ void RigEquationsBase::MergeVectors(const ChunkRanges& chunk,
 }
 
 void RigEquationsBase::DampMatrix() {
-  double* values = matrix_.valuePtr();
   for (Eigen::Index i = 0; i < diagonal_.size(); ++i) {
     // A held coordinate has a zero row and column.
-    values[diagonal_position_[i]] +=
+    matrix_.Diagonal(i) +=
         diagonal_[i] > 0.0 ? lambda_ * ClampDiagonal(diagonal_[i]) : 1.0;
   }
 }
@@ -226,9 +200,9 @@ void RigEquationsBase::DampMatrix() {
 bool RigEquationsBase::Solve() {
   if (structure_.num_unknowns == 0) return true;
   rhs_ = correction_ - gradient_;
-  if (!solver_.Factorize(matrix_)) return false;
+  if (!matrix_.Factorize()) return false;
   if (structure_.is_iterative) return SolveByConjugateGradients();
-  solver_.Solve(rhs_, step_);
+  matrix_.Solve(rhs_, step_);
   return step_.allFinite();
 }
 
@@ -240,7 +214,7 @@ bool RigEquationsBase::SolveByConjugateGradients() {
         Multiply(x, y);
       },
       [this](const Eigen::VectorXd& r, Eigen::VectorXd* z) {
-        solver_.Solve(r, *z);
+        matrix_.Solve(r, *z);
       },
       &step_, &residual_);
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -12,9 +11,9 @@
 #include "least_squares/chunk_passes.h"
 #include "least_squares/chunk_workspace.h"
 #include "least_squares/levenberg_marquardt.h"
+#include "least_squares/reduced_matrix.h"
 #include "least_squares/rig_problem.h"
 #include "least_squares/rig_structure.h"
-#include "math/sparse_solver.h"
 
 namespace mgsfm {
 
@@ -41,9 +40,10 @@ class RigEquationsBase : public DampedProblem {
                    const std::vector<int>& image_of_observation,
                    const ReducedSolverOptions& solver, const Context& context);
 
-  // Sets and copies the current state.
+  // Sets and copies the current state. GetState() frees the points of trial
+  // steps.
   void SetState(const RigState& state);
-  void GetState(RigState* state) const;
+  void GetState(RigState* state);
 
   double Cost() override;
   bool Linearize(double lambda) override;
@@ -52,9 +52,9 @@ class RigEquationsBase : public DampedProblem {
   void AcceptStep() override;
 
   // Factorises the matrix of Linearize(), and solves with it.
-  bool Factorize() { return solver_.Factorize(matrix_); }
+  bool Factorize() { return matrix_.Factorize(); }
   void SolveColumns(const Eigen::MatrixXd& B, Eigen::MatrixXd* X) const {
-    solver_.Solve(B, *X);
+    matrix_.Solve(B, *X);
   }
 
   const RigStructure& structure() const { return structure_; }
@@ -85,7 +85,6 @@ class RigEquationsBase : public DampedProblem {
   ImageSteps steps_;
 
  private:
-  void AllocateMatrix();
   void MergeSystem(const ChunkRanges& chunk, size_t section,
                    const ChunkWorkspace& workspace);
   void MergeVectors(const ChunkRanges& chunk, const ChunkWorkspace& workspace);
@@ -102,9 +101,7 @@ class RigEquationsBase : public DampedProblem {
   std::vector<double> chunk_costs_;
   std::vector<StepSums> chunk_sums_;
   const double conjugate_gradient_tolerance_;
-  Eigen::SparseMatrix<double> matrix_;
-  std::vector<size_t> diagonal_position_;  // in its values
-  SparseCholesky solver_;
+  ReducedMatrix matrix_;
   Eigen::VectorXd gradient_;    // g_z
   Eigen::VectorXd correction_;  // W^T V^-1 g_p
   Eigen::VectorXd diagonal_;    // D_z without bounds, 0 if constant

@@ -3,6 +3,7 @@
 
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include "least_squares/ceres_backend.h"
 #include "least_squares/levenberg_marquardt.h"
@@ -61,6 +62,9 @@ SolveSummary RigSolver<Observation>::Solve(int max_num_iterations,
                                                  impl_->context, state);
   }
   impl_->equations->SetState(*state);
+  if (impl_->options.reduced_solver.type == ReducedSolver::kCompact) {
+    state->points = std::vector<Eigen::Vector3d>();
+  }
   SolveSummary summary = MinimizeByLevenbergMarquardt(
       impl_->options, max_num_iterations, impl_->context, &*impl_->equations);
   if (summary.IsUsable()) impl_->equations->GetState(state);

@@ -54,7 +54,8 @@ struct ReducedSolverOptions {
 // iteration: linear in the observations, for each point quadratic in the number
 // of frames that observe it, and the factorisation, or some tens of passes over
 // the observations. Memory: about 13 bytes per observation and 60 per point,
-// and if iterative 50 more of each; plus the matrix and its factor.
+// and 50 more of each if kIterative; plus the matrix and its factor, which
+// share their memory if kCompact.
 struct RigSolverOptions {
   int max_num_iterations = 100;
   double function_tolerance = 1e-6;
@@ -65,13 +66,13 @@ struct RigSolverOptions {
 
 // Solves a problem repeatedly. Its structure is analysed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On
-// kFailure, the state does not change. Checks for interruption in each
-// iteration.
+// kFailure, the state does not change, but kCompact loses its points. Checks
+// for interruption in each iteration.
 template <class Observation>
 class RigSolver {
  public:
-  // The problem must outlive the solver. Observations are copied by the native
-  // backend, and may be freed.
+  // The problem must outlive the solver. The native backend copies observations
+  // and point_begin, which may be freed.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();

@@ -381,8 +381,7 @@ std::vector<int> SortBlocksOfChunk(const ChunkRanges& chunk, RigStructure* s) {
   return position;
 }
 
-// Sorts the blocks of a chunk and adds its pairs with their places in the
-// pattern.
+// Sorts the blocks of a chunk and adds its pairs.
 void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
   const std::vector<int> position = SortBlocksOfChunk(*chunk, s);
   for (size_t i = chunk->images.begin; i < chunk->images.end; ++i) {
@@ -402,12 +401,8 @@ void PlaceChunk(Pairs pairs, ChunkRanges* chunk, RigStructure* s) {
   MGSFM_CHECK_LE(chunk->blocks.size(), size_t{1} << 16);
   for (const BlockPairKey pair : pairs) {
     const int column = blocks[ColumnOf(pair)], row = blocks[RowOf(pair)];
-    const auto [first, stride] =
-        s->pattern.Find(s->block_rank[column], s->block_rank[row]);
     s->chunk_pairs.push_back({static_cast<uint16_t>(RowOf(pair)),
-                              static_cast<uint16_t>(ColumnOf(pair)),
-                              static_cast<uint32_t>(stride),
-                              static_cast<uint32_t>(first)});
+                              static_cast<uint16_t>(ColumnOf(pair))});
     num_values +=
         static_cast<size_t>(s->block_size[column]) * s->block_size[row];
   }
@@ -446,6 +441,21 @@ RigStructure::RigStructure(const RigProblemBase& problem,
   chunk_pairs.reserve(num_pairs);
   for (size_t c = 0; c < chunks.size(); ++c) {
     PlaceChunk(std::move(pairs_of_chunks[c]), &chunks[c], this);
+  }
+  PlacePairs();
+}
+
+void RigStructure::PlacePairs() {
+  for (const ChunkRanges& chunk : chunks) {
+    const int* blocks = chunk_blocks.data() + chunk.blocks.begin;
+    for (size_t i = chunk.pairs.begin; i < chunk.pairs.end; ++i) {
+      ChunkPair& pair = chunk_pairs[i];
+      const auto [position, stride] = pattern.Find(
+          block_rank[blocks[pair.column]], block_rank[blocks[pair.row]]);
+      MGSFM_CHECK_LT(position, size_t{1} << 32);
+      pair.position = static_cast<uint32_t>(position);
+      pair.stride = static_cast<uint32_t>(stride);
+    }
   }
 }
 

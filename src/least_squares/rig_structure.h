@@ -68,6 +68,13 @@ struct RigStructure {
                const std::vector<int>& image_of_observation,
                const ReducedSolverOptions& solver, int num_threads);
 
+  // BlockPattern::MoveValues(), with the positions of chunk_pairs.
+  template <class FindPlace>
+  void MoveValues(const FindPlace& find_place) {
+    pattern.MoveValues(find_place);
+    PlacePairs();
+  }
+
   // Coordinates of a pose block: 6, or 3 if no rotation is free.
   int pose_size = 3;
   // Block indices, frames first; kNoBlock without unknowns or residuals.
@@ -89,7 +96,7 @@ struct RigStructure {
   // Points in chunk order. The observations of a point are sorted by part, then
   // by frame.
   std::vector<int> point_order;
-  std::vector<size_t> point_begin;          // in the new order
+  std::vector<uint32_t> point_begin;        // in the new order
   std::vector<uint32_t> observation_order;  // may be cleared after use
   std::vector<uint16_t> observation_image;  // in the images of the chunk
   // Per observation: whether it begins a part of its point other than the
@@ -110,6 +117,10 @@ struct RigStructure {
   size_t max_num_unknowns = 0;
   size_t max_num_pair_values = 0;
   size_t max_num_image_values = 0;
+
+ private:
+  // Sets strides and positions of chunk_pairs.
+  void PlacePairs();
 };
 
 }  // namespace mgsfm

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "least_squares/rig_fixtures.h"
@@ -209,6 +210,21 @@ TEST(RigSolverTest, CanSolveAgainWithOtherValues) {
   EXPECT_NEAR(summary.final_cost, expected.final_cost,
               1e-8 * expected.final_cost);
   EXPECT_LT(PoseDifference(again, anew), 1e-5);
+}
+
+TEST(RigSolverTest, CompactSolverKeepsPointsUnlessItFails) {
+  RigSolverOptions options = Tight();
+  options.reduced_solver.type = ReducedSolver::kCompact;
+  const RigScene<RayObservation> scene = RayScene();
+  RigState state = scene.truth;
+  const size_t num_points = state.points.size();
+  EXPECT_TRUE(
+      SolveRigProblem(scene.problem, options, Threads(2), &state).IsUsable());
+  EXPECT_EQ(state.points.size(), num_points);
+  state.points[0].setConstant(std::numeric_limits<double>::quiet_NaN());
+  EXPECT_FALSE(
+      SolveRigProblem(scene.problem, options, Threads(2), &state).IsUsable());
+  EXPECT_TRUE(state.points.empty());
 }
 
 TEST(RigSolverTest, FinalCostIsThatOfTheState) {
