@@ -249,9 +249,8 @@ struct ObservationRows {
   double frame[N * kDim];
 };
 
-template <int kDim, int N>
-MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose,
-                                     const ObservationTerms<kDim>& o,
+template <int kDim, int N, class Terms>
+MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose, const Terms& o,
                                      ObservationRows<kDim, N>* rows) {
   MultiplyRows<kDim>(o.P, 3, pose.cam_from_world, 3, rows->point);
   for (int k = 0; k < kDim; ++k) {
@@ -281,10 +280,10 @@ MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
 }
 
 // Adds the couplings of the blocks of an image to a point or a part of one.
-template <class R, int N>
+template <class R, int N, class Terms>
 MGSFM_ALWAYS_INLINE void AddCouplings(const ImagePose& pose,
                                       const ChunkImage& image, size_t point,
-                                      const ObservationTerms<R::kDim>& o,
+                                      const Terms& o,
                                       const ObservationRows<R::kDim, N>& rows,
                                       ChunkWorkspace* w) {
   constexpr int kDim = R::kDim;
@@ -332,13 +331,24 @@ MGSFM_ALWAYS_INLINE void AddSquareOfPoint(const double* J, double* v) {
   }
 }
 
+template <class R>
+MGSFM_ALWAYS_INLINE void StoreTerms(const ImagePose& pose,
+                                    const ObservationTerms<R::kDim>& o,
+                                    ProductTerms* stored) {
+  std::copy_n(o.y, 3, stored->y);
+  std::copy_n(o.P, 3 * R::kDim, stored->P);
+  if (R::kHasCamera) {
+    std::copy_n(o.K, R::kDim * pose.num_free_params, stored->K);
+  }
+}
+
 // Adds the observations of a point to its images and its own equations, and
-// leaves its couplings in the workspace. If not null, `kept` receives P and K
-// of each observation (kept_size values).
+// leaves its couplings in the workspace, as well as the terms of a cut point.
+// If not null, `kept` receives P and K of each observation (kept_size values).
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
                                         const ChunkRanges& chunk, size_t point,
-                                        PointHessian* V, double* g,
+                                        bool is_cut, PointHessian* V, double* g,
                                         double* kept, size_t kept_size,
                                         ChunkWorkspace* w) {
   constexpr int kDim = R::kDim;
@@ -361,6 +371,9 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
     if (w->image_num_columns[i] > 0) {
       AddToImage<R, N>(pose, i, o, rows, w);
       AddCouplings<R, N>(pose, images[i], point, o, rows, w);
+    }
+    if (is_cut) {
+      StoreTerms<R>(pose, o, &w->product_terms[k - s.point_begin[point]]);
     }
     if (kept != nullptr) {
       double* to = kept + kept_size * (k - s.point_begin[point]);
@@ -501,7 +514,7 @@ MGSFM_ALWAYS_INLINE void EliminatePoint(const PointFactor& f, const double* g,
 }
 
 // Eliminates the observations [begin, end) of a point from the local matrix as
-// if they were a point of their own.
+// if they were a point of their own. LinearizePoint() has stored their terms.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
                                        const ChunkRanges& chunk, size_t point,
@@ -513,13 +526,13 @@ MGSFM_ALWAYS_INLINE void EliminatePart(const PassInput<R>& in,
   // Differs from the index of every point.
   const size_t part = s.point_order.size() + begin;
   PointHessian V;
-  ObservationTerms<R::kDim> o;
   w->num_met = 0;
   for (size_t k = begin; k < end; ++k) {
     const int i = s.observation_image[k];
     const ImagePose& pose = in.poses[images[i].image];
+    const ProductTerms& o = w->product_terms[k - s.point_begin[point]];
     ObservationRows<R::kDim, N> rows;
-    ComputeRowsOf<R, N>(in, pose, point, k, &o, &rows);
+    ComputeRows<R::kDim, N>(pose, o, &rows);
     AddSquareOfPoint<R::kDim>(rows.point, V.values);
     AddCouplings<R, N>(pose, images[i], part, o, rows, w);
   }

@@ -44,16 +44,17 @@ MGSFM_ALWAYS_INLINE bool LinearizeChunkBody(const PassInput<R>& in,
                                             ChunkWorkspace* w) {
   const RigStructure& s = in.structure;
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
-    PointHessian V;
-    double g[3];
-    if (!LinearizePoint<R, N>(in, chunk, p, &V, g, kept->Find(s.point_begin[p]),
-                              kept->num_values, w)) {
-      return false;
-    }
-    if (!in.problem.points_are_free) continue;
     const size_t end = s.point_begin[p + 1];
     size_t end_of_part = EndOfPart(s, s.point_begin[p], end);
     const bool is_cut = end_of_part < end;
+    PointHessian V;
+    double g[3];
+    if (!LinearizePoint<R, N>(in, chunk, p, is_cut, &V, g,
+                              kept->Find(s.point_begin[p]), kept->num_values,
+                              w)) {
+      return false;
+    }
+    if (!in.problem.points_are_free) continue;
     EliminatePoint<N>(FactorPoint(in, V), g, is_cut, w);
     if (!is_cut) continue;
     for (size_t k = s.point_begin[p]; k < end; k = end_of_part) {

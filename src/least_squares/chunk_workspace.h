@@ -21,8 +21,9 @@ constexpr int kCouplingSize = 3 * kMaxNumCameraParams;
 // kernels.
 constexpr int kNoPair = -1;
 
-// An observation in a product with the reduced matrix: its derivatives, J by
-// the point, and the change u of its residual. Rows have their own length.
+// An observation in a product with the reduced matrix, or of a cut point: its
+// derivatives, J by the point, and the change u of its residual. Rows have
+// their own length.
 struct ProductTerms {
   double y[3];
   double residual[3];

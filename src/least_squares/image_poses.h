@@ -18,6 +18,7 @@ struct ImagePose {
   double translation[3];           // t
   const double* params = nullptr;  // references the state
   PixelProjection projection;
+  bool is_pinhole = false;  // CameraModelId::kPinhole without free parameters
   const int* free_params = nullptr;
   int num_free_params = 0;
   int num_params = 0;

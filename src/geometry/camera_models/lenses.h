@@ -58,11 +58,12 @@ struct EquidistantProjection {
   }
   // d m / d point.
   static Eigen::Matrix<double, 2, 3> Jacobian(const Eigen::Vector3d& point,
-                                              const Eigen::Vector2d&) {
+                                              const Eigen::Vector2d& m) {
     const double r = point.head<2>().norm();
     const double z = point.z();
     const double squared_norm = r * r + z * z;
-    const double angle_per_r = AnglePerRadius(r, z);
+    // Project() has computed the arc tangent.
+    const double angle_per_r = r > 0.0 ? m.norm() / r : 1.0 / z;
     // On the axis the stretch is isotropic, so any direction is valid.
     Eigen::Vector2d e = Eigen::Vector2d::UnitX();
     if (r > 0.0) e = point.head<2>() / r;
