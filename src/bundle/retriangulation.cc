@@ -220,18 +220,20 @@ std::vector<Point3D> TriangulateGroup(
 // memory; GroupByKey() ignores negative keys.
 constexpr int kNoGroup = -1;
 
-// The group of each keypoint.
+// The group of each keypoint of the images [first, last).
 class GroupLookup {
  public:
-  GroupLookup(const Scene& scene, const ObservationGroups& groups) {
+  GroupLookup(const Scene& scene, const ObservationGroups& groups, int first,
+              int last)
+      : first_(first) {
     begin_ = {0};
-    for (const Image& image : scene.images) {
-      begin_.push_back(begin_.back() + image.keypoints_px.size());
+    for (int i = first; i < last; ++i) {
+      begin_.push_back(begin_.back() + scene.images[i].keypoints_px.size());
     }
     group_.assign(begin_.back(), kNoGroup);
     for (size_t g = 0; g < groups.size(); ++g) {
       for (const Observation* o = groups.begin(g); o != groups.end(g); ++o) {
-        group_[begin_[o->image_idx] + o->keypoint_idx] = static_cast<int>(g);
+        if (Contains(*o)) group_[IndexOf(*o)] = static_cast<int>(g);
       }
     }
   }
@@ -239,13 +241,23 @@ class GroupLookup {
   // The group of the first observation that is in a group, or kNoGroup.
   int FindAny(const Point3D& point) const {
     for (const Observation& o : point.track) {
-      const int group = group_[begin_[o.image_idx] + o.keypoint_idx];
+      if (!Contains(o)) continue;
+      const int group = group_[IndexOf(o)];
       if (group != kNoGroup) return group;
     }
     return kNoGroup;
   }
 
  private:
+  bool Contains(const Observation& o) const {
+    return o.image_idx >= first_ &&
+           o.image_idx - first_ < static_cast<int>(begin_.size()) - 1;
+  }
+  size_t IndexOf(const Observation& o) const {
+    return begin_[o.image_idx - first_] + o.keypoint_idx;
+  }
+
+  const int first_;
   std::vector<size_t> begin_;
   std::vector<int> group_;
 };
@@ -253,11 +265,18 @@ class GroupLookup {
 // The group of each point, or kNoGroup.
 std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
                             const std::vector<Point3D>& points) {
-  const GroupLookup lookup(scene, groups);
-  std::vector<int> group_of_point;
-  group_of_point.reserve(points.size());
-  for (const Point3D& point : points) {
-    group_of_point.push_back(lookup.FindAny(point));
+  // A lookup of all images would need half of the memory of their keypoints.
+  constexpr size_t kNumLookups = 8;
+  const size_t num_images = scene.images.size();
+  std::vector<int> group_of_point(points.size(), kNoGroup);
+  for (size_t part = 0; part < kNumLookups; ++part) {
+    const GroupLookup lookup(
+        scene, groups, static_cast<int>(part * num_images / kNumLookups),
+        static_cast<int>((part + 1) * num_images / kNumLookups));
+    for (size_t p = 0; p < points.size(); ++p) {
+      if (group_of_point[p] != kNoGroup) continue;
+      group_of_point[p] = lookup.FindAny(points[p]);
+    }
   }
   return group_of_point;
 }

@@ -45,7 +45,6 @@ void RemoveLargeErrors(double max_error_px, SceneModel* model) {
     if (num_kept > 0) point.error_px = sum_px / static_cast<double>(num_kept);
   }
   RemovePointsOfShortTracks(&points);
-  points.shrink_to_fit();
 }
 
 ModelStatistics AnalyzeModel(const SceneModel& model) {

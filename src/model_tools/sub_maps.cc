@@ -247,6 +247,7 @@ class SubMapJoiner {
   void MergeComponent(const std::vector<int>& component) {
     SceneModel model = std::move(sub_maps_[component.front()]);
     TransformWorld(world_from_[component.front()], &model.reconstruction);
+    ReservePoints(component, &model);
     std::vector<int> merged = {component.front()};
     for (size_t i = 1; i < component.size(); ++i) {
       const int m = component[i];
@@ -267,6 +268,16 @@ class SubMapJoiner {
     RemoveLargeErrors(MergeOptions().max_reproj_error_px, &model);
     std::sort(merged.begin(), merged.end());
     Add(std::move(model), std::move(merged));
+  }
+
+  // A vector that grows holds its items twice.
+  void ReservePoints(const std::vector<int>& component,
+                     SceneModel* model) const {
+    size_t num_points = model->reconstruction.points.size();
+    for (const int m : component) {
+      num_points += sub_maps_[m].reconstruction.points.size();
+    }
+    model->reconstruction.points.reserve(num_points);
   }
 
   void Add(SceneModel model, std::vector<int> sub_maps) {
