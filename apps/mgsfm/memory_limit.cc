@@ -16,16 +16,32 @@ constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
 constexpr double kOverlapFactor = 1.1;
-// Joined models and their adjustment, measured in
+// The fastest adjustment of joined models, and constants below that do not
+// follow from the size of their types, are measured in
 // docs/results/submaps.md#join-in-a-quarter-of-the-memory.
-constexpr double kBytesPerKeypointOfModel = 10.0;
-constexpr double kBytesPerObservationOfModel = 52.0;
-constexpr double kBytesPerObservation = 260.0;
-constexpr double kBytesPerObservationIfSaved = 63.0;
-constexpr double kBytesPerNeighbour = 500.0;  // and frame
-// From the fastest to the smallest.
-constexpr int kNumNeighbours[] = {64, 48, 32, 24, 16, 12};
+constexpr double kBytesPerKeypointOfFastest = 10.0;
+constexpr double kBytesPerObservationOfFastest = 260.0;
 constexpr double kBytesPerMib = 1024.0 * 1024.0;
+
+// The bytes of the two stages of an adjustment in little memory.
+struct StageBytes {
+  double per_keypoint;
+  double per_observation;
+  double per_point;
+  double per_image;
+  double per_frame;
+  double per_neighbour;  // of each frame
+};
+// Triangulation: keypoints; a track and a candidate; a new point with its track
+// as a block of memory, its old position and the indices of both.
+constexpr StageBytes kTriangulation = {8.0, 16.0, 140.0, 2400.0, 0.0, 0.0};
+// Solves: a pixel, an image and a flag; two positions and three indices;
+// two poses of an image more; the factor, measured.
+constexpr StageBytes kSolve = {0.0, 11.0, 60.0, 3000.0, 2700.0, 330.0};
+// More neighbours hardly save products, fewer take far more
+// (docs/results/submaps.md#join-in-little-memory).
+constexpr int kMaxNumNeighbours = 64;
+constexpr int kMinNumNeighbours = 12;
 
 std::string RemedyFor(double needed_mib, int max_memory_mib) {
   const double free_mib = max_memory_mib - kProgramMib;
@@ -48,7 +64,9 @@ std::string DescribeNeed(const std::string& what, double needed_mib,
 // The numbers that determine the memory of an adjustment.
 struct ModelSize {
   double num_frames = 0.0;
+  double num_images = 0.0;
   double num_keypoints = 0.0;
+  double num_points = 0.0;
   double num_observations = 0.0;
 };
 
@@ -56,6 +74,8 @@ ModelSize SizeOf(const std::vector<SceneModel>& models) {
   ModelSize size;
   for (const SceneModel& model : models) {
     size.num_frames += static_cast<double>(model.scene.frames.size());
+    size.num_images += static_cast<double>(model.scene.images.size());
+    size.num_points += static_cast<double>(model.reconstruction.points.size());
     for (const Image& image : model.scene.images) {
       size.num_keypoints += static_cast<double>(image.keypoints_px.size());
     }
@@ -71,18 +91,24 @@ double ToMib(double num_bytes) {
 }
 
 double EstimateFastAdjustmentMib(const ModelSize& size) {
-  return ToMib(kBytesPerKeypointOfModel * size.num_keypoints +
-               kBytesPerObservation * size.num_observations);
+  return ToMib(kBytesPerKeypointOfFastest * size.num_keypoints +
+               kBytesPerObservationOfFastest * size.num_observations);
+}
+
+double EstimateStageMib(const StageBytes& bytes, const ModelSize& size,
+                        int num_neighbours) {
+  return ToMib(bytes.per_keypoint * size.num_keypoints +
+               bytes.per_observation * size.num_observations +
+               bytes.per_point * size.num_points +
+               bytes.per_image * size.num_images +
+               (bytes.per_frame + bytes.per_neighbour * num_neighbours) *
+                   size.num_frames);
 }
 
 // Either the models are in memory, or the equations of their adjustment.
 double EstimateCompactAdjustmentMib(const ModelSize& size, int num_neighbours) {
-  const double models = kBytesPerKeypointOfModel * size.num_keypoints +
-                        kBytesPerObservationOfModel * size.num_observations;
-  const double equations =
-      kBytesPerObservationIfSaved * size.num_observations +
-      kBytesPerNeighbour * num_neighbours * size.num_frames;
-  return ToMib(std::max(models, equations));
+  return std::max(EstimateStageMib(kTriangulation, size, num_neighbours),
+                  EstimateStageMib(kSolve, size, num_neighbours));
 }
 
 }  // namespace
@@ -114,11 +140,11 @@ std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
       EstimateFastAdjustmentMib(size) <= max_memory_mib) {
     return std::nullopt;
   }
-  double needed_mib = 0.0;
-  for (const int num_neighbours : kNumNeighbours) {
-    needed_mib = EstimateCompactAdjustmentMib(size, num_neighbours);
-    if (needed_mib <= max_memory_mib) return num_neighbours;
+  for (int n = kMaxNumNeighbours; n >= kMinNumNeighbours; --n) {
+    if (EstimateCompactAdjustmentMib(size, n) <= max_memory_mib) return n;
   }
+  const double needed_mib =
+      EstimateCompactAdjustmentMib(size, kMinNumNeighbours);
   throw Error(DescribeNeed("the adjustment of the joined model", needed_mib,
                            max_memory_mib) +
               "allow more, or join without it (--refine 0)");

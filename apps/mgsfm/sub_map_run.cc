@@ -262,6 +262,7 @@ BundleSummary Adjust(const BundleAdjustmentOptions& options,
   RefinementStore store;
   if (options.num_neighbours_in_little_memory) {
     tracks = TracksInFile(model, tracks_file);
+    ReturnFreedMemory();
     store = PointsInFile(points_file, &joined->scene);
   } else {
     tracks = FixedCandidates(GroupTracks(model));
@@ -386,6 +387,8 @@ BundleAdjustmentOptions AdjustmentOptions(const SubMapRun& run,
           "--BundleAdjustment.backend native");
     }
     context.Info("bundle adjustment recomputes what does not fit the memory");
+    context.Debug("neighbours per frame: " +
+                  std::to_string(*options.num_neighbours_in_little_memory));
   }
   return options;
 }

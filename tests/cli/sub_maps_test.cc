@@ -92,10 +92,10 @@ TEST_F(SubMapCommands, LimitOfMemoryDoesNotChangeTheResult) {
   MapAll(Partition(3));
   Join();
   const std::string join = JoinTo("small") + " --max_memory ";
-  const CommandOutput refused = RunMgsfm(join + "25");
+  const CommandOutput refused = RunMgsfm(join + "24");
   EXPECT_EQ(refused.exit_code, 1);
   const std::string message = LastWord(refused);
-  EXPECT_THAT(message, HasSubstr("--max_memory allows 25; allow more"));
+  EXPECT_THAT(message, HasSubstr("--max_memory allows 24; allow more"));
   EXPECT_FALSE(fs::exists(Path("small")));
   const std::string about = "needs about ";
   const CommandOutput output =
