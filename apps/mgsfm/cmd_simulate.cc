@@ -336,7 +336,7 @@ int ParseAndRun(const std::vector<std::string>& arguments) {
   AllOptions<SimulateCommandOptions> preset;
   SetOptions(arguments, ListOptions(&preset));
   AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = 
+  options.command.simulation =
       PresetSimulation(preset.command.preset, SimulationOptions().rig);
   if (!ParseArguments(kName, kSummary, arguments, ListOptions(&options))) {
     return kExitSuccess;
@@ -348,7 +348,7 @@ CommandResult SetAndRun(const OptionSetter& set, const Context& environment) {
   AllOptions<SimulateCommandOptions> preset;
   set(ListOptions(&preset));
   AllOptions<SimulateCommandOptions> options;
-  options.command.simulation = 
+  options.command.simulation =
       PresetSimulation(preset.command.preset, SimulationOptions().rig);
   return CallWith(kName, options, set, environment, RunSimulate);
 }

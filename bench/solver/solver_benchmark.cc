@@ -265,10 +265,10 @@ SimulatedRunOptions& DriveOf(BenchmarkOptions& options) { return options.run; }
 
 int main(int argc, char** argv) {
   try {
-    return mgsfm::RunOnDrive(
-        "solver_benchmark", "Compares solvers of bundle adjustment.",
-        std::vector<std::string>(argv + 1, argv + argc), mgsfm::DriveOf,
-        mgsfm::RunBenchmark);
+    return mgsfm::RunOnDrive("solver_benchmark",
+                             "Compares solvers of bundle adjustment.",
+                             std::vector<std::string>(argv + 1, argv + argc),
+                             mgsfm::DriveOf, mgsfm::RunBenchmark);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "mgsfm_solver_benchmark: %s\n", error.what());
     return mgsfm::kExitBadInput;
