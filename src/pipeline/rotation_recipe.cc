@@ -10,6 +10,7 @@
 #include "geometry/so3.h"
 #include "pair_filtering/contested_cuts.h"
 #include "pair_filtering/frame_pair_index.h"
+#include "pair_filtering/revisits.h"
 #include "pair_filtering/rotation_consistency.h"
 #include "pair_filtering/skeletal_graph.h"
 #include "pair_filtering/turned_steps.h"
@@ -185,7 +186,8 @@ SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
 
 // Averages without the loop pairs that turn steps of a sequence. The rotations
 // without any loop across the turned steps judge these loops. Their drift bound
-// is tightened until no step is turned. Updates the pairs that are used.
+// is tightened until no step is turned. Revisits stay: if they turn a step, the
+// error is in other steps. Updates the pairs that are used.
 AveragedRotations AverageWithoutTurningLoops(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const Mask& is_in_skeleton,
@@ -198,10 +200,14 @@ AveragedRotations AverageWithoutTurningLoops(
   if (!filtering.use_skeletal_graph || !filtering.use_rotation_consistency) {
     return averaged;
   }
+  const Mask is_revisit = FindRevisits(index, *is_used);
   const auto find_loops = [&] {
-    return FindLoopsAcross(index, *is_used,
-                           FindTurnedSteps(scene, index, view_graph, *is_used,
-                                           averaged.result.estimate));
+    Mask is_across =
+        FindLoopsAcross(index, *is_used,
+                        FindTurnedSteps(scene, index, view_graph, *is_used,
+                                        averaged.result.estimate));
+    is_across.Remove(is_revisit);
+    return is_across;
   };
   for (const double share : kSharesOfBound) {
     Mask is_rejected = find_loops();
