@@ -33,10 +33,11 @@ struct StageBytes {
   double per_neighbour;  // of each frame
 };
 // Triangulation: keypoints; a track and a candidate; a new point with its track
-// as a block of memory, its old position and the indices of both.
+// as a block of memory, its old position and the indices of both; images as
+// measured in docs/results/submaps.md#join-in-a-quarter-of-the-memory.
 constexpr StageBytes kTriangulation = {8.0, 16.0, 140.0, 2400.0, 0.0, 0.0};
-// Solves: a pixel, an image and a flag; two positions and three indices;
-// two poses of an image more; the factor, measured.
+// Solves: a pixel, an image and a flag; two positions and three indices. An
+// image has two poses more. Frames and the factor as measured there.
 constexpr StageBytes kSolve = {0.0, 11.0, 60.0, 3000.0, 2700.0, 330.0};
 // More neighbours hardly save products, fewer take far more
 // (docs/results/submaps.md#join-in-little-memory).

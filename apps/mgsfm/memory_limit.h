@@ -19,9 +19,9 @@ void CheckMemory(const MapperInput& input, int max_memory_mib);
 
 // BundleAdjustmentOptions::num_neighbours_in_little_memory for the adjustment
 // of joined models: the largest value with which the estimate, from their
-// numbers of keypoints, points, images and others, keeps the limit; nullopt if
-// the fastest adjustment does, too. Throws Error if no value does. 0: not
-// limited.
+// numbers of keypoints, observations, points, images and frames, keeps it;
+// nullopt if the fastest adjustment does, too. Throws Error if no value does.
+// 0: not limited.
 std::optional<int> ChooseNumNeighbours(const std::vector<SceneModel>& models,
                                        int max_memory_mib);
 

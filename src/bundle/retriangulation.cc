@@ -238,7 +238,8 @@ class GroupLookup {
     }
   }
 
-  // The group of the first observation that is in a group, or kNoGroup.
+  // The group of the first observation in these images that is in a group, or
+  // kNoGroup.
   int FindAny(const Point3D& point) const {
     for (const Observation& o : point.track) {
       if (!Contains(o)) continue;
@@ -266,6 +267,7 @@ class GroupLookup {
 std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
                             const std::vector<Point3D>& points) {
   // A lookup of all images would need half of the memory of their keypoints.
+  // With eight, this is not the peak (docs/results/submaps.md).
   constexpr size_t kNumLookups = 8;
   const size_t num_images = scene.images.size();
   std::vector<int> group_of_point(points.size(), kNoGroup);

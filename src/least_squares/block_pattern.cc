@@ -2,6 +2,7 @@
 #include "least_squares/block_pattern.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "mgsfm/base/error.h"
 
@@ -67,6 +68,8 @@ BlockPattern::Rows BlockPattern::MakeRows() const {
 }
 
 void BlockPattern::ListRows(int* column_begin, int* rows) const {
+  MGSFM_CHECK_LE(first_value_.back(),
+                 static_cast<size_t>(std::numeric_limits<int>::max()));
   *column_begin = 0;
   for (size_t b = 0; b < height_.size(); ++b) {
     for (int c = first_[b]; c < first_[b + 1]; ++c) {

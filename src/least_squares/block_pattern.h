@@ -51,7 +51,8 @@ class BlockPattern {
   Rows MakeRows() const;
 
   // Moves the values to find_place(row, column), the Place of an entry of the
-  // matrix in another array. MakeMatrix() must not be called any more.
+  // matrix in another array. Neither MakeMatrix() nor MakeRows() may
+  // be called any more.
   template <class FindPlace>
   void MoveValues(const FindPlace& find_place);
 

@@ -182,7 +182,8 @@ void AddPointChunks(const RigProblemBase& problem,
       s->observation_image.push_back(static_cast<uint16_t>(
           builder->AddImage(image_of_observation[s->observation_order[k]])));
     }
-    s->point_begin.push_back(s->observation_image.size());
+    s->point_begin.push_back(
+        static_cast<uint32_t>(s->observation_image.size()));
     is_open =
         !builder->HasManyBlocks() &&
         s->observation_image.size() - builder->chunk().observations.begin <

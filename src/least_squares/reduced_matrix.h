@@ -23,7 +23,8 @@ class ReducedMatrix {
   // the pattern and of chunk_pairs.
   void Allocate(RigStructure* structure);
 
-  // Those of the pattern, in its order.
+  // BlockPattern::Find() of the structure gives the places. In place, there are
+  // more values than the pattern has.
   double* values() {
     return is_in_place_ ? in_place_.values() : matrix_.valuePtr();
   }

@@ -29,9 +29,9 @@ struct PixelResidual {
 
   static const Scalar* Measured(const Observation& o) { return o.pixel.data(); }
 
-  // The function of the most common camera model, inlined. A call and its
-  // results in memory took a fifth of a join in little memory
-  // (docs/results/submaps.md#join-in-a-quarter-of-the-memory).
+  // The function of the most common camera model, inlined. As a call, it
+  // takes a fifth of a join in little memory, as its results pass through
+  // memory (docs/results/submaps.md#join-in-a-quarter-of-the-memory).
   static MGSFM_ALWAYS_INLINE bool ProjectByPinhole(const double* params,
                                                    const double* x,
                                                    const Scalar* measured,

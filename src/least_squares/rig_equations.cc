@@ -84,6 +84,7 @@ void RigEquationsBase::SetState(const RigState& state) {
   state_.sensors = state.sensors;
   state_.cameras = state.cameras;
   trial_state_ = state_;
+  MGSFM_CHECK_EQ(state.points.size(), points_.size());
   trial_points_.resize(points_.size());
   for (size_t p = 0; p < points_.size(); ++p) {
     points_[p] = state.points[structure_.point_order[p]];

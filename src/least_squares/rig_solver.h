@@ -66,13 +66,13 @@ struct RigSolverOptions {
 
 // Solves a problem repeatedly. Its structure is analysed once; between solves,
 // the values of the loss, baselines, linear terms and priors may change. On
-// kFailure, the state does not change, but kCompact loses its points. Checks
-// for interruption in each iteration.
+// kFailure, the state does not change, but kCompact loses its points, as it
+// does if an exception is thrown. Checks for interruption in each iteration.
 template <class Observation>
 class RigSolver {
  public:
   // The problem must outlive the solver. The native backend copies observations
-  // and point_begin, which may be freed.
+  // and point_begin, so that the caller may free them then.
   RigSolver(const RigProblem<Observation>& problem,
             const RigSolverOptions& options, const Context& context);
   ~RigSolver();

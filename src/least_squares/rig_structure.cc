@@ -416,6 +416,8 @@ RigStructure::RigStructure(const RigProblemBase& problem,
                            const std::vector<int>& image_of_observation,
                            const ReducedSolverOptions& solver,
                            int num_threads) {
+  // Observations are counted by 32 bits, to save memory.
+  MGSFM_CHECK_LT(image_of_observation.size(), size_t{1} << 32);
   pose_size = ChoosePoseSize(problem);
   NumberBlocks(problem, image_of_observation, this);
   const Mask is_border = ChooseBorder(problem, *this);

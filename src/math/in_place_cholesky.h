@@ -12,24 +12,24 @@ class SupernodalFactor;
 
 // Solves H x = b for a sparse symmetric positive definite H, as SparseCholesky
 // does, but the values of H are set in the memory of its factor, which
-// overwrites them. This takes 8 bytes per entry of the factor instead of 8 and
-// 12 per entry of H. The rows must be in the order of elimination, which must
-// be a postorder, as that of FindEliminationOrder is.
+// overwrites them. This takes 8 bytes per entry of the factor, instead of
+// these and 12 per entry of H. The rows must be in the order of elimination,
+// which must be a postorder, as that of FindEliminationOrder is.
 //
 //   InPlaceCholesky solver(num_threads);
 //   solver.Analyze(column_begin, rows);
 //   fill all values() with zeros, then set those at Find(row, column);
 //   if (!solver.Factorize()) ...
-//   solver.Solve(&x);  // any number of times
+//   solver.Solve(x);  // any number of times
 class InPlaceCholesky {
  public:
   explicit InPlaceCholesky(int num_threads);
   ~InPlaceCholesky();
 
-  // The rows of each column of the lower triangle, ascending from the diagonal:
-  // column j has rows[column_begin[j]] to rows[column_begin[j + 1] - 1]. They
-  // and other freed memory return to the system before the values are
-  // allocated.
+  // The rows of each column of the lower triangle, ascending: column j has
+  // rows[column_begin[j]] to rows[column_begin[j + 1] - 1]. Entries above the
+  // diagonal are ignored. The arrays and other freed memory return to the
+  // system before the values are allocated.
   void Analyze(std::vector<int> column_begin, std::vector<int> rows);
 
   // The position of an entry of the lower triangle of H in the values. In a

@@ -54,8 +54,8 @@ class SupernodalFactor {
   Place Find(int row, int column) const;
   size_t num_values() const { return value_begin_.back(); }
 
-  // The same, but `values` contain the lower triangle of H, which the factor
-  // replaces. Also returns false if a value is not finite.
+  // As Factorize(), but `values` contain the lower triangle of H, which the
+  // factor replaces. Also returns false if a value is not finite.
   [[nodiscard]] bool FactorizeInPlace(int num_threads, double* values);
 
   // X = (L L^T)^-1 X, where `values` are those of the factor and the rows of X

@@ -274,8 +274,8 @@ class SubMapJoiner {
   void ReservePoints(const std::vector<int>& component,
                      SceneModel* model) const {
     size_t num_points = model->reconstruction.points.size();
-    for (const int m : component) {
-      num_points += sub_maps_[m].reconstruction.points.size();
+    for (size_t i = 1; i < component.size(); ++i) {
+      num_points += sub_maps_[component[i]].reconstruction.points.size();
     }
     model->reconstruction.points.reserve(num_points);
   }

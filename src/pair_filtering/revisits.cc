@@ -14,7 +14,8 @@
 namespace mgsfm {
 namespace {
 
-// Bridges short gaps of missing images or matches.
+// Bridges short gaps of missing images or matches, as in the groups of rejected
+// pairs.
 constexpr int kMaxLoopGap = 3;
 // Twice the reach of pairs of neighbours. docs/results/hard_drives.md#revisits
 // has the lengths of revisits and of duplicate structures.
@@ -56,6 +57,7 @@ std::vector<Loop> CollectLoops(const FramePairIndex& index,
         std::tie(second.sequence, second.rank)) {
       std::swap(first, second);
     }
+    if (frames.time_gap && *frames.time_gap <= kMinRevisit) continue;
     Loop loop{{first.sequence, second.sequence}, first.rank, second.rank, {}};
     for (const size_t i : frames.pair_idxs) {
       if (pair_is_used[i]) loop.pair_idxs.push_back(i);
@@ -113,8 +115,9 @@ Mask FindRevisits(const FramePairIndex& index, const Mask& pair_is_used) {
   for (size_t i = 0; i < loops.size(); ++i) {
     const auto& [first, second] = extents[sets.Find(i)];
     if (!first.IsLong() || !second.IsLong()) continue;
-    for (const size_t pair_idx : loops[i].pair_idxs)
+    for (const size_t pair_idx : loops[i].pair_idxs) {
       is_revisit[pair_idx] = true;
+    }
   }
   return is_revisit;
 }

@@ -16,7 +16,8 @@ namespace mgsfm {
 //
 // Two frame pairs with used loop pairs are neighbours if their frames are at
 // most kMaxLoopGap steps apart at both ends. A group of neighbours is a revisit
-// if it extends over more than kMinRevisit steps of both passes.
+// if it extends over more than kMinRevisit steps of both passes. The frames of
+// a loop must be as far from each other, or both are of one pass.
 //
 // Limits. If frames are so dense that one structure is visible in more of them
 // than kMinRevisit, its duplicate looks like a revisit.

@@ -13,8 +13,9 @@ namespace mgsfm {
 // (step_deviations.h).
 //
 // Duplicate structures that are some degrees off turn the whole trajectory at
-// the step that the fewest pairs cross. Correct loop pairs do not do that. They
-// correct the drift, which is spread over all steps.
+// the step that the fewest pairs cross. Correct loop pairs seldom do that. They
+// correct the drift, which is spread over all steps. revisits.h tells those
+// that can only be correct.
 //
 // The deviation of a pair is e_ij = Log(R_j^T R_ij R_i). A step is turned if
 // the common deviation exceeds kMinTurn.

@@ -184,17 +184,18 @@ SkeletonResult FilterBySkeleton(const Scene& scene, const FramePairIndex& index,
   return result;
 }
 
-// Averages without the loop pairs that turn steps of a sequence. The rotations
-// without any loop across the turned steps judge these loops. Their drift bound
-// is tightened until no step is turned. Revisits stay: if they turn a step, the
-// error is in other steps. Updates the pairs that are used.
+// Averages without the loop pairs that turn steps of a sequence. Revisits stay:
+// if they turn a step, the error is in other steps. The rotations without other
+// loops across the turned steps judge these loops. Their drift bound is
+// tightened until none of them crosses a turned step. Updates the pairs that
+// are used.
 AveragedRotations AverageWithoutTurningLoops(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const Mask& is_in_skeleton,
     const PairFilteringOptions& filtering,
     const std::function<AveragedRotations(const Mask&)>& average,
     Mask* is_used) {
-  // The last bound leaves no loop across a turned step.
+  // The last bound leaves only revisits across a turned step.
   constexpr double kSharesOfBound[] = {1.0, 0.5, 0.25, 0.0};
   AveragedRotations averaged = average(*is_used);
   if (!filtering.use_skeletal_graph || !filtering.use_rotation_consistency) {

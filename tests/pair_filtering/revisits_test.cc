@@ -83,6 +83,12 @@ TEST(Revisits, AreNotDuplicateStructures) {
   EXPECT_FALSE(standing.AreAllRevisits());
 }
 
+TEST(Revisits, AreNotOnePass) {
+  RevisitLoops loops;
+  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kMaxSequentialGap + 2);
+  EXPECT_FALSE(loops.AreAllRevisits());
+}
+
 TEST(Revisits, HaveShortGapsOnly) {
   RevisitLoops with_short_gaps, with_long_gaps;
   with_short_gaps.AddPasses(30, 3, true);

@@ -62,7 +62,7 @@ struct EquidistantProjection {
     const double r = point.head<2>().norm();
     const double z = point.z();
     const double squared_norm = r * r + z * z;
-    // Project() has computed the arc tangent.
+    // |m| is the angle, which saves a second arc tangent.
     const double angle_per_r = r > 0.0 ? m.norm() / r : 1.0 / z;
     // On the axis the stretch is isotropic, so any direction is valid.
     Eigen::Vector2d e = Eigen::Vector2d::UnitX();
