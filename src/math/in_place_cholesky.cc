@@ -61,7 +61,7 @@ bool InPlaceCholesky::Factorize() {
   return factor_->FactorizeInPlace(num_threads_, values_.data());
 }
 
-void InPlaceCholesky::Solve(Eigen::Ref<Eigen::MatrixXd> x) const {
+void InPlaceCholesky::Solve(const Eigen::Ref<Eigen::MatrixXd>& x) const {
   factor_->Solve(values_.data(), x);
 }
 

@@ -48,8 +48,8 @@ class InPlaceCholesky {
   // numerically positive definite; Solve() must not be called then.
   [[nodiscard]] bool Factorize();
 
-  // x = H^-1 x.
-  void Solve(Eigen::Ref<Eigen::MatrixXd> x) const;
+  // x = H^-1 x. Changes the values that x refers to.
+  void Solve(const Eigen::Ref<Eigen::MatrixXd>& x) const;
 
  private:
   const int num_threads_;
