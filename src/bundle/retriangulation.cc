@@ -266,8 +266,8 @@ class GroupLookup {
 // The group of each point, or kNoGroup.
 std::vector<int> FindGroups(const Scene& scene, const ObservationGroups& groups,
                             const std::vector<Point3D>& points) {
-  // A lookup of all images would need half of the memory of their keypoints.
-  // With eight, this is not the peak (docs/results/submaps.md).
+  // A lookup of all images would need half of the memory of their keypoints. An
+  // eighth of it is small beside that of the points.
   constexpr size_t kNumLookups = 8;
   const size_t num_images = scene.images.size();
   std::vector<int> group_of_point(points.size(), kNoGroup);

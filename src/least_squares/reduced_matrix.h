@@ -33,7 +33,7 @@ class ReducedMatrix {
                         : static_cast<size_t>(matrix_.nonZeros());
   }
   void SetZero();
-  // Of unknown i.
+  // The diagonal entry of unknown i.
   double& Diagonal(Eigen::Index i) { return values()[diagonal_position_[i]]; }
 
   [[nodiscard]] bool Factorize() {

@@ -49,8 +49,8 @@ class SupernodalFactor {
     size_t position = 0;
     int stride = 0;
   };
-  // Of an entry of the lower triangle of H. Logarithmic in the rows of its
-  // column.
+  // The place of an entry of the lower triangle of H. Logarithmic in the rows
+  // of its column.
   Place Find(int row, int column) const;
   size_t num_values() const { return value_begin_.back(); }
 
