@@ -18,7 +18,7 @@ def test_attributes_and_documentation():
     info = options.Tracks.info("min_track_length")
     assert (info.default, info.unit, info.range) == (3, "images", "[2, inf)")
     assert "track" in info.help
-    assert options.Mapper.info("weak_seams").choices == ["keep", "split"]
+    assert options.Mapper.info("weak_seams").choices == ["keep", "split_jumps", "split"]
     assert "Tracks" in dir(options)
 
 
@@ -37,7 +37,7 @@ def test_all_ways_to_give_options():
     ("min_num_frames", True, "integer"),
     ("compute_covariances", 2, "true or false"),
     ("min_num_frame", 3, "min_num_frames"),
-    ("Mapper.weak_seams", "drop", "keep, split"),
+    ("Mapper.weak_seams", "drop", "keep, split_jumps, split"),
     ("min_num_frames", {3}, "set"),
 ])
 def test_the_checks_of_the_program(name, value, message, tmp_path):

@@ -37,8 +37,13 @@ namespace mgsfm {
 // with the velocity closest to the previous one.
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
-// kDistanceSpacing apart. Unknown distances of the solution are interpolated
-// between known ones. Cost: linear in the steps.
+// kDistanceSpacing apart (motion_search.h). Unknown distances of the solution
+// are interpolated between known ones. Cost: linear in the steps.
+//
+// Ambiguity. A rig that starts beside a vehicle which starts, too, moves as
+// smoothly relative to the vehicle as relative to the street. Where the cost
+// rises by less than kMinMargin with another motion, for several steps, the
+// motion is unknown.
 //
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.
@@ -64,6 +69,8 @@ using StepHypotheses = std::vector<MotionHypothesis>;
 struct RigPath {
   struct Place {
     int stretch = 0;
+    // Unknown steps near objects between the start of the sequence and here.
+    int num_ambiguous = 0;
     Rigid3 rig_from_start;
   };
   std::vector<std::optional<Place>> of_frame;
@@ -79,6 +86,12 @@ struct RigPath {
     const auto& place2 = of_frame[frame_idx2];
     return place1 && place2 && place1->stretch == place2->stretch;
   }
+  // Whether an unknown step near objects lies between two frames of a sequence.
+  bool IsAmbiguousBetween(int frame_idx1, int frame_idx2) const {
+    const auto& place1 = of_frame[frame_idx1];
+    const auto& place2 = of_frame[frame_idx2];
+    return place1 && place2 && place1->num_ambiguous != place2->num_ambiguous;
+  }
   // Whether two motions agree within tolerance.
   bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
   // later_from_earlier of comparable frames.
@@ -90,8 +103,9 @@ struct RigPath {
 
 // `hypotheses` has one item per step of each sequence of the order. Steps
 // without a choice have the mean velocity of their neighbours. More than seven
-// of them begin another stretch, and so does one far from any whose hypotheses
-// disagree: nothing suggests that its true motion was outvoted.
+// of them begin another stretch, and so do ambiguous ones and one far from any
+// whose hypotheses disagree: nothing suggests that its true motion was
+// outvoted.
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
     const std::vector<std::vector<StepHypotheses>>& hypotheses);

@@ -186,9 +186,12 @@ std::vector<MapperModel> ReconstructComponent(
        FindMotionJumps(scene, index, view_graph, measurements.pair_on_path,
                        model.reconstruction)},
       options, context);
-  if (options.weak_seams == WeakSeams::kSplit &&
-      !model.confidence.seams.empty()) {
-    return SplitAtSeams(input, index, options, context, model);
+  const std::vector<Seam> seams =
+      SeamsToSplit(model.confidence, options.weak_seams);
+  if (!seams.empty()) {
+    context.Info("the model is split at " + std::to_string(seams.size()) +
+                 " of its weak seams");
+    return SplitAtSeams(input, index, options, context, seams, model);
   }
   return {std::move(model)};
 }
@@ -229,8 +232,8 @@ Mask DropSmallModels(const Scene& scene, int min_model_size,
 std::vector<UnregisteredFrame> ExplainUnregistered(
     const Scene& scene, const RotationEstimate& rotations,
     const std::vector<int>& num_frames_of_component,
-    const Mask& is_in_small_model, const MapperOptions& options,
-    const std::vector<MapperModel>& models) {
+    const Mask& is_in_small_model, const Mask& is_ambiguous,
+    const MapperOptions& options, const std::vector<MapperModel>& models) {
   std::vector<UnregisteredFrame> unregistered;
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const bool is_registered =
@@ -239,7 +242,11 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
         });
     if (is_registered) continue;
     std::string reason;
-    if (!rotations.component[i]) {
+    if (!rotations.component[i] && !is_ambiguous.empty() && is_ambiguous[i]) {
+      reason =
+          "its motion is ambiguous: a vehicle beside the rig and the street "
+          "explain its images equally well";
+    } else if (!rotations.component[i]) {
       reason = "no image pair with consistent geometry links it to others";
     } else if (num_frames_of_component[*rotations.component[i]] <
                options.min_num_frames) {
@@ -249,10 +256,10 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
       reason = "its model has fewer than " +
                std::to_string(options.min_model_size) + " images";
     } else {
-      reason = options.weak_seams == WeakSeams::kSplit
-                   ? "a weak seam separates it, or too few points constrain "
-                     "its position"
-                   : "too few points constrain its position";
+      reason = options.weak_seams == WeakSeams::kKeep
+                   ? "too few points constrain its position"
+                   : "a weak seam separates it, or too few points constrain "
+                     "its position";
     }
     unregistered.push_back({static_cast<int>(i), reason});
   }
@@ -299,6 +306,7 @@ struct RotationsOfScene {
   EstimatedRotations rotation;
   LengthHints length_hints;
   std::vector<std::optional<Rigid3>> pair_on_path;  // per pair, or empty
+  Mask frame_is_ambiguous;                          // per frame, or empty
 };
 
 // The lengths of pairs between frames; nullopt without a baseline.
@@ -334,7 +342,7 @@ RotationsOfScene EstimateRotationsOfScene(
                                pair_is_discontinuous, loop_contradicts_path);
     });
   };
-  RotationsOfScene result{average("first ", {}, {}), {}, {}};
+  RotationsOfScene result{average("first ", {}, {}), {}, {}, {}};
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return result;
   }
@@ -346,6 +354,7 @@ RotationsOfScene EstimateRotationsOfScene(
         options.pair_filtering, context);
   });
   if (motion.pair_is_discontinuous.empty()) return result;
+  result.frame_is_ambiguous = std::move(motion.frame_is_ambiguous);
   ReplacePairs(std::move(motion.pair_of_scene), view_graph);
   const size_t num_pairs = motion.pair_is_discontinuous.Count();
   if (num_pairs > 0) {
@@ -398,9 +407,10 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  auto [rotation, length_hints, pair_on_path] = EstimateRotationsOfScene(
-      scene, bearings, index, view_graph, input.gravity_priors, options,
-      context, input.stage_store, &verified.estimate, &result.times);
+  auto [rotation, length_hints, pair_on_path, frame_is_ambiguous] =
+      EstimateRotationsOfScene(
+          scene, bearings, index, view_graph, input.gravity_priors, options,
+          context, input.stage_store, &verified.estimate, &result.times);
   result.rotation = std::move(rotation.summary);
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
@@ -423,9 +433,9 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const Mask is_in_small_model =
       DropSmallModels(scene, options.min_model_size, &result.models);
   result.rejected_pairs = CountRejections(rotation.verdicts);
-  result.unregistered_frames =
-      ExplainUnregistered(scene, rotation.estimate, num_frames,
-                          is_in_small_model, options, result.models);
+  result.unregistered_frames = ExplainUnregistered(
+      scene, rotation.estimate, num_frames, is_in_small_model,
+      frame_is_ambiguous, options, result.models);
   check_input();
   return result;
 }

@@ -535,6 +535,30 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
   return motion;
 }
 
+// Pairs of neighbours across an ambiguous step are discontinuous.
+void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
+                     MotionOfScene* motion) {
+  Mask across(index.num_pairs(), false);
+  motion->frame_is_ambiguous = Mask(path.of_frame.size(), false);
+  for (const FramePair& frames : index.frame_pairs()) {
+    if (!frames.time_gap || *frames.time_gap > kMaxSequentialGap ||
+        !path.IsAmbiguousBetween(frames.frame_idx1, frames.frame_idx2)) {
+      continue;
+    }
+    for (const size_t i : frames.pair_idxs) across[i] = true;
+    if (*frames.time_gap > 1) continue;
+    motion->frame_is_ambiguous[frames.frame_idx1] = true;
+    motion->frame_is_ambiguous[frames.frame_idx2] = true;
+  }
+  if (!across.Any()) return;
+  if (motion->pair_is_discontinuous.empty()) {
+    motion->pair_is_discontinuous = Mask(across.size(), false);
+  }
+  for (size_t i = 0; i < across.size(); ++i) {
+    if (across[i]) motion->pair_is_discontinuous[i] = true;
+  }
+}
+
 // The displacement that moves a keypoint by max_error_px, in the median.
 double NoiseDisplacement(const Scene& scene, const FrameDepths& depths,
                          double max_error_px) {
@@ -583,6 +607,7 @@ MotionOfScene FindMotionOfScene(
     const RigPath refined = RefinePath(problem, path);
     MotionOfScene motion =
         JudgeByMatches(problem, refined, verification, context);
+    RejectAmbiguous(index, path, &motion);
     motion.loop_contradicts_path =
         FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
     return motion;
@@ -599,7 +624,9 @@ MotionOfScene FindMotionOfScene(
   const RigPath path =
       FindRigPath(*index.order(), index.num_frames(),
                   FindHypothesesByPairs(problem, sensor_from_rig, lengths));
-  return JudgeByPoses(problem, path, rotations, lengths);
+  MotionOfScene motion = JudgeByPoses(problem, path, rotations, lengths);
+  RejectAmbiguous(index, path, &motion);
+  return motion;
 }
 
 }  // namespace mgsfm

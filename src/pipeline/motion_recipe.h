@@ -29,6 +29,9 @@ struct MotionOfScene {
   // cam2_from_cam1 on the path, for pairs near an object, and the relative
   // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
+  // Per frame: the motion from or to it is unknown, because an object explains
+  // it as well as the static scene.
+  Mask frame_is_ambiguous;
 };
 
 // Decides for neighbours in a sequence which matches show the static scene:
@@ -40,7 +43,8 @@ struct MotionOfScene {
 //   pairs       of frames at most kMaxSequentialGap apart, where motions
 //               compete: matches that agree with the path, by the epipolar
 //               constraint and by their depths, determine the relative pose
-//               anew. Pairs without enough of them are discontinuous.
+//               anew. Pairs without enough of them are discontinuous, and so
+//               are those across a step whose motion is ambiguous.
 //
 // `matches` is the view graph before its estimation: where a vehicle dominates
 // an image, the matches of the static scene are outliers of its pairs.

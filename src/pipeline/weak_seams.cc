@@ -122,14 +122,27 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
                  "or split the model at its seams"};
 }
 
+std::vector<Seam> SeamsToSplit(const Confidence& confidence,
+                               WeakSeams treatment) {
+  std::vector<Seam> seams;
+  for (const Seam& seam : confidence.seams) {
+    if (treatment == WeakSeams::kSplit ||
+        (treatment == WeakSeams::kSplitJumps &&
+         seam.reason == SeamReason::kJump)) {
+      seams.push_back(seam);
+    }
+  }
+  return seams;
+}
+
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const FramePairIndex& index,
                                       const MapperOptions& options,
                                       const Context& context,
+                                      const std::vector<Seam>& seams,
                                       const MapperModel& model) {
   const Scene& scene = input.scene;
-  const std::vector<int> segment_of_frame =
-      SegmentsOfFrames(scene, model.confidence.seams);
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
   const int num_segments =
       1 + *std::max_element(segment_of_frame.begin(), segment_of_frame.end());
   std::vector<MapperModel> parts;

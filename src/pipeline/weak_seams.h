@@ -24,7 +24,11 @@ Confidence EstimateModelConfidence(const ConfidenceInput& input,
 std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence);
 
-// One model for each set of frames that no seam of `model` separates. Each is
+// The seams at which a model is split.
+std::vector<Seam> SeamsToSplit(const Confidence& confidence,
+                               WeakSeams treatment);
+
+// One model for each set of frames that none of `seams` separates. Each is
 // adjusted again, without the pairs that cross a seam, and keeps the summaries
 // of the stages before. Sets of fewer than min_num_frames frames, and those
 // that points alone do not hold together, are omitted.
@@ -32,6 +36,7 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const FramePairIndex& index,
                                       const MapperOptions& options,
                                       const Context& context,
+                                      const std::vector<Seam>& seams,
                                       const MapperModel& model);
 
 // Whether a model has points and at least min_num_frames registered frames.

@@ -37,7 +37,7 @@ class PathWithPairs {
 
   void Place(int frame, const Eigen::Vector3d& center, int stretch = 0) {
     path_.of_frame[frame] = RigPath::Place{
-        stretch,
+        stretch, 0,
         Rigid3::FromRotationAndCenter(Eigen::Quaterniond::Identity(), center)};
   }
 

@@ -200,6 +200,46 @@ TEST(MotionContinuityTest, ARigBrakesWhereNoDistanceIsKnown) {
   drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
 }
 
+// Drives straight on until frame 30, and then turns.
+Rigid3 Turning(double time, double angle_deg) {
+  Rigid3 rig_from_world;
+  for (int k = 0; k < std::lround(time); ++k) {
+    const double angle = k < 30 ? 0.0 : DegToRad(angle_deg);
+    rig_from_world = Rigid3::FromRotationAndCenter(ExpSO3({0.0, angle, 0.0}),
+                                                   {0.0, 0.0, 1.0}) *
+                     rig_from_world;
+  }
+  return rig_from_world;
+}
+Rigid3 LeftTurn(double time) { return Turning(time, 6.0); }
+Rigid3 RightTurnStep() {
+  return Turning(31, -6.0) * Turning(30, -6.0).Inverse();
+}
+
+// A turn and its mirror image are equally smooth.
+TEST(MotionContinuityTest, EquallySmoothMotionsAreAmbiguous) {
+  for (const std::vector<int>& order :
+       {InOrder(kNumFrames), Shuffled(kNumFrames)}) {
+    Drive drive(LeftTurn, order);
+    drive.AddWorld(0, kNumFrames - 1, 0.45);
+    drive.AddObject(30, kNumFrames - 1, RightTurnStep(), 0.45);
+    const RigPath path = drive.FindPath();
+    drive.ExpectTruth(path, 0, 31);
+    for (int k = 31; k < kNumFrames; ++k) {
+      EXPECT_FALSE(drive.AreComparable(path, k - 1, k)) << k;
+      EXPECT_TRUE(path.IsAmbiguousBetween(order[k - 1], order[k])) << k;
+    }
+    EXPECT_FALSE(path.IsAmbiguousBetween(order[0], order[30]));
+  }
+}
+
+TEST(MotionContinuityTest, TheMotionThatGoesOnIsNotAmbiguous) {
+  Drive drive(LeftTurn);
+  drive.AddWorld(0, kNumFrames - 1, 0.45);
+  drive.AddObject(30, 45, RightTurnStep(), 0.45);
+  drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
 // Wrong depths of one camera look like another motion in each step.
 TEST(MotionContinuityTest, MotionsThatDoNotLastAreNoObjects) {
   Random random(3);

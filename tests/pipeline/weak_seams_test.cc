@@ -105,6 +105,20 @@ TEST(WeakSeams, SplitModels) {
   }
 }
 
+TEST(WeakSeams, SplitModelsAtJumpsByDefault) {
+  Confidence confidence;
+  for (const SeamReason reason :
+       {SeamReason::kFewTracks, SeamReason::kJump, SeamReason::kContradicted}) {
+    confidence.seams.emplace_back();
+    confidence.seams.back().reason = reason;
+  }
+  EXPECT_TRUE(SeamsToSplit(confidence, WeakSeams::kKeep).empty());
+  EXPECT_EQ(SeamsToSplit(confidence, WeakSeams::kSplit).size(), 3u);
+  const auto jumps = SeamsToSplit(confidence, MapperOptions().weak_seams);
+  ASSERT_EQ(jumps.size(), 1u);
+  EXPECT_EQ(jumps[0].reason, SeamReason::kJump);
+}
+
 TEST(WeakSeams, LeaveSoundModelsWhole) {
   SimulationOptions options;
   options.num_frames = kNumFrames;

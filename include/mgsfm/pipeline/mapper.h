@@ -46,14 +46,18 @@ namespace mgsfm {
 
 // Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
-  kKeep,   // they are reported
-  kSplit,  // each side becomes a model of its own
+  kKeep,        // they are reported
+  kSplitJumps,  // the sides of those that contradict the motion of the rig, a
+                // jump, become models of their own
+  kSplit,       // the sides of all of them
 };
 
 template <>
 struct EnumTable<WeakSeams> {
   static constexpr std::pair<std::string_view, WeakSeams> kNames[] = {
-      {"keep", WeakSeams::kKeep}, {"split", WeakSeams::kSplit}};
+      {"keep", WeakSeams::kKeep},
+      {"split_jumps", WeakSeams::kSplitJumps},
+      {"split", WeakSeams::kSplit}};
 };
 
 struct MapperOptions {
@@ -74,9 +78,11 @@ struct MapperOptions {
       "cameras of a rig are this far apart. Neither a known rig nor measured "
       "positions need it."};
   Option<WeakSeams> weak_seams{
-      "Mapper.weak_seams", WeakSeams::kKeep,
+      "Mapper.weak_seams", WeakSeams::kSplitJumps,
       "Weak seams of a model: keep reports them, split makes a model of each "
-      "side. Split if a wrong model is worse than several partial ones."};
+      "side, and split_jumps does so only where neighbouring frames contradict "
+      "the motion of the rig. Split if a wrong model is worse than several "
+      "partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;

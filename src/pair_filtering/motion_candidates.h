@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/geometry/rigid3.h"
+#include "pair_filtering/motion_continuity.h"
+
+namespace mgsfm {
+
+// The motions among which the search (motion_search.h) chooses.
+//
+// Correspondences with depth measure the distance of a step, but turn it by up
+// to a degree where they are few. Image pairs of one camera measure the
+// rotation and direction well, but no distance. Pairs that agree form one
+// group, whose motion is their mean, weighted by matches. A motion with depth
+// that a group agrees with has the rotation and direction of the group for the
+// comparison of velocities, and its own distance.
+
+// Per step, or per unit of time.
+struct Velocity {
+  Eigen::Vector3d linear = Eigen::Vector3d::Zero();  // of the rig's origin
+  Eigen::Vector3d angular_rad = Eigen::Vector3d::Zero();
+};
+Velocity VelocityOf(const Rigid3& later_from_earlier, double duration);
+Rigid3 MotionOf(const Velocity& velocity, double duration);
+
+// Whether two motions are equal, up to `factor` times the tolerance.
+bool AreEqualMotions(const Rigid3& a, const Rigid3& b, double median_step,
+                     double factor = 1.0);
+
+// The squared difference of two velocities, in standard deviations of changes
+// within one step.
+double SquaredChange(const Velocity& a, const Velocity& b, double median_step);
+
+// A hypothesis. If its distance is free, one of those that are tried, and the
+// centres by matches with depth that agree with it.
+struct Candidate : MotionHypothesis {
+  std::vector<Eigen::Vector3d> measured_centers = {};
+  std::optional<Eigen::Vector3d> tried_center = {};
+  // Before `later_from_earlier` took the rotation and direction of a group.
+  std::optional<Rigid3> by_depth = {};
+
+  // The motion after one with this centre.
+  Rigid3 MotionAfter(const Eigen::Vector3d& center) const {
+    return ClosestTo(tried_center.value_or(center));
+  }
+};
+
+// The steps of one sequence, and how long each takes.
+struct Steps {
+  std::vector<std::vector<Candidate>> candidates;
+  std::vector<double> durations;
+  double median_step = 0.0;
+  double longest_step = 0.0;  // of those that are tried
+
+  size_t size() const { return candidates.size(); }
+
+  // The velocity of a candidate after a step with another one.
+  Velocity VelocityAfter(const Eigen::Vector3d& linear, size_t k,
+                         const Candidate& candidate) const {
+    return VelocityOf(candidate.MotionAfter(durations[k] * linear),
+                      durations[k]);
+  }
+};
+
+// The centre of a step of some length in the direction of a hypothesis.
+Eigen::Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length);
+
+// Groups the hypotheses of each step.
+Steps MakeSteps(const std::vector<StepHypotheses>& measured,
+                std::vector<double> durations);
+
+// Whether a motion other than that with the largest share has support, and goes
+// on in a neighbouring step.
+bool HasRivals(const Steps& steps, size_t k);
+
+// The candidates of a step, those without a distance once for each distance to
+// try.
+std::vector<Candidate> TryDistances(const Steps& steps, size_t k);
+
+// Distances that are tried are this many standard deviations of the change of
+// velocity apart. The cost of the nearest one is too high by at most 0.16.
+inline constexpr double kDistanceSpacing = 0.8;
+// Hypotheses agree within this share of the longer step, plus a share of the
+// median step, and within an angle.
+inline constexpr double kRelativeTolerance = 0.2;
+
+}  // namespace mgsfm
