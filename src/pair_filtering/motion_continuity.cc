@@ -18,9 +18,8 @@ using Eigen::Vector3d;
 
 // A step is ambiguous if the odds of another motion exceed 1 to 20.
 constexpr double kMinMargin = 3.0;
-// Pairs of neighbours bridge fewer steps. Of 450 groups of ambiguous steps on
-// 200 drives, the 28 larger ones contain most steps whose motion is wrong by
-// more than a few of them (docs/results/hard_drives.md).
+// Pairs of neighbours bridge fewer steps. 28 of 450 groups of ambiguous steps
+// on 200 drives were larger (docs/results/hard_drives.md).
 constexpr size_t kMinNumAmbiguous = 3;
 // At most this many steps between those of a group.
 constexpr size_t kMaxNumBetween = 2;

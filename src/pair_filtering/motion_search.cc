@@ -31,9 +31,9 @@ constexpr double kNeverSkip = 1e4;
 // Scale of the loss of the squared change of the motion. Half or twice the
 // value changes no error (docs/results/constants.md).
 constexpr double kLossScale = 30.0;
-// Motions are different beyond this many tolerances. With 1.5 and 3, groups of
-// ambiguous steps were 54 and 18 instead of 28 on 200 drives, and contained 79
-// and 50 instead of 64 % of the wrong steps (docs/results/hard_drives.md).
+// Motions are different beyond this many tolerances. With 1.5 and 3, 79 and 50
+// instead of 64 % of the wrong steps of 200 drives had a margin below 3, and
+// 1.9 and 1.0 instead of 1.3 % of the right ones (docs/results/hard_drives.md).
 constexpr double kDistinct = 2.0;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 

@@ -407,23 +407,22 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
 
   const FramePairIndex index(scene, verified.estimate,
                              options.pair_filtering.is_sequence);
-  auto [rotation, length_hints, pair_on_path, frame_is_ambiguous] =
-      EstimateRotationsOfScene(
-          scene, bearings, index, view_graph, input.gravity_priors, options,
-          context, input.stage_store, &verified.estimate, &result.times);
+  RotationsOfScene of_scene = EstimateRotationsOfScene(
+      scene, bearings, index, view_graph, input.gravity_priors, options,
+      context, input.stage_store, &verified.estimate, &result.times);
+  EstimatedRotations& rotation = of_scene.rotation;
   result.rotation = std::move(rotation.summary);
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
-
   const Measurements measurements{scene,
                                   bearings,
                                   verified.estimate,
                                   index,
                                   input.position_priors,
                                   gravity,
-                                  length_hints,
-                                  pair_on_path,
+                                  of_scene.length_hints,
+                                  of_scene.pair_on_path,
                                   input.observer,
                                   input.stage_store};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
@@ -435,7 +434,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   result.rejected_pairs = CountRejections(rotation.verdicts);
   result.unregistered_frames = ExplainUnregistered(
       scene, rotation.estimate, num_frames, is_in_small_model,
-      frame_is_ambiguous, options, result.models);
+      of_scene.frame_is_ambiguous, options, result.models);
   check_input();
   return result;
 }
