@@ -186,8 +186,7 @@ std::vector<MapperModel> ReconstructComponent(
        FindMotionJumps(scene, index, view_graph, measurements.pair_on_path,
                        model.reconstruction)},
       options, context);
-  const std::vector<Seam> seams =
-      SeamsToSplit(model.confidence, options.weak_seams);
+  const std::vector<Seam> seams = SeamsToSplit(scene, model, options);
   if (!seams.empty()) {
     context.Info("the model is split at " + std::to_string(seams.size()) +
                  " of its weak seams");

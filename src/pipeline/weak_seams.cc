@@ -122,17 +122,28 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
                  "or split the model at its seams"};
 }
 
-std::vector<Seam> SeamsToSplit(const Confidence& confidence,
-                               WeakSeams treatment) {
-  std::vector<Seam> seams;
-  for (const Seam& seam : confidence.seams) {
-    if (treatment == WeakSeams::kSplit ||
-        (treatment == WeakSeams::kSplitJumps &&
-         seam.reason == SeamReason::kJump)) {
-      seams.push_back(seam);
-    }
+std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
+                               const MapperOptions& options) {
+  if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
+  std::vector<Seam> jumps;
+  if (options.weak_seams == WeakSeams::kKeep) return jumps;
+  for (const Seam& seam : model.confidence.seams) {
+    if (seam.reason == SeamReason::kJump) jumps.push_back(seam);
   }
-  return seams;
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, jumps);
+  std::map<int, int> num_frames;  // per segment
+  int num_registered = 0;
+  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
+    if (!model.reconstruction.rig_from_world[i]) continue;
+    ++num_frames[segment_of_frame[i]];
+    ++num_registered;
+  }
+  int num_left = 0;
+  for (const auto& [segment, number] : num_frames) {
+    if (number >= options.min_num_frames) num_left += number;
+  }
+  if (2 * num_left < num_registered) jumps.clear();
+  return jumps;
 }
 
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,

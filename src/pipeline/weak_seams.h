@@ -24,9 +24,11 @@ Confidence EstimateModelConfidence(const ConfidenceInput& input,
 std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence);
 
-// The seams at which a model is split.
-std::vector<Seam> SeamsToSplit(const Confidence& confidence,
-                               WeakSeams treatment);
+// The seams at which a model is split. If splitting at jumps left fewer than
+// half of the frames in sets of at least min_num_frames, the expected motion of
+// the rig is in doubt rather than the model, and it is not split.
+std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
+                               const MapperOptions& options);
 
 // One model for each set of frames that none of `seams` separates. Each is
 // adjusted again, without the pairs that cross a seam, and keeps the summaries

@@ -105,18 +105,51 @@ TEST(WeakSeams, SplitModels) {
   }
 }
 
-TEST(WeakSeams, SplitModelsAtJumpsByDefault) {
-  Confidence confidence;
+// A model of all frames, with a seam of each kind before frames 5, 10 and 15.
+MapperModel ModelWithSeams(const Scene& scene) {
+  MapperModel model;
+  model.reconstruction.rig_from_world.assign(scene.frames.size(), Rigid3());
+  int first = 0;
   for (const SeamReason reason :
        {SeamReason::kFewTracks, SeamReason::kJump, SeamReason::kContradicted}) {
-    confidence.seams.emplace_back();
-    confidence.seams.back().reason = reason;
+    first += 5;
+    Seam seam;
+    seam.reason = reason;
+    for (int i = first; i < kNumFrames; ++i)
+      seam.frame_idxs_beyond.push_back(i);
+    model.confidence.seams.push_back(seam);
   }
-  EXPECT_TRUE(SeamsToSplit(confidence, WeakSeams::kKeep).empty());
-  EXPECT_EQ(SeamsToSplit(confidence, WeakSeams::kSplit).size(), 3u);
-  const auto jumps = SeamsToSplit(confidence, MapperOptions().weak_seams);
+  return model;
+}
+
+TEST(WeakSeams, SplitModelsAtJumpsByDefault) {
+  const Scene scene = DriveWithWeakSeam().scene;
+  const MapperModel model = ModelWithSeams(scene);
+  MapperOptions options;
+  const auto jumps = SeamsToSplit(scene, model, options);
   ASSERT_EQ(jumps.size(), 1u);
   EXPECT_EQ(jumps[0].reason, SeamReason::kJump);
+  options.weak_seams = WeakSeams::kKeep;
+  EXPECT_TRUE(SeamsToSplit(scene, model, options).empty());
+  options.weak_seams = WeakSeams::kSplit;
+  EXPECT_EQ(SeamsToSplit(scene, model, options).size(), 3u);
+}
+
+// If nearly all frames jump, the expected motion is wrong, not the model.
+TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
+  const Scene scene = DriveWithWeakSeam().scene;
+  MapperModel model = ModelWithSeams(scene);
+  model.confidence.seams.clear();
+  const auto add_jump = [&](int frame_idx) {
+    Seam seam;
+    seam.reason = SeamReason::kJump;
+    seam.frame_idxs_beyond = {frame_idx};
+    model.confidence.seams.push_back(seam);
+  };
+  for (int i = 1; i < kNumFrames; i += 2) add_jump(i);
+  EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), size_t{kNumFrames / 2});
+  for (int i = 0; i < kNumFrames; i += 2) add_jump(i);
+  EXPECT_TRUE(SeamsToSplit(scene, model, {}).empty());
 }
 
 TEST(WeakSeams, LeaveSoundModelsWhole) {
