@@ -14,11 +14,11 @@ namespace mgsfm {
 //
 // The *margin* of a step is the rise of the total cost if another motion is
 // chosen there, which differs by more than kDistinct tolerances, and all other
-// steps follow. Costs are negative logarithms of probabilities, so exp(-margin)
-// is the ratio of the odds. If no motion is chosen, any motion is another one;
-// without another motion, the margin is infinite. The velocity of a free
-// distance that is not tried depends on the steps before, for which the margin
-// is an approximation.
+// steps are chosen anew. Costs are negative logarithms of probabilities, so
+// exp(-margin) is the ratio of the two probabilities. If no motion is chosen,
+// any motion is another one; without another motion, the margin is infinite.
+// The velocity of a free distance that is not tried depends on the steps
+// before, for which the margin is an approximation.
 //
 // Cost: the product of the numbers of candidates of two steps, for each step
 // and each step within kMaxNumSkipped before, once for the choice and once for
