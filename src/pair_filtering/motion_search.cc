@@ -165,21 +165,17 @@ class MotionSearch {
     return chosen;
   }
 
-  bool AreEmpty(size_t begin, size_t end) const {
-    return std::all_of(steps_.candidates.begin() + static_cast<long>(begin),
-                       steps_.candidates.begin() + static_cast<long>(end),
-                       [](const auto& step) { return step.empty(); });
-  }
-
   // The lowest cost of all steps after node h of step k, given those of the
   // nodes of later steps.
   double CostAfter(size_t k, size_t h,
                    const std::vector<std::vector<double>>& after) const {
     const Node& node = nodes_[k][h];
     double lowest = SkipCost(k + 1, nodes_.size());
+    bool are_empty = true;  // the steps between
     for (size_t next = k + 1; next < nodes_.size(); ++next) {
+      are_empty = are_empty && (next == k + 1 || nodes_[next - 1].empty());
       const bool is_gap = next - k - 1 > kMaxNumSkipped;
-      if (is_gap && !AreEmpty(k + 1, next)) break;
+      if (is_gap && !are_empty) break;
       for (size_t g = 0; g < nodes_[next].size(); ++g) {
         const Candidate& candidate = steps_.candidates[next][g];
         double cost =

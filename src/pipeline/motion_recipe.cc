@@ -13,6 +13,7 @@
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "pair_filtering/ambiguous_steps.h"
 #include "pair_filtering/loop_consistency.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
@@ -51,10 +52,6 @@ constexpr int kMinNumPredicted = 8;
 // The standard deviation of a keypoint, relative to the epipolar tolerance,
 // which thus includes 95 % of normal errors.
 constexpr double kKeypointNoise = 0.5;
-// If the motion of more steps is ambiguous, the motions are wrong rather than
-// ambiguous: those of a mirrored camera, for example. On 132 moderate and hard
-// drives, at most 4.5 % are.
-constexpr double kMaxAmbiguous = 0.1;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
 
@@ -539,43 +536,17 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
   return motion;
 }
 
-// The share of the steps of all sequences that are unknown next to objects.
-double ShareOfAmbiguous(const TemporalOrder& order, const RigPath& path) {
-  int num_steps = 0, num_ambiguous = 0;
-  for (const std::vector<int>& sequence : order.sequences()) {
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      ++num_steps;
-      if (path.IsAmbiguousBetween(sequence[k], sequence[k + 1])) {
-        ++num_ambiguous;
-      }
-    }
-  }
-  return num_steps == 0 ? 0.0 : static_cast<double>(num_ambiguous) / num_steps;
-}
-
-// Pairs of neighbours across an ambiguous step are discontinuous, unless the
-// motions are in doubt as a whole.
+// Pairs of neighbours across an ambiguous step are discontinuous.
 void RejectAmbiguous(const FramePairIndex& index, const RigPath& path,
                      MotionOfScene* motion) {
-  if (ShareOfAmbiguous(*index.order(), path) > kMaxAmbiguous) return;
-  Mask across(index.num_pairs(), false);
-  motion->frame_is_ambiguous = Mask(path.of_frame.size(), false);
-  for (const FramePair& frames : index.frame_pairs()) {
-    if (!frames.time_gap || *frames.time_gap > kMaxSequentialGap ||
-        !path.IsAmbiguousBetween(frames.frame_idx1, frames.frame_idx2)) {
-      continue;
-    }
-    for (const size_t i : frames.pair_idxs) across[i] = true;
-    if (*frames.time_gap > 1) continue;
-    motion->frame_is_ambiguous[frames.frame_idx1] = true;
-    motion->frame_is_ambiguous[frames.frame_idx2] = true;
-  }
-  if (!across.Any()) return;
+  AmbiguousSteps steps = FindAmbiguousSteps(index, path);
+  motion->frame_is_ambiguous = std::move(steps.frame_is_beside);
+  if (!steps.pair_is_across.Any()) return;
   if (motion->pair_is_discontinuous.empty()) {
-    motion->pair_is_discontinuous = Mask(across.size(), false);
+    motion->pair_is_discontinuous = Mask(index.num_pairs(), false);
   }
-  for (size_t i = 0; i < across.size(); ++i) {
-    if (across[i]) motion->pair_is_discontinuous[i] = true;
+  for (size_t i = 0; i < index.num_pairs(); ++i) {
+    if (steps.pair_is_across[i]) motion->pair_is_discontinuous[i] = true;
   }
 }
 

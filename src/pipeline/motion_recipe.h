@@ -30,7 +30,7 @@ struct MotionOfScene {
   // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;
   // Per frame: the motion from or to it is unknown, because an object explains
-  // it as well as the static scene. May be empty.
+  // it as well as the static scene.
   Mask frame_is_ambiguous;
 };
 
