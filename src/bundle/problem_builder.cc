@@ -205,7 +205,8 @@ BuiltProblem BuildProblem(const Scene& scene,
   BuiltProblem built;
   BundleProblem& problem = built.problem;
   problem.points_are_free = options.refine_points;
-  problem.loss = {RobustLossType::kHuber, options.loss_scale_px};
+  problem.loss = {RobustLossType::kCauchy, options.loss_scale_px};
+  problem.loss_follows_freedom = true;
   const std::vector<int> image_idxs = AddPoints(input, &built);
   for (const int frame_idx : built.frame_idxs) {
     AddFrame(input, frame_idx, &built);

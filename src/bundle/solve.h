@@ -31,7 +31,7 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
 double MaxErrorPx(const BundleAdjustmentOptions& options, double sigma_px,
                   int num_rounds_left);
 
-// The scale of the Huber loss for this noise of keypoints.
+// The scale of the loss for this noise of keypoints.
 double LossScalePx(const BundleAdjustmentOptions& options, double sigma_px);
 
 // Lists weak frames and sensors without observations.

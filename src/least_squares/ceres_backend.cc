@@ -7,6 +7,8 @@
 #include <ceres/solver.h>
 
 #include <algorithm>
+#include <map>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -94,8 +96,18 @@ class CeresRigProblem {
     options->linear_solver_ordering.reset(ordering);
   }
 
+  ceres::LossFunction* LossOfPoint(size_t num_observations) {
+    auto& loss = loss_of_size_[num_observations];
+    if (!loss) {
+      loss = std::make_unique<RigLoss>(rig_.LossOfPoint(num_observations));
+    }
+    return loss.get();
+  }
+
   void AddObservations() {
     for (size_t p = 0; p < rig_.num_points(); ++p) {
+      ceres::LossFunction* loss =
+          LossOfPoint(rig_.point_begin[p + 1] - rig_.point_begin[p]);
       for (size_t o = rig_.point_begin[p]; o < rig_.point_begin[p + 1]; ++o) {
         const auto& observation = rig_.observations[o];
         const RigProblemBase::Image& image = rig_.images[observation.image];
@@ -108,7 +120,7 @@ class CeresRigProblem {
         problem_.AddResidualBlock(
             new ObservationCost<R>(rig_, observation.image,
                                    R::Measured(observation)),
-            &loss_, blocks);
+            loss, blocks);
       }
       if (!rig_.points_are_free &&
           problem_.HasParameterBlock(state_.points[p].data())) {
@@ -199,6 +211,7 @@ class CeresRigProblem {
   RigState& state_;
   std::vector<PoseBlock> frames_, sensors_;
   RigLoss loss_, position_loss_, gravity_loss_;
+  std::map<size_t, std::unique_ptr<RigLoss>> loss_of_size_;  // by observations
   ceres::Problem problem_;
 };
 

@@ -268,10 +268,11 @@ MGSFM_ALWAYS_INLINE void ComputeRows(const ImagePose& pose, const Terms& o,
 // The rows of observation k of a point. False if the residual is undefined.
 template <class R, int N>
 MGSFM_ALWAYS_INLINE bool ComputeRowsOf(const PassInput<R>& in,
+                                       const RobustLoss& loss,
                                        const ImagePose& pose, size_t point,
                                        size_t k, ObservationTerms<R::kDim>* o,
                                        ObservationRows<R::kDim, N>* rows) {
-  if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[point].data(),
+  if (!LinearizeObservation<R>(loss, pose, in.points[point].data(),
                                in.measured.data() + R::kDim * k, o)) {
     return false;
   }
@@ -356,13 +357,15 @@ MGSFM_ALWAYS_INLINE bool LinearizePoint(const PassInput<R>& in,
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
   double v[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
   double gradient[3] = {0.0, 0.0, 0.0};
+  const RobustLoss loss =
+      in.problem.LossOfPoint(s.point_begin[point + 1] - s.point_begin[point]);
   ObservationTerms<kDim> o;
   w->num_met = 0;
   for (size_t k = s.point_begin[point]; k < s.point_begin[point + 1]; ++k) {
     const int i = s.observation_image[k];
     const ImagePose& pose = in.poses[images[i].image];
     ObservationRows<kDim, N> rows;
-    if (!ComputeRowsOf<R, N>(in, pose, point, k, &o, &rows)) return false;
+    if (!ComputeRowsOf<R, N>(in, loss, pose, point, k, &o, &rows)) return false;
     const double* J = rows.point;
     AddSquareOfPoint<kDim>(J, v);
     for (int d = 0; d < kDim; ++d) {

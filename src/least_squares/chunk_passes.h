@@ -115,6 +115,8 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(
     const ChunkRanges& chunk, const std::vector<typename R::Scalar>& measured,
     const std::vector<ImagePose>& poses, size_t p, const double* point) {
   const ChunkImage* images = s.chunk_images.data() + chunk.images.begin;
+  const RobustLoss loss =
+      problem.LossOfPoint(s.point_begin[p + 1] - s.point_begin[p]);
   double cost = 0.0;
   for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
     const ImagePose& pose = poses[images[s.observation_image[k]].image];
@@ -125,7 +127,7 @@ MGSFM_ALWAYS_INLINE double CostOfPoint(
     }
     double squared = 0.0;
     for (int i = 0; i < R::kDim; ++i) squared += r[i] * r[i];
-    cost += 0.5 * problem.loss.Cost(squared);
+    cost += 0.5 * loss.Cost(squared);
   }
   return cost;
 }
@@ -154,11 +156,13 @@ MGSFM_ALWAYS_INLINE PointStep StepOfPoint(const PassInput<R>& in,
   PointStep step;
   double b[3] = {0.0, 0.0, 0.0};  // g + W z
   double squared_distance = std::numeric_limits<double>::infinity();
+  const RobustLoss loss =
+      in.problem.LossOfPoint(s.point_begin[p + 1] - s.point_begin[p]);
   ObservationTerms<kDim> o;
   for (size_t k = s.point_begin[p]; k < s.point_begin[p + 1]; ++k) {
     const int image = images[s.observation_image[k]].image;
     const ImagePose& pose = in.poses[image];
-    if (!LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
+    if (!LinearizeObservation<R>(loss, pose, in.points[p].data(),
                                  in.measured.data() + kDim * k, &o)) {
       continue;
     }
@@ -266,13 +270,14 @@ MGSFM_TARGET_AVX2 StepSums StepChunkAvx2(
 // Sets the derivatives of observation k: those that were kept, or new ones.
 template <class R>
 MGSFM_ALWAYS_INLINE void LoadDerivatives(const PassInput<R>& in,
+                                         const RobustLoss& loss,
                                          const double* kept,
                                          const ImagePose& pose, size_t p,
                                          size_t k, ProductTerms* o) {
   constexpr int kDim = R::kDim;
   if (kept == nullptr) {
     // Linearize() has succeeded with this state.
-    LinearizeObservation<R>(in.problem.loss, pose, in.points[p].data(),
+    LinearizeObservation<R>(loss, pose, in.points[p].data(),
                             in.measured.data() + kDim * k, o);
   } else {
     double x[3];
@@ -320,13 +325,14 @@ MGSFM_ALWAYS_INLINE void MultiplyChunkBody(const PassInput<R>& in,
   ProductTerms* terms = w->product_terms.data();
   for (size_t p = chunk.points.begin; p < chunk.points.end; ++p) {
     const size_t begin = s.point_begin[p], end = s.point_begin[p + 1];
+    const RobustLoss loss = in.problem.LossOfPoint(end - begin);
     PointHessian V;
     double a[3] = {0.0, 0.0, 0.0};  // J^T u, then (V + lambda D)^-1 J^T u
     for (size_t k = begin; k < end; ++k) {
       const int image = images[s.observation_image[k]].image;
       const ImagePose& pose = in.poses[image];
       ProductTerms& o = terms[k - begin];
-      LoadDerivatives(in, kept->Find(k), pose, p, k, &o);
+      LoadDerivatives(in, loss, kept->Find(k), pose, p, k, &o);
       AddSquareOfPoint<kDim>(o.J, V.values);
       const int num_free = R::kHasCamera ? pose.num_free_params : 0;
       const double* params =

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -150,19 +151,35 @@ struct RigProblemBase {
   std::vector<size_t> point_begin = {0};
   bool points_are_free = true;
   RobustLoss loss = {RobustLossType::kHuber, 1.0};
+  // A free point with n observations absorbs 3 of their 2 n degrees of freedom,
+  // so that its residuals are smaller than those of its true place by
+  // sqrt((2 n - 3) / (2 n)) in the root mean square. If set, the scale of the
+  // loss of its observations is smaller by the same factor.
+  bool loss_follows_freedom = false;
   RobustLoss position_loss;  // of position_priors
   RobustLoss gravity_loss;   // of gravity_priors
 
   size_t num_points() const { return point_begin.size() - 1; }
+  // The loss of the observations of a point.
+  RobustLoss LossOfPoint(size_t num_observations) const;
 };
 
-//   minimise  1/2 sum_o rho(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
+inline RobustLoss RigProblemBase::LossOfPoint(size_t num_observations) const {
+  RobustLoss scaled = loss;
+  if (loss_follows_freedom && points_are_free && num_observations >= 2) {
+    const auto num_residuals = 2.0 * static_cast<double>(num_observations);
+    scaled.scale *= std::sqrt((num_residuals - 3.0) / num_residuals);
+  }
+  return scaled;
+}
+
+//   minimise  1/2 sum_o rho_o(|r_o|^2) + 1/2 sum_b rho(|r_b|^2)
 //           + 1/2 sum_l r_l^2 + 1/2 sum_k ((K_k - value_k) / sigma_k)^2
 //           + 1/2 sum_g rho_g(|r_g|^2) + 1/2 sum_s |r_s|^2
 //
 // over what the masks free: o observations, b baseline terms, l
 // linear terms, k priors of parameters, g of positions and of gravity with
-// their losses rho_g, s of sensors; rho is the loss.
+// their losses rho_g, s of sensors; rho is the loss, rho_o that of the point.
 template <class Observation>
 struct RigProblem : RigProblemBase {
   std::vector<Observation> observations;

@@ -3,6 +3,7 @@
 
 #include <ceres/ceres.h>
 
+#include <cmath>
 #include <vector>
 
 namespace mgsfm {
@@ -55,6 +56,11 @@ void SetFreedom(const PoseMask& mask, double* rotation, double* translation,
 double SolveWithCeres(const BundleProblem& problem, BundleState* state) {
   ceres::Problem ceres_problem;
   for (size_t p = 0; p < problem.num_points(); ++p) {
+    // A point absorbs three of the coordinates of its observations.
+    const auto num_observations = static_cast<double>(
+        problem.point_begin[p + 1] - problem.point_begin[p]);
+    const double scale =
+        problem.loss.scale * std::sqrt(1.0 - 1.5 / num_observations);
     for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
          ++o) {
       const auto& observation = problem.observations[o];
@@ -66,10 +72,9 @@ double SolveWithCeres(const BundleProblem& problem, BundleState* state) {
               new ReprojectionError{problem.cameras[image.camera].model,
                                     state->cameras[image.camera].data(),
                                     observation.pixel.cast<double>()}),
-          new ceres::HuberLoss(problem.loss.scale),
-          frame.rig_from_world.coeffs().data(), frame.center.data(),
-          sensor.rotation.coeffs().data(), sensor.translation.data(),
-          state->points[p].data());
+          new ceres::CauchyLoss(scale), frame.rig_from_world.coeffs().data(),
+          frame.center.data(), sensor.rotation.coeffs().data(),
+          sensor.translation.data(), state->points[p].data());
     }
   }
   for (size_t i = 0; i < state->frames.size(); ++i) {

@@ -70,12 +70,19 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
                                         const RigState& state) {
   std::vector<ResidualGroup> groups;
   for (size_t p = 0; p < problem.num_points(); ++p) {
+    RobustLoss loss = problem.loss;
+    if (problem.loss_follows_freedom && problem.points_are_free) {
+      const auto num_observations = static_cast<double>(
+          problem.point_begin[p + 1] - problem.point_begin[p]);
+      loss.scale =
+          std::sqrt(loss.scale * loss.scale * (1.0 - 1.5 / num_observations));
+    }
     for (size_t o = problem.point_begin[p]; o < problem.point_begin[p + 1];
          ++o) {
       const Observation& observation = problem.observations[o];
       groups.push_back(
           {ObservationResidual(problem, state, observation, state.points[p]),
-           problem.loss});
+           loss});
     }
   }
   for (const BaselineTerm& term : problem.baselines) {

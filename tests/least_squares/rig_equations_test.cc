@@ -401,6 +401,22 @@ TEST(RigEquationsTest, PreconditionerIsTheMatrixOfCutPoints) {
   }
 }
 
+TEST(RigEquationsTest, TheLossFollowsTheFreedomOfPoints) {
+  for (const Freedom& freedom : AllFreedoms()) {
+    SCOPED_TRACE(freedom.label);
+    for (const int num_observations : {2, 3, 6}) {
+      SCOPED_TRACE(num_observations);
+      RigSceneOptions options =
+          SmallScene({PerspectiveTestCameras()[0]}, freedom);
+      options.num_frames_of_point = num_observations;
+      RigScene<PixelObservation> scene = MakePixelScene(options);
+      scene.problem.loss = {RobustLossType::kCauchy, 1.3};
+      scene.problem.loss_follows_freedom = true;
+      ExpectStepOfDenseEquations<PixelResidual>(scene.problem, scene.truth);
+    }
+  }
+}
+
 TEST(RigEquationsTest, EveryLossWeighsAsItsDerivativeDoes) {
   for (const auto type :
        {RobustLossType::kTrivial, RobustLossType::kHuber,

@@ -89,7 +89,11 @@ TEST_P(EachModelTest, OptimumIsThatOfCeres) {
   int i = 0;
   for (const RigSceneOptions& options : Scenes()) {
     SCOPED_TRACE(i++);
-    ExpectSameOptimum(MakePixelScene(options), Tight(), ceres);
+    RigScene<PixelObservation> scene = MakePixelScene(options);
+    ExpectSameOptimum(scene, Tight(), ceres);
+    scene.problem.loss = {RobustLossType::kCauchy, 1.0};
+    scene.problem.loss_follows_freedom = true;
+    ExpectSameOptimum(scene, Tight(), ceres);
   }
 }
 

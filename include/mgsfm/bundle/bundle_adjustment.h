@@ -27,13 +27,15 @@ namespace mgsfm {
 //
 // Objective:
 //
-//   min 1/2 sum_o rho(|Project(K, S R (p - c) + t) - x_o|^2)
+//   min 1/2 sum_o rho_n(|Project(K, S R (p - c) + t) - x_o|^2)
 //     + 1/2 sum_f ((f - f_0) / (sigma_f f_0))^2                            (1)
 //     + 1/2 sum_k (|Log(S S_0^T)|^2 / sigma_R^2 + |t - t_0|^2 / sigma_t^2)
 //     + 1/2 sum_i rho_g((c_i - g_i)^T C_i^-1 (c_i - g_i))
 //     + 1/2 sum_j rho_g(|S R down - u_j|^2 / sigma_u^2)
 //
-// - Observations o. rho is Huber, in pixels.
+// - Observations o of points with n observations. rho_n is Cauchy, with the
+//   scale a sqrt((2n - 3) / (2n)) in pixels: a point absorbs 3 of the degrees
+//   of freedom of its residuals.
 // - Refined focal lengths f, with the value f_0 of the scene. A straight drive
 //   does not determine them. sigma_f is larger if f_0 is not a prior.
 // - Refined sensors k with prior extrinsics S_0, t_0. sigma_t is a fraction of
@@ -91,12 +93,12 @@ struct BundleAdjustmentOptions {
       "A solve has converged when the relative change of the cost is at most "
       "this."};
   Option<double> loss_scale_px{
-      "loss_scale", 1.0, GreaterThan(0.0), "px",
-      "Threshold of the Huber loss of reprojection errors."};
+      "loss_scale", 1.8, GreaterThan(0.0), "px",
+      "Scale of the Cauchy loss of reprojection errors."};
   Option<double> loss_sigma_factor{
-      "loss_sigma_factor", 1.345, GreaterThan(0.0),
+      "loss_sigma_factor", 2.385, GreaterThan(0.0),
       "Upper bound of loss_scale in standard deviations of the keypoint noise, "
-      "after the first triangulation. 1.345 is 95 % efficient for normal "
+      "after the first triangulation. 2.385 is 95 % efficient for normal "
       "noise."};
   Option<bool> refine_rig_from_world{"refine_rig_from_world", true,
                                      "Refine frame poses."};
