@@ -78,6 +78,12 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
   if (options.max_relative_distance > 0.0) {
     filter.max_distance = options.max_relative_distance * median_distance;
   }
+  if (options.max_relative_distance_of_one_image > 0.0) {
+    filter.max_distance_of_one_image =
+        options.max_relative_distance_of_one_image * median_distance;
+    filter.sensor_measures_distances = FindSensorsThatMeasure(
+        scene, estimate, filter.max_distance_of_one_image);
+  }
   return filter;
 }
 

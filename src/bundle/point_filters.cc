@@ -134,6 +134,57 @@ bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
               min_angle_rad);
 }
 
+bool IsSeenTwice(const Scene& scene, const std::vector<Observation>& track) {
+  std::vector<int> frame_idxs;
+  frame_idxs.reserve(track.size());
+  for (const Observation& o : track) {
+    frame_idxs.push_back(scene.images[o.image_idx].frame_idx);
+  }
+  std::sort(frame_idxs.begin(), frame_idxs.end());
+  return std::adjacent_find(frame_idxs.begin(), frame_idxs.end()) !=
+         frame_idxs.end();
+}
+
+bool IsDistanceMeasured(const Scene& scene,
+                        const std::vector<Observation>& track, double distance,
+                        const PointFilterOptions& options) {
+  if (distance <= options.max_distance_of_one_image ||
+      options.sensor_measures_distances.empty()) {
+    return true;
+  }
+  const bool can_be_measured =
+      std::any_of(track.begin(), track.end(), [&](const Observation& o) {
+        return options
+            .sensor_measures_distances[scene.images[o.image_idx].sensor_idx];
+      });
+  return !can_be_measured || IsSeenTwice(scene, track);
+}
+
+Mask FindSensorsThatMeasure(const Scene& scene,
+                            const Reconstruction& reconstruction,
+                            double min_distance) {
+  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
+  std::vector<size_t> num_distant(scene.sensors.size(), 0);
+  std::vector<size_t> num_measured(scene.sensors.size(), 0);
+  for (const Point3D& point : reconstruction.points) {
+    if (NearestDistance(CentersOf(views, point), point.point_in_world) <=
+        min_distance) {
+      continue;
+    }
+    const bool is_measured = IsSeenTwice(scene, point.track);
+    for (const Observation& o : point.track) {
+      const int sensor_idx = scene.images[o.image_idx].sensor_idx;
+      ++num_distant[sensor_idx];
+      num_measured[sensor_idx] += is_measured;
+    }
+  }
+  Mask measures(scene.sensors.size(), false);
+  for (size_t s = 0; s < num_distant.size(); ++s) {
+    measures[s] = 2 * num_measured[s] > num_distant[s];
+  }
+  return measures;
+}
+
 void FilterPoints(const Scene& scene, const PointFilterOptions& options,
                   int num_threads, Reconstruction* reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, *reconstruction);
@@ -150,10 +201,13 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
         point.track.erase(
             std::remove_if(point.track.begin(), point.track.end(), is_outlier),
             point.track.end());
+        const std::vector<Eigen::Vector3d> centers = CentersOf(views, point);
         if (static_cast<int>(point.track.size()) <
                 options.min_num_observations ||
-            !IsWellPlaced(CentersOf(views, point), point.point_in_world,
-                          options)) {
+            !IsWellPlaced(centers, point.point_in_world, options) ||
+            !IsDistanceMeasured(scene, point.track,
+                                NearestDistance(centers, point.point_in_world),
+                                options)) {
           point.track.clear();
         }
       },

@@ -5,6 +5,7 @@
 #include <limits>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
 
@@ -49,6 +50,10 @@ struct PointFilterOptions {
   double min_group_share = 0.0;  // only for retriangulation
   // Distances from the nearest camera that observes the point.
   double max_distance = std::numeric_limits<double>::infinity();
+  // The same for points that no frame observes with two images, in sensors that
+  // see most distant points together with another.
+  double max_distance_of_one_image = std::numeric_limits<double>::infinity();
+  Mask sensor_measures_distances = {};  // per sensor; empty: none does
   double min_two_view_distance = 0.0;
 };
 
@@ -57,6 +62,22 @@ struct PointFilterOptions {
 bool IsWellPlaced(const std::vector<Eigen::Vector3d>& centers,
                   const Eigen::Vector3d& point,
                   const PointFilterOptions& options);
+
+// Whether a frame observes a track with two images.
+bool IsSeenTwice(const Scene& scene, const std::vector<Observation>& track);
+
+// Whether a point at this distance from the nearest centre is admissible by
+// max_distance_of_one_image. To one camera, a vehicle that keeps its distance
+// is a point far away.
+bool IsDistanceMeasured(const Scene& scene,
+                        const std::vector<Observation>& track, double distance,
+                        const PointFilterOptions& options);
+
+// Per sensor: frames observe most of its points beyond a distance with two
+// images.
+Mask FindSensorsThatMeasure(const Scene& scene,
+                            const Reconstruction& reconstruction,
+                            double min_distance);
 
 // Removes observations with too large errors, then points with too few
 // observations or that are not well placed.

@@ -167,16 +167,21 @@ Hypothesis FindBestHypothesis(const Candidates& candidates, double max_error_px,
   return best;
 }
 
-bool IsAcceptable(const Candidates& candidates, const Hypothesis& hypothesis,
-                  int min_num_inliers, const PointFilterOptions& options) {
+bool IsAcceptable(const Scene& scene, const Candidates& candidates,
+                  const Hypothesis& hypothesis, int min_num_inliers,
+                  const PointFilterOptions& options) {
   if (static_cast<int>(hypothesis.inliers.size()) < min_num_inliers) {
     return false;
   }
   std::vector<Eigen::Vector3d> centers;
+  std::vector<Observation> track;
   for (const int i : hypothesis.inliers) {
     centers.push_back(candidates[i].view->center);
+    track.push_back(candidates[i].observation);
   }
-  return IsWellPlaced(centers, hypothesis.point, options);
+  return IsWellPlaced(centers, hypothesis.point, options) &&
+         IsDistanceMeasured(
+             scene, track, NearestDistance(centers, hypothesis.point), options);
 }
 
 // Moves the inliers from the candidates to a new point.
@@ -200,7 +205,8 @@ Point3D MakePoint(const Hypothesis& hypothesis, Candidates* candidates) {
 }
 
 std::vector<Point3D> TriangulateGroup(
-    Candidates candidates, const std::vector<Eigen::Vector3d>& old_points,
+    const Scene& scene, Candidates candidates,
+    const std::vector<Eigen::Vector3d>& old_points,
     const PointFilterOptions& options) {
   const int min_num_inliers =
       std::max({2, options.min_num_observations,
@@ -210,7 +216,7 @@ std::vector<Point3D> TriangulateGroup(
   while (candidates.size() >= 2) {
     const Hypothesis best =
         FindBestHypothesis(candidates, options.max_error_px, old_points);
-    if (!IsAcceptable(candidates, best, min_num_inliers, options)) break;
+    if (!IsAcceptable(scene, candidates, best, min_num_inliers, options)) break;
     points.push_back(MakePoint(best, &candidates));
   }
   return points;
@@ -302,7 +308,7 @@ std::vector<std::vector<Point3D>> TriangulateGroups(
       old_points.push_back(all_old_points[points_of_group.items[k]]);
     }
     points[i] = TriangulateGroup(
-        CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
+        scene, CollectCandidates(scene, views, groups.begin(g), groups.end(g)),
         old_points, options);
   });
   return points;

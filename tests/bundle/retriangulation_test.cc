@@ -243,6 +243,70 @@ TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
   }
 }
 
+// Where two images of a frame can measure distances, one image is not enough
+// for a large one.
+TEST(PointFilterTest, LargeDistancesNeedTwoImagesOfAFrame) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
+  const Scene& scene = simulation.scene;
+  Reconstruction truth = simulation.ground_truth;
+  // Every third point loses one of two images of its frames.
+  for (size_t i = 0; i < truth.points.size(); i += 3) {
+    std::vector<Observation>& track = truth.points[i].track;
+    std::map<int, Observation> by_frame;
+    for (const Observation& o : track) {
+      by_frame.emplace(scene.images[o.image_idx].frame_idx, o);
+    }
+    track.clear();
+    for (const auto& item : by_frame) track.push_back(item.second);
+  }
+  const double median = MedianDistance(scene, truth, 2);
+  PointFilterOptions options = Within(4.0);
+  options.max_distance_of_one_image = median;
+  options.sensor_measures_distances =
+      FindSensorsThatMeasure(scene, truth, median);
+  EXPECT_TRUE(options.sensor_measures_distances[0]);
+  EXPECT_TRUE(options.sensor_measures_distances[1]);
+  const std::vector<ImageView> views = MakeImageViews(scene, truth);
+  size_t num_admissible = 0;
+  for (const Point3D& point : truth.points) {
+    num_admissible += IsSeenTwice(scene, point.track) ||
+                      NearestDistance(CentersOf(views, point),
+                                      point.point_in_world) <= median;
+  }
+  Reconstruction filtered = truth;
+  FilterPoints(scene, options, 2, &filtered);
+  EXPECT_LT(num_admissible, truth.points.size());
+  EXPECT_LE(filtered.points.size(), num_admissible);
+  // Single observations are no points.
+  EXPECT_GT(filtered.points.size(), num_admissible * 9 / 10);
+  Reconstruction anew = truth;
+  Retriangulate(scene, GroupTracks(truth), options, 2, &anew);
+  for (const Reconstruction* result : {&filtered, &anew}) {
+    for (const Point3D& point : result->points) {
+      EXPECT_TRUE(IsSeenTwice(scene, point.track) ||
+                  NearestDistance(CentersOf(views, point),
+                                  point.point_in_world) <= median);
+    }
+  }
+}
+
+TEST(PointFilterTest, OneCameraMayObserveDistantPoints) {
+  const Simulation simulation =
+      Simulate(SmallScene(RigPreset::kMono, PathPreset::kCurve));
+  const Scene& scene = simulation.scene;
+  const double median = MedianDistance(scene, simulation.ground_truth, 2);
+  PointFilterOptions options = Within(4.0);
+  Reconstruction all = simulation.ground_truth;
+  FilterPoints(scene, options, 2, &all);
+  options.max_distance_of_one_image = median;
+  options.sensor_measures_distances =
+      FindSensorsThatMeasure(scene, simulation.ground_truth, median);
+  Reconstruction filtered = simulation.ground_truth;
+  FilterPoints(scene, options, 2, &filtered);
+  EXPECT_EQ(filtered.points.size(), all.points.size());
+}
+
 TEST(PointFilterTest, RemovesPointsOfTwoViewsNextToACamera) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));

@@ -187,6 +187,12 @@ struct BundleAdjustmentOptions {
       "Points farther from all of their cameras, in median distances, are "
       "removed. A vehicle alongside appears infinitely far and biases the "
       "rotation of the rig. 0 disables the test."};
+  Option<double> max_relative_distance_of_one_image{
+      "max_relative_distance_of_one_image", 5.0, AtLeast(0.0),
+      "The same limit for points that no frame observes with two images, if "
+      "its "
+      "cameras see most distant points together. Two images of a frame measure "
+      "how far a vehicle is. 0 disables the test."};
   Option<double> min_two_view_relative_distance{
       "min_two_view_relative_distance", 0.1, Between(0.0, 1.0),
       "Points with only two observations are removed if they are nearer to a "
@@ -214,8 +220,8 @@ struct BundleAdjustmentOptions {
           prior_position_loss_scale, num_rounds, error_sigma_factor,
           min_max_error_px, max_max_error_px, min_triangulation_angle_deg,
           min_two_view_angle_deg, min_num_observations, min_track_share,
-          max_relative_distance, min_two_view_relative_distance,
-          min_num_observations_per_frame);
+          max_relative_distance, max_relative_distance_of_one_image,
+          min_two_view_relative_distance, min_num_observations_per_frame);
   }
 };
 
