@@ -11,6 +11,7 @@
 #include "bundle/solve.h"
 #include "geometry/so3.h"
 #include "least_squares/rig_solver.h"
+#include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -70,9 +71,11 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
   filter.min_angle_rad = DegToRad(options.min_triangulation_angle_deg);
   filter.min_two_view_angle_rad = DegToRad(options.min_two_view_angle_deg);
   filter.min_group_share = options.min_track_share;
-  const double median_distance =
-      MedianDistance(scene, estimate, context.num_threads);
-  if (!std::isfinite(median_distance)) return filter;  // without points
+  const std::vector<double> distances =
+      PointDistances(scene, estimate, context.num_threads);
+  if (distances.empty()) return filter;
+  const double median_distance = Median(distances);
+  if (!std::isfinite(median_distance)) return filter;
   filter.min_two_view_distance =
       options.min_two_view_relative_distance * median_distance;
   if (options.max_relative_distance > 0.0) {
@@ -82,7 +85,7 @@ PointFilterOptions MakeFilterOptions(const Scene& scene,
     filter.max_distance_of_one_image =
         options.max_relative_distance_of_one_image * median_distance;
     filter.sensor_measures_distances = FindSensorsThatMeasure(
-        scene, estimate, filter.max_distance_of_one_image);
+        scene, estimate, distances, filter.max_distance_of_one_image);
   }
   return filter;
 }

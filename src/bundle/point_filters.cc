@@ -162,17 +162,15 @@ bool IsDistanceMeasured(const Scene& scene,
 
 Mask FindSensorsThatMeasure(const Scene& scene,
                             const Reconstruction& reconstruction,
+                            const std::vector<double>& distances,
                             double min_distance) {
-  const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
   std::vector<size_t> num_distant(scene.sensors.size(), 0);
   std::vector<size_t> num_measured(scene.sensors.size(), 0);
-  for (const Point3D& point : reconstruction.points) {
-    if (NearestDistance(CentersOf(views, point), point.point_in_world) <=
-        min_distance) {
-      continue;
-    }
-    const bool is_measured = IsSeenTwice(scene, point.track);
-    for (const Observation& o : point.track) {
+  for (size_t i = 0; i < distances.size(); ++i) {
+    if (distances[i] <= min_distance) continue;
+    const std::vector<Observation>& track = reconstruction.points[i].track;
+    const bool is_measured = IsSeenTwice(scene, track);
+    for (const Observation& o : track) {
       const int sensor_idx = scene.images[o.image_idx].sensor_idx;
       ++num_distant[sensor_idx];
       num_measured[sensor_idx] += is_measured;
@@ -227,8 +225,9 @@ double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
   return std::sqrt(squared);
 }
 
-double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
-                      int num_threads) {
+std::vector<double> PointDistances(const Scene& scene,
+                                   const Reconstruction& reconstruction,
+                                   int num_threads) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
   std::vector<double> distances(reconstruction.points.size());
   ParallelFor(
@@ -239,6 +238,13 @@ double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
             NearestDistance(CentersOf(views, point), point.point_in_world);
       },
       256);
+  return distances;
+}
+
+double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
+                      int num_threads) {
+  std::vector<double> distances =
+      PointDistances(scene, reconstruction, num_threads);
   return distances.empty() ? std::numeric_limits<double>::infinity()
                            : Median(std::move(distances));
 }

@@ -74,9 +74,10 @@ bool IsDistanceMeasured(const Scene& scene,
                         const PointFilterOptions& options);
 
 // Per sensor: frames observe most of its points beyond a distance with two
-// images.
+// images. `distances` are those of PointDistances().
 Mask FindSensorsThatMeasure(const Scene& scene,
                             const Reconstruction& reconstruction,
+                            const std::vector<double>& distances,
                             double min_distance);
 
 // Removes observations with too large errors, then points with too few
@@ -88,8 +89,12 @@ void FilterPoints(const Scene& scene, const PointFilterOptions& options,
 double NearestDistance(const std::vector<Eigen::Vector3d>& centers,
                        const Eigen::Vector3d& point);
 
-// The median over all points of the distance to the nearest registered image
-// that observes it; infinite without points.
+// Per point: the distance to the nearest registered image that observes it.
+std::vector<double> PointDistances(const Scene& scene,
+                                   const Reconstruction& reconstruction,
+                                   int num_threads);
+
+// Their median; infinite without points.
 double MedianDistance(const Scene& scene, const Reconstruction& reconstruction,
                       int num_threads);
 

@@ -174,14 +174,16 @@ bool IsAcceptable(const Scene& scene, const Candidates& candidates,
     return false;
   }
   std::vector<Eigen::Vector3d> centers;
-  std::vector<Observation> track;
   for (const int i : hypothesis.inliers) {
     centers.push_back(candidates[i].view->center);
+  }
+  if (!IsWellPlaced(centers, hypothesis.point, options)) return false;
+  std::vector<Observation> track;
+  for (const int i : hypothesis.inliers) {
     track.push_back(candidates[i].observation);
   }
-  return IsWellPlaced(centers, hypothesis.point, options) &&
-         IsDistanceMeasured(
-             scene, track, NearestDistance(centers, hypothesis.point), options);
+  return IsDistanceMeasured(
+      scene, track, NearestDistance(centers, hypothesis.point), options);
 }
 
 // Moves the inliers from the candidates to a new point.

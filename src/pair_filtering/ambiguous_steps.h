@@ -7,7 +7,8 @@
 
 namespace mgsfm {
 
-// Where the motion of the rig is unknown next to objects (motion_continuity.h).
+// Steps next to objects at which the motion of the rig is unknown
+// (motion_continuity.h).
 struct AmbiguousSteps {
   Mask pair_is_across;   // per pair of neighbours: its frames enclose a step
   Mask frame_is_beside;  // per frame: a step leads from or to it

@@ -243,8 +243,7 @@ TEST(PointFilterTest, RemovesPointsFarBeyondTheScene) {
   }
 }
 
-// Where two images of a frame can measure distances, one image is not enough
-// for a large one.
+// A large distance needs two images of a frame if its cameras can measure it.
 TEST(PointFilterTest, LargeDistancesNeedTwoImagesOfAFrame) {
   const Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));
@@ -263,8 +262,8 @@ TEST(PointFilterTest, LargeDistancesNeedTwoImagesOfAFrame) {
   const double median = MedianDistance(scene, truth, 2);
   PointFilterOptions options = Within(4.0);
   options.max_distance_of_one_image = median;
-  options.sensor_measures_distances =
-      FindSensorsThatMeasure(scene, truth, median);
+  options.sensor_measures_distances = FindSensorsThatMeasure(
+      scene, truth, PointDistances(scene, truth, 2), median);
   EXPECT_TRUE(options.sensor_measures_distances[0]);
   EXPECT_TRUE(options.sensor_measures_distances[1]);
   const std::vector<ImageView> views = MakeImageViews(scene, truth);
@@ -300,8 +299,9 @@ TEST(PointFilterTest, OneCameraMayObserveDistantPoints) {
   Reconstruction all = simulation.ground_truth;
   FilterPoints(scene, options, 2, &all);
   options.max_distance_of_one_image = median;
-  options.sensor_measures_distances =
-      FindSensorsThatMeasure(scene, simulation.ground_truth, median);
+  options.sensor_measures_distances = FindSensorsThatMeasure(
+      scene, simulation.ground_truth,
+      PointDistances(scene, simulation.ground_truth, 2), median);
   Reconstruction filtered = simulation.ground_truth;
   FilterPoints(scene, options, 2, &filtered);
   EXPECT_EQ(filtered.points.size(), all.points.size());

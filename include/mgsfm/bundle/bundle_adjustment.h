@@ -189,10 +189,9 @@ struct BundleAdjustmentOptions {
       "rotation of the rig. 0 disables the test."};
   Option<double> max_relative_distance_of_one_image{
       "max_relative_distance_of_one_image", 5.0, AtLeast(0.0),
-      "The same limit for points that no frame observes with two images, if "
-      "its "
-      "cameras see most distant points together. Two images of a frame measure "
-      "how far a vehicle is. 0 disables the test."};
+      "The same limit for points that no frame observes with two images, in "
+      "cameras that see most distant points together with another. Two images "
+      "of a frame measure how far away a vehicle is. 0 disables the test."};
   Option<double> min_two_view_relative_distance{
       "min_two_view_relative_distance", 0.1, Between(0.0, 1.0),
       "Points with only two observations are removed if they are nearer to a "

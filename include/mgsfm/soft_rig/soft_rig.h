@@ -31,8 +31,8 @@ namespace mgsfm {
 //
 // The deviation of S_i = (R_i, t_i) from S_s D_i = (R, t) is w_i =
 // Log(R_i R^T), d_i = t_i - t. Its coordinates have standard deviations a_s and
-// b_s. sigma is the noise of the keypoints, rho is the loss of
-// bundle adjustment.
+// b_s. sigma is the noise of the keypoints, rho is the loss of bundle
+// adjustment.
 //
 // Hyperparameters. The quantities that all images of a sensor share maximise
 // the likelihood of the keypoints with the deviations integrated out (Laplace's
