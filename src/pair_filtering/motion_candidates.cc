@@ -85,6 +85,22 @@ void Join(const MotionHypothesis& h, Candidate* group) {
   group->own_share += h.share;
 }
 
+// Compares the points of all motions by depth.
+void MeasureNearness(double median_step, std::vector<Candidate>* by_depth) {
+  for (Candidate& candidate : *by_depth) {
+    for (const Candidate& rival : *by_depth) {
+      if (!candidate.reach || !rival.reach ||
+          rival.own_share < kContestingShare ||
+          AreEqualMotions(candidate.later_from_earlier,
+                          rival.later_from_earlier, median_step)) {
+        continue;
+      }
+      candidate.nearness = std::max(candidate.nearness,
+                                    std::log(*rival.reach / *candidate.reach));
+    }
+  }
+}
+
 // The free hypotheses, in groups that agree.
 std::vector<Candidate> GroupFree(const StepHypotheses& step,
                                  double median_step) {
@@ -114,7 +130,7 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
 
 // Compares a motion by depth with the groups. Both kinds of evidence count
 // alike. A group has no matches with depth, but those that agree with it know
-// its distance.
+// its distance and how near its points are.
 void Combine(double median_step, Candidate* by_depth,
              std::vector<Candidate>* groups) {
   const Rigid3 motion = by_depth->later_from_earlier;
@@ -123,6 +139,9 @@ void Combine(double median_step, Candidate* by_depth,
   for (Candidate& group : *groups) {
     if (!SupportsDistance(group, motion, median_step)) continue;
     support += group.share;
+    group.nearness = group.measured_centers.empty()
+                         ? by_depth->nearness
+                         : std::min(group.nearness, by_depth->nearness);
     group.measured_centers.push_back(motion.Center());
     if (IsStill(group)) continue;
     if (strongest == nullptr || group.share > strongest->share) {
@@ -142,6 +161,7 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
   for (const MotionHypothesis& h : step) {
     if (!h.free_direction) candidates.push_back({h});
   }
+  MeasureNearness(median_step, &candidates);
   std::vector<Candidate> groups = GroupFree(step, median_step);
   if (groups.empty()) return candidates;
   for (Candidate& candidate : candidates) {

@@ -40,6 +40,9 @@ double SquaredChange(const Velocity& a, const Velocity& b, double median_step);
 struct Candidate : MotionHypothesis {
   std::vector<Eigen::Vector3d> measured_centers = {};
   std::optional<Eigen::Vector3d> tried_center = {};
+  // The logarithm of the largest reach of another motion over its own; at least
+  // zero.
+  double nearness = 0.0;
   // Before `later_from_earlier` took the rotation and direction of a group.
   std::optional<Rigid3> by_depth = {};
 

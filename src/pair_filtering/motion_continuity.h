@@ -22,19 +22,23 @@ namespace mgsfm {
 // hypotheses are rigid motions with the share of the matches that agree. Over a
 // choice of one hypothesis h for each step, or none,
 //
-//   min sum_k (-w log(share_kh) + D_kh) + sum_k C(k', k)
+//   min sum_k (-w log(share_kh) + N_kh + D_kh) + sum_k C(k', k)
 //       + kSkipCost * number of steps without a hypothesis,
 //   C = a log(1 + (|v_k - v_k'|^2 / s_v^2 + |w_k - w_k'|^2 / s_w^2) / a),
 //
 // with the velocity v and the angular velocity w in the frame of the rig, the
 // previous step k' with a hypothesis, and scales s of kRelativeChange of the
 // larger speed plus a minimum. The distance of a hypothesis without one is a
-// further unknown. D is what it costs: a constant, and a loss of its difference
-// from the measured distances that agree with its direction. A sequence may
-// have a real jump, hence the Cauchy loss, a = kLossScale. A step far from any
-// whose hypotheses disagree must have one: nothing questions it, and a camera
-// in the hand is not smooth. If such a hypothesis has no distance, it continues
-// with the velocity closest to the previous one.
+// further unknown. N is the cost of an object: a vehicle hides the static scene
+// behind it, so its points are nearer and less spread. With the reach r_h of
+// the points that agree with hypothesis h only, N = u log(max_g r_g / r_h),
+// over the other motions g with enough matches. D is what an unknown distance
+// costs: a constant, and a loss of its difference from the measured distances
+// that agree with its direction. A sequence may have a real jump, hence the
+// Cauchy loss, a = kLossScale. A step far from any whose hypotheses disagree
+// must have one: nothing questions it, and a camera in the hand is not smooth.
+// If such a hypothesis has no distance, it continues with the velocity closest
+// to the previous one.
 //
 // Solver: dynamic programming over the hypotheses and a range of distances,
 // kDistanceSpacing apart (motion_search.h). Unknown distances of the solution
@@ -58,6 +62,9 @@ struct MotionHypothesis {
   // this vector, in the earlier rig frame, may be added to the centre of
   // `later_from_earlier`. Zero: the camera saw no parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
+  // How far the points that agree with this hypothesis only are away and
+  // spread (rig_motions.h), if that is known.
+  std::optional<double> reach = {};
 
   // The motion of all multiples whose centre is closest to `center`.
   [[nodiscard]] Rigid3 ClosestTo(const Eigen::Vector3d& center) const;

@@ -23,6 +23,10 @@ constexpr double kSkipCost = 4.0;
 // Weight of the share of matches: a vehicle has four times as many as the
 // static scene for tens of frames. With 1, a path followed one for 38 steps.
 constexpr double kShareWeight = 0.5;
+// Weight of the logarithm of the relative reach. On eight drives, 38 steps are
+// unknown with 1 and 12 with 2 or 3, and 20 are wrong with each
+// (docs/results/hard_drives.md).
+constexpr double kNearnessWeight = 2.0;
 // A step without a distance fits any speed, so that one with a distance that
 // continues the motion must be preferred.
 constexpr double kFreeDistanceCost = 1.0;
@@ -103,6 +107,7 @@ class MotionSearch {
 
   static double OwnCost(const Candidate& candidate) {
     return -kShareWeight * std::log(candidate.share) +
+           kNearnessWeight * candidate.nearness +
            (candidate.free_direction ? kFreeDistanceCost : 0.0);
   }
 

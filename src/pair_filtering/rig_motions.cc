@@ -9,6 +9,8 @@
 #include "geometry/absolute_pose.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/statistics.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
@@ -144,6 +146,63 @@ void KeepRays(const Rigid3& unit_from_world, double bound, bool keep_agreeing,
   }
 }
 
+// Per motion: the points that agree with it and with no other.
+std::vector<std::vector<Vector3d>> FindOwnPoints(
+    const Correspondences& all, const std::vector<RigMotion>& motions) {
+  std::vector<Vector3d> points;
+  for (const CameraPoints& camera : all.cameras) {
+    points.insert(points.end(), camera.points.begin(), camera.points.end());
+  }
+  std::vector<int> num_agreeing(points.size(), 0);
+  std::vector<Mask> agree;
+  for (const RigMotion& motion : motions) {
+    const std::vector<double> errors = AbsolutePoseErrors(
+        all.cameras, all.ToMotion(motion.later_from_earlier));
+    agree.emplace_back(points.size(), false);
+    for (size_t k = 0; k < points.size(); ++k) {
+      agree.back()[k] = errors[k] <= 1.0;
+      num_agreeing[k] += agree.back()[k] ? 1 : 0;
+    }
+  }
+  std::vector<std::vector<Vector3d>> own(motions.size());
+  for (size_t h = 0; h < motions.size(); ++h) {
+    for (size_t k = 0; k < points.size(); ++k) {
+      if (agree[h][k] && num_agreeing[k] == 1) own[h].push_back(points[k]);
+    }
+  }
+  return own;
+}
+
+double MedianDistance(const std::vector<Vector3d>& points,
+                      const Vector3d& center) {
+  std::vector<double> distances;
+  for (const Vector3d& point : points) {
+    distances.push_back((point - center).norm());
+  }
+  return Median(std::move(distances));
+}
+
+double ReachOf(const std::vector<Vector3d>& points) {
+  Vector3d middle;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> coordinates;
+    for (const Vector3d& point : points) coordinates.push_back(point[axis]);
+    middle[axis] = Median(std::move(coordinates));
+  }
+  return std::sqrt(MedianDistance(points, Vector3d::Zero()) *
+                   MedianDistance(points, middle));
+}
+
+void MeasureReach(const Correspondences& all, std::vector<RigMotion>* motions) {
+  if (motions->size() < 2) return;
+  const auto own_points = FindOwnPoints(all, *motions);
+  for (size_t h = 0; h < motions->size(); ++h) {
+    if (own_points[h].size() < kMinNumAgreeing) continue;
+    const double reach = ReachOf(own_points[h]);
+    if (reach > 0.0) (*motions)[h].reach = reach;
+  }
+}
+
 // Without a baseline, the rays must coincide.
 bool IsOnEpipolarLine(const Rigid3& cam2_from_cam1, const Vector3d& ray1,
                       const Vector3d& ray2, double tolerance_rad) {
@@ -199,6 +258,7 @@ std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
          num_own / num_all});
     KeepRays(*pose, 1.0, /*keep_agreeing=*/false, &remaining);
   }
+  MeasureReach(all, &motions);
   return motions;
 }
 

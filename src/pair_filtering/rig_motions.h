@@ -29,7 +29,9 @@ namespace mgsfm {
 // are numerous, and would otherwise bend the motion. The search is repeated
 // among the correspondences that no earlier motion explains. The first motion
 // is not more credible than the others: a lorry may have more keypoints than
-// the street. motion_continuity.h decides.
+// the street. But it hides the street behind it and is smaller, so that the
+// reach of its points tells more than their number. motion_continuity.h
+// decides.
 //
 // Cost: RANSAC on a few hundred correspondences per motion.
 
@@ -70,6 +72,11 @@ struct RigMotion {
   // agree with this motion but with none found before it.
   double share = 0.0;
   double own_share = 0.0;
+  // How far the points that agree with this motion only are away and spread, in
+  // the unit of the depths: the geometric mean of their median distances from
+  // the rig and from their coordinate-wise median. nullopt if there is no other
+  // motion, or if there are too few points or all coincide.
+  std::optional<double> reach = {};
 };
 
 // Returns at most three motions, and none without depths.

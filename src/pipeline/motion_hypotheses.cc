@@ -30,8 +30,11 @@ SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
                           kDepthErrorFactor * problem.max_error_px,
                           Random(context.random_seed,
                                  static_cast<uint64_t>(sequence[k])))) {
-        steps[k].push_back(
-            {motion.later_from_earlier, motion.share, motion.own_share});
+        steps[k].push_back({motion.later_from_earlier,
+                            motion.share,
+                            motion.own_share,
+                            {},
+                            motion.reach});
       }
     });
     hypotheses.push_back(std::move(steps));

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -81,14 +82,16 @@ class Drive {
   }
 
   // Hypotheses of the steps [begin, end). Their matches are disjoint.
-  void AddWorld(int begin, int end, double share) {
+  void AddWorld(int begin, int end, double share,
+                std::optional<double> reach = {}) {
     for (int k = begin; k < end; ++k) {
-      steps_[k].push_back({TrueMotion(k, k + 1), share, share});
+      steps_[k].push_back({TrueMotion(k, k + 1), share, share, {}, reach});
     }
   }
-  void AddObject(int begin, int end, const Rigid3& motion, double share) {
+  void AddObject(int begin, int end, const Rigid3& motion, double share,
+                 std::optional<double> reach = {}) {
     for (int k = begin; k < end; ++k) {
-      steps_[k].push_back({motion, share, share});
+      steps_[k].push_back({motion, share, share, {}, reach});
     }
   }
 
@@ -238,6 +241,41 @@ TEST(MotionContinuityTest, TheMotionThatGoesOnIsNotAmbiguous) {
   drive.AddWorld(0, kNumFrames - 1, 0.45);
   drive.AddObject(30, 45, RightTurnStep(), 0.45);
   drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
+}
+
+// The turn is ambiguous no longer if the points of one motion are nearer.
+TEST(MotionContinuityTest, AnObjectIsNearerThanTheWorld) {
+  for (const double reach_of_object : {2.0, 20.0}) {
+    Drive drive(LeftTurn);
+    drive.AddWorld(0, kNumFrames - 1, 0.45, 10.0);
+    drive.AddObject(30, kNumFrames - 1, RightTurnStep(), 0.45, reach_of_object);
+    const RigPath path = drive.FindPath();
+    drive.ExpectTruth(path, 0, 31);
+    const Rigid3 left = drive.TrueMotion(30, 31);
+    const Rigid3 motion = path.Between(30, 31);
+    EXPECT_LT(AngleBetween(
+                  motion.rotation,
+                  (reach_of_object < 10.0 ? left : RightTurnStep()).rotation),
+              1e-6);
+    EXPECT_FALSE(path.IsAmbiguousBetween(0, kNumFrames - 1));
+  }
+}
+
+// The rig stands still and starts together with a lorry that has most matches,
+// up to the end of the sequence.
+TEST(MotionContinuityTest, ARigStartsBesideALorry) {
+  const auto starting = [](double time) {
+    const double k = std::max(0.0, time - 20.0);
+    return Rigid3::FromRotationAndCenter(Quaterniond::Identity(),
+                                         {0.0, 0.0, 0.03 * k * k});
+  };
+  Drive drive(starting);
+  drive.AddWorld(0, 20, 0.9);
+  drive.AddWorld(20, kNumFrames - 1, 0.2, 12.0);
+  drive.AddObject(20, kNumFrames - 1,
+                  {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.7, 3.0);
+  // Both motions are equal at first.
+  drive.ExpectTruth(drive.FindPath(), 25, kNumFrames);
 }
 
 // Wrong depths of one camera look like another motion in each step.

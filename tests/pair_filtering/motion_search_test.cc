@@ -97,6 +97,46 @@ TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
   }
 }
 
+// Of motions that differ and have enough matches, those with a larger reach.
+TEST(MotionCandidatesTest, NearnessIsRelativeToTheFarthestRival) {
+  const std::vector<StepHypotheses> hypotheses{
+      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
+       {Forward(0.1), 0.3, 0.3, {}, 3.0},
+       {Forward(0.5), 0.1, 0.1, {}, 50.0},   // few matches
+       {Forward(1.05), 0.2, 0.2, {}, 20.0},  // equal to the first
+       {Forward(0.7), 0.2, 0.2},             // unknown
+       {Forward(0.0), 0.2, 0.2, Vector3d::UnitZ().eval()}}};
+  const Steps steps = MakeRegularSteps(hypotheses);
+  ASSERT_EQ(steps.candidates[0].size(), 6u);
+  const auto nearness = [&](size_t h) {
+    return steps.candidates[0][h].nearness;
+  };
+  EXPECT_EQ(nearness(0), 0.0);
+  EXPECT_DOUBLE_EQ(nearness(1), std::log(20.0 / 3.0));
+  EXPECT_EQ(nearness(2), 0.0);
+  EXPECT_DOUBLE_EQ(nearness(3), 0.0);
+  EXPECT_EQ(nearness(4), 0.0);
+  // Agrees with all directions, and so with that of the scene.
+  ASSERT_TRUE(steps.candidates[0][5].free_direction.has_value());
+  EXPECT_EQ(nearness(5), 0.0);
+}
+
+// A camera that sees a lorry ahead in a turn has its direction.
+TEST(MotionCandidatesTest, PairsAreAsNearAsTheMotionThatTheyAgreeWith) {
+  const Rigid3 of_lorry = Rigid3::FromRotationAndCenter(
+      ExpSO3({0.0, DegToRad(4.0), 0.0}), {0.0, 0.0, 1.0});
+  const std::vector<StepHypotheses> hypotheses{
+      {{Forward(1.0), 0.4, 0.4, {}, 12.0},
+       {of_lorry, 0.4, 0.4, {}, 3.0},
+       {{of_lorry.rotation, Vector3d::Zero()},
+        0.7,
+        0.7,
+        Vector3d::UnitZ().eval()}}};
+  const Steps steps = MakeRegularSteps(hypotheses);
+  ASSERT_EQ(steps.candidates[0].size(), 3u);
+  EXPECT_DOUBLE_EQ(steps.candidates[0][2].nearness, std::log(12.0 / 3.0));
+}
+
 // Two images of a camera, with disjoint errors, and correspondences with depth.
 TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
   const auto turned = [](double angle_deg, double length) {

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <tuple>
 #include <utility>
 #include <vector>
 
 #include "geometry/so3.h"
+#include "math/statistics.h"
 
 namespace mgsfm {
 namespace {
@@ -26,6 +28,10 @@ const Rigid3 kDrive = Rigid3::FromRotationAndCenter(
     ExpSO3({0.0, DegToRad(-2.0), 0.0}), {0.03, 0.0, 1.5});
 const Rigid3 kFollow = Rigid3::FromRotationAndCenter(
     ExpSO3({0.0, DegToRad(0.2), 0.0}), {0.0, 0.0, 0.1});
+
+// The boxes that contain the points of both.
+const Vector3d kLowOfStreet(-10.0, -3.0, 6.0), kHighOfStreet(10.0, 3.0, 30.0);
+const Vector3d kLowOfVehicle(-2.0, -2.0, 7.0), kHighOfVehicle(2.0, 2.0, 11.0);
 
 Vector3d Noise(double sigma, Random* random) {
   return sigma * Vector3d(random->Normal(), random->Normal(), random->Normal());
@@ -83,10 +89,10 @@ class TwoFrames {
     }
   }
   void AddStatic(int number) {
-    AddPoints(number, kDrive, {-10.0, -3.0, 6.0}, {10.0, 3.0, 30.0});
+    AddPoints(number, kDrive, kLowOfStreet, kHighOfStreet);
   }
   void AddVehicle(int number) {
-    AddPoints(number, kFollow, {-2.0, -2.0, 7.0}, {2.0, 2.0, 11.0});
+    AddPoints(number, kFollow, kLowOfVehicle, kHighOfVehicle);
   }
   void AddMismatches(int number) {
     for (int i = 0; i < number; ++i) {
@@ -179,6 +185,22 @@ TwoFrames BehindALorry(const Layout& layout = {}) {
   return frames;
 }
 
+// Of many random points in a box.
+double ReachOfBox(const Vector3d& low, const Vector3d& high) {
+  Random random(7);
+  const Vector3d center = 0.5 * (low + high);
+  std::vector<double> distances, spreads;
+  for (int i = 0; i < 20000; ++i) {
+    Vector3d point;
+    for (int axis = 0; axis < 3; ++axis) {
+      point[axis] = random.Uniform(low[axis], high[axis]);
+    }
+    distances.push_back(point.norm());
+    spreads.push_back((point - center).norm());
+  }
+  return std::sqrt(Median(distances) * Median(spreads));
+}
+
 // The bounds hold for more than 100 seeds. A vehicle is small, hence its motion
 // is less certain than that of the scene.
 void ExpectNear(const Rigid3& motion, const Rigid3& truth) {
@@ -209,6 +231,33 @@ TEST(RigMotionsTest, AVehicleMayHaveMoreMatches) {
   ExpectNear(motions[1].later_from_earlier, kDrive);
 }
 
+// The standard deviation of the reach is 3 % for 150 points in the box.
+TEST(RigMotionsTest, TheReachIsThatOfThePointsOfAMotion) {
+  TwoFrames frames;
+  frames.AddStatic(150);
+  frames.AddVehicle(150);
+  const std::vector<RigMotion> motions = frames.Find();
+  ASSERT_EQ(motions.size(), 2u);
+  const bool is_street_first =
+      AngleBetween(motions[0].later_from_earlier.rotation, kDrive.rotation) <
+      DegToRad(0.5);
+  const RigMotion& street = motions[is_street_first ? 0 : 1];
+  const RigMotion& vehicle = motions[is_street_first ? 1 : 0];
+  ASSERT_TRUE(street.reach && vehicle.reach);
+  const double of_street = ReachOfBox(kLowOfStreet, kHighOfStreet);
+  const double of_vehicle = ReachOfBox(kLowOfVehicle, kHighOfVehicle);
+  EXPECT_NEAR(*street.reach, of_street, 0.15 * of_street);
+  EXPECT_NEAR(*vehicle.reach, of_vehicle, 0.15 * of_vehicle);
+}
+
+TEST(RigMotionsTest, ASingleMotionIsNotComparedWithOthers) {
+  TwoFrames frames;
+  frames.AddStatic(150);
+  const std::vector<RigMotion> motions = frames.Find();
+  ASSERT_EQ(motions.size(), 1u);
+  EXPECT_FALSE(motions[0].reach.has_value());
+}
+
 TEST(RigMotionsTest, TheOrderOfImagesHasNoInfluence) {
   for (const bool is_later_known : {false, true}) {
     const Layout layout{!is_later_known, is_later_known};
@@ -224,6 +273,7 @@ TEST(RigMotionsTest, TheOrderOfImagesHasNoInfluence) {
       EXPECT_LT((a.translation - b.translation).norm(), 1e-9);
       EXPECT_EQ(motions[k].share, expected[k].share);
       EXPECT_EQ(motions[k].own_share, expected[k].own_share);
+      EXPECT_EQ(motions[k].reach, expected[k].reach);
     }
   }
 }
