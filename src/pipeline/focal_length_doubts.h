@@ -14,7 +14,8 @@ namespace mgsfm {
 // trusted focal lengths (health/focal_lengths.h). This keeps the doubts
 // (kWrongFocalLength) that the whole model confirms: bundle adjustment of the
 // largest model with free focal lengths moves them in the direction of the
-// doubt by more than its bound. Doubts about cameras without a model remain.
+// doubt by more than half of its bound. Doubts about cameras without a model
+// remain.
 //
 // Cost: one bundle adjustment if there are doubts, otherwise none.
 std::vector<Finding> ConfirmedFocalLengthDoubts(

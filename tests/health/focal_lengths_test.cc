@@ -58,5 +58,13 @@ TEST(TrustedFocalLengthsTest, AnEstimateInTheOtherDirectionRefutesADoubt) {
   EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.0));
 }
 
+// A model moves its focal lengths less than the pairs.
+TEST(TrustedFocalLengthsTest, HalfOfTheBoundConfirmsADoubt) {
+  const auto findings = Check(DriveWithFactor(0.7, PathPreset::kLoop));
+  ASSERT_FALSE(findings.empty());
+  EXPECT_TRUE(ContradictsFocalLength(findings[0], 0.51 * std::log(1.15)));
+  EXPECT_FALSE(ContradictsFocalLength(findings[0], 0.49 * std::log(1.15)));
+}
+
 }  // namespace
 }  // namespace mgsfm
