@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "mgsfm/base/error.h"
 
@@ -18,6 +19,20 @@ double Quantile(std::vector<double> values, double q) {
 
 double Median(std::vector<double> values) {
   return Quantile(std::move(values), 0.5);
+}
+
+Eigen::Vector3d MedianOfCoordinates(
+    const std::vector<Eigen::Vector3d>& vectors) {
+  Eigen::Vector3d median;
+  for (int axis = 0; axis < 3; ++axis) {
+    std::vector<double> values;
+    values.reserve(vectors.size());
+    for (const Eigen::Vector3d& vector : vectors) {
+      values.push_back(vector[axis]);
+    }
+    median[axis] = Median(std::move(values));
+  }
+  return median;
 }
 
 }  // namespace mgsfm

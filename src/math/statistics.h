@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Core>
 #include <vector>
 
 namespace mgsfm {
@@ -11,5 +12,9 @@ double Quantile(std::vector<double> values, double q);
 
 // Quantile(values, 0.5).
 double Median(std::vector<double> values);
+
+// The median of each coordinate. `vectors` must not be empty.
+Eigen::Vector3d MedianOfCoordinates(
+    const std::vector<Eigen::Vector3d>& vectors);
 
 }  // namespace mgsfm

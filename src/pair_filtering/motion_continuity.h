@@ -62,8 +62,8 @@ struct MotionHypothesis {
   // this vector, in the earlier rig frame, may be added to the centre of
   // `later_from_earlier`. Zero: the camera saw no parallax.
   std::optional<Eigen::Vector3d> free_direction = {};
-  // How far the points that agree with this hypothesis only are away and
-  // spread (rig_motions.h), if that is known.
+  // Distance and spread of the points that agree with this hypothesis only
+  // (rig_motions.h), if they are known.
   std::optional<double> reach = {};
 
   // The motion of all multiples whose centre is closest to `center`.

@@ -183,14 +183,8 @@ double MedianDistance(const std::vector<Vector3d>& points,
 }
 
 double ReachOf(const std::vector<Vector3d>& points) {
-  Vector3d middle;
-  for (int axis = 0; axis < 3; ++axis) {
-    std::vector<double> coordinates;
-    for (const Vector3d& point : points) coordinates.push_back(point[axis]);
-    middle[axis] = Median(std::move(coordinates));
-  }
   return std::sqrt(MedianDistance(points, Vector3d::Zero()) *
-                   MedianDistance(points, middle));
+                   MedianDistance(points, MedianOfCoordinates(points)));
 }
 
 void MeasureReach(const Correspondences& all, std::vector<RigMotion>* motions) {

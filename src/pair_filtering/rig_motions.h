@@ -72,9 +72,9 @@ struct RigMotion {
   // agree with this motion but with none found before it.
   double share = 0.0;
   double own_share = 0.0;
-  // How far the points that agree with this motion only are away and spread, in
-  // the unit of the depths: the geometric mean of their median distances from
-  // the rig and from their coordinate-wise median. nullopt if there is no other
+  // Distance and spread of the points that agree with this motion only, in the
+  // unit of the depths: the geometric mean of their median distances from the
+  // rig and from their coordinate-wise median. nullopt if there is no other
   // motion, or if there are too few points or all coincide.
   std::optional<double> reach = {};
 };

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <utility>
 
 #include "math/statistics.h"
 
@@ -15,17 +14,6 @@ using Eigen::Vector3d;
 // A few correct pairs can be all that show the static scene. Values of 0.8 and
 // 0.95 change errors by at most 5 % (docs/results/constants.md).
 constexpr double kMinShareAgreeing = 0.9;
-
-Vector3d MedianOfCoordinates(const std::vector<Vector3d>& vectors) {
-  Vector3d median;
-  for (int c = 0; c < 3; ++c) {
-    std::vector<double> values;
-    values.reserve(vectors.size());
-    for (const Vector3d& v : vectors) values.push_back(v[c]);
-    median[c] = Median(std::move(values));
-  }
-  return median;
-}
 
 std::optional<Vector3d> CommonDeviation(
     const std::vector<Vector3d>& deviations) {

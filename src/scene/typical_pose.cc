@@ -31,13 +31,10 @@ Rigid3 TypicalPose(const std::vector<Rigid3>& poses) {
     least_sum = sum;
     typical.rotation = poses[i].rotation;
   }
-  std::vector<double> coordinates(poses.size());
-  for (int axis = 0; axis < 3; ++axis) {
-    for (size_t i = 0; i < poses.size(); ++i) {
-      coordinates[i] = poses[i].translation[axis];
-    }
-    typical.translation[axis] = Median(coordinates);
-  }
+  std::vector<Eigen::Vector3d> translations;
+  translations.reserve(poses.size());
+  for (const Rigid3& pose : poses) translations.push_back(pose.translation);
+  typical.translation = MedianOfCoordinates(translations);
   return typical;
 }
 

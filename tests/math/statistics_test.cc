@@ -14,6 +14,13 @@ TEST(Statistics, Quantiles) {
   EXPECT_EQ(Quantile({3.0, 1.0, 2.0, 5.0, 4.0}, 1.0), 5.0);
   EXPECT_EQ(Quantile({7.0}, 0.3), 7.0);
   EXPECT_THROW(Median({}), ContractError);
+  EXPECT_THROW(MedianOfCoordinates({}), ContractError);
+}
+
+TEST(Statistics, CoordinatesHaveTheirOwnMedians) {
+  EXPECT_EQ(
+      MedianOfCoordinates({{1.0, 9.0, 4.0}, {2.0, 7.0, 6.0}, {3.0, 8.0, 5.0}}),
+      Eigen::Vector3d(2.0, 8.0, 5.0));
 }
 
 }  // namespace

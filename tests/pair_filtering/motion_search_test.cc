@@ -97,7 +97,7 @@ TEST(MotionSearchTest, AMotionWithoutRivalHasAnInfiniteMargin) {
   }
 }
 
-// Of motions that differ and have enough matches, those with a larger reach.
+// Only motions that differ and have enough matches are compared.
 TEST(MotionCandidatesTest, NearnessIsRelativeToTheFarthestRival) {
   const std::vector<StepHypotheses> hypotheses{
       {{Forward(1.0), 0.4, 0.4, {}, 12.0},

@@ -185,7 +185,7 @@ TwoFrames BehindALorry(const Layout& layout = {}) {
   return frames;
 }
 
-// Of many random points in a box.
+// The reach of many random points in a box.
 double ReachOfBox(const Vector3d& low, const Vector3d& high) {
   Random random(7);
   const Vector3d center = 0.5 * (low + high);
