@@ -220,11 +220,11 @@ CandidateSource TracksInFile(const Reconstruction& model,
   FileSink sink(path);
   WriteTo(&sink, GroupTracks(model));
   sink.Close();
-  return [path](const Reconstruction&, double) {
+  return {[path](const Reconstruction&, double) {
     FileSource source(path);
     return std::make_shared<const ObservationGroups>(
         ReadFrom<FileSource, ObservationGroups>(&source));
-  };
+  }};
 }
 
 // Keeps points and keypoints in a file during solves.

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "bundle/contradicted_points.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
 #include "bundle/solve.h"
@@ -124,9 +125,15 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
   const BundleRound round =
       StartRound(input, result->estimate, num_rounds_left);
   Retriangulate(input.scene,
-                *input.candidates(result->estimate, round.max_error_px),
+                *input.candidates.groups(result->estimate, round.max_error_px),
                 FilterOf(input, round, result->estimate),
                 input.context.num_threads, &result->estimate);
+  // Earlier, poses are too inexact for evidence against points.
+  if (num_rounds_left == 0 && input.candidates.matches != nullptr) {
+    RemoveContradictedPoints(input.scene, *input.candidates.matches,
+                             round.max_error_px, input.options.min_match_share,
+                             input.context.num_threads, &result->estimate);
+  }
   FinishRound(round, input.context, result);
 }
 
@@ -226,7 +233,7 @@ Reconstruction TriangulateCandidates(const Scene& scene,
                                      const Context& context) {
   Reconstruction model = initial;
   const double max_error_px = options.max_max_error_px;
-  Retriangulate(scene, *candidates(model, max_error_px),
+  Retriangulate(scene, *candidates.groups(model, max_error_px),
                 MakeFilterOptions(scene, model, options, max_error_px, context),
                 context.num_threads, &model);
   return model;

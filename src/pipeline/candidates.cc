@@ -10,18 +10,19 @@ namespace mgsfm {
 
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
-                                    Mask pair_is_used,
+                                    const ViewGraph& matches, Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context) {
-  return [&scene, &view_graph, &options, &context,
-          pair_is_used = std::move(pair_is_used)](const Reconstruction& model,
-                                                  double max_error_px) {
+  const auto groups = [&scene, &view_graph, &options, &context,
+                       pair_is_used = std::move(pair_is_used)](
+                          const Reconstruction& model, double max_error_px) {
     return std::make_shared<const ObservationGroups>(EstablishCandidates(
         scene, view_graph,
         SelectConsistentMatches(scene, view_graph, pair_is_used, model,
                                 max_error_px, options.match_selection, context),
         options.tracks, context));
   };
+  return {groups, &matches};
 }
 
 }  // namespace mgsfm

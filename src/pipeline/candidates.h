@@ -13,11 +13,12 @@
 namespace mgsfm {
 
 // Makes the source of candidate tracks for bundle adjustment: tracks of the
-// matches of used pairs that agree with a model. The source refers to `scene`,
-// `view_graph`, `options` and `context`, which must outlive it.
+// matches of used pairs that agree with a model. `matches` are those of the
+// input, of which the view graph has a part. The source refers to all arguments
+// but the mask, which must outlive it.
 CandidateSource MakeCandidateSource(const Scene& scene,
                                     const ViewGraph& view_graph,
-                                    Mask pair_is_used,
+                                    const ViewGraph& matches, Mask pair_is_used,
                                     const MapperOptions& options,
                                     const Context& context);
 

@@ -108,6 +108,7 @@ struct Measurements {
   const Scene& scene;
   const Bearings& bearings;
   const ViewGraph& view_graph;
+  const ViewGraph& matches;     // of the input
   const FramePairIndex& index;  // of the view graph
   const PositionPriors& position_priors;
   const GravityPriors& gravity_priors;
@@ -172,7 +173,8 @@ std::vector<MapperModel> ReconstructComponent(
 
   Reconstruction initial =
       JoinEstimates(scene, rotations, translation.estimate, tracks.estimate);
-  AdjustmentInput input{scene, view_graph, measurements.position_priors,
+  AdjustmentInput input{scene, view_graph, measurements.matches,
+                        measurements.position_priors,
                         measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
@@ -417,6 +419,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const Measurements measurements{scene,
                                   bearings,
                                   verified.estimate,
+                                  view_graph,
                                   index,
                                   input.position_priors,
                                   gravity,

@@ -140,14 +140,16 @@ void PlaceInWorld(const AdjustmentInput& input, const MapperOptions& options,
 CandidateSource MakeObservedSource(const AdjustmentInput& input,
                                    const MapperOptions& options,
                                    const Context& context) {
-  CandidateSource source = MakeCandidateSource(
-      input.scene, input.view_graph, input.pair_is_used, options, context);
+  CandidateSource source =
+      MakeCandidateSource(input.scene, input.view_graph, input.matches,
+                          input.pair_is_used, options, context);
   if (!input.observer) return source;
-  return [source = std::move(source), observer = input.observer](
-             const Reconstruction& model, double max_error_px) {
-    observer(model);
-    return source(model, max_error_px);
-  };
+  return {[groups = std::move(source.groups), observer = input.observer](
+              const Reconstruction& model, double max_error_px) {
+            observer(model);
+            return groups(model, max_error_px);
+          },
+          source.matches};
 }
 
 // Estimates individual poses of images.
@@ -158,8 +160,8 @@ bool EstimateSoftRigOfImages(const AdjustmentInput& input,
   const Scene separate = SeparateImages(input.scene);
   return EstimateSoftRigOfModel(
       input.scene, separate,
-      MakeCandidateSource(separate, input.view_graph, input.pair_is_used,
-                          options, context),
+      MakeCandidateSource(separate, input.view_graph, input.matches,
+                          input.pair_is_used, options, context),
       options, used_priors, context, model);
 }
 

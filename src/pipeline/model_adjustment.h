@@ -19,6 +19,7 @@ namespace mgsfm {
 struct AdjustmentInput {
   const Scene& scene;
   const ViewGraph& view_graph;
+  const ViewGraph& matches;  // of the input
   const PositionPriors& positions;
   const GravityPriors& gravity;
   Mask pair_is_used = {};  // those whose matches make tracks

@@ -312,14 +312,14 @@ void ExtendModel(const Scene& input_scene, const Bearings& bearings,
   const Scene& scene = adapted ? *adapted : input_scene;
   const bool are_fixed = options.extension.fix_existing_frames;
   MapperModel model;
-  AdjustmentInput input{scene, view_graph, priors, gravity};
+  AdjustmentInput input{scene, view_graph, view_graph, priors, gravity};
   input.pair_is_used.assign(view_graph.pairs.size(), true);
   input.is_metric = IsMetric(scene, start);
   input.start = &start;
   input.observer = observer;
   if (are_fixed) input.held = FixAllOf(start);
   const CandidateSource candidates = MakeCandidateSource(
-      scene, view_graph, input.pair_is_used, options, context);
+      scene, view_graph, view_graph, input.pair_is_used, options, context);
   const PassInput passes{scene,      bearings, view_graph, start,
                          candidates, options,  context,    observer};
   ExtendedModel extended = Timed("resection", context, &model.times,

@@ -28,8 +28,8 @@ MapperResult TriangulatePoints(const MapperInput& input,
       });
   result.view_graph = verified.summary;
   const CandidateSource candidates = MakeCandidateSource(
-      scene, verified.estimate, Mask(verified.estimate.pairs.size(), true),
-      options, context);
+      scene, verified.estimate, input.view_graph,
+      Mask(verified.estimate.pairs.size(), true), options, context);
   Reconstruction initial = Timed("triangulation", context, &model.times, [&] {
     return TriangulateCandidates(scene, candidates, start,
                                  options.bundle_adjustment, context);

@@ -323,7 +323,7 @@ void RetriangulatePoints(const SoftRigInput& input, int num_rounds_left,
                          SoftRigState* state) {
   const double max_error_px = MaxErrorOfRound(input, *state, num_rounds_left);
   Reconstruction& model = state->model.separate;
-  Retriangulate(input.separate, *input.candidates(model, max_error_px),
+  Retriangulate(input.separate, *input.candidates.groups(model, max_error_px),
                 MakeFilterOptions(input.separate, model, input.bundle_options,
                                   max_error_px, input.context),
                 input.context.num_threads, &model);
@@ -440,7 +440,7 @@ SoftRigResult EstimateSoftRig(const Scene& scene, const Scene& separate,
     summary.message = "no frame has two registered images that observe points";
     return Unchanged(input, std::move(summary));
   }
-  const int num_triangulations = candidates ? kNumTriangulations : 0;
+  const int num_triangulations = candidates.groups ? kNumTriangulations : 0;
   SoftRigState state = InitialState(input, bundle_options);
   for (int round = 0; round < options.max_num_rounds; ++round) {
     context.ReportProgress("soft rig", round, options.max_num_rounds);

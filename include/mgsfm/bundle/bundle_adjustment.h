@@ -16,6 +16,7 @@
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
+#include "mgsfm/scene/view_graph.h"
 
 namespace mgsfm {
 
@@ -182,6 +183,11 @@ struct BundleAdjustmentOptions {
       "min_track_share", 0.75, Between(0.0, 1.0),
       "Points are removed if a smaller share of the images of their track are "
       "inliers. Most of these are on moving objects."};
+  Option<double> min_match_share{
+      "min_match_share", 0.7, Between(0.0, 1.0),
+      "Points are removed in the last round if a smaller share of the matches "
+      "of their keypoints in the database agrees. A vehicle agrees with a few "
+      "images and contradicts the others that show it. 0 disables the test."};
   Option<double> max_relative_distance{
       "max_relative_distance", 40.0, AtLeast(0.0),
       "Points farther from all of their cameras, in median distances, are "
@@ -219,8 +225,9 @@ struct BundleAdjustmentOptions {
           prior_position_loss_scale, num_rounds, error_sigma_factor,
           min_max_error_px, max_max_error_px, min_triangulation_angle_deg,
           min_two_view_angle_deg, min_num_observations, min_track_share,
-          max_relative_distance, max_relative_distance_of_one_image,
-          min_two_view_relative_distance, min_num_observations_per_frame);
+          min_match_share, max_relative_distance,
+          max_relative_distance_of_one_image, min_two_view_relative_distance,
+          min_num_observations_per_frame);
   }
 };
 
@@ -306,17 +313,23 @@ struct RefinementStore {
   std::function<std::vector<Point3D>()> take_points = {};
 };
 
-// Returns groups of keypoints that can be observations of one point. The model,
-// with reprojection errors up to max_error_px, helps to separate points. A
-// group has at most one keypoint per image.
-using CandidateSource = std::function<std::shared_ptr<const ObservationGroups>(
-    const Reconstruction& model, double max_error_px)>;
+// Evidence for points and against them.
+struct CandidateSource {
+  // Returns groups of keypoints that can be observations of one point. The
+  // model, with reprojection errors up to max_error_px, helps to separate
+  // points. A group has at most one keypoint per image.
+  std::function<std::shared_ptr<const ObservationGroups>(
+      const Reconstruction& model, double max_error_px)>
+      groups = {};
+  // All matches, of which the groups may contain only those that agree with the
+  // model. They outlive the source. Null: nothing contradicts a point.
+  const ViewGraph* matches = nullptr;
+};
 
 // Returns the same groups for every model.
 inline CandidateSource FixedCandidates(ObservationGroups groups) {
-  return
-      [shared = std::make_shared<const ObservationGroups>(std::move(groups))](
-          const Reconstruction&, double) { return shared; };
+  return {[shared = std::make_shared<const ObservationGroups>(std::move(
+               groups))](const Reconstruction&, double) { return shared; }};
 }
 
 // The complete stage:
@@ -325,7 +338,10 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      again with the current poses. This rejects outliers and completes,
 //      merges and splits points. A point needs min_track_share of its group:
 //      the two cameras of a stereo pair agree on the position of a moving
-//      vehicle, but no two frames do.
+//      vehicle, but no two frames do. The last round also removes points that
+//      min_match_share of the matches of their keypoints do not confirm
+//      (bundle/contradicted_points.h): a frame that is slightly wrong makes a
+//      few points of a vehicle right.
 //   3. Solve to function_tolerance. Earlier solves use 100 times that.
 //   4. Remove outliers, points with too small a triangulation angle or too
 //      large a distance, and points of two observations near a camera. Drop
