@@ -338,10 +338,10 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 //      again with the current poses. This rejects outliers and completes,
 //      merges and splits points. A point needs min_track_share of its group:
 //      the two cameras of a stereo pair agree on the position of a moving
-//      vehicle, but no two frames do. The last round also removes points that
-//      min_match_share of the matches of their keypoints do not confirm
-//      (bundle/contradicted_points.h): a frame that is slightly wrong makes a
-//      few points of a vehicle right.
+//      vehicle, but no two frames do. The last round also removes points with
+//      which fewer than min_match_share of the matches of their keypoints agree
+//      (bundle/contradicted_points.h): a few points of a vehicle agree with a
+//      frame that is slightly wrong.
 //   3. Solve to function_tolerance. Earlier solves use 100 times that.
 //   4. Remove outliers, points with too small a triangulation angle or too
 //      large a distance, and points of two observations near a camera. Drop
@@ -355,8 +355,8 @@ inline CandidateSource FixedCandidates(ObservationGroups groups) {
 // matches within a pixel would bias weakly observed parameters, such as the
 // sensor translations of a standing rig.
 //
-// Points in no group only lose outliers. If a solve fails, the estimate is the
-// one before it.
+// Points in no group lose outliers and must pass the same tests. If a solve
+// fails, the estimate is the one before it.
 [[nodiscard]] BundleResult RefineReconstruction(
     const Scene& scene, const CandidateSource& candidates,
     Reconstruction initial, const BundleAdjustmentOptions& options,
