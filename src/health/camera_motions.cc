@@ -18,6 +18,7 @@
 namespace mgsfm {
 namespace {
 
+using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 // Bounds the cost, which grows with the number of lags. With twice as many, a
@@ -39,10 +40,6 @@ constexpr double kTruncationRad = DegToRad(5.0);
 // On sound drives the best lag is 0, so that the ratio is 1; a lag of one frame
 // raises the error 2.9 times or more (docs/results/constants.md).
 constexpr double kMinErrorRatio = 1.5;
-// A smaller difference is no evidence, however precise. A lag raises the error
-// by at least 0.056 degrees: three frames on EuRoC, where the drone stands
-// still (docs/results/constants.md).
-constexpr double kMinErrorDropRad = DegToRad(0.05);
 // The middle between no lag, 0.5, and a lag that all motions show.
 constexpr double kMinShareBetter = 0.75;
 // Without a lag, the best of ten lags exceeds this in 1 of 3000 cases.
@@ -51,7 +48,7 @@ constexpr double kMinShareInSigmas = 4.0;
 // those of a foreign one are at least 0.79, at 65
 // (docs/results/input_check.md).
 constexpr double kMaxForeignShare = 0.5;
-constexpr double kMinForeignErrorInSigmas = 6.0;
+constexpr double kMaxErrorInSigmas = 6.0;
 // The direction of a motion of this size is accurate to 1 / 5 rad.
 constexpr double kMinMotionInSigmas = 5.0;
 // Cosine of 37 degrees, the largest tilt of a camera that counts as upright.
@@ -62,10 +59,12 @@ constexpr double kMinVerticalShare = 0.8;
 // far more certain than that.
 constexpr double kOppositeCosine = -0.7;
 constexpr double kMaxUncertaintyRad = DegToRad(10.0);
-// The pairs between two cameras agree if their median deviates less; those of
+// The pairs between two cameras agree if their median deviates less; most of
 // mirrored images deviate by any angle. Half or twice the value changes no
 // verdict (docs/results/constants.md).
 constexpr double kMaxDeviationRad = DegToRad(5.0);
+// The middle between equal and opposite orientations.
+constexpr double kOppositeRad = DegToRad(90.0);
 
 // A motion of one sensor between two frames.
 struct Motion {
@@ -216,10 +215,14 @@ bool TurnsOpposite(const LagFit& fit, const Motions& a) {
          axis_b.y() < -kMinVerticalShare * sum;
 }
 
+bool IsCertain(const LagFit& fit) {
+  return fit.rotation.uncertainty_rad <= kMaxUncertaintyRad;
+}
+
 // Whether the translations are opposite to those that the rotations imply.
 bool MovesOpposite(const LagFit& fit, const Motions& a, const Motions& b,
                    int lag) {
-  if (fit.rotation.uncertainty_rad > kMaxUncertaintyRad) return false;
+  if (!IsCertain(fit)) return false;
   std::vector<double> cosines;
   for (const auto& [key, error] : fit.errors) {
     const auto& direction_a = a.at(key).direction;
@@ -238,8 +241,10 @@ std::optional<MotionAgreement> Compare(
   const auto keys = SelectMotions(a);
   const auto zero = FitLag(a, b, keys, 0);
   if (!zero) return std::nullopt;
-  MotionAgreement result{sensor_a, sensor_b,
-                         static_cast<int>(zero->errors.size())};
+  MotionAgreement result;
+  result.sensor_a = sensor_a;
+  result.sensor_b = sensor_b;
+  result.num_motions = static_cast<int>(zero->errors.size());
   for (const auto& [key, error] : zero->errors) {
     result.mean_motion_rad += a.at(key).rotation.norm() / result.num_motions;
   }
@@ -247,6 +252,7 @@ std::optional<MotionAgreement> Compare(
       std::hypot(motions[sensor_a].noise_rad, motions[sensor_b].noise_rad);
   result.error_rad = result.best_error_rad = zero->mean_error;
   result.is_mirrored = TurnsOpposite(*zero, a) || MovesOpposite(*zero, a, b, 0);
+  if (IsCertain(*zero)) result.b_from_a = zero->rotation.a_from_b;
   for (int lag = -kMaxLag; lag <= kMaxLag; ++lag) {
     if (lag == 0) continue;
     const auto fit = FitLag(a, b, keys, lag);
@@ -270,8 +276,7 @@ bool IsLagging(const MotionAgreement& m) {
       2.0 * (m.share_better - 0.5) * std::sqrt(m.num_motions);
   return m.best_lag != 0 && m.share_better > kMinShareBetter &&
          share_in_sigmas > kMinShareInSigmas &&
-         m.error_rad > kMinErrorRatio * m.best_error_rad &&
-         m.error_rad - m.best_error_rad > kMinErrorDropRad;
+         m.error_rad > kMinErrorRatio * m.best_error_rad;
 }
 
 // Whether the motions are large enough to tell cameras apart.
@@ -280,23 +285,48 @@ bool IsSignificant(const MotionAgreement& m) {
 }
 
 // Noise alone causes errors of about two standard deviations.
-bool IsForeign(const MotionAgreement& m) {
-  return m.best_error_rad > kMaxForeignShare * m.mean_motion_rad &&
-         m.best_error_rad > kMinForeignErrorInSigmas * m.noise_rad;
+bool IsNoise(double error_rad, const MotionAgreement& m) {
+  return error_rad <= kMaxErrorInSigmas * m.noise_rad;
 }
 
-// Whether the pairs between two cameras agree on a rotation.
-bool HaveConsistentPairs(const std::vector<SensorPairSamples>& samples,
-                         int sensor_a, int sensor_b) {
+bool IsForeign(const MotionAgreement& m) {
+  return m.best_error_rad > kMaxForeignShare * m.mean_motion_rad &&
+         !IsNoise(m.best_error_rad, m);
+}
+
+// b_from_a, if the pairs between the two cameras agree on one.
+std::optional<Quaterniond> RotationByPairs(
+    const std::vector<SensorPairSamples>& samples, int sensor_a, int sensor_b) {
   for (const SensorPairSamples& pair : samples) {
     if (pair.sensor_a != std::min(sensor_a, sensor_b) ||
         pair.sensor_b != std::max(sensor_a, sensor_b)) {
       continue;
     }
     const auto typical = FindTypicalPose(pair.samples);
-    return typical && typical->median_deviation_rad < kMaxDeviationRad;
+    if (!typical || typical->median_deviation_rad >= kMaxDeviationRad) break;
+    return sensor_a < sensor_b ? typical->b_from_a
+                               : typical->b_from_a.conjugate();
   }
-  return false;
+  return std::nullopt;
+}
+
+// Whether pairs agree on a rotation that the motions contradict, because these
+// are those of a mirror image: S = M R, where R is the rotation of b relative
+// to a, and M turns by 180 degrees about the horizontal axis. A camera that
+// lags behind vibrations may have such an S, too, but with larger errors than
+// those of noise.
+bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
+  const Quaterniond mirror(0.0, 1.0, 0.0, 0.0);
+  return m.b_from_a && IsNoise(m.error_rad, m) &&
+         AngleBetween(*m.b_from_a, mirror) < kOppositeRad &&
+         AngleBetween(*m.b_from_a, by_pairs) > kOppositeRad;
+}
+
+bool IsMirrored(const MotionAgreement& m,
+                const std::vector<SensorPairSamples>& samples) {
+  if (!IsSignificant(m)) return false;
+  const auto by_pairs = RotationByPairs(samples, m.sensor_a, m.sensor_b);
+  return by_pairs ? IsMirrorOfPairs(m, *by_pairs) : m.is_mirrored;
 }
 
 std::vector<std::pair<std::string, double>> EvidenceOf(
@@ -343,10 +373,11 @@ Finding DescribeMirrored(const std::string& a, const std::string& b,
           {b, a},
           {},
           EvidenceOf(m),
-          "camera '" + b + "' moves like a mirror image of camera '" + a +
-              "', and their matches agree on no rotation: its images are "
+          "cameras '" + b + "' and '" + a +
+              "' move like mirror images of each other, and their matches do "
+              "not agree with their motions: the images of one of them are "
               "mirrored or upside down",
-          "flip the images and extract their features again"};
+          "flip its images and extract their features again"};
 }
 
 }  // namespace
@@ -384,8 +415,7 @@ std::vector<Finding> CheckMotions(
       findings.push_back(DescribeLag(a, b, m));
     } else if (IsForeign(m)) {
       findings.push_back(DescribeForeign(a, b, m));
-    } else if (m.is_mirrored && IsSignificant(m) &&
-               !HaveConsistentPairs(samples, m.sensor_a, m.sensor_b)) {
+    } else if (IsMirrored(m, samples)) {
       findings.push_back(DescribeMirrored(a, b, m));
     }
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <Eigen/Geometry>
 #include <optional>
 #include <vector>
 
@@ -34,6 +35,8 @@ struct MotionAgreement {
   // degrees, but translate in the opposite direction. If the rig turns about
   // the vertical axis only, this looks like a camera that is upside down.
   bool is_mirrored = false;
+  // S, if its standard deviation is below 10 degrees.
+  std::optional<Eigen::Quaterniond> b_from_a;
 };
 
 // Compares each sensor with the one of its rig that has most motions.
@@ -41,8 +44,9 @@ std::vector<MotionAgreement> CompareMotions(const Scene& scene,
                                             const ViewGraph& view_graph);
 
 // kCameraLag, kForeignCamera and kMirroredCamera, where the motions exceed
-// their noise. `samples` tell whether pairs
-// between two cameras agree: mirrored images have no such pairs.
+// their noise. `samples` tell on which rotation the pairs between two cameras
+// agree. Those of mirrored images agree on none, or, if all of them see one
+// scene from one place, on a rotation that the motions contradict.
 std::vector<Finding> CheckMotions(
     const Scene& scene, const ViewGraph& view_graph,
     const std::vector<SensorPairSamples>& samples);

@@ -11,6 +11,8 @@
 namespace mgsfm {
 namespace {
 
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
 using testing::ElementsAre;
 using testing::IsEmpty;
 
@@ -52,26 +54,94 @@ TEST(CameraMotionsTest, OnlyTheLateCameraIsNamed) {
   EXPECT_EQ(findings[0].cameras[0], "cam2");
 }
 
-// M R M and M t are the motion of mirrored images.
-TEST(CameraMotionsTest, MirroredImagesAreFound) {
-  Simulation drive = SoundDrive();
-  const auto is_right = [&](int image_idx) {
-    return drive.scene.images[image_idx].sensor_idx == 1;
-  };
-  Random random(1);
-  for (ImagePair& pair : drive.view_graph.pairs) {
+// Makes the images of camera 1 mirror images: M R M and M t are their motions.
+// `by_pair` sets what the pairs with the other camera measure.
+template <typename ByPair>
+void Mirror(const ByPair& by_pair, Simulation* drive) {
+  for (ImagePair& pair : drive->view_graph.pairs) {
+    const Image& image1 = drive->scene.images[pair.image_idx1];
+    const Image& image2 = drive->scene.images[pair.image_idx2];
     RelativePose& pose = *pair.relative_pose;
-    if (is_right(pair.image_idx1) != is_right(pair.image_idx2)) {
-      pose.cam2_from_cam1 =
-          ExpSO3(2.0 * Eigen::Vector3d(random.Normal(), random.Normal(),
-                                       random.Normal()));
-    } else if (is_right(pair.image_idx1)) {
-      Eigen::Quaterniond& q = pose.cam2_from_cam1;
-      q = Eigen::Quaterniond(q.w(), q.x(), -q.y(), -q.z());
+    if (image1.sensor_idx != image2.sensor_idx) {
+      by_pair(image1, image2, &pair);
+    } else if (image1.sensor_idx == 1) {
+      Quaterniond& q = pose.cam2_from_cam1;
+      q = Quaterniond(q.w(), q.x(), -q.y(), -q.z());
       if (pose.translation_direction) pose.translation_direction->x() *= -1.0;
     }
   }
+}
+
+TEST(CameraMotionsTest, MirroredImagesAreFound) {
+  Simulation drive = SoundDrive();
+  Random random(1);
+  Mirror(
+      [&](const Image&, const Image&, ImagePair* pair) {
+        pair->relative_pose->cam2_from_cam1 = ExpSO3(
+            2.0 * Vector3d(random.Normal(), random.Normal(), random.Normal()));
+      },
+      &drive);
   EXPECT_THAT(CausesOf(Check(drive)), ElementsAre(Cause::kMirroredCamera));
+}
+
+// A rig turns on the spot. Pairs with the mirrored camera see one scene from
+// one place, and measure one wrong rotation: about that of a view from behind.
+class TurningRig {
+ public:
+  // The rotation of camera 1 relative to camera 0, by pairs within frames.
+  void SetRotationByPairs(const Quaterniond& cam1_from_cam0) {
+    Mirror(
+        [&](const Image& image1, const Image& image2, ImagePair* pair) {
+          if (image1.frame_idx != image2.frame_idx) {
+            pair->relative_pose.reset();
+          } else {
+            pair->relative_pose->cam2_from_cam1 =
+                image1.sensor_idx == 0 ? cam1_from_cam0
+                                       : cam1_from_cam0.conjugate();
+          }
+        },
+        &drive_);
+    for (ImagePair& pair : drive_.view_graph.pairs) {
+      if (pair.relative_pose) pair.relative_pose->translation_direction.reset();
+    }
+  }
+  // Turns camera 1 in its rig; its pairs with the other camera stay.
+  void Turn(const Quaterniond& new_from_cam1) {
+    for (ImagePair& pair : drive_.view_graph.pairs) {
+      const Image& image1 = drive_.scene.images[pair.image_idx1];
+      const Image& image2 = drive_.scene.images[pair.image_idx2];
+      if (image1.sensor_idx != 1 || image2.sensor_idx != 1) continue;
+      Quaterniond& q = pair.relative_pose->cam2_from_cam1;
+      q = new_from_cam1 * q * new_from_cam1.conjugate();
+    }
+  }
+  std::vector<Finding> Findings() const { return Check(drive_); }
+
+ private:
+  Simulation drive_ = SoundDrive();
+};
+
+TEST(CameraMotionsTest, MirroredImagesAreFoundWhereARigTurnsOnTheSpot) {
+  for (const double angle_deg : {130.0, 160.0, 180.0}) {
+    TurningRig rig;
+    rig.SetRotationByPairs(ExpSO3({0.0, DegToRad(angle_deg), 0.0}));
+    EXPECT_THAT(CausesOf(rig.Findings()), ElementsAre(Cause::kMirroredCamera));
+  }
+}
+
+// Mirror images that are turned by 180 degrees about the horizontal axis move
+// as those of a sound rig.
+TEST(CameraMotionsTest, OtherContradictionsOfPairsAreNoMirror) {
+  const Quaterniond unmirrored(0.0, 1.0, 0.0, 0.0);
+  const Quaterniond about_y(0.0, 0.0, 1.0, 0.0);
+  for (const double angle_deg : {0.0, 45.0, 130.0, 160.0}) {
+    TurningRig rig;
+    rig.SetRotationByPairs(ExpSO3({0.0, DegToRad(angle_deg), 0.0}));
+    rig.Turn(unmirrored);
+    EXPECT_THAT(rig.Findings(), IsEmpty());
+    rig.Turn(about_y);  // looks back
+    EXPECT_THAT(rig.Findings(), IsEmpty());
+  }
 }
 
 // A lag beyond those that are tried.
