@@ -11,6 +11,9 @@ from experiments import poses
 NUM_ITERATIONS = 10  # of each reweighted fit
 NOISE_M = 0.05  # residuals below have equal weights
 MAX_RESIDUAL_M = 5.0  # poses beyond do not influence the fit
+# A rotation counts like a point at this distance, where 0.6 degrees, a typical
+# error, displace by NOISE_M: it determines the turn of a short straight path.
+LEVER_M = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,8 +90,8 @@ def mean_turn(model, truth):
 def weighted_fit(points, targets, weights, turn):
     """The best similarity by Horn's quaternion method.
 
-    `turn` resolves the rotation about a straight path: it counts like a
-    thousandth of the extent of the points.
+    `turn`, the mean turn of the poses, counts like points at LEVER_M, and at
+    least like a thousandth of the extent of the points.
     """
     total = sum(weights)
     center1 = weighted_mean(points, weights, total)
@@ -101,11 +104,12 @@ def weighted_fit(points, targets, weights, turn):
     spread1 = sum(w * dot(a, a) for w, a in zip(weights, moved1))
     spread2 = sum(w * dot(b, b) for w, b in zip(weights, moved2))
     matrix = horn_matrix(products)
-    prior = 1e-3 * math.sqrt(spread1 * spread2) + 1e-12
+    scale = math.sqrt(spread2 / spread1) if spread1 > 1e-12 else 1.0
+    prior = (1e-3 * math.sqrt(spread1 * spread2)
+             + total * LEVER_M**2 / max(scale, 1e-12))
     for i in range(4):
         for j in range(4):
             matrix[i][j] += prior * turn[i] * turn[j]
-    scale = math.sqrt(spread2 / spread1) if spread1 > 1e-12 else 1.0
     rotation = poses.rotation_from_quaternion(*largest_eigenvector(matrix))
     translation = tuple(c - scale * dot(row, center1)
                         for c, row in zip(center2, rotation))

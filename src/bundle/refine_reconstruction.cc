@@ -144,24 +144,58 @@ void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
   FinishRound(round, input.context, result);
 }
 
-void DropFramesWithoutObservations(const RefinementInput& input,
-                                   BundleResult* result) {
+// What the points say of each frame.
+struct FrameSupport {
+  Mask is_observed;
+  Mask is_connected;  // shares a point with another frame
+};
+
+FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
+  FrameSupport support{Mask(scene.frames.size(), false),
+                       Mask(scene.frames.size(), false)};
+  for (const Point3D& point : estimate.points) {
+    const auto frame_of = [&](const Observation& o) {
+      return scene.images[o.image_idx].frame_idx;
+    };
+    const int first = frame_of(point.track.front());
+    const bool connects =
+        std::any_of(point.track.begin(), point.track.end(),
+                    [&](const Observation& o) { return frame_of(o) != first; });
+    for (const Observation& o : point.track) {
+      support.is_observed[frame_of(o)] = true;
+      if (connects) support.is_connected[frame_of(o)] = true;
+    }
+  }
+  return support;
+}
+
+// A frame whose points are its own, by several cameras of the rig, may be
+// anywhere. It stays if no frame shares a point with another one.
+void DropFramesWithoutSupport(const RefinementInput& input,
+                              BundleResult* result) {
   if (!input.options.refine_rig_from_world) return;
   const Mask& is_fixed = input.fixed.frames;
   Reconstruction& estimate = result->estimate;
-  Mask is_observed(input.scene.frames.size(), false);
-  for (const Point3D& point : estimate.points) {
-    for (const Observation& o : point.track) {
-      is_observed[input.scene.images[o.image_idx].frame_idx] = true;
-    }
-  }
-  for (size_t i = 0; i < is_observed.size(); ++i) {
-    if (is_observed[i] || !estimate.rig_from_world[i]) continue;
+  const FrameSupport support = FindSupport(input.scene, estimate);
+  const bool are_connected = support.is_connected.Count() > 0;
+  for (size_t i = 0; i < support.is_observed.size(); ++i) {
+    const bool is_supported =
+        are_connected ? support.is_connected[i] : support.is_observed[i];
+    if (is_supported || !estimate.rig_from_world[i]) continue;
     if (!is_fixed.empty() && is_fixed[i]) continue;
     estimate.rig_from_world[i].reset();
     result->summary.dropped_frames.push_back(
-        {static_cast<int>(i), "no point agrees with its images"});
+        {static_cast<int>(i),
+         support.is_observed[i] ? "no point connects its images to other frames"
+                                : "no point agrees with its images"});
   }
+  auto& points = estimate.points;
+  points.erase(std::remove_if(points.begin(), points.end(),
+                              [&](const Point3D& point) {
+                                return !estimate.IsRegistered(
+                                    input.scene, point.track.front().image_idx);
+                              }),
+               points.end());
 }
 
 // Solves; all steps but the first and the last then triangulate again. Returns
@@ -219,7 +253,7 @@ BundleResult RefineReconstruction(
                               context, priors,     fixed,         store};
   if (SolveAndTriangulate(input, &result)) {
     FilterFinalPoints(input, &result);
-    DropFramesWithoutObservations(input, &result);
+    DropFramesWithoutSupport(input, &result);
   }
   ComputePointErrors(scene, context.num_threads, &result.estimate);
   FinishSummary(scene, initial_poses, options, &result);

@@ -125,12 +125,14 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options) {
   if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
-  std::vector<Seam> jumps;
-  if (options.weak_seams == WeakSeams::kKeep) return jumps;
+  std::vector<Seam> wrong;
+  if (options.weak_seams == WeakSeams::kKeep) return wrong;
   for (const Seam& seam : model.confidence.seams) {
-    if (seam.reason == SeamReason::kJump) jumps.push_back(seam);
+    if (seam.reason == SeamReason::kJump || seam.num_tracks == 0) {
+      wrong.push_back(seam);
+    }
   }
-  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, jumps);
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, wrong);
   std::map<int, int> num_frames;  // per segment
   int num_registered = 0;
   for (size_t i = 0; i < segment_of_frame.size(); ++i) {
@@ -142,8 +144,8 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
   for (const auto& [segment, number] : num_frames) {
     if (number >= options.min_num_frames) num_left += number;
   }
-  if (2 * num_left < num_registered) jumps.clear();
-  return jumps;
+  if (2 * num_left < num_registered) wrong.clear();
+  return wrong;
 }
 
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,

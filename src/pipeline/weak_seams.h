@@ -24,9 +24,11 @@ Confidence EstimateModelConfidence(const ConfidenceInput& input,
 std::optional<Finding> DescribeSeams(const Scene& scene,
                                      const Confidence& confidence);
 
-// The seams at which a model is split. If splitting at jumps left fewer than
-// half of the frames in sets of at least min_num_frames, the expected motion of
-// the rig is in doubt rather than the model, and it is not split.
+// The seams at which a model is split: with split_jumps, where frames jump, and
+// where no point crosses, so that the sides have no relation. If this left
+// fewer than half of the frames in sets of at least min_num_frames, the
+// expected motion of the rig is in doubt rather than the model, and it is not
+// split.
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options);
 

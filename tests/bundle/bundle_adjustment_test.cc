@@ -377,6 +377,61 @@ TEST(RefineReconstructionTest, FramesAndSensorsWithoutObservations) {
       0.0);
 }
 
+// Points of one frame only, in place of the observations that it shares.
+void Disconnect(const Scene& scene, int frame_idx, Reconstruction* model) {
+  const size_t num_points = model->points.size();
+  for (size_t i = 0; i < num_points; ++i) {
+    auto& track = model->points[i].track;
+    const auto own =
+        std::stable_partition(track.begin(), track.end(), [&](auto& o) {
+          return scene.images[o.image_idx].frame_idx != frame_idx;
+        });
+    Point3D separate = model->points[i];
+    separate.track.assign(own, track.end());
+    track.erase(own, track.end());
+    if (separate.track.size() >= 2) model->points.push_back(separate);
+  }
+}
+
+BundleResult Refine(const Simulation& simulation, const FixedPoses& fixed) {
+  return RefineReconstruction(
+      simulation.scene, FixedCandidates(GroupTracks(simulation.ground_truth)),
+      simulation.ground_truth, BundleAdjustmentOptions(), Threads(2), {},
+      fixed);
+}
+
+// The cameras of a frame see points together, which say nothing of its place.
+TEST(RefineReconstructionTest, FramesThatShareNoPointAreDropped) {
+  Simulation simulation =
+      Simulate(SmallScene(RigPreset::kKitti360, PathPreset::kCurve));
+  const Scene& scene = simulation.scene;
+  Disconnect(scene, 4, &simulation.ground_truth);
+  const BundleResult result = Refine(simulation, {});
+  ASSERT_EQ(result.summary.dropped_frames.size(), 1u);
+  EXPECT_EQ(result.summary.dropped_frames[0].frame_idx, 4);
+  EXPECT_EQ(result.summary.dropped_frames[0].reason,
+            "no point connects its images to other frames");
+  EXPECT_FALSE(result.estimate.rig_from_world[4].has_value());
+  for (const Point3D& point : result.estimate.points) {
+    for (const Observation& o : point.track) {
+      EXPECT_NE(scene.images[o.image_idx].frame_idx, 4);
+    }
+  }
+  FixedPoses fixed;
+  fixed.frames.assign(scene.frames.size(), false);
+  fixed.frames[4] = true;
+  EXPECT_TRUE(Refine(simulation, fixed).summary.dropped_frames.empty());
+}
+
+TEST(RefineReconstructionTest, FramesStayIfNoneAreConnected) {
+  Simulation simulation =
+      Simulate(SmallScene(RigPreset::kKitti360, PathPreset::kCurve));
+  for (size_t i = 0; i < simulation.scene.frames.size(); ++i) {
+    Disconnect(simulation.scene, static_cast<int>(i), &simulation.ground_truth);
+  }
+  EXPECT_TRUE(Refine(simulation, {}).summary.dropped_frames.empty());
+}
+
 TEST(RefineReconstructionTest, NothingToRefine) {
   Simulation simulation =
       Simulate(SmallScene(RigPreset::kStereo, PathPreset::kCurve));

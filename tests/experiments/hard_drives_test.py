@@ -53,6 +53,22 @@ def test_alignment_of_a_transformed_road(bend):
         assert angle == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.parametrize("num_frames", (3, 8))
+def test_rotations_align_a_short_straight_road(num_frames):
+    generator = random.Random(3)
+    truth = list(road(num_frames, 0.0).values())
+    similarity, turn = make_similarity(generator)
+    model = []
+    for pose in truth:
+        quaternion, center = transformed(similarity, turn, pose)
+        model.append((quaternion, tuple(
+            x + 2.5 * generator.gauss(0.0, 0.02) for x in center)))
+    fit = alignment.align(model, truth)
+    for position, angle in alignment.errors(fit, model, truth):
+        assert position < 0.1
+        assert angle < 0.5
+
+
 def torn(num_frames, first_moved):
     """{frame: (pose in the model, truth)}: the end of the road is turned by 90
     degrees about the up axis, and shifted."""

@@ -115,6 +115,7 @@ MapperModel ModelWithSeams(const Scene& scene) {
     first += 5;
     Seam seam;
     seam.reason = reason;
+    seam.num_tracks = 1;
     for (int i = first; i < kNumFrames; ++i)
       seam.frame_idxs_beyond.push_back(i);
     model.confidence.seams.push_back(seam);
@@ -133,6 +134,16 @@ TEST(WeakSeams, SplitModelsAtJumpsByDefault) {
   EXPECT_TRUE(SeamsToSplit(scene, model, options).empty());
   options.weak_seams = WeakSeams::kSplit;
   EXPECT_EQ(SeamsToSplit(scene, model, options).size(), 3u);
+}
+
+TEST(WeakSeams, SplitModelsWhereNoPointConnectsTheSides) {
+  const Scene scene = DriveWithWeakSeam().scene;
+  MapperModel model = ModelWithSeams(scene);
+  model.confidence.seams[0].num_tracks = 0;
+  const auto seams = SeamsToSplit(scene, model, {});
+  ASSERT_EQ(seams.size(), 2u);
+  EXPECT_EQ(seams[0].reason, SeamReason::kFewTracks);
+  EXPECT_EQ(seams[1].reason, SeamReason::kJump);
 }
 
 // If nearly all frames jump, the expected motion is wrong, not the model.

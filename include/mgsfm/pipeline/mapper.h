@@ -48,7 +48,7 @@ namespace mgsfm {
 enum class WeakSeams {
   kKeep,        // they are reported
   kSplitJumps,  // the sides of those that contradict the motion of the rig, a
-                // jump, become models of their own
+                // jump, or that no point crosses, become models of their own
   kSplit,       // the sides of all of them
 };
 
@@ -81,8 +81,8 @@ struct MapperOptions {
       "Mapper.weak_seams", WeakSeams::kSplitJumps,
       "Weak seams of a model: keep reports them, split makes a model of each "
       "side, and split_jumps does so only where neighbouring frames contradict "
-      "the motion of the rig. Split if a wrong model is worse than several "
-      "partial ones."};
+      "the motion of the rig, or no point connects the sides. Split if a wrong "
+      "model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
