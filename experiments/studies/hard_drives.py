@@ -49,6 +49,16 @@ def add_parser(subparsers):
         subparsers, "hard_drives", run,
         "gross failures and seams on hard simulated drives", DESCRIPTION)
     parser.set_defaults(takes_passed_on=True)
+    add_drive_options(parser)
+    parser.add_argument("--output", type=pathlib.Path,
+                        default=options.REPOSITORY / "build/hard_drives",
+                        help="folder of results; finished drives are reused")
+    options.add_threads(parser, 1)
+    options.add_program(parser)
+
+
+def add_drive_options(parser):
+    """Which drives to simulate, and how many at the same time."""
     parser.add_argument("data", type=pathlib.Path,
                         help="folder of trajectories")
     for option, default in (("sequences", ""), ("presets", PRESETS),
@@ -62,11 +72,6 @@ def add_parser(subparsers):
                         help="further options of mgsfm simulate, in one word")
     parser.add_argument("--jobs", type=options.positive(int), default=1,
                         help="drives at the same time")
-    parser.add_argument("--output", type=pathlib.Path,
-                        default=options.REPOSITORY / "build/hard_drives",
-                        help="folder of results; finished drives are reused")
-    options.add_threads(parser, 1)
-    options.add_program(parser)
 
 
 def run(arguments):
