@@ -43,9 +43,10 @@ def pose_of(quaternion, translation):
 def align(model, truth):
     """The Similarity from the model to the truth: two lists of poses in order.
 
-    Minimises the sum of distances up to MAX_RESIDUAL_M by iteratively
-    reweighted least squares. It starts from all poses, and from halves and
-    quarters of them, so that a smaller part that is misplaced has no influence.
+    Minimises distances up to MAX_RESIDUAL_M, and the difference of rotations,
+    by iteratively reweighted least squares. It starts from all poses, and from
+    halves and quarters of them, so that a smaller part that is misplaced has no
+    influence. The fit of least distances is returned.
     """
     count = len(model)
     starts = [(0, count)] + [
@@ -63,27 +64,28 @@ def cost_of(fit, model, truth):
 
 def fit_from(model, truth, begin, end):
     """A local minimum: first of the poses in a range, then of all."""
-    turn = mean_turn(model[begin:end], truth[begin:end])
+    turns = [multiply(conjugate(q_truth), q_model)
+             for (q_model, _), (q_truth, _) in zip(model, truth)]
     points = [center for _, center in model]
     targets = [center for _, center in truth]
     weights = [float(begin <= i < end) for i in range(len(points))]
-    fit = weighted_fit(points, targets, weights, turn)
+    fit = weighted_fit(points, targets, weights, mean_turn(turns, weights))
     for _ in range(NUM_ITERATIONS):
         distances = [math.dist(fit.apply(p), t)
                      for p, t in zip(points, targets)]
         weights = [1.0 / max(NOISE_M, d) if d < MAX_RESIDUAL_M else 1e-9
                    for d in distances]
-        fit = weighted_fit(points, targets, weights, turn)
+        fit = weighted_fit(points, targets, weights, mean_turn(turns, weights))
     return fit
 
 
-def mean_turn(model, truth):
-    """The mean of the quaternions of world_from_model of all poses."""
+def mean_turn(turns, weights):
+    """The weighted mean of quaternions."""
     total = [0.0] * 4
-    for (q_model, _), (q_truth, _) in zip(model, truth):
-        turn = multiply(conjugate(q_truth), q_model)
-        sign = math.copysign(1.0, dot(turn, total)) if any(total) else 1.0
-        total = [t + sign * x for t, x in zip(total, turn)]
+    for turn, weight in zip(turns, weights):
+        if dot(turn, total) < 0.0:
+            weight = -weight
+        total = [t + weight * x for t, x in zip(total, turn)]
     return normalized(total)
 
 
@@ -106,7 +108,7 @@ def weighted_fit(points, targets, weights, turn):
     matrix = horn_matrix(products)
     scale = math.sqrt(spread2 / spread1) if spread1 > 1e-12 else 1.0
     prior = (1e-3 * math.sqrt(spread1 * spread2)
-             + total * LEVER_M**2 / max(scale, 1e-12))
+             + 2.0 * total * LEVER_M**2 / max(scale, 1e-12))
     for i in range(4):
         for j in range(4):
             matrix[i][j] += prior * turn[i] * turn[j]

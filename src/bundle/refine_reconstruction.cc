@@ -169,8 +169,9 @@ FrameSupport FindSupport(const Scene& scene, const Reconstruction& estimate) {
   return support;
 }
 
-// A frame whose points are its own, by several cameras of the rig, may be
-// anywhere. It stays if no frame shares a point with another one.
+// Drops frames that share no point with another one: what several cameras of a
+// rig see together does not tell where the rig is. If no frame shares a point,
+// drops only frames without points.
 void DropFramesWithoutSupport(const RefinementInput& input,
                               BundleResult* result) {
   if (!input.options.refine_rig_from_world) return;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <utility>
 
 #include "confidence/frame_cuts.h"
@@ -57,7 +58,8 @@ std::vector<int> CountConfirmed(const ConfidenceInput& input) {
   return num_confirmed;
 }
 
-// Pairs without a triplet-consistent match join parts only if no others do.
+// Pairs without a confirmed match join parts only if no others do, and
+// neighbours in the order of frames only if no pairs do.
 FrameCuts FindCuts(const ConfidenceInput& input,
                    const std::vector<int>& num_confirmed) {
   const FramePairIndex& index = input.index;
@@ -65,6 +67,12 @@ FrameCuts FindCuts(const ConfidenceInput& input,
     return input.reconstruction.rig_from_world[frame_idx].has_value();
   };
   std::vector<GraphEdge> edges;
+  std::optional<int> last;
+  for (int i = 0; i < index.num_frames(); ++i) {
+    if (!is_registered(i)) continue;
+    if (last) edges.push_back({*last, i, -1.0});
+    last = i;
+  }
   for (const FramePair& frames : index.frame_pairs()) {
     if (!frames.IsBetweenFrames() || !is_registered(frames.frame_idx1) ||
         !is_registered(frames.frame_idx2)) {
@@ -180,7 +188,7 @@ Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
 
 std::optional<SeamReason> ReasonOf(const CutEvidence& evidence, size_t cut_idx,
                                    const ConfidenceOptions& options) {
-  if (evidence.num_tracks[cut_idx] < options.min_num_tracks) {
+  if (evidence.num_tracks[cut_idx] < std::max(1, *options.min_num_tracks)) {
     return SeamReason::kFewTracks;
   }
   if (evidence.ShareAgainst(cut_idx) > options.max_share_against) {

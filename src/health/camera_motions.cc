@@ -59,9 +59,9 @@ constexpr double kMinVerticalShare = 0.8;
 // far more certain than that.
 constexpr double kOppositeCosine = -0.7;
 constexpr double kMaxUncertaintyRad = DegToRad(10.0);
-// The pairs between two cameras agree if their median deviates less; most of
-// mirrored images deviate by any angle. Half or twice the value changes no
-// verdict (docs/results/constants.md).
+// The pairs between two cameras agree if their median deviates less. Those of
+// mirrored images usually deviate by any angle. Half or twice the value changes
+// no verdict (docs/results/constants.md).
 constexpr double kMaxDeviationRad = DegToRad(5.0);
 // The middle between equal and opposite orientations.
 constexpr double kOppositeRad = DegToRad(90.0);
@@ -310,11 +310,11 @@ std::optional<Quaterniond> RotationByPairs(
   return std::nullopt;
 }
 
-// Whether pairs agree on a rotation that the motions contradict, because these
-// are those of a mirror image: S = M R, where R is the rotation of b relative
-// to a, and M turns by 180 degrees about the horizontal axis. A camera that
-// lags behind vibrations may have such an S, too, but with larger errors than
-// those of noise.
+// Whether the motions are those of a mirror image, and contradict the rotation
+// on which the pairs agree. If the images of b are mirrored, S = M R, where R
+// is the rotation of b relative to a, and M turns by 180 degrees about the
+// horizontal axis; S = R M if those of a are. A camera that lags behind
+// vibrations may have such an S, too, but its errors exceed noise.
 bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
   const Quaterniond mirror(0.0, 1.0, 0.0, 0.0);
   return m.b_from_a && IsNoise(m.error_rad, m) &&
@@ -374,10 +374,10 @@ Finding DescribeMirrored(const std::string& a, const std::string& b,
           {},
           EvidenceOf(m),
           "cameras '" + b + "' and '" + a +
-              "' move like mirror images of each other, and their matches do "
-              "not agree with their motions: the images of one of them are "
+              "' move like mirror images of each other, and their matches "
+              "confirm no rotation between them: the images of one of them are "
               "mirrored or upside down",
-          "flip its images and extract their features again"};
+          "flip the images of that camera and extract their features again"};
 }
 
 }  // namespace

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
@@ -43,13 +45,15 @@ MapperResult TriangulatePoints(const MapperInput& input,
   model.extension = ExtensionSummary();
   model.extension->frames_are_fixed =
       !options.bundle_adjustment.refine_rig_from_world;
+  std::vector<std::string> reasons(scene.frames.size(),
+                                   "it is not in the input model");
+  for (const DroppedFrame& frame : model.bundle.dropped_frames) {
+    reasons[frame.frame_idx] = frame.reason;
+  }
   for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const bool is_in_model = start.rig_from_world[i].has_value();
-    model.extension->num_existing_frames += is_in_model;
+    model.extension->num_existing_frames += start.rig_from_world[i].has_value();
     if (model.reconstruction.rig_from_world[i]) continue;
-    result.unregistered_frames.push_back(
-        {static_cast<int>(i), is_in_model ? "no point agrees with its images"
-                                          : "it is not in the input model"});
+    result.unregistered_frames.push_back({static_cast<int>(i), reasons[i]});
   }
   model.num_frames_in_component = model.extension->num_existing_frames;
   DescribeSensors(scene, start, {}, &model, &result);

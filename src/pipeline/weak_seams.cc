@@ -58,6 +58,23 @@ Reconstruction KeepSegment(const Scene& scene,
   return model;
 }
 
+// The registered frames in segments of at least min_num_frames of them.
+int NumFramesInSegments(const Scene& scene, const MapperModel& model,
+                        const std::vector<Seam>& seams, int min_num_frames) {
+  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
+  std::map<int, int> num_frames;  // per segment
+  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
+    if (model.reconstruction.rig_from_world[i]) {
+      ++num_frames[segment_of_frame[i]];
+    }
+  }
+  int num_left = 0;
+  for (const auto& [segment, number] : num_frames) {
+    if (number >= min_num_frames) num_left += number;
+  }
+  return num_left;
+}
+
 Mask PairsOfSegment(const FramePairIndex& index,
                     const std::vector<int>& segment_of_frame, int segment,
                     Mask pair_is_used) {
@@ -125,27 +142,21 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options) {
   if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
-  std::vector<Seam> wrong;
-  if (options.weak_seams == WeakSeams::kKeep) return wrong;
+  if (options.weak_seams == WeakSeams::kKeep) return {};
+  const bool has_world =
+      model.position_priors && model.position_priors->is_registered;
+  std::vector<Seam> unconnected, wrong;
   for (const Seam& seam : model.confidence.seams) {
-    if (seam.reason == SeamReason::kJump || seam.num_tracks == 0) {
+    const bool is_unconnected = seam.num_tracks == 0 && !has_world;
+    if (is_unconnected) unconnected.push_back(seam);
+    if (is_unconnected || seam.reason == SeamReason::kJump) {
       wrong.push_back(seam);
     }
   }
-  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, wrong);
-  std::map<int, int> num_frames;  // per segment
-  int num_registered = 0;
-  for (size_t i = 0; i < segment_of_frame.size(); ++i) {
-    if (!model.reconstruction.rig_from_world[i]) continue;
-    ++num_frames[segment_of_frame[i]];
-    ++num_registered;
-  }
-  int num_left = 0;
-  for (const auto& [segment, number] : num_frames) {
-    if (number >= options.min_num_frames) num_left += number;
-  }
-  if (2 * num_left < num_registered) wrong.clear();
-  return wrong;
+  const int num_registered = NumFramesInSegments(scene, model, {}, 0);
+  const int num_left =
+      NumFramesInSegments(scene, model, wrong, options.min_num_frames);
+  return 2 * num_left < num_registered ? unconnected : wrong;
 }
 
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,

@@ -76,15 +76,26 @@ struct Drive {
     rejected_groups = GroupRejectedPairs(Index(), is_rejected);
   }
 
+  void RemoveCrossingPairs() {
+    auto& pairs = simulation.view_graph.pairs;
+    pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                               [&](const ImagePair& pair) {
+                                 return Crosses(FrameOf(pair.image_idx1),
+                                                FrameOf(pair.image_idx2));
+                               }),
+                pairs.end());
+    pair_is_used = Mask(pairs.size(), true);
+  }
+
   FramePairIndex Index() const {
     return {simulation.scene, simulation.view_graph};
   }
-  Confidence Estimate() const {
+  Confidence Estimate(const ConfidenceOptions& options = {}) const {
     const FramePairIndex index = Index();
     return EstimateConfidence(
         {simulation.scene, index, simulation.view_graph, pair_is_used,
          rejected_groups, simulation.ground_truth, jumps},
-        {});
+        options);
   }
 };
 
@@ -152,13 +163,18 @@ TEST(Seams, AreTheWeakestCutsOfALoop) {
 }
 
 TEST(Seams, AreWhereNoPointCrosses) {
-  Drive drive;
-  drive.KeepCrossingPoints(0);
-  const Confidence confidence = drive.Estimate();
-  ASSERT_FALSE(confidence.seams.empty());
-  EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTracks);
-  EXPECT_EQ(confidence.seams[0].num_tracks, 0);
-  EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  ConfidenceOptions options;
+  options.min_num_tracks = 0;
+  for (const bool has_pairs : {true, false}) {
+    Drive drive;
+    drive.KeepCrossingPoints(0);
+    if (!has_pairs) drive.RemoveCrossingPairs();
+    const Confidence confidence = drive.Estimate(options);
+    ASSERT_EQ(confidence.seams.size(), 1u);
+    EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTracks);
+    EXPECT_EQ(confidence.seams[0].num_tracks, 0);
+    EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  }
 }
 
 // Though many points cross the cut, the rig cannot have moved that way.

@@ -69,6 +69,22 @@ def test_rotations_align_a_short_straight_road(num_frames):
         assert angle < 0.5
 
 
+def test_one_turned_frame_does_not_turn_the_others():
+    generator = random.Random(4)
+    similarity, turn = make_similarity(generator)
+    truth = list(road(5).values())
+    poses_of_model = [transformed(similarity, turn, pose) for pose in truth]
+    quaternion, center = poses_of_model[3]
+    poses_of_model[3] = (
+        alignment.multiply((math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0),
+                           quaternion),
+        tuple(x + 100.0 for x in center))
+    fit = alignment.align(poses_of_model, truth)
+    errors = alignment.errors(fit, poses_of_model, truth)
+    assert all(angle < 0.5 for k, (_, angle) in enumerate(errors) if k != 3)
+    assert errors[3][1] == pytest.approx(90.0, abs=0.5)
+
+
 def torn(num_frames, first_moved):
     """{frame: (pose in the model, truth)}: the end of the road is turned by 90
     degrees about the up axis, and shifted."""

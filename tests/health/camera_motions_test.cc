@@ -110,9 +110,23 @@ class TurningRig {
     for (ImagePair& pair : drive_.view_graph.pairs) {
       const Image& image1 = drive_.scene.images[pair.image_idx1];
       const Image& image2 = drive_.scene.images[pair.image_idx2];
-      if (image1.sensor_idx != 1 || image2.sensor_idx != 1) continue;
+      if (image1.sensor_idx != 1 || image2.sensor_idx != 1 ||
+          !pair.relative_pose) {
+        continue;
+      }
       Quaterniond& q = pair.relative_pose->cam2_from_cam1;
       q = new_from_cam1 * q * new_from_cam1.conjugate();
+    }
+  }
+  // The camera with most motions is the reference.
+  void RemoveMotions(int sensor_idx, int number) {
+    for (ImagePair& pair : drive_.view_graph.pairs) {
+      const Image& image1 = drive_.scene.images[pair.image_idx1];
+      const Image& image2 = drive_.scene.images[pair.image_idx2];
+      if (image1.sensor_idx != sensor_idx || image2.sensor_idx != sensor_idx) {
+        continue;
+      }
+      if (number-- > 0) pair.relative_pose.reset();
     }
   }
   std::vector<Finding> Findings() const { return Check(drive_); }
@@ -125,6 +139,23 @@ TEST(CameraMotionsTest, MirroredImagesAreFoundWhereARigTurnsOnTheSpot) {
   for (const double angle_deg : {130.0, 160.0, 180.0}) {
     TurningRig rig;
     rig.SetRotationByPairs(ExpSO3({0.0, DegToRad(angle_deg), 0.0}));
+    EXPECT_THAT(CausesOf(rig.Findings()), ElementsAre(Cause::kMirroredCamera));
+  }
+}
+
+// A camera may be mounted with such a turn, whichever is the reference.
+TEST(CameraMotionsTest, PairsThatConfirmATurnShowThatItIsNoMirror) {
+  const Quaterniond turn = ExpSO3({DegToRad(120.0), 0.0, 0.0});
+  const Quaterniond unmirrored(0.0, 1.0, 0.0, 0.0);
+  for (const int fewer_motions : {0, 1}) {
+    TurningRig rig;
+    rig.SetRotationByPairs(turn);
+    rig.RemoveMotions(fewer_motions, 5);
+    rig.Turn(unmirrored);
+    rig.Turn(turn);
+    EXPECT_THAT(rig.Findings(), IsEmpty());
+    rig.SetRotationByPairs(turn.conjugate());
+    rig.Turn(unmirrored);
     EXPECT_THAT(CausesOf(rig.Findings()), ElementsAre(Cause::kMirroredCamera));
   }
 }

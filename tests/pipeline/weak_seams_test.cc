@@ -144,6 +144,10 @@ TEST(WeakSeams, SplitModelsWhereNoPointConnectsTheSides) {
   ASSERT_EQ(seams.size(), 2u);
   EXPECT_EQ(seams[0].reason, SeamReason::kFewTracks);
   EXPECT_EQ(seams[1].reason, SeamReason::kJump);
+  // Positions place both sides in one world.
+  model.position_priors = PositionPriorSummary();
+  model.position_priors->is_registered = true;
+  EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), 1u);
 }
 
 // If nearly all frames jump, the expected motion is wrong, not the model.
@@ -154,6 +158,7 @@ TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
   const auto add_jump = [&](int frame_idx) {
     Seam seam;
     seam.reason = SeamReason::kJump;
+    seam.num_tracks = 1;
     seam.frame_idxs_beyond = {frame_idx};
     model.confidence.seams.push_back(seam);
   };
@@ -161,6 +166,12 @@ TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
   EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), size_t{kNumFrames / 2});
   for (int i = 0; i < kNumFrames; i += 2) add_jump(i);
   EXPECT_TRUE(SeamsToSplit(scene, model, {}).empty());
+  // A part without a relation to the others is none all the same.
+  model.confidence.seams[2].num_tracks = 0;
+  const auto seams = SeamsToSplit(scene, model, {});
+  ASSERT_EQ(seams.size(), 1u);
+  EXPECT_EQ(seams[0].frame_idxs_beyond,
+            model.confidence.seams[2].frame_idxs_beyond);
 }
 
 TEST(WeakSeams, LeaveSoundModelsWhole) {

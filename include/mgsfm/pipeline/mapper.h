@@ -47,8 +47,8 @@ namespace mgsfm {
 // Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
   kKeep,        // they are reported
-  kSplitJumps,  // the sides of those that contradict the motion of the rig, a
-                // jump, or that no point crosses, become models of their own
+  kSplitJumps,  // the sides of jumps, which contradict the motion of the rig,
+                // and of seams that no point crosses become models of their own
   kSplit,       // the sides of all of them
 };
 
