@@ -191,6 +191,82 @@ TEST(Seams, AreWhereNeighboursJump) {
   }
 }
 
+// A round of 40 frames without points and pairs between frames 19 and 20, and
+// with few points between frames 5 and 6. The loop joins its ends.
+class TornRound {
+ public:
+  TornRound() {
+    SimulationOptions options;
+    options.path = PathPreset::kLoop;
+    options.num_frames = 40;
+    simulation_ = Simulate(options);
+    int num_at_weak_cut = 0;
+    for (Point3D& point : simulation_.ground_truth.points) {
+      if (Touches(point, 10, 19)) Erase(20, 29, &point);
+      const bool is_at_weak_cut = Touches(point, 0, 5) && Touches(point, 6, 15);
+      if (is_at_weak_cut && ++num_at_weak_cut > 70) Erase(6, 15, &point);
+    }
+    auto& pairs = simulation_.view_graph.pairs;
+    pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                               [&](const ImagePair& pair) {
+                                 const int f = FrameOf(pair.image_idx1);
+                                 const int g = FrameOf(pair.image_idx2);
+                                 return std::min(f, g) >= 10 &&
+                                        std::min(f, g) < 20 &&
+                                        std::max(f, g) >= 20 &&
+                                        std::max(f, g) < 30;
+                               }),
+                pairs.end());
+  }
+  Confidence Estimate(const std::vector<std::pair<int, int>>& jumps) const {
+    const FramePairIndex index(simulation_.scene, simulation_.view_graph);
+    return EstimateConfidence({simulation_.scene,
+                               index,
+                               simulation_.view_graph,
+                               Mask(simulation_.view_graph.pairs.size(), true),
+                               {},
+                               simulation_.ground_truth,
+                               jumps},
+                              {});
+  }
+
+ private:
+  int FrameOf(int image_idx) const {
+    return simulation_.scene.images[image_idx].frame_idx;
+  }
+  bool Touches(const Point3D& point, int first, int last) const {
+    return std::any_of(
+        point.track.begin(), point.track.end(), [&](const Observation& o) {
+          return FrameOf(o.image_idx) >= first && FrameOf(o.image_idx) <= last;
+        });
+  }
+  void Erase(int first, int last, Point3D* point) const {
+    auto& track = point->track;
+    track.erase(std::remove_if(track.begin(), track.end(),
+                               [&](const Observation& o) {
+                                 const int frame = FrameOf(o.image_idx);
+                                 return frame >= first && frame <= last;
+                               }),
+                track.end());
+  }
+
+  Simulation simulation_;
+};
+
+// Neighbours are where the rig moved, but the ends of the torn round are not.
+TEST(Seams, AreAtTheLoopThatCausesAJump) {
+  const Confidence confidence = TornRound().Estimate({{19, 20}});
+  std::vector<Seam> jumps;
+  for (const Seam& seam : confidence.seams) {
+    if (seam.reason == SeamReason::kJump) jumps.push_back(seam);
+  }
+  ASSERT_EQ(jumps.size(), 1u);
+  std::vector<int> half(20);
+  std::iota(half.begin(), half.end(), jumps[0].frame_idxs_beyond.front());
+  EXPECT_EQ(jumps[0].frame_idxs_beyond, half);
+  EXPECT_GT(jumps[0].num_tracks, 70);
+}
+
 TEST(Seams, LeaveUnregisteredFramesWithoutConfidence) {
   Drive drive;
   drive.simulation.ground_truth.rig_from_world[3].reset();
