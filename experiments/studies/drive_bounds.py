@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the right matches of hard simulated drives allow."""
 import collections
-import concurrent.futures
 import contextlib
 import dataclasses
 import json
@@ -21,8 +20,9 @@ DESCRIPTION = """\
 Simulates the drives of the subcommand hard_drives, joins all right matches of
 their databases to tracks, and adjusts poses, rig and points from the true
 values with these tracks (mgsfm bundle_adjuster). An estimator that knows which
-matches are right, of all frames in one model, has about these errors. Prints
-for how many drives they are gross failures. Finished drives are kept.
+matches are right, and places all frames in one model, has about these errors.
+Parts that no right match joins keep their true relative pose. Prints for how
+many drives the errors are gross failures. Finished drives are kept.
 
   python3 -m experiments drive_bounds DATA --sequences 01,02 --rigs stereo
 
@@ -46,10 +46,7 @@ def run(arguments):
     """Runs what is missing, and prints a table."""
     arguments.program = options.find_program(arguments.program)
     arguments.output.mkdir(parents=True, exist_ok=True)
-    drives = hard_drives.list_drives(arguments)
-    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
-        rows = list(pool.map(lambda d: run_drive(arguments, d), drives))
-    print(summary_table(rows), end="")
+    print(summary_table(hard_drives.run_drives(arguments, run_drive)), end="")
 
 
 def run_drive(arguments, drive):

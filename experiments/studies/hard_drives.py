@@ -78,20 +78,25 @@ def run(arguments):
     """Runs what is missing, and writes drives.csv and drives.md."""
     arguments.program = options.find_program(arguments.program)
     arguments.output.mkdir(parents=True, exist_ok=True)
-    drives = list_drives(arguments)
-    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
-        running = [pool.submit(run_drive, arguments, d) for d in drives]
-        rows = []
-        try:
-            rows = [one.result() for one in running]
-        finally:
-            for one in running:
-                one.cancel()
+    rows = run_drives(arguments, run_drive)
     write_csv(arguments.output / "drives.csv", rows)
     text = "\n".join([summary_table(rows), failures_table(rows),
                       seam_reliability.reliability_table(rows)])
     (arguments.output / "drives.md").write_text(text)
     print(text, end="")
+
+
+def run_drives(arguments, run_one):
+    """The rows run_one(arguments, drive) of all drives. After a failure, no
+    other drive starts."""
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        running = [pool.submit(run_one, arguments, drive)
+                   for drive in list_drives(arguments)]
+        try:
+            return [one.result() for one in running]
+        finally:
+            for one in running:
+                one.cancel()
 
 
 def list_drives(arguments):

@@ -144,7 +144,7 @@ void FilterFinalPoints(const RefinementInput& input, BundleResult* result) {
   FinishRound(round, input.context, result);
 }
 
-// What the points say of each frame.
+// Which frames have points, and which share them.
 struct FrameSupport {
   Mask is_observed;
   Mask is_connected;  // shares a point with another frame
