@@ -20,6 +20,12 @@ std::string NumberAt(const std::string& text, size_t* position) {
   return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
 }
 
+double ValueOf(const std::string& digits) {
+  double value = 0.0;
+  for (const char digit : digits) value = 10.0 * value + (digit - '0');
+  return value;
+}
+
 }  // namespace
 
 bool IsNaturallyBefore(const std::string& a, const std::string& b) {
@@ -37,6 +43,24 @@ bool IsNaturallyBefore(const std::string& a, const std::string& b) {
     }
   }
   return a.size() - i < b.size() - j;
+}
+
+std::optional<double> NumberDifference(const std::string& a,
+                                       const std::string& b) {
+  std::optional<double> difference;
+  size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (IsDigit(a[i]) && IsDigit(b[j])) {
+      const std::string number_a = NumberAt(a, &i), number_b = NumberAt(b, &j);
+      if (number_a == number_b) continue;
+      if (difference) return std::nullopt;
+      difference = ValueOf(number_b) - ValueOf(number_a);
+    } else {
+      if (a[i] != b[j]) return std::nullopt;
+      ++i, ++j;
+    }
+  }
+  return i == a.size() && j == b.size() ? difference : std::nullopt;
 }
 
 }  // namespace mgsfm

@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
 #include <string>
 
 namespace mgsfm {
 
 // Orders names by the numbers in them: "2.png" comes before "10.png".
 bool IsNaturallyBefore(const std::string& a, const std::string& b);
+
+// The number of b minus that of a, if the names are equal but for one number:
+// 3 for "left/07.png" and "left/10.png". nullopt for other names.
+std::optional<double> NumberDifference(const std::string& a,
+                                       const std::string& b);
 
 }  // namespace mgsfm

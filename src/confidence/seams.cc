@@ -175,26 +175,12 @@ CutEvidence CollectEvidence(const ConfidenceInput& input, const FrameCuts& cuts,
 }
 
 // The weakest cut of each jump.
-// Neighbours in time that are where the rig moved cause no jump. If the tree
-// joins the two frames of a jump by a loop, the weakest loop is therefore the
-// cause, however many matches confirm it, and the weakest cut otherwise.
 Mask FindJumps(const ConfidenceInput& input, const FrameCuts& cuts,
                const CutEvidence& evidence) {
-  std::vector<double> strength = evidence.num_confirmed;
-  const double strongest =
-      strength.empty() ? 0.0
-                       : *std::max_element(strength.begin(), strength.end());
-  for (size_t k = 0; k < strength.size(); ++k) {
-    const FrameCuts::Cut& cut = cuts.cuts()[k];
-    const FramePair* frames =
-        input.index.Find(cut.frame_below, cut.frame_above);
-    const bool are_neighbours =
-        frames != nullptr && !input.index.IsLoop(*frames);
-    if (are_neighbours) strength[k] += strongest + 1.0;
-  }
   Mask is_jump(cuts.cuts().size(), false);
   for (const auto& [frame1, frame2] : input.jumps) {
-    const auto cut = cuts.SmallestBetween(frame1, frame2, strength);
+    const auto cut =
+        cuts.SmallestBetween(frame1, frame2, evidence.num_confirmed);
     if (cut) is_jump[*cut] = true;
   }
   return is_jump;

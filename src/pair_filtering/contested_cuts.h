@@ -13,13 +13,19 @@ namespace mgsfm {
 // neighbours across it (motion_continuity.h): the parts belong together, but
 // their relative pose is unknown. Loop pairs alone do not decide it, because
 // nothing there contradicts duplicate structures. This holds for all parts that
-// contested cuts separate from each other. Parts that no rejected pair
-// connects, such as drives of different days, may be joined, unless the motion
-// of the rig contradicts the loop pair itself: it tells where the rig is also
-// where no pair crosses a cut.
+// contested cuts separate from each other.
+//
+// Parts that follow each other in time without a pair across the cut, contested
+// or not, belong together, too. They may be joined along a stretch that the rig
+// passed twice (revisits.h). Parts without an order, and those more than
+// kMaxSequentialGap median intervals apart in time, such as drives of different
+// days, may be joined by all loop pairs.
+//
+// A loop pair that contradicts the motion of the rig does not join parts: it
+// tells where the rig is also where no pair crosses a cut.
 //
 // `loop_contradicts_motion` is empty if no loop pair does. The result is empty
-// without temporal order. Cost: linear in the pairs.
+// without temporal order. Cost: that of FindRevisits().
 [[nodiscard]] Mask FindLoopsAcrossContestedCuts(
     const FramePairIndex& index, const Mask& is_used,
     const Mask& pair_is_discontinuous, const Mask& loop_contradicts_motion);

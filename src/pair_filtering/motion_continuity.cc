@@ -2,7 +2,9 @@
 #include "pair_filtering/motion_continuity.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
+#include <numeric>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -106,6 +108,11 @@ std::vector<RigPath::Place> FollowMotion(
     const Mask& is_ambiguous, int first_stretch) {
   std::vector<RigPath::Place> places{{first_stretch, 0, {}}};
   std::optional<size_t> previous;
+  const auto are_few = [&](size_t begin, size_t end) {
+    const double duration = std::accumulate(durations.begin() + begin,
+                                            durations.begin() + end, 0.0);
+    return std::round(duration) <= static_cast<double>(kMaxNumSkipped);
+  };
   for (size_t k = 0; k < chosen.size(); ++k) {
     RigPath::Place next = places.back();
     size_t following = k;
@@ -115,7 +122,7 @@ std::vector<RigPath::Place> FollowMotion(
       velocity = chosen[k]->velocity;
       previous = k;
     } else if (is_doubtful[k] && following < chosen.size() && previous &&
-               following - *previous - 1 <= kMaxNumSkipped) {
+               are_few(*previous + 1, following)) {
       velocity = Mean(chosen[*previous]->velocity, chosen[following]->velocity);
     }
     if (velocity && !is_ambiguous[k]) {

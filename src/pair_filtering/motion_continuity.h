@@ -110,9 +110,9 @@ struct RigPath {
 
 // `hypotheses` has one item per step of each sequence of the order. Steps
 // without a choice have the mean velocity of their neighbours. More than seven
-// of them begin another stretch, and so do ambiguous ones and one far from any
-// whose hypotheses disagree: nothing suggests that its true motion was
-// outvoted.
+// of them, or fewer that take as long, begin another stretch, and so do
+// ambiguous ones and one far from any whose hypotheses disagree: nothing
+// suggests that its true motion was outvoted.
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
     const std::vector<std::vector<StepHypotheses>>& hypotheses);

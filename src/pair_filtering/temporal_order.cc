@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
+#include <optional>
 #include <utility>
 
 #include "base/natural_order.h"
@@ -21,29 +22,61 @@ bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   });
 }
 
-// Sorts the frames of a rig and assigns their times.
-void SortByTime(const Scene& scene, std::vector<int>* frame_idxs,
-                std::vector<double>* time_of_frame) {
-  if (!HasTimes(scene, *frame_idxs)) {
-    std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
-      return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
-    });
-    for (size_t k = 0; k < frame_idxs->size(); ++k) {
-      (*time_of_frame)[(*frame_idxs)[k]] = static_cast<double>(k);
-    }
-    return;
-  }
-  std::vector<double>& times = *time_of_frame;
-  for (const int i : *frame_idxs) times[i] = TimeOfFrame(scene, i);
+// Sorts the frames of a rig by time. Per frame but the last: the time to the
+// next one.
+std::vector<std::optional<double>> SortByTime(const Scene& scene,
+                                              std::vector<int>* frame_idxs) {
+  const auto time_of = [&](int i) { return TimeOfFrame(scene, i); };
   std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
-                   [&](int a, int b) { return times[a] < times[b]; });
-  std::vector<double> intervals;
+                   [&](int a, int b) { return time_of(a) < time_of(b); });
+  std::vector<std::optional<double>> intervals;
   for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
-    intervals.push_back(times[(*frame_idxs)[k + 1]] - times[(*frame_idxs)[k]]);
+    intervals.emplace_back(time_of((*frame_idxs)[k + 1]) -
+                           time_of((*frame_idxs)[k]));
   }
-  const double median = intervals.empty() ? 0.0 : Median(std::move(intervals));
-  if (median <= 0.0) return;
-  for (const int i : *frame_idxs) times[i] /= median;
+  return intervals;
+}
+
+// The same by name; nullopt if the next name does not differ by a number.
+std::vector<std::optional<double>> SortByName(const Scene& scene,
+                                              std::vector<int>* frame_idxs) {
+  const auto name_of = [&](int i) { return scene.frames[i].name; };
+  std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
+    return IsNaturallyBefore(name_of(a), name_of(b));
+  });
+  std::vector<std::optional<double>> intervals;
+  for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
+    intervals.push_back(NumberDifference(name_of((*frame_idxs)[k]),
+                                         name_of((*frame_idxs)[k + 1])));
+  }
+  return intervals;
+}
+
+// The median of the known intervals, if it is positive.
+std::optional<double> MedianOf(
+    const std::vector<std::optional<double>>& intervals) {
+  std::vector<double> known;
+  for (const auto& interval : intervals) {
+    if (interval) known.push_back(*interval);
+  }
+  if (known.empty()) return std::nullopt;
+  const double median = Median(std::move(known));
+  return median > 0.0 ? std::optional(median) : std::nullopt;
+}
+
+// Sorts the frames of a rig and assigns their times, in median intervals.
+void AssignTimes(const Scene& scene, std::vector<int>* frame_idxs,
+                 std::vector<double>* time_of_frame) {
+  const auto intervals = HasTimes(scene, *frame_idxs)
+                             ? SortByTime(scene, frame_idxs)
+                             : SortByName(scene, frame_idxs);
+  const std::optional<double> median = MedianOf(intervals);
+  for (size_t k = 0; k < intervals.size(); ++k) {
+    const double duration =
+        intervals[k] && median ? *intervals[k] / *median : 1.0;
+    (*time_of_frame)[(*frame_idxs)[k + 1]] =
+        (*time_of_frame)[(*frame_idxs)[k]] + duration;
+  }
 }
 
 }  // namespace
@@ -61,7 +94,7 @@ TemporalOrder::TemporalOrder(const Scene& scene)
     sequences_[rig_idx].push_back(static_cast<int>(i));
   }
   for (std::vector<int>& frames : sequences_) {
-    SortByTime(scene, &frames, &time_of_frame_);
+    AssignTimes(scene, &frames, &time_of_frame_);
     for (size_t rank = 0; rank < frames.size(); ++rank) {
       rank_of_frame_[frames[rank]] = static_cast<int>(rank);
     }

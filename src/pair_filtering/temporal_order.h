@@ -9,7 +9,8 @@
 namespace mgsfm {
 
 // The frames of each rig in the order of their capture times, or of their names
-// ("9" before "10") if not all images of the rig have a time.
+// ("9" before "10") if not all images of the rig have a time. Numbers in names
+// then tell the time: a frame that is missing leaves a gap in them.
 class TemporalOrder {
  public:
   explicit TemporalOrder(const Scene& scene);
@@ -21,7 +22,7 @@ class TemporalOrder {
     return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
   }
   // Time from one frame to the next of the same rig, relative to the median; 1
-  // if not all images of the rig have a time.
+  // if neither times nor numbers in names tell it.
   double Duration(int frame_idx, int next_frame_idx) const {
     return time_of_frame_[next_frame_idx] - time_of_frame_[frame_idx];
   }

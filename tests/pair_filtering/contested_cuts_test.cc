@@ -14,8 +14,8 @@
 namespace mgsfm {
 namespace {
 
-constexpr int kNumFrames = 80;
-constexpr int kPartSize = 20;
+constexpr int kNumFrames = 100;
+constexpr int kPartSize = 25;
 
 enum class Verdict { kUsed, kDiscontinuous, kUnused };
 
@@ -63,6 +63,13 @@ class Drive {
     }
   }
 
+  // Moves the last part to a later time.
+  void DelayLastPart(int num_missing) {
+    for (int k = kNumFrames - kPartSize; k < kNumFrames; ++k) {
+      scene_.frames[order_[k]].name = std::to_string(k + num_missing);
+    }
+  }
+
   Mask FindLoops(SequenceMode mode = SequenceMode::kYes) const {
     return FindLoopsAcrossContestedCuts(
         FramePairIndex(scene_, view_graph_, mode), is_used_, is_discontinuous_,
@@ -79,9 +86,9 @@ class Drive {
 
 // Contested cuts A | B | C.
 void ContestTwoCuts(Drive* drive) {
-  drive->Add(19, 20, Verdict::kDiscontinuous);
-  drive->Add(17, 22, Verdict::kDiscontinuous);
-  drive->Add(38, 41, Verdict::kDiscontinuous);
+  drive->Add(24, 25, Verdict::kDiscontinuous);
+  drive->Add(22, 27, Verdict::kDiscontinuous);
+  drive->Add(48, 51, Verdict::kDiscontinuous);
 }
 
 TEST(ContestedCutsTest, LoopsAcrossThemAreFound) {
@@ -90,36 +97,72 @@ TEST(ContestedCutsTest, LoopsAcrossThemAreFound) {
     Drive drive(order);
     ContestTwoCuts(&drive);
     const std::vector<size_t> across = {
-        drive.Add(5, 30, Verdict::kUsed),   // A, B
-        drive.Add(21, 55, Verdict::kUsed),  // B, C
-        drive.Add(2, 58, Verdict::kUsed),   // A, C: over both cuts
-        drive.Add(14, 25, Verdict::kUsed),  // the shortest loop
+        drive.Add(5, 40, Verdict::kUsed),   // A, B
+        drive.Add(26, 70, Verdict::kUsed),  // B, C
+        drive.Add(2, 73, Verdict::kUsed),   // A, C: over both cuts
+        drive.Add(19, 30, Verdict::kUsed),  // the shortest loop
     };
-    drive.Add(2, 15, Verdict::kUsed);    // within A
-    drive.Add(42, 59, Verdict::kUsed);   // within C
-    drive.Add(6, 31, Verdict::kUnused);  // rejected for another reason
+    drive.Add(2, 20, Verdict::kUsed);    // within A
+    drive.Add(52, 74, Verdict::kUsed);   // within C
+    drive.Add(6, 41, Verdict::kUnused);  // rejected for another reason
     const Mask is_across = drive.FindLoops();
     EXPECT_EQ(is_across.Count(), across.size());
     for (const size_t i : across) EXPECT_TRUE(is_across[i]) << i;
   }
 }
 
-TEST(ContestedCutsTest, PartsThatNoRejectedPairConnectsMayBeJoined) {
+// The parts C and D follow each other, but no pair crosses the cut.
+TEST(ContestedCutsTest, SingleLoopsDoNotJoinPartsThatFollowEachOther) {
   Drive drive;
   ContestTwoCuts(&drive);
-  drive.Add(5, 70, Verdict::kUsed);   // A, D
-  drive.Add(45, 75, Verdict::kUsed);  // C, D
-  drive.Add(48, 72, Verdict::kUnused);
-  EXPECT_FALSE(drive.FindLoops().Any());
+  const std::vector<size_t> across = {
+      drive.Add(5, 90, Verdict::kUsed),   // A, D
+      drive.Add(55, 95, Verdict::kUsed),  // C, D
+  };
+  drive.Add(58, 92, Verdict::kUnused);
+  const Mask is_across = drive.FindLoops();
+  EXPECT_EQ(is_across.Count(), across.size());
+  for (const size_t i : across) EXPECT_TRUE(is_across[i]) << i;
+}
+
+TEST(ContestedCutsTest, APlacePassedTwiceJoinsPartsThatFollowEachOther) {
+  Drive drive;
+  ContestTwoCuts(&drive);
+  std::vector<size_t> of_c_and_d, of_b_and_c;
+  for (int k = 0; k < 22; ++k) {
+    of_c_and_d.push_back(drive.Add(51 + k, 76 + k, Verdict::kUsed));
+    of_b_and_c.push_back(drive.Add(26 + k, 51 + k, Verdict::kUsed));
+  }
+  const Mask is_across = drive.FindLoops();
+  for (const size_t i : of_c_and_d) EXPECT_FALSE(is_across[i]) << i;
+  for (const size_t i : of_b_and_c) EXPECT_TRUE(is_across[i]) << i;
+}
+
+TEST(ContestedCutsTest, PartsWithoutAnOrderMayBeJoined) {
+  Drive drive;
+  ContestTwoCuts(&drive);
+  drive.Add(5, 90, Verdict::kUsed);
+  drive.Add(55, 95, Verdict::kUsed);
   drive.SeparateLastPart();
   EXPECT_FALSE(drive.FindLoops().Any());
 }
 
-// Other pairs of neighbours still connect the frames on both sides.
+TEST(ContestedCutsTest, PartsFarApartInTimeMayBeJoined) {
+  for (const int num_missing : {9, 10}) {
+    Drive drive;
+    ContestTwoCuts(&drive);
+    const size_t loop = drive.Add(55, 95, Verdict::kUsed);
+    drive.DelayLastPart(num_missing);
+    EXPECT_EQ(drive.FindLoops()[loop], num_missing == 9) << num_missing;
+  }
+}
+
+// Parts of different drives.
 TEST(ContestedCutsTest, LoopsBetweenPartsMustNotContradictTheMotion) {
   Drive drive;
-  const size_t wrong = drive.Add(5, 65, Verdict::kUsed);
-  const size_t right = drive.Add(25, 70, Verdict::kUsed);
+  drive.SeparateLastPart();
+  const size_t wrong = drive.Add(5, 80, Verdict::kUsed);
+  const size_t right = drive.Add(30, 85, Verdict::kUsed);
   drive.ContradictMotion(wrong);
   const Mask is_loop_across = drive.FindLoops();
   EXPECT_TRUE(is_loop_across[wrong]);
@@ -129,33 +172,33 @@ TEST(ContestedCutsTest, LoopsBetweenPartsMustNotContradictTheMotion) {
 // The path drifts; the pairs of neighbours within a part decide.
 TEST(ContestedCutsTest, LoopsWithinAPartMayContradictTheMotion) {
   Drive drive;
-  const size_t loop = drive.Add(0, 19, Verdict::kUsed);
+  const size_t loop = drive.Add(0, 24, Verdict::kUsed);
   drive.ContradictMotion(loop);
   EXPECT_FALSE(drive.FindLoops()[loop]);
 }
 
 TEST(ContestedCutsTest, AContestedPairWithinAPartIsNoCut) {
   Drive drive;
-  drive.Add(19, 20, Verdict::kDiscontinuous);
-  const size_t loop = drive.Add(5, 30, Verdict::kUsed);
+  drive.Add(24, 25, Verdict::kDiscontinuous);
+  const size_t loop = drive.Add(5, 40, Verdict::kUsed);
   EXPECT_TRUE(drive.FindLoops()[loop]);
-  drive.Add(15, 24, Verdict::kUsed);
+  drive.Add(20, 29, Verdict::kUsed);
   EXPECT_FALSE(drive.FindLoops().Any());
 }
 
 TEST(ContestedCutsTest, PairsOfNeighboursAreNoLoops) {
   Drive drive;
   ContestTwoCuts(&drive);
-  const size_t loop = drive.Add(14, 25, Verdict::kUsed);
+  const size_t loop = drive.Add(19, 30, Verdict::kUsed);
   EXPECT_EQ(drive.FindLoops().Count(), 1u);
-  drive.Add(15, 25, Verdict::kUsed);  // closes the cut
+  drive.Add(20, 30, Verdict::kUsed);  // closes the cut
   EXPECT_FALSE(drive.FindLoops()[loop]);
 }
 
 TEST(ContestedCutsTest, NoneAreFoundWithoutTemporalOrder) {
   Drive drive;
   ContestTwoCuts(&drive);
-  drive.Add(5, 30, Verdict::kUsed);
+  drive.Add(5, 40, Verdict::kUsed);
   EXPECT_TRUE(drive.FindLoops().Any());
   const Mask is_across = drive.FindLoops(SequenceMode::kNo);
   EXPECT_EQ(is_across, Mask(is_across.size(), false));
@@ -163,8 +206,8 @@ TEST(ContestedCutsTest, NoneAreFoundWithoutTemporalOrder) {
 
 TEST(ContestedCutsTest, NoneAreFoundIfNothingIsContested) {
   Drive drive;
-  drive.Add(19, 20, Verdict::kUnused);
-  drive.Add(5, 30, Verdict::kUsed);
+  drive.Add(24, 25, Verdict::kUnused);
+  drive.Add(5, 40, Verdict::kUsed);
   EXPECT_FALSE(drive.FindLoops().Any());
 }
 

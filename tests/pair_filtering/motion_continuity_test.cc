@@ -347,8 +347,9 @@ TEST(MotionContinuityTest, SpeedsFollowCaptureTimes) {
 }
 
 // Steps [begin, end) without any hypothesis between two that a lorry contests.
-Drive WithGap(int begin, int end) {
-  Drive drive(Bend);
+Drive WithGap(int begin, int end,
+              const std::vector<double>& times_s = Regular()) {
+  Drive drive(Bend, InOrder(kNumFrames), times_s);
   drive.AddWorld(0, begin, 0.4);
   drive.AddObject(begin - 1, begin, Rigid3(), 0.5);
   drive.AddWorld(end, kNumFrames - 1, 0.4);
@@ -367,6 +368,19 @@ TEST(MotionContinuityTest, MoreThanSevenUnknownStepsBeginAnotherStretch) {
   drive.ExpectTruth(path, 0, 21);
   drive.ExpectTruth(path, 28, kNumFrames);
   EXPECT_FALSE(drive.AreComparable(path, 20, 28));
+}
+
+// Four steps, of which one takes longer than the others.
+TEST(MotionContinuityTest, UnknownStepsMayTakeSevenUnitsOfTime) {
+  for (const double missing : {3.0, 4.0}) {
+    std::vector<double> times_s = Regular();
+    for (int k = 22; k < kNumFrames; ++k) times_s[k] += 0.1 * missing;
+    const Drive drive = WithGap(20, 24, times_s);
+    const RigPath path = drive.FindPath();
+    drive.ExpectTruth(path, 0, 21);
+    drive.ExpectTruth(path, 24, kNumFrames);
+    EXPECT_EQ(drive.AreComparable(path, 20, 24), missing == 3.0);
+  }
 }
 
 TEST(MotionContinuityTest,

@@ -6,8 +6,10 @@
 #include <algorithm>
 #include <numeric>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "base/natural_order.h"
 #include "base/random.h"
 #include "pair_filtering/frame_pair_index.h"
 
@@ -63,6 +65,58 @@ TEST(TemporalOrder, PrefersTimestamps) {
   EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), 1);  // not all have a time
   scene.images[2].timestamp_s = 1.0;
   EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), 2);
+}
+
+// Every third image of a camera, without two of them, and part of another
+// recording.
+TEST(TemporalOrder, NumbersInNamesTellTheTime) {
+  const Scene scene =
+      MakeScene({"a10", "a07", "a19", "a22", "b01", "b04", "a25", "b7"});
+  const TemporalOrder order(scene);
+  EXPECT_EQ(order.Duration(1, 0), 1.0);
+  EXPECT_EQ(order.Duration(0, 2), 3.0);
+  EXPECT_EQ(order.Duration(2, 3), 1.0);
+  EXPECT_EQ(order.Duration(6, 4), 1.0);  // unknown
+  EXPECT_EQ(order.Duration(4, 5), 1.0);
+  EXPECT_EQ(order.Duration(5, 7), 1.0);
+  EXPECT_EQ(order.Gap(0, 2), 1);  // ranks do not count missing frames
+}
+
+TEST(TemporalOrder, CaptureTimesCountMoreThanNumbers) {
+  Scene scene = MakeScene({"1", "2", "5", "6"});
+  const double times_s[] = {0.0, 0.1, 0.2, 0.5};
+  for (int i = 0; i < 4; ++i) scene.images[i].timestamp_s = times_s[i];
+  const TemporalOrder order(scene);
+  EXPECT_NEAR(order.Duration(1, 2), 1.0, 1e-9);
+  EXPECT_NEAR(order.Duration(2, 3), 3.0, 1e-9);
+}
+
+TEST(TemporalOrder, StepsTakeEquallyLongIfNothingTellsTheTime) {
+  for (const std::vector<std::string>& names :
+       {std::vector<std::string>{"x", "y", "z"},
+        std::vector<std::string>{"1a1", "2b1", "3c1"}}) {
+    const TemporalOrder order(MakeScene(names));
+    EXPECT_EQ(order.Duration(0, 1), 1.0);
+    EXPECT_EQ(order.Duration(1, 2), 1.0);
+  }
+}
+
+TEST(NaturalOrder, DifferencesAreThoseOfASingleNumber) {
+  EXPECT_EQ(NumberDifference("left/07.png", "left/10.png"), 3.0);
+  EXPECT_EQ(NumberDifference("10", "7"), -3.0);
+  EXPECT_EQ(NumberDifference("1_5_2", "1_9_2"), 4.0);
+  EXPECT_EQ(NumberDifference("1403636579763555584", "1403636579813555456"),
+            49999872.0);
+  for (const auto& [a, b] : std::vector<std::pair<std::string, std::string>>{
+           {"", ""},
+           {"a", "b"},
+           {"7", "07"},     // one number
+           {"1_5", "2_6"},  // two differences
+           {"a1", "b2"},
+           {"1", "2b"},
+           {"1b", "2"}}) {
+    EXPECT_EQ(NumberDifference(a, b), std::nullopt) << a << " " << b;
+  }
 }
 
 TEST(TemporalOrder, DoesNotSpanRigs) {

@@ -33,8 +33,8 @@ namespace mgsfm {
 // frame that no cut separates from most others. A cut is a seam if few tracks
 // cross it or if the share against it is large. Wrong models break at seams:
 // robust averaging decides there by a few votes. In a sequence, a jump between
-// neighbours in time contradicts the motion of the rig; the weakest loop that
-// joins them is a seam, too, or else the weakest cut, with confidence 0.
+// neighbours in time contradicts the motion of the rig; the weakest cut between
+// them is a seam, too, with confidence 0.
 //
 // The uncertainty of a seam is that of the pose of one of the two frames next
 // to it relative to the other, from the noise of the keypoints around them
