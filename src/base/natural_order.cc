@@ -20,10 +20,23 @@ std::string NumberAt(const std::string& text, size_t* position) {
   return digits.substr(std::min(digits.find_first_not_of('0'), digits.size()));
 }
 
-double ValueOf(const std::string& digits) {
+// The value of digits after a common prefix: long numbers, such as times in
+// nanoseconds, are not exact in double precision.
+double ValueAfter(size_t prefix, const std::string& digits) {
   double value = 0.0;
-  for (const char digit : digits) value = 10.0 * value + (digit - '0');
+  for (size_t i = prefix; i < digits.size(); ++i) {
+    value = 10.0 * value + (digits[i] - '0');
+  }
   return value;
+}
+
+double Difference(const std::string& number_a, const std::string& number_b) {
+  size_t prefix = 0;
+  while (number_a.size() == number_b.size() && prefix < number_a.size() &&
+         number_a[prefix] == number_b[prefix]) {
+    ++prefix;
+  }
+  return ValueAfter(prefix, number_b) - ValueAfter(prefix, number_a);
 }
 
 }  // namespace
@@ -54,7 +67,7 @@ std::optional<double> NumberDifference(const std::string& a,
       const std::string number_a = NumberAt(a, &i), number_b = NumberAt(b, &j);
       if (number_a == number_b) continue;
       if (difference) return std::nullopt;
-      difference = ValueOf(number_b) - ValueOf(number_a);
+      difference = Difference(number_a, number_b);
     } else {
       if (a[i] != b[j]) return std::nullopt;
       ++i, ++j;

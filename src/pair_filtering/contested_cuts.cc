@@ -33,10 +33,8 @@ FrameSets FindSets(const FramePairIndex& index, const Mask& is_used,
   }
   for (const std::vector<int>& sequence : index.order()->sequences()) {
     for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      const int a = sequence[k], b = sequence[k + 1];
-      if (index.order()->Duration(a, b) <= kMaxSequentialGap) {
-        sets.ordered.Union(a, b);
-      }
+      if (index.order()->IsAfterBreak(sequence[k + 1])) continue;
+      sets.ordered.Union(sequence[k], sequence[k + 1]);
     }
   }
   return sets;

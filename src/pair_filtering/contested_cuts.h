@@ -17,15 +17,16 @@ namespace mgsfm {
 //
 // Parts that follow each other in time without a pair across the cut, contested
 // or not, belong together, too. They may be joined along a stretch that the rig
-// passed twice (revisits.h). Parts without an order, and those more than
-// kMaxSequentialGap median intervals apart in time, such as drives of different
-// days, may be joined by all loop pairs.
+// passed twice (revisits.h). Parts without an order, and those with a break
+// between them (temporal_order.h), such as drives of different days, may be
+// joined by all loop pairs.
 //
 // A loop pair that contradicts the motion of the rig does not join parts: it
 // tells where the rig is also where no pair crosses a cut.
 //
-// `loop_contradicts_motion` is empty if no loop pair does. The result is empty
-// without temporal order. Cost: that of FindRevisits().
+// Per pair. No pair is marked without temporal order, or if nothing contradicts
+// the motion. `loop_contradicts_motion` is empty if no loop pair does. Cost:
+// that of FindRevisits().
 [[nodiscard]] Mask FindLoopsAcrossContestedCuts(
     const FramePairIndex& index, const Mask& is_used,
     const Mask& pair_is_discontinuous, const Mask& loop_contradicts_motion);

@@ -12,10 +12,6 @@
 
 namespace mgsfm {
 
-// Frames of a sequence at most this far apart are neighbours: the usual overlap
-// of sequential matching.
-constexpr int kMaxSequentialGap = 10;
-
 // The part of an ImagePair that the index needs.
 struct MatchedImages {
   int image_idx1 = 0;

@@ -265,7 +265,8 @@ bool HasRivals(const Steps& steps, size_t k) {
   const auto best = std::max_element(
       step.begin(), step.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
-  const Rigid3 motion = best->ClosestTo(ForwardStep(*best, steps.median_step));
+  const Rigid3 motion = best->ClosestTo(
+      ForwardStep(*best, steps.durations[k] * steps.median_step));
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
   return std::any_of(step.begin(), step.end(), [&](const Candidate& h) {
     const Rigid3 rival = h.ClosestTo(motion.Center());

@@ -111,7 +111,8 @@ std::vector<RigPath::Place> FollowMotion(
   const auto are_few = [&](size_t begin, size_t end) {
     const double duration = std::accumulate(durations.begin() + begin,
                                             durations.begin() + end, 0.0);
-    return std::round(duration) <= static_cast<double>(kMaxNumSkipped);
+    return end - begin <= kMaxNumSkipped &&
+           std::round(duration) <= static_cast<double>(kMaxNumSkipped);
   };
   for (size_t k = 0; k < chosen.size(); ++k) {
     RigPath::Place next = places.back();

@@ -114,9 +114,10 @@ class MotionSearch {
   Node BestNode(size_t k, size_t h) const {
     const Candidate& hypothesis = steps_.candidates[k][h];
     Node best = AfterGap(k);
-    best.velocity = VelocityOf(
-        hypothesis.MotionAfter(ForwardStep(hypothesis, steps_.median_step)),
-        steps_.durations[k]);
+    best.velocity =
+        VelocityOf(hypothesis.MotionAfter(ForwardStep(
+                       hypothesis, steps_.durations[k] * steps_.median_step)),
+                   steps_.durations[k]);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_.candidates[previous].size(); ++g) {

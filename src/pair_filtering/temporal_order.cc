@@ -2,9 +2,11 @@
 #include "pair_filtering/temporal_order.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdlib>
 #include <optional>
+#include <string>
 #include <utility>
 
 #include "base/natural_order.h"
@@ -22,14 +24,14 @@ bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   });
 }
 
-// Sorts the frames of a rig by time. Per frame but the last: the time to the
-// next one.
-std::vector<std::optional<double>> SortByTime(const Scene& scene,
-                                              std::vector<int>* frame_idxs) {
+// The time from each frame to the next, in any unit; nullopt if it is unknown.
+using Intervals = std::vector<std::optional<double>>;
+
+Intervals SortByTime(const Scene& scene, std::vector<int>* frame_idxs) {
   const auto time_of = [&](int i) { return TimeOfFrame(scene, i); };
   std::stable_sort(frame_idxs->begin(), frame_idxs->end(),
                    [&](int a, int b) { return time_of(a) < time_of(b); });
-  std::vector<std::optional<double>> intervals;
+  Intervals intervals;
   for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
     intervals.emplace_back(time_of((*frame_idxs)[k + 1]) -
                            time_of((*frame_idxs)[k]));
@@ -37,14 +39,14 @@ std::vector<std::optional<double>> SortByTime(const Scene& scene,
   return intervals;
 }
 
-// The same by name; nullopt if the next name does not differ by a number.
-std::vector<std::optional<double>> SortByName(const Scene& scene,
-                                              std::vector<int>* frame_idxs) {
-  const auto name_of = [&](int i) { return scene.frames[i].name; };
+Intervals SortByName(const Scene& scene, std::vector<int>* frame_idxs) {
+  const auto name_of = [&](int i) -> const std::string& {
+    return scene.frames[i].name;
+  };
   std::stable_sort(frame_idxs->begin(), frame_idxs->end(), [&](int a, int b) {
     return IsNaturallyBefore(name_of(a), name_of(b));
   });
-  std::vector<std::optional<double>> intervals;
+  Intervals intervals;
   for (size_t k = 0; k + 1 < frame_idxs->size(); ++k) {
     intervals.push_back(NumberDifference(name_of((*frame_idxs)[k]),
                                          name_of((*frame_idxs)[k + 1])));
@@ -52,31 +54,40 @@ std::vector<std::optional<double>> SortByName(const Scene& scene,
   return intervals;
 }
 
-// The median of the known intervals, if it is positive.
-std::optional<double> MedianOf(
-    const std::vector<std::optional<double>>& intervals) {
+// Divides intervals by their median; those that are not positive are unknown.
+Intervals Normalized(Intervals intervals) {
   std::vector<double> known;
-  for (const auto& interval : intervals) {
+  for (auto& interval : intervals) {
+    if (interval && *interval <= 0.0) interval.reset();
     if (interval) known.push_back(*interval);
   }
-  if (known.empty()) return std::nullopt;
+  if (known.empty()) return intervals;
   const double median = Median(std::move(known));
-  return median > 0.0 ? std::optional(median) : std::nullopt;
+  for (auto& interval : intervals) {
+    if (interval) *interval /= median;
+  }
+  return intervals;
 }
 
-// Sorts the frames of a rig and assigns their times, in median intervals.
-void AssignTimes(const Scene& scene, std::vector<int>* frame_idxs,
-                 std::vector<double>* time_of_frame) {
-  const auto intervals = HasTimes(scene, *frame_idxs)
-                             ? SortByTime(scene, frame_idxs)
-                             : SortByName(scene, frame_idxs);
-  const std::optional<double> median = MedianOf(intervals);
-  for (size_t k = 0; k < intervals.size(); ++k) {
-    const double duration =
-        intervals[k] && median ? *intervals[k] / *median : 1.0;
-    (*time_of_frame)[(*frame_idxs)[k + 1]] =
-        (*time_of_frame)[(*frame_idxs)[k]] + duration;
+// Dates, and counters that start again, change numbers by amounts that are no
+// time.
+void KeepCounts(Intervals* intervals) {
+  for (auto& interval : *intervals) {
+    if (interval && (*interval * kMaxSequentialGap < 1.0 ||
+                     *interval > kMaxSequentialGap)) {
+      interval.reset();
+    }
   }
+}
+
+// Sorts the frames of a rig.
+Intervals SortFrames(const Scene& scene, std::vector<int>* frame_idxs) {
+  if (HasTimes(scene, *frame_idxs)) {
+    return Normalized(SortByTime(scene, frame_idxs));
+  }
+  Intervals intervals = Normalized(SortByName(scene, frame_idxs));
+  KeepCounts(&intervals);
+  return intervals;
 }
 
 }  // namespace
@@ -84,6 +95,7 @@ void AssignTimes(const Scene& scene, std::vector<int>* frame_idxs,
 TemporalOrder::TemporalOrder(const Scene& scene)
     : rank_of_frame_(scene.frames.size()),
       time_of_frame_(scene.frames.size(), 0.0),
+      is_after_break_(scene.frames.size(), false),
       sequences_(scene.rigs.size()) {
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     const int rig_idx = scene.frames[i].rig_idx;
@@ -94,9 +106,20 @@ TemporalOrder::TemporalOrder(const Scene& scene)
     sequences_[rig_idx].push_back(static_cast<int>(i));
   }
   for (std::vector<int>& frames : sequences_) {
-    AssignTimes(scene, &frames, &time_of_frame_);
+    const Intervals intervals = SortFrames(scene, &frames);
+    const bool are_unknown =
+        std::none_of(intervals.begin(), intervals.end(),
+                     [](const auto& interval) { return interval.has_value(); });
     for (size_t rank = 0; rank < frames.size(); ++rank) {
       rank_of_frame_[frames[rank]] = static_cast<int>(rank);
+      if (rank == 0) continue;
+      const auto& interval = intervals[rank - 1];
+      const double duration = interval.value_or(1.0);
+      time_of_frame_[frames[rank]] =
+          time_of_frame_[frames[rank - 1]] + duration;
+      is_after_break_[frames[rank]] =
+          std::round(duration) > kMaxSequentialGap ||
+          (!interval && !are_unknown);
     }
   }
 }

@@ -4,13 +4,19 @@
 #include <optional>
 #include <vector>
 
+#include "mgsfm/base/mask.h"
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
 
+// Frames of a sequence at most this far apart are neighbours: the usual overlap
+// of sequential matching.
+constexpr int kMaxSequentialGap = 10;
+
 // The frames of each rig in the order of their capture times, or of their names
 // ("9" before "10") if not all images of the rig have a time. Numbers in names
-// then tell the time: a frame that is missing leaves a gap in them.
+// then tell the time: a frame that is missing leaves a gap in them. A larger
+// change is none of a counter, but the next minute or another recording.
 class TemporalOrder {
  public:
   explicit TemporalOrder(const Scene& scene);
@@ -26,6 +32,9 @@ class TemporalOrder {
   double Duration(int frame_idx, int next_frame_idx) const {
     return time_of_frame_[next_frame_idx] - time_of_frame_[frame_idx];
   }
+  // Whether a frame follows the one before it more than kMaxSequentialGap
+  // median intervals later, or after an unknown time if others are known.
+  bool IsAfterBreak(int frame_idx) const { return is_after_break_[frame_idx]; }
   // The frames of each rig, in their order.
   const std::vector<std::vector<int>>& sequences() const { return sequences_; }
 
@@ -33,6 +42,7 @@ class TemporalOrder {
   std::vector<int> rig_of_frame_;
   std::vector<int> rank_of_frame_;     // within its rig
   std::vector<double> time_of_frame_;  // in median intervals of its rig
+  Mask is_after_break_;
   std::vector<std::vector<int>> sequences_;
 };
 

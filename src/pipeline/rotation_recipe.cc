@@ -248,7 +248,8 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
   return is_bridge;
 }
 
-// Rejects the pairs that contradict the motion of the rig, if it is known.
+// Rejects the pairs that contradict the motion of the rig, if it is known, and
+// the loop pairs that would join parts by themselves.
 void RejectByMotion(const FramePairIndex& index,
                     const Mask& pair_is_discontinuous,
                     const Mask& loop_contradicts_path, Mask* is_used,

@@ -383,6 +383,16 @@ TEST(MotionContinuityTest, UnknownStepsMayTakeSevenUnitsOfTime) {
   }
 }
 
+// Ten steps of half the time between frames elsewhere.
+TEST(MotionContinuityTest, UnknownStepsAreFewAlsoIfTheyAreShort) {
+  std::vector<double> times_s = Regular();
+  for (int k = 20; k < kNumFrames; ++k) {
+    times_s[k] -= 0.05 * std::min(k - 20, 10);
+  }
+  const RigPath path = WithGap(20, 30, times_s).FindPath();
+  EXPECT_FALSE(path.IsComparable(20, 30));
+}
+
 TEST(MotionContinuityTest,
      AnUnquestionedStepWithoutMotionBeginsAnotherStretch) {
   Drive drive(Bend);

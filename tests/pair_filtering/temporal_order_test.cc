@@ -6,10 +6,8 @@
 #include <algorithm>
 #include <numeric>
 #include <string>
-#include <utility>
 #include <vector>
 
-#include "base/natural_order.h"
 #include "base/random.h"
 #include "pair_filtering/frame_pair_index.h"
 
@@ -101,21 +99,36 @@ TEST(TemporalOrder, StepsTakeEquallyLongIfNothingTellsTheTime) {
   }
 }
 
-TEST(NaturalOrder, DifferencesAreThoseOfASingleNumber) {
-  EXPECT_EQ(NumberDifference("left/07.png", "left/10.png"), 3.0);
-  EXPECT_EQ(NumberDifference("10", "7"), -3.0);
-  EXPECT_EQ(NumberDifference("1_5_2", "1_9_2"), 4.0);
-  EXPECT_EQ(NumberDifference("1403636579763555584", "1403636579813555456"),
-            49999872.0);
-  for (const auto& [a, b] : std::vector<std::pair<std::string, std::string>>{
-           {"", ""},
-           {"a", "b"},
-           {"7", "07"},     // one number
-           {"1_5", "2_6"},  // two differences
-           {"a1", "b2"},
-           {"1", "2b"},
-           {"1b", "2"}}) {
-    EXPECT_EQ(NumberDifference(a, b), std::nullopt) << a << " " << b;
+// The next minute, a counter of seconds before that of images, and equal times.
+TEST(TemporalOrder, OtherChangesOfNamesTellNoTime) {
+  struct Case {
+    std::vector<std::string> names;
+    int rank;  // of the frame after an unknown interval
+  };
+  for (const auto& [names, rank] : std::vector<Case>{
+           {{"20230501_123459700", "20230501_123459800", "20230501_123459900",
+             "20230501_123500000", "20230501_123500100"},
+            3},
+           {{"12_000", "12_250", "12_500", "13_000", "13_250"}, 3},
+           {{"a1", "a2", "a3", "a15", "a16"}, 3},
+           {{"1", "2", "3", "03", "4"}, 3}}) {
+    const TemporalOrder order(MakeScene(names));
+    for (int k = 1; k < 5; ++k) {
+      EXPECT_EQ(order.Duration(k - 1, k), 1.0) << names[k];
+      EXPECT_EQ(order.IsAfterBreak(k), k == rank) << names[k];
+    }
+  }
+}
+
+TEST(TemporalOrder, ABreakIsALongOrUnknownTime) {
+  Scene scene = MakeScene({"a", "b", "c", "d", "e", "f"});
+  const TemporalOrder by_rank(scene);  // no interval is known
+  const double times_s[] = {0.0, 0.1, 0.2, 0.3, 1.304, 2.4};
+  for (int i = 0; i < 6; ++i) scene.images[i].timestamp_s = times_s[i];
+  const TemporalOrder by_time(scene);
+  for (int i = 0; i < 6; ++i) {
+    EXPECT_FALSE(by_rank.IsAfterBreak(i)) << i;
+    EXPECT_EQ(by_time.IsAfterBreak(i), i == 5) << i;
   }
 }
 
