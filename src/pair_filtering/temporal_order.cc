@@ -69,8 +69,8 @@ Intervals Normalized(Intervals intervals) {
   return intervals;
 }
 
-// Dates, and counters that start again, change numbers by amounts that are no
-// time.
+// The numbers of a date, and counters that start again, change by amounts that
+// are not times.
 void KeepCounts(Intervals* intervals) {
   for (auto& interval : *intervals) {
     if (interval && (*interval * kMaxSequentialGap < 1.0 ||

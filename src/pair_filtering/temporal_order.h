@@ -15,8 +15,9 @@ constexpr int kMaxSequentialGap = 10;
 
 // The frames of each rig in the order of their capture times, or of their names
 // ("9" before "10") if not all images of the rig have a time. Numbers in names
-// then tell the time: a frame that is missing leaves a gap in them. A larger
-// change is none of a counter, but the next minute or another recording.
+// then tell the time: a frame that is missing leaves a gap in them. Changes of
+// more than kMaxSequentialGap median intervals are not counts: they mark the
+// next minute of a date, or another recording.
 class TemporalOrder {
  public:
   explicit TemporalOrder(const Scene& scene);
