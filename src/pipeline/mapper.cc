@@ -245,8 +245,8 @@ std::vector<UnregisteredFrame> ExplainUnregistered(
     std::string reason;
     if (!rotations.component[i] && !is_ambiguous.empty() && is_ambiguous[i]) {
       reason =
-          "its motion is ambiguous: a vehicle beside the rig and the street "
-          "explain its images equally well";
+          "its motion is ambiguous: two rigid motions explain its matches "
+          "equally well";
     } else if (!rotations.component[i]) {
       reason = "no image pair with consistent geometry links it to others";
     } else if (num_frames_of_component[*rotations.component[i]] <
@@ -361,9 +361,8 @@ RotationsOfScene EstimateRotationsOfScene(
   if (num_pairs > 0) {
     context.Info(std::to_string(num_pairs) + " of " +
                  std::to_string(view_graph->pairs.size()) +
-                 " image pairs contradict the motion of the rig: they show "
-                 "vehicles that move along, or have few matches; they are not "
-                 "used");
+                 " image pairs contradict the motion of the rig between their "
+                 "frames and are not used");
   }
   result.rotation = average("second ", motion.pair_is_discontinuous,
                             motion.loop_contradicts_path);

@@ -142,7 +142,6 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options) {
   if (options.weak_seams == WeakSeams::kSplit) return model.confidence.seams;
-  if (options.weak_seams == WeakSeams::kKeep) return {};
   const bool has_world =
       model.position_priors && model.position_priors->is_registered;
   std::vector<Seam> unconnected, wrong;
@@ -153,6 +152,7 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
       wrong.push_back(seam);
     }
   }
+  if (options.weak_seams == WeakSeams::kKeep) return unconnected;
   const int num_registered = NumFramesInSegments(scene, model, {}, 0);
   const int num_left =
       NumFramesInSegments(scene, model, wrong, options.min_num_frames);

@@ -56,8 +56,10 @@ TEST_P(MovingObjectsTest, LorriesThatKeepTheirDistanceDoNotStopTheRig) {
 // The motions of the rig between frames are estimated in parallel.
 TEST(MovingObjectsDriveTest, ThreadsDoNotChangeAnyPose) {
   const Simulation simulation = DriveWithLorries(RigPreset::kStereo, 0);
-  const MapperResult one = Map(simulation, {}, 1);
-  const MapperResult three = Map(simulation, {}, 3);
+  MapperOptions options;
+  options.pair_filtering.use_motion_continuity = true;
+  const MapperResult one = Map(simulation, options, 1);
+  const MapperResult three = Map(simulation, options, 3);
   ASSERT_EQ(one.models.size(), three.models.size());
   for (size_t m = 0; m < one.models.size(); ++m) {
     const Reconstruction& a = one.models[m].reconstruction;
@@ -90,8 +92,10 @@ TEST(StandingRigTest, NoiseIsNoMovingObject) {
   options.pixel_noise_px = 0.5;
   options.random_seed = 3;
   const Simulation simulation = Simulate(options);
-  const MapperResult result =
-      RunMapper({simulation.scene, simulation.view_graph}, {}, Context());
+  MapperOptions mapper_options;
+  mapper_options.pair_filtering.use_motion_continuity = true;
+  const MapperResult result = RunMapper(
+      {simulation.scene, simulation.view_graph}, mapper_options, Context());
   EXPECT_EQ(std::count_if(result.times.begin(), result.times.end(),
                           [](const StageTime& stage) {
                             return stage.stage == "rotation averaging";

@@ -123,10 +123,21 @@ MapperModel ModelWithSeams(const Scene& scene) {
   return model;
 }
 
-TEST(WeakSeams, SplitModelsAtJumpsByDefault) {
+MapperOptions SplitJumps() {
+  MapperOptions options;
+  options.weak_seams = WeakSeams::kSplitJumps;
+  return options;
+}
+
+TEST(WeakSeams, AreKeptByDefault) {
+  const Scene scene = DriveWithWeakSeam().scene;
+  EXPECT_TRUE(SeamsToSplit(scene, ModelWithSeams(scene), {}).empty());
+}
+
+TEST(WeakSeams, SplitModelsAtJumps) {
   const Scene scene = DriveWithWeakSeam().scene;
   const MapperModel model = ModelWithSeams(scene);
-  MapperOptions options;
+  MapperOptions options = SplitJumps();
   const auto jumps = SeamsToSplit(scene, model, options);
   ASSERT_EQ(jumps.size(), 1u);
   EXPECT_EQ(jumps[0].reason, SeamReason::kJump);
@@ -140,14 +151,16 @@ TEST(WeakSeams, SplitModelsWhereNoPointConnectsTheSides) {
   const Scene scene = DriveWithWeakSeam().scene;
   MapperModel model = ModelWithSeams(scene);
   model.confidence.seams[0].num_tracks = 0;
-  const auto seams = SeamsToSplit(scene, model, {});
+  ASSERT_EQ(SeamsToSplit(scene, model, {}).size(), 1u);
+  const auto seams = SeamsToSplit(scene, model, SplitJumps());
   ASSERT_EQ(seams.size(), 2u);
   EXPECT_EQ(seams[0].reason, SeamReason::kFewTracks);
   EXPECT_EQ(seams[1].reason, SeamReason::kJump);
   // Positions place both sides in one world.
   model.position_priors = PositionPriorSummary();
   model.position_priors->is_registered = true;
-  EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), 1u);
+  EXPECT_TRUE(SeamsToSplit(scene, model, {}).empty());
+  EXPECT_EQ(SeamsToSplit(scene, model, SplitJumps()).size(), 1u);
 }
 
 // If nearly all frames jump, the expected motion is wrong, not the model.
@@ -163,12 +176,13 @@ TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
     model.confidence.seams.push_back(seam);
   };
   for (int i = 1; i < kNumFrames; i += 2) add_jump(i);
-  EXPECT_EQ(SeamsToSplit(scene, model, {}).size(), size_t{kNumFrames / 2});
+  EXPECT_EQ(SeamsToSplit(scene, model, SplitJumps()).size(),
+            size_t{kNumFrames / 2});
   for (int i = 0; i < kNumFrames; i += 2) add_jump(i);
-  EXPECT_TRUE(SeamsToSplit(scene, model, {}).empty());
+  EXPECT_TRUE(SeamsToSplit(scene, model, SplitJumps()).empty());
   // A part without a relation to the others is none all the same.
   model.confidence.seams[2].num_tracks = 0;
-  const auto seams = SeamsToSplit(scene, model, {});
+  const auto seams = SeamsToSplit(scene, model, SplitJumps());
   ASSERT_EQ(seams.size(), 1u);
   EXPECT_EQ(seams[0].frame_idxs_beyond,
             model.confidence.seams[2].frame_idxs_beyond);

@@ -95,10 +95,11 @@ struct PairFilteringOptions {
       "Reject a pair that alone connects two components if it has no triplet "
       "support and other pairs contradict it."};
   Option<bool> use_motion_continuity{
-      "use_motion_continuity", true,
-      "In a sequence, reject pairs of neighbouring frames whose baseline "
-      "contradicts a continuous motion, such as those on vehicles at a "
-      "constant distance."};
+      "use_motion_continuity", false,
+      "Reject pairs of adjacent frames whose baseline contradicts a continuous "
+      "motion. Enable it for sequences in which vehicles that move along with "
+      "the rig fill much of the view; hand-held rigs, drones and rigs that "
+      "stop lose right pairs."};
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "

@@ -46,10 +46,12 @@ namespace mgsfm {
 
 // Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
-  kKeep,        // they are reported
-  kSplitJumps,  // the sides of jumps, which contradict the motion of the rig,
-                // and of seams that no point crosses become models of their own
-  kSplit,       // the sides of all of them
+  kKeep,        // they are reported; only the sides of seams that no point
+                // crosses become models of their own, as nothing places one
+                // side relative to the other
+  kSplitJumps,  // so do the sides of jumps, which contradict the motion of the
+                // rig
+  kSplit,       // so do the sides of all of them
 };
 
 template <>
@@ -78,11 +80,12 @@ struct MapperOptions {
       "cameras of a rig are this far apart. Neither a known rig nor measured "
       "positions need it."};
   Option<WeakSeams> weak_seams{
-      "Mapper.weak_seams", WeakSeams::kSplitJumps,
-      "Weak seams of a model: keep reports them, split makes a model of each "
-      "side, and split_jumps does so only where neighbouring frames contradict "
-      "the motion of the rig, or no point connects the sides. Split if a wrong "
-      "model is worse than several partial ones."};
+      "Mapper.weak_seams", WeakSeams::kKeep,
+      "Choose what happens at the weak seams of a model: keep reports them, "
+      "split makes a model of each side, and split_jumps does so only where "
+      "adjacent frames contradict the motion of the rig. Sides that no point "
+      "connects are models of their own in any case. Split if a wrong model is "
+      "worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
