@@ -40,6 +40,112 @@ constexpr double kMaxSquaredChange = 6.0;
 // this angle.
 constexpr double kMinTolerance = 0.04;
 constexpr double kMaxAngle_rad = DegToRad(1.0);
+// 99 % of the differences of two measurements of one vector of three normal
+// components are shorter, in standard deviations of a component.
+constexpr double kNumSigmas = 3.37;
+// The lower quartile and the median of the lengths of such vectors. The
+// quartile bears objects in up to three quarters of the steps.
+constexpr double kQuartileOfNorm = 1.10;
+constexpr double kMedianOfNorm = 1.54;
+
+// The standard deviation of a component of vectors, by their lengths.
+double SigmaOfNorms(std::vector<double> norms) {
+  return norms.empty() ? 0.0
+                       : Quantile(std::move(norms), 0.25) / kQuartileOfNorm;
+}
+
+// The hypotheses of a step with a distance, or those without one, by descending
+// share.
+StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
+  StepHypotheses sorted;
+  for (const MotionHypothesis& h : step) {
+    if (h.free_direction.has_value() != has_distance) sorted.push_back(h);
+  }
+  std::stable_sort(
+      sorted.begin(), sorted.end(),
+      [](const auto& a, const auto& b) { return a.share > b.share; });
+  return sorted;
+}
+
+// Differences of two measurements of each step.
+struct Disagreement {
+  std::vector<double> angles_rad, relative_errors;
+
+  void Add(const MotionHypothesis& free, const Rigid3& motion,
+           double min_length) {
+    const Rigid3 closest = free.ClosestTo(motion.Center());
+    angles_rad.push_back(AngleBetween(closest.rotation, motion.rotation));
+    const double length = motion.Center().norm();
+    if (length < min_length) return;
+    relative_errors.push_back((closest.Center() - motion.Center()).norm() /
+                              length);
+  }
+};
+
+// The hypothesis with the rotation closest to that of another.
+const MotionHypothesis& ClosestRotation(const StepHypotheses& step,
+                                        const MotionHypothesis& other) {
+  const auto angle = [&](const MotionHypothesis& h) {
+    return AngleBetween(h.later_from_earlier.rotation,
+                        other.later_from_earlier.rotation);
+  };
+  return *std::min_element(
+      step.begin(), step.end(),
+      [&](const auto& a, const auto& b) { return angle(a) < angle(b); });
+}
+
+// How much hypotheses of one motion from different sources differ: the
+// strongest image pair from the closest motion with depth and from the next
+// image pair, whichever differs more.
+void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
+                         MotionNoise* noise) {
+  Disagreement of_depths, of_pairs;
+  const double min_length = kMinTolerance * noise->median_step;
+  for (const StepHypotheses& step : measured) {
+    const StepHypotheses by_depth = SortedByShare(step, true);
+    const StepHypotheses free = SortedByShare(step, false);
+    if (!by_depth.empty() && !free.empty()) {
+      of_depths.Add(free[0],
+                    ClosestRotation(by_depth, free[0]).later_from_earlier,
+                    min_length);
+    }
+    if (free.size() > 1) {
+      of_pairs.Add(free[1],
+                   free[0].ClosestTo(ForwardStep(free[0], noise->median_step)),
+                   min_length);
+    }
+  }
+  noise->rotation_rad = std::max(SigmaOfNorms(std::move(of_depths.angles_rad)),
+                                 SigmaOfNorms(std::move(of_pairs.angles_rad)));
+  noise->relative_center =
+      std::max(SigmaOfNorms(std::move(of_depths.relative_errors)),
+               SigmaOfNorms(std::move(of_pairs.relative_errors)));
+}
+
+// How much the strongest motions of consecutive steps differ.
+void MeasureChanges(const std::vector<StepHypotheses>& measured,
+                    const std::vector<double>& durations, MotionNoise* noise) {
+  std::vector<double> linear, angular_rad;
+  std::optional<Velocity> before;
+  for (size_t k = 0; k < measured.size(); ++k) {
+    const StepHypotheses by_depth = SortedByShare(measured[k], true);
+    if (by_depth.empty()) {
+      before.reset();
+      continue;
+    }
+    const Velocity velocity =
+        VelocityOf(by_depth[0].later_from_earlier, durations[k]);
+    if (before) {
+      linear.push_back((velocity.linear - before->linear).norm());
+      angular_rad.push_back(
+          (velocity.angular_rad - before->angular_rad).norm());
+    }
+    before = velocity;
+  }
+  if (linear.empty()) return;
+  noise->linear_change = Median(std::move(linear)) / kMedianOfNorm;
+  noise->turn_change_rad = Median(std::move(angular_rad)) / kMedianOfNorm;
+}
 
 std::vector<double> MeasuredLengths(const std::vector<StepHypotheses>& steps) {
   std::vector<double> lengths;
@@ -60,9 +166,10 @@ bool IsStill(const MotionHypothesis& hypothesis) {
 // Whether a free hypothesis agrees with one with a distance. If it has
 // parallax, it never supports standing still.
 bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion,
-                      double median_step) {
-  return AreEqualMotions(free.ClosestTo(motion.Center()), motion,
-                         IsStill(free) ? median_step : 0.0);
+                      const MotionNoise& noise) {
+  MotionNoise of_kind = noise;
+  if (!IsStill(free)) of_kind.median_step = 0.0;
+  return AreEqualMotions(free.ClosestTo(motion.Center()), motion, of_kind);
 }
 
 // Adds a hypothesis to a group that it agrees with.
@@ -86,13 +193,14 @@ void Join(const MotionHypothesis& h, Candidate* group) {
 }
 
 // Compares the points of all motions by depth.
-void MeasureNearness(double median_step, std::vector<Candidate>* by_depth) {
+void MeasureNearness(const MotionNoise& noise,
+                     std::vector<Candidate>* by_depth) {
   for (Candidate& candidate : *by_depth) {
     for (const Candidate& rival : *by_depth) {
       if (!candidate.reach || !rival.reach ||
           rival.own_share < kContestingShare ||
           AreEqualMotions(candidate.later_from_earlier,
-                          rival.later_from_earlier, median_step)) {
+                          rival.later_from_earlier, noise)) {
         continue;
       }
       candidate.nearness = std::max(candidate.nearness,
@@ -103,7 +211,7 @@ void MeasureNearness(double median_step, std::vector<Candidate>* by_depth) {
 
 // The free hypotheses, in groups that agree.
 std::vector<Candidate> GroupFree(const StepHypotheses& step,
-                                 double median_step) {
+                                 const MotionNoise& noise) {
   StepHypotheses free;
   for (const MotionHypothesis& h : step) {
     if (h.free_direction) free.push_back(h);
@@ -112,8 +220,8 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     return a.share > b.share;
   });
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
-    const Rigid3 motion = a.ClosestTo(ForwardStep(a, median_step));
-    return AreEqualMotions(b.ClosestTo(motion.Center()), motion, median_step);
+    const Rigid3 motion = a.ClosestTo(ForwardStep(a, noise.median_step));
+    return AreEqualMotions(b.ClosestTo(motion.Center()), motion, noise);
   };
   std::vector<Candidate> groups;
   for (const MotionHypothesis& h : free) {
@@ -131,13 +239,13 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
 // Compares a motion by depth with the groups. Both kinds of evidence count
 // alike. A group has no matches with depth, but those that agree with it know
 // its distance and how near its points are.
-void Combine(double median_step, Candidate* by_depth,
+void Combine(const MotionNoise& noise, Candidate* by_depth,
              std::vector<Candidate>* groups) {
   const Rigid3 motion = by_depth->later_from_earlier;
   double support = 0.0;
   const Candidate* strongest = nullptr;
   for (Candidate& group : *groups) {
-    if (!SupportsDistance(group, motion, median_step)) continue;
+    if (!SupportsDistance(group, motion, noise)) continue;
     support += group.share;
     group.nearness = group.measured_centers.empty()
                          ? by_depth->nearness
@@ -156,16 +264,16 @@ void Combine(double median_step, Candidate* by_depth,
 
 // The hypotheses with a distance, and the groups of free ones.
 std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
-                                       double median_step) {
+                                       const MotionNoise& noise) {
   std::vector<Candidate> candidates;
   for (const MotionHypothesis& h : step) {
     if (!h.free_direction) candidates.push_back({h});
   }
-  MeasureNearness(median_step, &candidates);
-  std::vector<Candidate> groups = GroupFree(step, median_step);
+  MeasureNearness(noise, &candidates);
+  std::vector<Candidate> groups = GroupFree(step, noise);
   if (groups.empty()) return candidates;
   for (Candidate& candidate : candidates) {
-    Combine(median_step, &candidate, &groups);
+    Combine(noise, &candidate, &groups);
   }
   for (Candidate& group : groups) {
     group.share *= 0.5;
@@ -174,22 +282,44 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
   return candidates;
 }
 
-// Whether a rival of the best motion goes on in a neighbouring step, better
-// than the best one does. Objects last; errors of depths do not.
-bool Continues(const Steps& steps, const Velocity& rival, const Velocity& best,
-               size_t neighbour) {
-  if (neighbour >= steps.size()) return false;
+// The motion with the largest share of a step that has candidates.
+Rigid3 StrongestMotion(const Steps& steps, size_t k) {
+  const std::vector<Candidate>& step = steps.candidates[k];
+  const auto strongest = std::max_element(
+      step.begin(), step.end(),
+      [](const auto& a, const auto& b) { return a.share < b.share; });
+  return strongest->ClosestTo(
+      ForwardStep(*strongest, steps.durations[k] * steps.noise.median_step));
+}
+
+bool IsRival(const Steps& steps, const Candidate& candidate,
+             const Rigid3& motion) {
+  return candidate.own_share >= kContestingShare &&
+         !AreEqualMotions(candidate.ClosestTo(motion.Center()), motion,
+                          steps.noise);
+}
+
+// Whether a rival of the strongest motion goes on in a neighbouring step.
+// Objects last; errors do not. Either it is a rival there, too, or it explains
+// the motion there significantly better than the strongest one does.
+bool Continues(const Steps& steps, const Velocity& rival,
+               const Velocity& strongest, size_t neighbour) {
+  if (neighbour >= steps.size() || steps.candidates[neighbour].empty()) {
+    return false;
+  }
+  const Rigid3 motion = StrongestMotion(steps, neighbour);
   const std::vector<Candidate>& candidates = steps.candidates[neighbour];
   const auto change = [&](const Velocity& from, const Candidate& to) {
     return SquaredChange(from, steps.VelocityAfter(from.linear, neighbour, to),
-                         steps.median_step);
+                         steps.noise);
   };
-  return std::any_of(candidates.begin(), candidates.end(),
-                     [&](const Candidate& candidate) {
-                       const double of_rival = change(rival, candidate);
-                       return of_rival <= kMaxSquaredChange &&
-                              of_rival < change(best, candidate);
-                     });
+  return std::any_of(
+      candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
+        const double of_rival = change(rival, candidate);
+        return of_rival <= kMaxSquaredChange &&
+               (IsRival(steps, candidate, motion) ||
+                change(strongest, candidate) > of_rival + kMaxSquaredChange);
+      });
 }
 
 // The distances to try for a step of this duration.
@@ -198,7 +328,7 @@ std::vector<double> DistancesToTry(const Steps& steps, double duration) {
   const double longest = duration * steps.longest_step;
   while (distances.back() < longest) {
     const double change = kRelativeChange * distances.back() +
-                          kMinChange * duration * steps.median_step;
+                          kMinChange * duration * steps.noise.median_step;
     distances.push_back(
         distances.back() +
         std::max(kDistanceSpacing * change, longest / kMaxNumDistances));
@@ -218,23 +348,27 @@ Rigid3 MotionOf(const Velocity& velocity, double duration) {
                                        duration * velocity.linear);
 }
 
-bool AreEqualMotions(const Rigid3& a, const Rigid3& b, double median_step,
+bool AreEqualMotions(const Rigid3& a, const Rigid3& b, const MotionNoise& noise,
                      double factor) {
   const Vector3d center_a = a.Center(), center_b = b.Center();
+  const double relative =
+      std::max(kRelativeTolerance, kNumSigmas * noise.relative_center);
+  const double max_angle_rad =
+      std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
   return (center_a - center_b).norm() <=
-             factor * (kRelativeTolerance *
-                           std::max(center_a.norm(), center_b.norm()) +
-                       kMinTolerance * median_step) &&
-         AngleBetween(a.rotation, b.rotation) <= factor * kMaxAngle_rad;
+             factor * (relative * std::max(center_a.norm(), center_b.norm()) +
+                       kMinTolerance * noise.median_step) &&
+         AngleBetween(a.rotation, b.rotation) <= factor * max_angle_rad;
 }
 
-double SquaredChange(const Velocity& a, const Velocity& b, double median_step) {
+double SquaredChange(const Velocity& a, const Velocity& b,
+                     const MotionNoise& noise) {
   const double scale =
       kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
-      kMinChange * median_step;
+      kMinChange * noise.median_step + noise.linear_change;
   const double scale_rad =
       kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
-      kMinTurnChange_rad;
+      kMinTurnChange_rad + noise.turn_change_rad;
   return (a.linear - b.linear).squaredNorm() / (scale * scale) +
          (a.angular_rad - b.angular_rad).squaredNorm() /
              (scale_rad * scale_rad);
@@ -249,11 +383,13 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
   Steps steps;
   const std::vector<double> lengths = MeasuredLengths(measured);
   if (!lengths.empty()) {
-    steps.median_step = Median(lengths);
+    steps.noise.median_step = Median(lengths);
     steps.longest_step = 2.0 * Quantile(lengths, kLongQuantile);
   }
+  MeasureDisagreement(measured, &steps.noise);
+  MeasureChanges(measured, durations, &steps.noise);
   for (const StepHypotheses& step : measured) {
-    steps.candidates.push_back(GroupHypotheses(step, steps.median_step));
+    steps.candidates.push_back(GroupHypotheses(step, steps.noise));
   }
   steps.durations = std::move(durations);
   return steps;
@@ -262,21 +398,14 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
-  const auto best = std::max_element(
-      step.begin(), step.end(),
-      [](const auto& a, const auto& b) { return a.share < b.share; });
-  const Rigid3 motion = best->ClosestTo(
-      ForwardStep(*best, steps.durations[k] * steps.median_step));
+  const Rigid3 motion = StrongestMotion(steps, k);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
-  return std::any_of(step.begin(), step.end(), [&](const Candidate& h) {
-    const Rigid3 rival = h.ClosestTo(motion.Center());
-    if (h.own_share < kContestingShare ||
-        AreEqualMotions(rival, motion, steps.median_step)) {
-      return false;
-    }
-    const Velocity rival_velocity = VelocityOf(rival, steps.durations[k]);
-    return Continues(steps, rival_velocity, velocity, k - 1) ||
-           Continues(steps, rival_velocity, velocity, k + 1);
+  return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
+    if (!IsRival(steps, candidate, motion)) return false;
+    const Velocity rival =
+        VelocityOf(candidate.ClosestTo(motion.Center()), steps.durations[k]);
+    return Continues(steps, rival, velocity, k - 1) ||
+           Continues(steps, rival, velocity, k + 1);
   });
 }
 

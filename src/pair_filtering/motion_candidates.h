@@ -28,12 +28,13 @@ Velocity VelocityOf(const Rigid3& later_from_earlier, double duration);
 Rigid3 MotionOf(const Velocity& velocity, double duration);
 
 // Whether two motions are equal, up to `factor` times the tolerance.
-bool AreEqualMotions(const Rigid3& a, const Rigid3& b, double median_step,
+bool AreEqualMotions(const Rigid3& a, const Rigid3& b, const MotionNoise& noise,
                      double factor = 1.0);
 
 // The squared difference of two velocities, in standard deviations of changes
 // within one step.
-double SquaredChange(const Velocity& a, const Velocity& b, double median_step);
+double SquaredChange(const Velocity& a, const Velocity& b,
+                     const MotionNoise& noise);
 
 // A hypothesis. If its distance is free, one of those that are tried, and the
 // centres by matches with depth that agree with it.
@@ -56,7 +57,7 @@ struct Candidate : MotionHypothesis {
 struct Steps {
   std::vector<std::vector<Candidate>> candidates;
   std::vector<double> durations;
-  double median_step = 0.0;
+  MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
 
   size_t size() const { return candidates.size(); }

@@ -26,6 +26,14 @@ constexpr size_t kMinNumAmbiguous = 3;
 // At most this many steps between those of a group.
 constexpr size_t kMaxNumBetween = 2;
 
+MotionNoise Larger(const MotionNoise& a, const MotionNoise& b) {
+  return {std::max(a.median_step, b.median_step),
+          std::max(a.rotation_rad, b.rotation_rad),
+          std::max(a.relative_center, b.relative_center),
+          std::max(a.turn_change_rad, b.turn_change_rad),
+          std::max(a.linear_change, b.linear_change)};
+}
+
 // The steps near those whose hypotheses disagree.
 Mask FindDoubtful(const Mask& has_rivals) {
   Mask is_doubtful(has_rivals.size(), false);
@@ -149,7 +157,7 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
   }
   Steps steps = MakeSteps(measured, std::move(durations));
-  path->median_step = std::max(path->median_step, steps.median_step);
+  path->noise = Larger(path->noise, steps.noise);
   Mask has_rivals(steps.size(), false);
   for (size_t k = 0; k < steps.size(); ++k) {
     has_rivals[k] = HasRivals(steps, k);
@@ -171,8 +179,11 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    FindAmbiguous(choice.margins, is_doubtful), first_stretch);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
+    if (k == 0) continue;
     path->is_interpolated[sequence[k]] =
-        k > 0 && (!chosen[k - 1] || !chosen[k - 1]->HasDistance());
+        !chosen[k - 1] || !chosen[k - 1]->HasDistance();
+    path->num_unknown[sequence[k]] =
+        path->num_unknown[sequence[k - 1]] + (chosen[k - 1] ? 0 : 1);
   }
   return places.back().stretch + 1;
 }
@@ -188,7 +199,7 @@ Rigid3 MotionHypothesis::ClosestTo(const Vector3d& center) const {
 }
 
 bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
-  return AreEqualMotions(a, b, median_step);
+  return AreEqualMotions(a, b, noise);
 }
 
 RigPath FindRigPath(
@@ -199,6 +210,7 @@ RigPath FindRigPath(
   path.of_frame.resize(num_frames);
   path.is_contested = Mask(num_frames, false);
   path.is_interpolated = Mask(num_frames, false);
+  path.num_unknown.resize(num_frames, 0);
   int num_stretches = 0;
   for (size_t s = 0; s < hypotheses.size(); ++s) {
     num_stretches = FollowSequence(order, order.sequences()[s], hypotheses[s],

@@ -71,6 +71,22 @@ struct MotionHypothesis {
 };
 using StepHypotheses = std::vector<MotionHypothesis>;
 
+// What the steps of one recording tell about their own errors and changes. A
+// wrong focal length, a rig that is not known well, or cameras that trigger
+// apart let depths and image pairs, or pairs of different cameras, disagree
+// about every step: then a disagreement is no evidence for an object. Low
+// quantiles over all steps, so that objects in most of them have no influence.
+struct MotionNoise {
+  double median_step = 0.0;
+  // Standard deviations, per axis, of the difference of two measurements of one
+  // step: of its rotation, and of its centre relative to its length.
+  double rotation_rad = 0.0;
+  double relative_center = 0.0;
+  // And of the change of the velocity from one step to the next.
+  double turn_change_rad = 0.0;
+  double linear_change = 0.0;
+};
+
 // Where a rig is along its motion. Frames of different stretches, or of none,
 // are not comparable.
 struct RigPath {
@@ -86,7 +102,10 @@ struct RigPath {
   // Per frame: the step to it has no hypothesis that was chosen, or one without
   // a distance.
   Mask is_interpolated;
-  double median_step = 0.0;  // the longest of all sequences
+  // Per frame: the steps before it in its sequence without a hypothesis that
+  // was chosen.
+  std::vector<int> num_unknown;
+  MotionNoise noise;  // the largest of all sequences
 
   bool IsComparable(int frame_idx1, int frame_idx2) const {
     const auto& place1 = of_frame[frame_idx1];
@@ -101,6 +120,8 @@ struct RigPath {
   }
   // Whether two motions agree within tolerance.
   bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
+  // Of the difference of two measurements, beyond that of precise ones.
+  double RotationTolerance_rad() const { return 2.0 * noise.rotation_rad; }
   // later_from_earlier of comparable frames.
   Rigid3 Between(int earlier, int later) const {
     return of_frame[later]->rig_from_start *

@@ -101,7 +101,7 @@ class MotionSearch {
   // The cost of a candidate of step k with this velocity, after a node.
   double CostOfChange(const Node& node, const Velocity& velocity, size_t k,
                       const Candidate& candidate) const {
-    return Loss(SquaredChange(node.velocity, velocity, steps_.median_step)) +
+    return Loss(SquaredChange(node.velocity, velocity, steps_.noise)) +
            CostOfDistance(candidate, steps_.durations[k] * velocity.linear);
   }
 
@@ -114,10 +114,10 @@ class MotionSearch {
   Node BestNode(size_t k, size_t h) const {
     const Candidate& hypothesis = steps_.candidates[k][h];
     Node best = AfterGap(k);
-    best.velocity =
-        VelocityOf(hypothesis.MotionAfter(ForwardStep(
-                       hypothesis, steps_.durations[k] * steps_.median_step)),
-                   steps_.durations[k]);
+    best.velocity = VelocityOf(
+        hypothesis.MotionAfter(ForwardStep(
+            hypothesis, steps_.durations[k] * steps_.noise.median_step)),
+        steps_.durations[k]);
     const size_t first = k > kMaxNumSkipped ? k - 1 - kMaxNumSkipped : 0;
     for (size_t previous = first; previous < k; ++previous) {
       for (size_t g = 0; g < steps_.candidates[previous].size(); ++g) {
@@ -221,8 +221,8 @@ class MotionSearch {
   }
 
   bool AreSimilar(const Velocity& a, const Velocity& b) const {
-    return AreEqualMotions(MotionOf(a, 1.0), MotionOf(b, 1.0),
-                           steps_.median_step, kDistinct);
+    return AreEqualMotions(MotionOf(a, 1.0), MotionOf(b, 1.0), steps_.noise,
+                           kDistinct);
   }
 
   const Steps& steps_;

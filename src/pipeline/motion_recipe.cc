@@ -107,7 +107,7 @@ std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
 
 // Shorter displacements are noise.
 double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
-  return std::max(kMinDisplacement * path.median_step,
+  return std::max(kMinDisplacement * path.noise.median_step,
                   problem.noise_displacement);
 }
 
@@ -117,7 +117,8 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
                     const RelativePose& pose, const ExpectedPair& expected,
                     const std::optional<double>& length = std::nullopt) {
   if (AngleBetween(pose.cam2_from_cam1, expected.cam2_from_cam1.rotation) >
-      kMaxRotationError_rad + expected.drift_rad) {
+      kMaxRotationError_rad + path.RotationTolerance_rad() +
+          expected.drift_rad) {
     return false;
   }
   const double min_error = MinDisplacement(problem, path);
@@ -184,17 +185,24 @@ std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
   return refined;
 }
 
-// Refines the steps that are contested or interpolated.
+// Refines the steps that are contested or interpolated. Matches that agree with
+// a refined step measure it.
 RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
   RigPath refined = path;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
+    int num_measured = 0;
     for (size_t k = 0; k + 1 < sequence.size(); ++k) {
       const int a = sequence[k], b = sequence[k + 1];
+      refined.num_unknown[b] -= num_measured;
       if (!path.IsComparable(a, b)) continue;
       std::optional<Rigid3> step;
       if (path.is_interpolated[b] || path.is_contested[a] ||
           path.is_contested[b]) {
         step = RefineMotion(problem, path, a, b);
+      }
+      if (step && path.num_unknown[a] != path.num_unknown[b]) {
+        --refined.num_unknown[b];
+        ++num_measured;
       }
       refined.of_frame[b]->rig_from_start =
           (step ? *step : path.Between(a, b)) *
@@ -208,23 +216,18 @@ RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
 struct PlacedFrames {
   Rigid3 rig2_from_rig1;
   double drift_rad = 0.0;
-  bool is_near_object = false;
 };
-// Per pair of frames; nullopt unless they are neighbours on the path.
+// Per pair of frames; nullopt unless the path measures the motion between them.
 using PlacedPairs = std::vector<std::optional<PlacedFrames>>;
 
-// Motions are refined next to objects, unless `known` has them.
+// Motions are refined next to objects. Where no match measures a motion between
+// the frames, nothing is expected of their pairs.
 PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
-                        const Mask& is_near_object, const Context& context,
-                        const PlacedPairs& known = {}) {
+                        const Mask& is_near_object, const Context& context) {
   const std::vector<FramePair>& frame_pairs = problem.index.frame_pairs();
   PlacedPairs placed(frame_pairs.size());
   ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
     const FramePair& frames = frame_pairs[i];
-    if (!known.empty() && known[i] && known[i]->is_near_object) {
-      placed[i] = known[i];
-      return;
-    }
     if (!frames.IsBetweenFrames() || !frames.time_gap ||
         *frames.time_gap > kMaxSequentialGap ||
         !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
@@ -234,14 +237,17 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
     if (is_reversed) std::swap(earlier, later);
     std::optional<Rigid3> refined;
-    const bool is_near = is_near_object[earlier] || is_near_object[later];
-    if (is_near) refined = RefineMotion(problem, path, earlier, later);
+    if (is_near_object[earlier] || is_near_object[later]) {
+      refined = RefineMotion(problem, path, earlier, later);
+    }
+    if (!refined && path.num_unknown[earlier] != path.num_unknown[later]) {
+      return;
+    }
     const Rigid3 motion = refined ? *refined : path.Between(earlier, later);
     placed[i] =
         PlacedFrames{is_reversed ? motion.Inverse() : motion,
                      refined ? kRefinedError_rad
-                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap),
-                     is_near};
+                             : kDriftPerStep_rad * std::sqrt(*frames.time_gap)};
   });
   return placed;
 }
@@ -263,24 +269,6 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
     return a.pair_idx < b.pair_idx;
   });
   return expected;
-}
-
-// The frames next to objects: motions compete there, or a pair contradicts the
-// path.
-Mask FramesNearObjects(const MotionProblem& problem, const RigPath& path,
-                       const std::vector<ExpectedPair>& expected) {
-  Mask is_near_object = path.is_contested;
-  for (const ExpectedPair& e : expected) {
-    if (AgreesWithPath(problem, path,
-                       *problem.view_graph.pairs[e.pair_idx].relative_pose,
-                       e)) {
-      continue;
-    }
-    const FramePair& frames = problem.index.Of(e.pair_idx);
-    is_near_object[frames.frame_idx1] = true;
-    is_near_object[frames.frame_idx2] = true;
-  }
-  return is_near_object;
 }
 
 // The pair of the same images before verification.
@@ -321,6 +309,10 @@ class MovingKeypoints {
   bool Contains(int image_idx, uint32_t keypoint_idx) const {
     const std::vector<int>& balance = balance_[image_idx];
     return !balance.empty() && balance[keypoint_idx] >= kMinBalance;
+  }
+  bool IsStatic(int image_idx, uint32_t keypoint_idx) const {
+    const std::vector<int>& balance = balance_[image_idx];
+    return !balance.empty() && balance[keypoint_idx] <= -kMinBalance;
   }
 
  private:
@@ -451,6 +443,74 @@ std::vector<ExpectedPair> SelectDoubtful(
   return doubtful;
 }
 
+// Whether most matches of a pair whose depth is known agree with a motion.
+bool MostDepthsAgree(const MotionProblem& problem,
+                     const ExpectedPair& expected) {
+  const ImagePair& pair = problem.view_graph.pairs[expected.pair_idx];
+  const double tolerance_rad = ToleranceOf(problem, pair, expected.drift_rad);
+  size_t num_agreeing = 0, num_contradicting = 0;
+  for (const Match& match : pair.matches) {
+    switch (CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                              expected.cam2_from_cam1, tolerance_rad)) {
+      case MatchVerdict::kAgrees:
+        ++num_agreeing;
+        break;
+      case MatchVerdict::kContradicts:
+        ++num_contradicting;
+        break;
+      case MatchVerdict::kIsOnEpipolarLine:
+        break;
+    }
+  }
+  return num_agreeing > num_contradicting;
+}
+
+// Pairs that agree with the path by their poses, and by most of their matches
+// with depth, are not discontinuous.
+void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
+                  const std::vector<ExpectedPair>& expected,
+                  Mask* pair_is_discontinuous) {
+  for (const ExpectedPair& e : expected) {
+    const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
+    if ((*pair_is_discontinuous)[e.pair_idx] &&
+        AgreesWithPath(problem, path, *pair.relative_pose, e) &&
+        MostDepthsAgree(problem, e)) {
+      (*pair_is_discontinuous)[e.pair_idx] = false;
+    }
+  }
+}
+
+// Where no match measures the motion of the rig between two frames, pairs of
+// which most matches are of keypoints that move elsewhere show an object.
+void RejectObjects(const MotionProblem& problem, const Mask& is_near_object,
+                   const std::vector<ExpectedPair>& expected,
+                   Mask* pair_is_discontinuous) {
+  const MovingKeypoints moving(problem, expected);
+  Mask is_expected(pair_is_discontinuous->size(), false);
+  for (const ExpectedPair& e : expected) is_expected[e.pair_idx] = true;
+  for (size_t i = 0; i < is_expected.size(); ++i) {
+    const FramePair& frames = problem.index.Of(i);
+    if (is_expected[i] || !frames.IsBetweenFrames() ||
+        !(is_near_object[frames.frame_idx1] ||
+          is_near_object[frames.frame_idx2])) {
+      continue;
+    }
+    const ImagePair& pair = problem.view_graph.pairs[i];
+    int num_moving = 0, num_static = 0;
+    for (const Match& match : pair.matches) {
+      const bool moves =
+          moving.Contains(pair.image_idx1, match.keypoint_idx1) ||
+          moving.Contains(pair.image_idx2, match.keypoint_idx2);
+      const bool rests =
+          moving.IsStatic(pair.image_idx1, match.keypoint_idx1) ||
+          moving.IsStatic(pair.image_idx2, match.keypoint_idx2);
+      num_moving += moves && !rests ? 1 : 0;
+      num_static += rests && !moves ? 1 : 0;
+    }
+    if (num_moving > num_static) (*pair_is_discontinuous)[i] = true;
+  }
+}
+
 // The relative poses of pairs next to objects and of those within frames.
 std::vector<std::optional<Rigid3>> PosesNearObjects(
     const MotionProblem& problem, const Mask& is_near_object,
@@ -474,11 +534,10 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
 MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
                              const ViewGraphOptions& verification,
                              const Context& context) {
-  PlacedPairs placed = PlaceFrames(problem, path, path.is_contested, context);
-  const Mask is_near_object =
-      FramesNearObjects(problem, path, ExpectPairs(problem, placed));
+  const Mask& is_near_object = path.is_contested;
   if (!is_near_object.Any()) return {};
-  placed = PlaceFrames(problem, path, is_near_object, context, placed);
+  const PlacedPairs placed =
+      PlaceFrames(problem, path, is_near_object, context);
   const std::vector<ExpectedPair> expected = ExpectPairs(problem, placed);
   const size_t num_pairs = problem.view_graph.pairs.size();
   MotionOfScene motion;
@@ -501,6 +560,9 @@ MotionOfScene JudgeByMatches(const MotionProblem& problem, const RigPath& path,
   for (const ExpectedPair& e : judged) {
     motion.pair_is_discontinuous[e.pair_idx] = false;
   }
+  KeepAgreeing(problem, path, expected, &motion.pair_is_discontinuous);
+  RejectObjects(problem, is_near_object, expected,
+                &motion.pair_is_discontinuous);
   return motion;
 }
 
@@ -519,7 +581,11 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     if (!frames.IsBetweenFrames() || !frames.time_gap || !lengths[i] ||
         *frames.time_gap > kMaxSequentialGap ||
         image1.sensor_idx != image2.sensor_idx ||
-        !path.IsComparable(image1.frame_idx, image2.frame_idx)) {
+        !path.IsComparable(image1.frame_idx, image2.frame_idx) ||
+        !(path.is_contested[image1.frame_idx] ||
+          path.is_contested[image2.frame_idx]) ||
+        path.num_unknown[image1.frame_idx] !=
+            path.num_unknown[image2.frame_idx]) {
       continue;
     }
     const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],

@@ -32,7 +32,7 @@ class PathWithPairs {
       view_graph_.pairs.push_back(pair);
     }
     path_.of_frame.resize(kPathLength);
-    path_.median_step = 1.0;
+    path_.noise.median_step = 1.0;
   }
 
   void Place(int frame, const Eigen::Vector3d& center, int stretch = 0) {

@@ -170,6 +170,53 @@ TEST(MotionContinuityTest, ACameraThatSeesTheWorldExposesALorry) {
   drive.ExpectTruth(drive.FindPath(), 0, kNumFrames);
 }
 
+// Wrong places of the sensors turn the motions by depth everywhere, and away
+// from the image pairs. No two groups of matches exclude each other.
+TEST(MotionContinuityTest, DepthsThatDisagreeEverywhereShowNoObject) {
+  const Quaterniond error(ExpSO3({0.0, DegToRad(3.0), 0.0}));
+  Drive drive(Bend);
+  drive.AddDirections(0, kNumFrames - 1, 1.0);
+  for (int k = 0; k + 1 < kNumFrames; ++k) {
+    const Rigid3 motion = drive.TrueMotion(k, k + 1);
+    drive.AddObject(
+        k, k + 1,
+        Rigid3::FromRotationAndCenter(error * motion.rotation, motion.Center()),
+        0.9);
+  }
+  EXPECT_FALSE(drive.FindPath().is_contested.Any());
+}
+
+// Where the motion is erratic, one wrong image pair is no object: it neither
+// recurs in an adjacent step nor explains one better.
+TEST(MotionContinuityTest, AnErrorOfOneStepShowsNoObject) {
+  Random random(7);
+  std::vector<Rigid3> poses(1);
+  for (int k = 0; k + 1 < kNumFrames; ++k) {
+    const auto noise = [&] { return random.Uniform(-1.0, 1.0); };
+    const Vector3d turn_rad = 0.3 * Vector3d(noise(), noise(), noise());
+    const Vector3d center(noise(), noise(), noise());
+    poses.push_back(Rigid3::FromRotationAndCenter(ExpSO3(turn_rad), center) *
+                    poses.back());
+  }
+  Drive drive([&](double time) { return poses[std::lround(time)]; });
+  drive.AddWorld(0, kNumFrames - 1, 0.9);
+  drive.AddObject(30, 31, Rigid3(), 0.4);
+  EXPECT_FALSE(drive.FindPath().is_contested.Any());
+}
+
+// Steps without a motion that matches support count as unknown.
+TEST(MotionContinuityTest, StepsThatNothingMeasuresAreUnknown) {
+  Drive drive(Bend);
+  drive.AddWorld(0, 29, 0.5);
+  drive.AddWorld(31, kNumFrames - 1, 0.5);
+  drive.AddObject(20, 40, {Quaterniond::Identity(), {0.0, 0.01, 0.0}}, 0.9);
+  const RigPath path = drive.FindPath();
+  for (int k = 1; k < kNumFrames; ++k) {
+    const int num_unknown = k < 30 ? 0 : k == 30 ? 1 : 2;
+    EXPECT_EQ(path.num_unknown[k], num_unknown) << k;
+  }
+}
+
 // A direction fits any speed, but a measured one is better.
 TEST(MotionContinuityTest, DistancesCountWhereTheRigBrakes) {
   Drive drive(Stop);
@@ -194,7 +241,7 @@ Rigid3 Braking(double time) {
 TEST(MotionContinuityTest, ARigBrakesWhereNoDistanceIsKnown) {
   Drive drive(Braking);
   drive.AddWorld(0, 22, 0.5);
-  drive.AddDirections(22, 26, 0.5);
+  drive.AddDirections(0, kNumFrames - 1, 0.5);
   drive.AddWorld(26, kNumFrames - 1, 0.5);
   drive.AddObject(22, 40,
                   Rigid3::FromRotationAndCenter(
@@ -436,12 +483,12 @@ TEST(MotionContinuityTest, SequencesAreNotComparable) {
   }
   EXPECT_DOUBLE_EQ(path.Between(0, 1).Center().z(), 1.0);
   EXPECT_DOUBLE_EQ(path.Between(3, 5).Center().z(), 6.0);
-  EXPECT_DOUBLE_EQ(path.median_step, 3.0);
+  EXPECT_DOUBLE_EQ(path.noise.median_step, 3.0);
 }
 
 TEST(MotionContinuityTest, MotionsAreSimilarUpToTheirTolerances) {
   RigPath path;
-  path.median_step = 1.0;
+  path.noise.median_step = 1.0;
   const auto forward = [](double length, double angle_deg) {
     return Rigid3::FromRotationAndCenter(
         ExpSO3({0.0, DegToRad(angle_deg), 0.0}), {0.0, 0.0, length});

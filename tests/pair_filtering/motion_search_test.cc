@@ -56,7 +56,7 @@ TEST(MotionSearchTest, MarginsAreTheCostOfTheNextBestMotion) {
       const auto is_similar = [&](const Candidate& candidate) {
         return AreEqualMotions(candidate.later_from_earlier,
                                best.motions[k]->candidate.later_from_earlier,
-                               steps.median_step, 2.0);
+                               steps.noise, 2.0);
       };
       step.erase(std::remove_if(step.begin(), step.end(), is_similar),
                  step.end());
