@@ -40,7 +40,7 @@ confidence: base math geometry scene pair_filtering
 extension: base math geometry scene io
 bundle: base math geometry least_squares scene
 soft_rig: base math geometry least_squares scene bundle
-health: base math geometry scene view_graph rotation tracks
+health: base math geometry scene view_graph rotation tracks soft_rig
 pipeline: base math geometry least_squares scene priors pair_filtering view_graph rotation tracks translation confidence extension bundle soft_rig health
 baselines: base math geometry least_squares scene pair_filtering rotation translation pipeline
 '

@@ -130,6 +130,17 @@ int FindCulprit(const std::vector<Move>& moves, int num_sensors) {
   return culprit;
 }
 
+std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
+  const double unit = is_in_seconds ? 1e3 : 1.0;
+  char text[96];
+  std::snprintf(text, sizeof(text),
+                is_in_seconds ? "is %.1f +- %.1f ms %s"
+                              : "is %.3f +- %.3f frame intervals %s",
+                unit * std::abs(camera.delay), unit * camera.sigma,
+                camera.delay > 0.0 ? "late" : "early");
+  return text;
+}
+
 Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
   const int other = move.sensor_a == culprit ? move.sensor_b : move.sensor_a;
   const std::string& camera = scene.sensors[culprit].name;
@@ -195,6 +206,56 @@ std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples) {
   return RigStep{frame_idxs[split - residuals.begin()],
                  (after.median - before.median).norm(),
                  std::max(before.sigma, after.sigma)};
+}
+
+std::vector<Finding> DescribeDelays(const Scene& scene,
+                                    const RigDelays& delays) {
+  std::vector<Finding> findings;
+  for (const Rig& rig : scene.rigs) {
+    Finding finding;
+    finding.cause = Cause::kUnsynchronised;
+    bool is_certain = false;
+    for (const CameraDelay& camera : delays.cameras) {
+      const Sensor& sensor = scene.sensors[camera.sensor_idx];
+      if (&scene.rigs[sensor.rig_idx] != &rig) continue;
+      is_certain |= camera.is_certain;
+      finding.cameras.push_back(sensor.name);
+      finding.evidence.emplace_back("delay", camera.delay);
+      finding.evidence.emplace_back("sigma", camera.sigma);
+      finding.text += (finding.text.empty() ? "" : ", ") + Quoted(sensor.name) +
+                      " " + DescribeDelay(camera, delays.is_in_seconds);
+    }
+    if (!is_certain) continue;
+    const std::string& reference = scene.sensors[rig.ref_sensor_idx].name;
+    finding.text = "cameras do not trigger together: relative to " +
+                   Quoted(reference) + ", " + finding.text +
+                   "; stated standard deviations contain the errors by that";
+    finding.remedy = "set SoftRig.method time_offset";
+    if (!delays.is_in_seconds) finding.remedy += " and image_timestamps_path";
+    finding.cameras.push_back(reference);
+    findings.push_back(std::move(finding));
+  }
+  return findings;
+}
+
+void RemoveDelays(const Scene& scene, const RigDelays& delays,
+                  std::vector<SensorPairSamples>* pairs) {
+  std::vector<double> delay_of_sensor(scene.sensors.size(), 0.0);
+  for (const CameraDelay& camera : delays.cameras) {
+    delay_of_sensor[camera.sensor_idx] = camera.delay;
+  }
+  for (SensorPairSamples& pair : *pairs) {
+    const auto& a_from_rig = delays.delayed.sensor_from_rig[pair.sensor_a];
+    if (!a_from_rig) continue;
+    const double delay =
+        delay_of_sensor[pair.sensor_b] - delay_of_sensor[pair.sensor_a];
+    for (RigSample& sample : pair.samples) {
+      const Vector3d turn =
+          a_from_rig->rotation *
+          (delay * delays.angular_velocities[sample.frame_idx]);
+      sample.b_from_a = sample.b_from_a * ExpSO3(-turn);
+    }
+  }
 }
 
 std::vector<Finding> FindRigMoves(const Scene& scene,

@@ -7,6 +7,7 @@
 #include "health/rig_samples.h"
 #include "mgsfm/health/finding.h"
 #include "mgsfm/scene/scene.h"
+#include "mgsfm/soft_rig/rig_delays.h"
 
 namespace mgsfm {
 
@@ -23,6 +24,15 @@ struct RigStep {
 };
 // nullopt with fewer samples. Cost: linear.
 std::optional<RigStep> FindLargestStep(const std::vector<RigSample>& samples);
+
+// kUnsynchronised: the delays of all cameras of rigs with a certain one.
+std::vector<Finding> DescribeDelays(const Scene& scene,
+                                    const RigDelays& delays);
+
+// Turns the samples to the time of their frames, so that the checks below see
+// what delays do not explain.
+void RemoveDelays(const Scene& scene, const RigDelays& delays,
+                  std::vector<SensorPairSamples>* pairs);
 
 // A sensor that moved relative to most others of its rig (kRigMoved). The step
 // must exceed 0.5 degrees and six standard deviations of one sample: neither

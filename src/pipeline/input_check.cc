@@ -222,8 +222,7 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   }
   std::vector<Finding> findings;
   if (input.expects_rigs) findings = CheckSharedFrames(scene);
-  const std::vector<SensorPairSamples> samples =
-      CollectRigSamples(scene, verified);
+  std::vector<SensorPairSamples> samples = CollectRigSamples(scene, verified);
   std::vector<Finding> causes = CheckImageSizes(scene);
   Append(CheckMotions(scene, verified, samples), &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
@@ -231,6 +230,14 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
     causes = ConfirmedFocalLengthDoubts(
         scene, result->models, options.bundle_adjustment, context,
         CheckTrustedFocalLengths(scene, matches, context));
+  }
+  for (const MapperModel& model : result->models) {
+    if (!model.delays || !model.delays->AreCertain()) continue;
+    if (options.soft_rig.method != SoftRig::kTimeOffset) {
+      Append(DescribeDelays(scene, *model.delays), &causes);
+    }
+    RemoveDelays(scene, *model.delays, &samples);
+    break;
   }
   Append(FindRigMoves(scene, samples), &causes);
   Append(CheckKnownRotations(scene, samples), &causes);

@@ -15,6 +15,7 @@
 #include "priors/gravity_levelling.h"
 #include "priors/pose_graph_deformation.h"
 #include "priors/position_registration.h"
+#include "soft_rig/rig_delays.h"
 
 namespace mgsfm {
 namespace {
@@ -197,12 +198,25 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   JudgeFocalLengths(input, used_priors, options, context, model);
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
+  model->delays = Timed("delays of cameras", context, &model->times, [&] {
+    return EstimateRigDelays(
+        scene, TimesOfFrames(scene),
+        [&](const Scene& separate) {
+          return MakeCandidateSource(separate, input.view_graph, input.matches,
+                                     input.pair_is_used, options, context);
+        },
+        model->reconstruction, options.bundle_adjustment, context);
+  });
   if (options.compute_covariances) {
     model->covariances = Timed("covariances", context, &model->times, [&] {
       return ComputeCovariances(scene, model->reconstruction,
                                 options.bundle_adjustment, context,
                                 used_priors);
     });
+  }
+  if (model->delays && model->covariances && model->covariances->is_usable) {
+    AddRigErrors(scene, model->reconstruction, *model->delays,
+                 &*model->covariances);
   }
   if (options.soft_rig.method != SoftRig::kNone) {
     Timed("soft rig", context, &model->times, [&] {

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/soft_rig_images.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "geometry/so3.h"
+#include "health/rig_samples.h"
 
 namespace mgsfm {
 namespace {
@@ -35,6 +38,18 @@ void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
 }
 
 }  // namespace
+
+FrameTimes TimesOfFrames(const Scene& scene) {
+  const std::vector<int> rank = RankFrames(scene);
+  FrameTimes times{{rank.begin(), rank.end()}, false};
+  times.are_seconds =
+      std::all_of(scene.images.begin(), scene.images.end(),
+                  [](const Image& i) { return i.timestamp_s.has_value(); });
+  for (size_t f = 0; f < rank.size() && times.are_seconds; ++f) {
+    times.times[f] = TimeOfFrame(scene, static_cast<int>(f));
+  }
+  return times;
+}
 
 bool EstimateSoftRigOfModel(const Scene& scene, const Scene& separate,
                             const CandidateSource& candidates,

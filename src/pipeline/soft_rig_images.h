@@ -5,8 +5,12 @@
 #include "mgsfm/bundle/bundle_adjustment.h"
 #include "mgsfm/pipeline/mapper.h"
 #include "mgsfm/scene/scene.h"
+#include "soft_rig/rig_delays.h"
 
 namespace mgsfm {
+
+// Timestamps if all images have one; otherwise the order of the frames.
+FrameTimes TimesOfFrames(const Scene& scene);
 
 // Estimates individual poses for the images of an adjusted model, and logs how
 // far the cameras deviate from a rigid rig. Returns whether it succeeded.

@@ -62,6 +62,12 @@ void RigTrajectory::SetVelocities() {
   }
 }
 
+PoseVector RigTrajectory::VelocityAt(size_t frame) const {
+  PoseVector velocity;
+  velocity << angular_velocities_[frame], velocities_[frame];
+  return velocity;
+}
+
 size_t RigTrajectory::SegmentAt(double time_s) const {
   const auto after =
       std::upper_bound(times_s_.begin() + 1, times_s_.end() - 1, time_s);

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "least_squares/rig_problem.h"
 #include "mgsfm/geometry/rigid3.h"
 
 namespace mgsfm {
@@ -20,6 +21,9 @@ class RigTrajectory {
                 std::vector<Rigid3> rig_from_world);
 
   Rigid3 PoseAt(double time_s) const;
+  // The angular velocity in the rig at a frame, and the velocity of its centre
+  // in the world.
+  PoseVector VelocityAt(size_t frame) const;
   // Time between the two frames around time_s; infinite if there is only one
   // frame.
   double IntervalAt(double time_s) const;

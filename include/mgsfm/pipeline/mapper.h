@@ -24,6 +24,7 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "mgsfm/soft_rig/rig_delays.h"
 #include "mgsfm/soft_rig/soft_rig.h"
 #include "mgsfm/tracks/track_establishment.h"
 #include "mgsfm/translation/translation_averaging.h"
@@ -127,6 +128,7 @@ struct MapperModel {
   std::optional<GravitySummary> gravity;  // if it was measured
   std::vector<FocalLengthCheck> focal_lengths;  // of those refined
   std::optional<CovarianceResult> covariances;  // if asked for
+  std::optional<RigDelays> delays;              // of rigs with several cameras
   std::optional<ExtensionSummary> extension;    // if it had a start
   // Set if the options request it. `reconstruction` then has the mean rig and
   // points that fit the individual poses of images; covariances are those

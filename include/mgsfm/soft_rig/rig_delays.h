@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "mgsfm/scene/estimates.h"
+
+namespace mgsfm {
+
+// A camera against the reference of its rig.
+struct CameraDelay {
+  int sensor_idx = 0;
+  double delay = 0.0;  // positive: it triggers later than the reference
+  double sigma = 0.0;
+  // Chance exceeds the delay in 1 of 10,000 cameras.
+  bool is_certain = false;
+  // The variance of the pose in the rig by blocks of frames, relative to that
+  // of independent residuals.
+  double overdispersion = 1.0;
+};
+
+// What the residuals of an adjusted model tell of the synchronism and the
+// rigidity of its rigs; see docs/maths/soft_rig.md.
+struct RigDelays {
+  bool is_in_seconds = false;        // otherwise in intervals of frames
+  std::vector<CameraDelay> cameras;  // those that are not references
+  // Per frame: the angular velocity of the rig, in the rig.
+  std::vector<Eigen::Vector3d> angular_velocities;
+  // The model with these delays; without points. Frames and sensors only.
+  Reconstruction delayed;
+
+  bool AreCertain() const {
+    for (const CameraDelay& camera : cameras) {
+      if (camera.is_certain) return true;
+    }
+    return false;
+  }
+};
+
+}  // namespace mgsfm

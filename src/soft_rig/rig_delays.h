@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+#include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/uncertainty.h"
+#include "mgsfm/scene/estimates.h"
+#include "mgsfm/scene/scene.h"
+#include "mgsfm/soft_rig/rig_delays.h"
+
+namespace mgsfm {
+
+// The time of each frame: in seconds, or its number in the order of its rig.
+struct FrameTimes {
+  std::vector<double> times;
+  bool are_seconds = false;
+};
+
+// Estimates how late the cameras of an adjusted model trigger. The delays, the
+// poses of sensors (known ones with their prior), frames and points minimise
+// the objective of bundle adjustment together. Standard deviations are those of
+// a jackknife over ten blocks of consecutive frames, so that they hold for
+// residuals that depend on each other within a block.
+//
+// The model has lost observations that contradict a rigid rig, so that the
+// points are triangulated again as the delays become known. That is only done
+// if some delay exceeds four standard deviations of independent residuals.
+// `candidates` is called for that. nullopt without rigs of several cameras, or
+// if the equations cannot be factorised.
+[[nodiscard]] std::optional<RigDelays> EstimateRigDelays(
+    const Scene& scene, const FrameTimes& times,
+    const std::function<CandidateSource(const Scene& separate)>& candidates,
+    const Reconstruction& model, const BundleAdjustmentOptions& options,
+    const Context& context);
+
+// Adds to covariances of the rigid model what its residuals show: the
+// overdispersion, and the errors by delays that the model does not have.
+void AddRigErrors(const Scene& scene, const Reconstruction& model,
+                  const RigDelays& delays, CovarianceResult* covariances);
+
+}  // namespace mgsfm

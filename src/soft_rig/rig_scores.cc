@@ -1,0 +1,386 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "soft_rig/rig_scores.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+
+#include "base/parallel.h"
+#include "bundle/point_filters.h"
+#include "bundle/problem_builder.h"
+#include "bundle/solve.h"
+#include "geometry/so3.h"
+#include "least_squares/image_poses.h"
+#include "least_squares/residuals.h"
+#include "least_squares/rig_equations.h"
+
+namespace mgsfm {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+constexpr int kColumns = RigScores::kNumColumns;
+// Relative to the diagonal: far below any observable curvature.
+constexpr double kDamping = 1e-12;
+// Points are summed in so many parts, whatever the number of threads.
+constexpr size_t kNumParts = 16;
+
+// The derivatives of one observation, weighted by the loss.
+struct Linearized {
+  int frame = 0;
+  int first_column = -1;  // of its sensor
+  double weight = 0.0;    // rho'
+  Vector2d residual;
+  Eigen::Matrix<double, 2, 3> point;
+  Eigen::Matrix<double, 2, 6> of_frame;
+  Eigen::Matrix<double, 2, kColumns> of_sensor;
+};
+
+// Sums over the points of a part.
+struct Sums {
+  MatrixXd rhs, scores, noise;
+  std::vector<MatrixXd> information;  // per block
+  double weight = 0.0, squared_weight = 0.0;
+};
+
+class ScoreBuilder {
+ public:
+  ScoreBuilder(const Scene& scene, const DelayedRig& rig,
+               const SoftRigProblem& soft,
+               const std::vector<int>& column_of_sensor,
+               const std::vector<PoseMask>& masks, const Context& context)
+      : scene_(scene),
+        rig_(rig),
+        soft_(soft),
+        built_(soft.built),
+        column_of_sensor_(column_of_sensor),
+        masks_(masks),
+        context_(context),
+        equations_(soft.built.problem, {}, context),
+        num_columns_(kColumns * static_cast<int>(masks.size())) {
+    ComputeImagePoses(built_.problem, built_.state, &poses_);
+  }
+
+  bool Build(RigScores* result);
+
+ private:
+  bool Linearize(size_t observation, const Vector3d& point,
+                 const RobustLoss& loss, Linearized* result) const;
+  std::vector<Linearized> LinearizePoint(size_t point) const;
+  // Calls add(observations, derivatives with respect to the columns, of which
+  // the point absorbs a part) for each point, and merges the sums.
+  template <class Add>
+  Sums Sum(const Sums& zero, const Add& add) const;
+  void AddRhs(const std::vector<Linearized>& observations, Sums* sums) const;
+  void AddScores(const std::vector<Linearized>& observations, Sums* sums) const;
+  int FirstRow(int block) const {
+    return equations_.structure().block_first[block];
+  }
+
+  const Scene& scene_;
+  const DelayedRig& rig_;
+  const SoftRigProblem& soft_;
+  const BuiltProblem& built_;
+  const std::vector<int>& column_of_sensor_;
+  const std::vector<PoseMask>& masks_;
+  const Context& context_;
+  RigEquations<PixelResidual> equations_;
+  const int num_columns_;
+  std::vector<ImagePose> poses_;
+  MatrixXd solution_;  // of the frames
+};
+
+bool ScoreBuilder::Linearize(size_t observation, const Vector3d& point,
+                             const RobustLoss& loss, Linearized* result) const {
+  const BundleProblem& problem = built_.problem;
+  const PixelObservation& o = problem.observations[observation];
+  const RigProblemBase::Image& image = problem.images[o.image];
+  const ImagePose& pose = poses_[o.image];
+  const Eigen::Map<const RowMajor3> R(pose.cam_from_world);
+  const Eigen::Map<const RowMajor3> S(pose.sensor_from_rig);
+  const Vector3d y = R * (point - Eigen::Map<const Vector3d>(pose.center));
+  const Vector3d x = y + Eigen::Map<const Vector3d>(pose.translation);
+  double P[6];
+  if (!PixelResidual::Linearize(pose, x.data(), o.pixel.data(),
+                                result->residual.data(), P, nullptr)) {
+    return false;
+  }
+  result->weight = LossWeight(loss, result->residual.squaredNorm());
+  const double root = std::sqrt(result->weight);
+  const Eigen::Matrix<double, 2, 3> J =
+      root * Eigen::Map<const Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(P);
+  result->residual *= root;
+  result->frame = image.frame;
+  result->point = J * R;
+  Eigen::Matrix<double, 2, 6> of_frame;
+  of_frame << -J * CrossMatrix(y) * S, -J * R;
+  result->of_frame = of_frame * problem.frame_masks[image.frame].asDiagonal();
+  const int sensor_idx = scene_.images[soft_.image_idxs[o.image]].sensor_idx;
+  result->first_column = column_of_sensor_[sensor_idx];
+  if (result->first_column < 0) return true;
+  const PoseMask& mask = masks_[result->first_column / kColumns];
+  const Rigid3& sensor = *rig_.model.rig.sensor_from_rig[sensor_idx];
+  const PoseVector& motion = rig_.motions[built_.frame_idxs[image.frame]];
+  const Vector3d z = x - sensor.translation;
+  Eigen::Matrix<double, 2, 6> of_pose;
+  of_pose << -J * CrossMatrix(z), J;
+  result->of_sensor << of_pose * mask.asDiagonal(),
+      J * ((sensor.rotation * motion.head<3>()).cross(z) -
+           R * motion.tail<3>());
+  return true;
+}
+
+std::vector<Linearized> ScoreBuilder::LinearizePoint(size_t point) const {
+  const BundleProblem& problem = built_.problem;
+  const size_t begin = problem.point_begin[point];
+  const size_t end = problem.point_begin[point + 1];
+  const RobustLoss loss = problem.LossOfPoint(end - begin);
+  std::vector<Linearized> observations;
+  observations.reserve(end - begin);
+  for (size_t o = begin; o < end; ++o) {
+    Linearized linearized;
+    if (Linearize(o, built_.state.points[point], loss, &linearized)) {
+      observations.push_back(std::move(linearized));
+    }
+  }
+  return observations;
+}
+
+template <class Add>
+Sums ScoreBuilder::Sum(const Sums& zero, const Add& add) const {
+  std::vector<Sums> parts(kNumParts, zero);
+  const size_t num_points = built_.problem.num_points();
+  ParallelFor(
+      kNumParts, context_.num_threads,
+      [&](size_t part) {
+        const size_t end = num_points * (part + 1) / kNumParts;
+        for (size_t p = num_points * part / kNumParts; p < end; ++p) {
+          add(LinearizePoint(p), &parts[part]);
+        }
+      },
+      1);
+  for (size_t part = 1; part < kNumParts; ++part) {
+    parts[0].rhs += parts[part].rhs;
+    for (size_t b = 0; b < zero.information.size(); ++b) {
+      parts[0].information[b] += parts[part].information[b];
+    }
+    parts[0].scores += parts[part].scores;
+    parts[0].noise += parts[part].noise;
+    parts[0].weight += parts[part].weight;
+    parts[0].squared_weight += parts[part].squared_weight;
+  }
+  return std::move(parts[0]);
+}
+
+// What of the derivatives `e` of the observations of a point, 2 rows each, its
+// own motion does not absorb.
+void RemovePoint(const std::vector<Linearized>& observations, MatrixXd* e) {
+  Matrix3d V = Matrix3d::Zero();
+  MatrixXd shift = MatrixXd::Zero(3, e->cols());
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const auto& P = observations[i].point;
+    V += P.transpose() * P;
+    shift += P.transpose() * e->middleRows<2>(2 * i);
+  }
+  V.diagonal() *= 1.0 + kDamping;
+  shift = V.ldlt().solve(shift).eval();
+  for (size_t i = 0; i < observations.size(); ++i) {
+    e->middleRows<2>(2 * i) -= observations[i].point * shift;
+  }
+}
+
+void ScoreBuilder::AddRhs(const std::vector<Linearized>& observations,
+                          Sums* sums) const {
+  const auto size = static_cast<Eigen::Index>(2 * observations.size());
+  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    e.block<2, 1>(2 * i, num_columns_) = o.residual;
+    if (o.first_column < 0) continue;
+    e.block<2, kColumns>(2 * i, o.first_column) = o.of_sensor;
+  }
+  RemovePoint(observations, &e);
+  const RigStructure& s = equations_.structure();
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    const auto rows = e.middleRows<2>(2 * i);
+    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
+      sums->rhs.middleRows(FirstRow(block), s.pose_size) +=
+          o.of_frame.rightCols(s.pose_size).transpose() * rows;
+    }
+  }
+}
+
+void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
+                             Sums* sums) const {
+  const auto size = static_cast<Eigen::Index>(2 * observations.size());
+  const RigStructure& s = equations_.structure();
+  MatrixXd e = MatrixXd::Zero(size, num_columns_ + 1);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    auto rows = e.middleRows<2>(2 * i);
+    rows.col(num_columns_) = o.residual;
+    if (o.first_column >= 0) {
+      rows.middleCols<kColumns>(o.first_column) = o.of_sensor;
+    }
+    if (const int block = s.frame_block[o.frame]; block != kNoBlock) {
+      rows -= o.of_frame.rightCols(s.pose_size) *
+              solution_.middleRows(FirstRow(block), s.pose_size);
+    }
+  }
+  RemovePoint(observations, &e);
+  const auto columns = e.leftCols(num_columns_);
+  for (size_t i = 0; i < observations.size(); ++i) {
+    const Linearized& o = observations[i];
+    const int block = rig_.block_of_frame[built_.frame_idxs[o.frame]];
+    const auto rows = columns.middleRows<2>(2 * i);
+    const VectorXd score =
+        rows.transpose() * e.block<2, 1>(2 * i, num_columns_);
+    sums->information[block].selfadjointView<Eigen::Lower>().rankUpdate(
+        rows.transpose());
+    sums->scores.col(block) += score;
+    sums->noise.selfadjointView<Eigen::Lower>().rankUpdate(score);
+    sums->weight += o.weight;
+    // The derivative of the loss of Cauchy, averaged over both directions.
+    sums->squared_weight += o.weight * o.weight;
+  }
+}
+
+bool ScoreBuilder::Build(RigScores* result) {
+  const RigStructure& s = equations_.structure();
+  if (s.is_iterative) return false;
+  equations_.SetState(built_.state);
+  if (!equations_.Linearize(kDamping) || !equations_.Factorize()) return false;
+  const MatrixXd square = MatrixXd::Zero(num_columns_, num_columns_);
+  const int num_blocks = 1 + *std::max_element(rig_.block_of_frame.begin(),
+                                               rig_.block_of_frame.end());
+  const Sums zero{MatrixXd::Zero(s.num_unknowns, num_columns_ + 1),
+                  MatrixXd::Zero(num_columns_, num_blocks), square,
+                  std::vector<MatrixXd>(num_blocks, square)};
+  solution_ = Sum(zero, [&](const auto& observations, Sums* sums) {
+                AddRhs(observations, sums);
+              }).rhs;
+  equations_.SolveColumns(solution_, &solution_);
+  const Sums sums = Sum(zero, [&](const auto& observations, Sums* sums) {
+    AddScores(observations, sums);
+  });
+  result->information = square;
+  for (const MatrixXd& information : sums.information) {
+    result->block_information.emplace_back(
+        information.selfadjointView<Eigen::Lower>());
+    result->information += result->block_information.back();
+  }
+  result->noise = sums.noise.selfadjointView<Eigen::Lower>();
+  result->scores = sums.scores;
+  result->efficiency = sums.squared_weight / sums.weight;
+  result->frame_idxs = built_.frame_idxs;
+  for (size_t f = 0; f < built_.frame_idxs.size(); ++f) {
+    Eigen::Matrix<double, 6, Eigen::Dynamic> response =
+        Eigen::Matrix<double, 6, Eigen::Dynamic>::Zero(6, num_columns_ + 1);
+    if (const int block = s.frame_block[f]; block != kNoBlock) {
+      response.bottomRows(s.pose_size) =
+          -solution_.middleRows(FirstRow(block), s.pose_size);
+    }
+    result->frame_response.push_back(std::move(response));
+  }
+  return true;
+}
+
+// Adds the priors of poses, in units of the noise of observations.
+void AddPriors(const Scene& scene, const Reconstruction& reconstruction,
+               const BundleAdjustmentOptions& options, double sigma_px,
+               RigScores* result) {
+  result->scores_of_priors = VectorXd::Zero(result->information.rows());
+  for (size_t k = 0; k < result->sensor_idxs.size(); ++k) {
+    const int sensor_idx = result->sensor_idxs[k];
+    const RefinedSensor refined = RefineSensor(scene, sensor_idx, options);
+    if (!refined.prior) continue;
+    const Rigid3& prior = refined.prior->sensor_from_rig;
+    const Rigid3& pose = *reconstruction.sensor_from_rig[sensor_idx];
+    PoseVector change, information;
+    change << LogSO3(pose.rotation * prior.rotation.conjugate()),
+        pose.translation - prior.translation;
+    information << Vector3d::Constant(1.0 / refined.prior->sigma_rad),
+        Vector3d::Constant(1.0 / refined.prior->sigma_length);
+    information =
+        (sigma_px * information).cwiseAbs2().cwiseProduct(refined.mask);
+    const auto first = static_cast<Eigen::Index>(kColumns * k);
+    result->information.diagonal().segment<6>(first) += information;
+    result->scores_of_priors.segment<6>(first) =
+        information.cwiseProduct(change);
+  }
+}
+
+}  // namespace
+
+Rigid3 DelayedPose(const Scene& scene, const DelayedRig& rig, int image_idx) {
+  const Image& image = scene.images[image_idx];
+  const Rigid3& frame = *rig.model.rig.rig_from_world[image.frame_idx];
+  const PoseVector change =
+      rig.delays[image.sensor_idx] * rig.motions[image.frame_idx];
+  return *rig.model.rig.sensor_from_rig[image.sensor_idx] *
+         Rigid3::FromRotationAndCenter(
+             ExpSO3(change.head<3>()) * frame.rotation,
+             frame.Center() + change.tail<3>()) *
+         frame.Inverse();
+}
+
+std::optional<RigScores> ComputeRigScores(
+    const Scene& scene, const Scene& separate, const DelayedRig& rig,
+    const BundleAdjustmentOptions& options, const Context& context) {
+  BundleAdjustmentOptions adjusted = options;
+  const double sigma_px =
+      std::max(kMinKeypointSigmaPx,
+               NoiseSigmaPx(separate, rig.model.separate, context.num_threads));
+  adjusted.loss_scale_px = LossScalePx(options, sigma_px);
+  adjusted.refine_focal_length = RefineMode::kNo;
+  adjusted.refine_principal_point = false;
+  adjusted.refine_extra_params = RefineMode::kNo;
+  // Known poses have errors, which would pass for delays: v t is a translation.
+  adjusted.refine_sensor_from_rig = RefineMode::kYes;
+  std::vector<std::optional<Rigid3>> poses(scene.images.size());
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!rig.model.separate.rig_from_world[i]) continue;
+    poses[i] = DelayedPose(scene, rig, static_cast<int>(i));
+  }
+  SoftRigProblem soft = BuildSoftRigProblem(
+      scene, separate, rig.model, poses,
+      std::vector<DeviationSigma>(scene.sensors.size()), 1.0, adjusted, {});
+  BundleProblem& problem = soft.built.problem;
+  problem.sensor_priors.clear();
+  std::fill(problem.sensor_masks.begin(), problem.sensor_masks.end(),
+            PoseMask::Zero());
+  RigScores result;
+  std::vector<int> column_of_sensor(scene.sensors.size(), -1);
+  std::vector<PoseMask> masks;
+  bool has_known_length = false;
+  std::vector<bool> is_seen(scene.sensors.size(), false);
+  for (const int i : soft.image_idxs)
+    is_seen[scene.images[i].sensor_idx] = true;
+  for (size_t k = 0; k < is_seen.size(); ++k) {
+    const int sensor_idx = static_cast<int>(k);
+    if (!is_seen[k] || scene.IsReference(sensor_idx)) continue;
+    column_of_sensor[k] = kColumns * static_cast<int>(masks.size());
+    const RefinedSensor refined = RefineSensor(scene, sensor_idx, adjusted);
+    masks.push_back(refined.mask);
+    has_known_length |= refined.prior || refined.mask.isZero();
+    result.sensor_idxs.push_back(sensor_idx);
+  }
+  if (masks.empty()) return std::nullopt;
+  if (has_known_length) {
+    std::fill(problem.frame_masks.begin(), problem.frame_masks.end(),
+              PoseMask::Ones());
+    FixGauge(soft.built.state, &problem);
+  }
+  ScoreBuilder builder(scene, rig, soft, column_of_sensor, masks, context);
+  if (!builder.Build(&result)) return std::nullopt;
+  AddPriors(scene, rig.model.rig, adjusted, sigma_px, &result);
+  return result;
+}
+
+}  // namespace mgsfm
