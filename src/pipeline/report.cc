@@ -395,6 +395,21 @@ Json SensorSigmaToJson(const MapperModel& model, int sensor_idx) {
   return {{"rotations_deg", rotations_deg}, {"translations", translations}};
 }
 
+// The synchronism and rigidity of the cameras of rigs.
+Json ToJson(const Scene& scene, const RigDelays& delays) {
+  Json json = {{"unit", delays.is_in_seconds ? "s" : "frame intervals"},
+               {"cameras", Json::array()}};
+  for (const CameraDelay& camera : delays.cameras) {
+    json["cameras"].push_back(
+        {{"camera", scene.sensors[camera.sensor_idx].name},
+         {"delay", camera.delay},
+         {"sigma", camera.sigma},
+         {"is_certain", camera.is_certain},
+         {"overdispersion", camera.overdispersion}});
+  }
+  return json;
+}
+
 // The gauge of the covariances, and the directions that are not observable.
 Json ToJson(const Scene& scene, const CovarianceResult& covariances) {
   Json json = {{"is_usable", covariances.is_usable},
@@ -492,6 +507,7 @@ Json ModelToJson(const Scene& scene, const RotationSummary& rotation,
       json["focal_lengths"].push_back(ToJson(scene, check));
     }
   }
+  if (model.delays) json["delays"] = ToJson(scene, *model.delays);
   if (model.covariances) {
     json["covariances"] = ToJson(scene, *model.covariances);
   }

@@ -180,12 +180,13 @@ std::vector<CameraDelay> Describe(const RigScores& rigid,
   const RigScores poses = WithoutDelays(rigid);
   const MatrixXd of_poses = Jackknife(poses);
   const MatrixXd independent = IndependentCovariance(poses);
+  const VectorXd step = NewtonStep(scores);
   std::vector<CameraDelay> cameras;
   for (size_t k = 0; k < scores.sensor_idxs.size(); ++k) {
     const auto first = static_cast<Eigen::Index>(kColumns * k);
     const Eigen::Index column = first + kColumns - 1;
     CameraDelay camera{scores.sensor_idxs[k]};
-    camera.delay = rig.delays[camera.sensor_idx];
+    camera.delay = rig.delays[camera.sensor_idx] + step[column];
     camera.sigma = std::sqrt(covariance(column, column));
     camera.is_certain =
         has_converged &&

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "soft_rig/rig_delays.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "bundle/bundle_fixtures.h"
+#include "soft_rig/rig_scores.h"
+#include "soft_rig/winding_drive.h"
+
+namespace mgsfm {
+namespace {
+
+FrameTimes TimesOf(const Scene& scene) {
+  FrameTimes times{{}, true};
+  for (size_t f = 0; f < scene.frames.size(); ++f) {
+    times.times.push_back(TimeOfFrame(scene, static_cast<int>(f)));
+  }
+  return times;
+}
+
+RigDelays EstimateOf(const Simulation& drive, const Reconstruction& rigid,
+                     const FrameTimes& times) {
+  const auto candidates = [&](const Scene&) {
+    return FixedCandidates(GroupTracks(drive.ground_truth));
+  };
+  const auto delays = EstimateRigDelays(drive.scene, times, candidates, rigid,
+                                        BundleAdjustmentOptions(), Threads(2));
+  EXPECT_TRUE(delays.has_value());
+  return *delays;
+}
+
+Reconstruction AdjustRigid(const Simulation& drive) {
+  return RefineReconstruction(
+             drive.scene, FixedCandidates(GroupTracks(drive.ground_truth)),
+             Perturbed(drive.scene, drive.ground_truth, 0.01, 3),
+             BundleAdjustmentOptions(), Threads(2))
+      .estimate;
+}
+
+TEST(RigDelaysTest, DelayIsFoundWithItsUncertainty) {
+  for (const double offset_ms : {20.0, -30.0}) {
+    SimulationOptions options = DriveOptions(RigPreset::kStereo);
+    options.trigger_offset_ms = offset_ms;
+    const Simulation drive = Simulate(options, WindingPath(40));
+    const RigDelays delays =
+        EstimateOf(drive, AdjustRigid(drive), TimesOf(drive.scene));
+    ASSERT_EQ(delays.cameras.size(), 1u);
+    const CameraDelay& camera = delays.cameras[0];
+    EXPECT_TRUE(camera.is_certain);
+    EXPECT_NEAR(camera.delay, 1e-3 * offset_ms, 4.0 * camera.sigma);
+    EXPECT_LT(camera.sigma, 2e-3);
+  }
+}
+
+// Twice as fine a unit of time doubles the delay, and nothing else.
+TEST(RigDelaysTest, UnitOfTimeDoesNotMatter) {
+  SimulationOptions options = DriveOptions(RigPreset::kStereo);
+  options.trigger_offset_ms = 20.0;
+  const Simulation drive = Simulate(options, WindingPath(30));
+  const Reconstruction rigid = AdjustRigid(drive);
+  FrameTimes times = TimesOf(drive.scene);
+  const RigDelays in_seconds = EstimateOf(drive, rigid, times);
+  for (double& time : times.times) time *= 2.0;
+  const RigDelays in_halves = EstimateOf(drive, rigid, times);
+  const CameraDelay& a = in_seconds.cameras[0];
+  const CameraDelay& b = in_halves.cameras[0];
+  EXPECT_NEAR(b.delay, 2.0 * a.delay, 0.05 * a.sigma);
+  EXPECT_NEAR(b.sigma, 2.0 * a.sigma, 0.05 * a.sigma);
+}
+
+TEST(RigDelaysTest, SynchronousCamerasAreNotLate) {
+  for (const RigPreset rig :
+       {RigPreset::kStereo, RigPreset::kKitti360, RigPreset::kCube6}) {
+    const Simulation drive = Simulate(DriveOptions(rig), WindingPath(30));
+    const RigDelays delays =
+        EstimateOf(drive, AdjustRigid(drive), TimesOf(drive.scene));
+    EXPECT_FALSE(delays.AreCertain());
+    for (const CameraDelay& camera : delays.cameras) {
+      EXPECT_LT(std::abs(camera.delay), 5.0 * camera.sigma);
+      EXPECT_LT(camera.overdispersion, 3.0);
+    }
+  }
+}
+
+// Images that deviate from their rig show no common delay, but vary more than
+// independent residuals.
+TEST(RigDelaysTest, JitterIsNoDelay) {
+  SimulationOptions options = DriveOptions(RigPreset::kStereo);
+  options.trigger_jitter_ms = 20.0;
+  const Simulation drive = Simulate(options, WindingPath(40));
+  const RigDelays delays =
+      EstimateOf(drive, AdjustRigid(drive), TimesOf(drive.scene));
+  EXPECT_FALSE(delays.AreCertain());
+  EXPECT_GT(delays.cameras[0].overdispersion, 5.0);
+}
+
+// The errors of a rigid model of delayed cameras lie within the stated standard
+// deviations once these contain what the residuals show.
+TEST(RigDelaysTest, CovariancesContainTheErrorsByDelays) {
+  SimulationOptions options = DriveOptions(RigPreset::kStereo);
+  options.trigger_offset_ms = 30.0;
+  const Simulation drive = Simulate(options, WindingPath(40));
+  const Reconstruction rigid = AdjustRigid(drive);
+  CovarianceResult covariances = ComputeCovariances(
+      drive.scene, rigid, BundleAdjustmentOptions(), Threads(2));
+  ASSERT_TRUE(covariances.is_usable);
+  const Eigen::Vector3d error =
+      LogSO3(rigid.sensor_from_rig[1]->rotation *
+             drive.ground_truth.sensor_from_rig[1]->rotation.conjugate());
+  const auto mahalanobis = [&] {
+    const Eigen::Matrix3d covariance =
+        covariances.sensors[1]->topLeftCorner<3, 3>();
+    return std::sqrt(error.dot(covariance.ldlt().solve(error)));
+  };
+  EXPECT_GT(mahalanobis(), 5.0);
+  AddRigErrors(drive.scene, rigid,
+               EstimateOf(drive, rigid, TimesOf(drive.scene)), &covariances);
+  EXPECT_LT(mahalanobis(), 3.5);
+}
+
+}  // namespace
+}  // namespace mgsfm
