@@ -107,5 +107,32 @@ TEST(RigChecksTest, SwappedCamerasAreNamedWithTheirFrames) {
               ElementsAre(scene.frames[10].name, scene.frames[24].name));
 }
 
+// A camera that is late turns relative to its rig wherever the rig turns. With
+// the delay removed, nothing remains.
+TEST(RigChecksTest, DelaysAreNoMoves) {
+  Simulation drive = SoundDrive();
+  RigDelays delays;
+  delays.delayed = drive.ground_truth;
+  delays.cameras = {{1, 0.3, 0.01, true}};
+  delays.angular_velocities.assign(drive.scene.frames.size(), Vector3d::Zero());
+  std::vector<SensorPairSamples> samples = SamplesOf(drive);
+  const Quaterniond& a = drive.ground_truth.sensor_from_rig[0]->rotation;
+  for (RigSample& sample : samples[0].samples) {
+    const bool turns = sample.frame_idx >= 20;
+    const Vector3d velocity(0.0, turns ? DegToRad(10.0) : 0.0, 0.0);
+    delays.angular_velocities[sample.frame_idx] = velocity;
+    sample.b_from_a = sample.b_from_a * ExpSO3(a * (0.3 * velocity));
+  }
+  EXPECT_THAT(CausesOf(FindRigMoves(drive.scene, samples)),
+              ElementsAre(Cause::kRigMoved));
+  RemoveDelays(drive.scene, delays, &samples);
+  EXPECT_THAT(FindRigMoves(drive.scene, samples), IsEmpty());
+  const std::vector<Finding> findings = DescribeDelays(drive.scene, delays);
+  ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kUnsynchronised));
+  EXPECT_EQ(findings[0].cameras.front(), drive.scene.sensors[1].name);
+  delays.cameras[0].is_certain = false;
+  EXPECT_THAT(DescribeDelays(drive.scene, delays), IsEmpty());
+}
+
 }  // namespace
 }  // namespace mgsfm
