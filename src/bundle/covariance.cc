@@ -64,9 +64,9 @@ void ScatterScaled(const std::vector<std::optional<PoseMatrix>>& from,
   }
 }
 
-void ListUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
-                      bool are_sensors, double max_sigma_length,
-                      std::vector<UnobservableDirection>* directions) {
+void AddUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
+                     bool are_sensors, double max_sigma_length,
+                     std::vector<UnobservableDirection>* directions) {
   for (size_t i = 0; i < poses.size(); ++i) {
     if (!poses[i]) continue;
     for (const bool is_rotation : {true, false}) {
@@ -84,6 +84,18 @@ void ListUnobservable(const std::vector<std::optional<PoseMatrix>>& poses,
 }
 
 }  // namespace
+
+void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
+                      const Context& context, CovarianceResult* covariances) {
+  const double max_sigma_length =
+      std::tan(kMaxSigmaRad) *
+      MedianDistance(scene, reconstruction, context.num_threads);
+  covariances->unobservable.clear();
+  AddUnobservable(covariances->sensors, true, max_sigma_length,
+                  &covariances->unobservable);
+  AddUnobservable(covariances->frames, false, max_sigma_length,
+                  &covariances->unobservable);
+}
 
 CovarianceResult ComputeCovariances(const Scene& scene,
                                     const Reconstruction& reconstruction,
@@ -105,13 +117,7 @@ CovarianceResult ComputeCovariances(const Scene& scene,
                 scene.frames.size(), &result.frames);
   ScatterScaled(covariances->sensors, built.sensor_idxs, factor,
                 scene.sensors.size(), &result.sensors);
-  const double max_sigma_length =
-      std::tan(kMaxSigmaRad) *
-      MedianDistance(scene, reconstruction, context.num_threads);
-  ListUnobservable(result.sensors, true, max_sigma_length,
-                   &result.unobservable);
-  ListUnobservable(result.frames, false, max_sigma_length,
-                   &result.unobservable);
+  ListUnobservable(scene, reconstruction, context, &result);
   return result;
 }
 

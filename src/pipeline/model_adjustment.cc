@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "pipeline/candidates.h"
+#include "pipeline/covariance_report.h"
 #include "pipeline/metric_scale.h"
 #include "pipeline/soft_rig_images.h"
 #include "pipeline/timed.h"
@@ -198,14 +199,14 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   JudgeFocalLengths(input, used_priors, options, context, model);
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
+  const auto candidates = [&](const Scene& separate) {
+    return MakeCandidateSource(separate, input.view_graph, input.matches,
+                               input.pair_is_used, options, context);
+  };
   model->delays = Timed("delays of cameras", context, &model->times, [&] {
-    return EstimateRigDelays(
-        scene, TimesOfFrames(scene),
-        [&](const Scene& separate) {
-          return MakeCandidateSource(separate, input.view_graph, input.matches,
-                                     input.pair_is_used, options, context);
-        },
-        model->reconstruction, options.bundle_adjustment, context);
+    return EstimateRigDelays(scene, TimesOfFrames(scene), candidates,
+                             model->reconstruction, options.bundle_adjustment,
+                             context);
   });
   if (options.compute_covariances) {
     model->covariances = Timed("covariances", context, &model->times, [&] {
@@ -217,6 +218,11 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (model->delays && model->covariances && model->covariances->is_usable) {
     AddRigErrors(scene, model->reconstruction, *model->delays,
                  &*model->covariances);
+    ListUnobservable(scene, model->reconstruction, context,
+                     &*model->covariances);
+    const std::string message =
+        DescribeUnobservable(scene, *model->covariances);
+    if (!message.empty()) context.Warning(message);
   }
   if (options.soft_rig.method != SoftRig::kNone) {
     Timed("soft rig", context, &model->times, [&] {

@@ -58,6 +58,10 @@ struct CovarianceResult {
     const BundleAdjustmentOptions& options, const Context& context,
     const BundlePriors& priors = {});
 
+// Lists the unobservable directions of covariances that have changed.
+void ListUnobservable(const Scene& scene, const Reconstruction& reconstruction,
+                      const Context& context, CovarianceResult* covariances);
+
 // Standard deviations of intrinsics, per camera of the scene and parameter: 0
 // for constant parameters, empty for cameras without observations. nullopt if
 // the equations cannot be solved. Cost: one linearisation and factorisation.
