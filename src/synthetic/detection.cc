@@ -12,6 +12,8 @@ namespace {
 // The smallest cosine of the angle between viewing direction and normal at
 // which features are detected.
 constexpr double kMinCosToNormal = 0.06;
+// Scale of the largest keypoints relative to the smallest.
+constexpr double kMaxScale = 8.0;
 
 // One random number per image and point, independent of all other items.
 Random RandomOfFeature(uint64_t seed, Effect effect, const Exposure& exposure,
@@ -23,9 +25,14 @@ Random RandomOfFeature(uint64_t seed, Effect effect, const Exposure& exposure,
 }  // namespace
 
 Detector::Detector(const SimulationOptions& options,
-                   const std::vector<SimulatedCamera>& rig, const World& world,
-                   const Vehicles* vehicles)
-    : options_(options), rig_(rig), world_(world), vehicles_(vehicles) {
+                   const std::vector<SimulatedCamera>& rig,
+                   const std::vector<SimulatedCamera>& assumed_rig,
+                   const World& world, const Vehicles* vehicles)
+    : options_(options),
+      rig_(rig),
+      assumed_rig_(assumed_rig),
+      world_(world),
+      vehicles_(vehicles) {
   int identity = static_cast<int>(world.points.size());
   const size_t num_vehicles = vehicles == nullptr ? 0 : vehicles->size();
   for (size_t i = 0; i < num_vehicles; ++i) {
@@ -193,13 +200,31 @@ void Detector::AppendStrongest(const Exposure& exposure,
   for (const Candidate& candidate : candidates) {
     Eigen::Vector2d pixel = candidate.pixel;
     if (options_.pixel_noise_px > 0.0) {
-      Random random = RandomOfFeature(options_.random_seed, Effect::kPixelNoise,
-                                      exposure, candidate.identity);
-      pixel.x() += options_.pixel_noise_px * random.Normal();
-      pixel.y() += options_.pixel_noise_px * random.Normal();
+      pixel += Noise(exposure, candidate.identity);
     }
     Append(exposure.camera, candidate.identity, pixel, features);
   }
+}
+
+Eigen::Vector2d Detector::Noise(const Exposure& exposure, int identity) const {
+  Random random = RandomOfFeature(options_.random_seed, Effect::kPixelNoise,
+                                  exposure, identity);
+  Eigen::Vector2d noise;
+  noise.x() = options_.pixel_noise_px * random.Normal();
+  noise.y() = options_.pixel_noise_px * random.Normal();
+  if (options_.keypoint_noise_tail == 0.0) return noise;
+  const double num_degrees = std::round(1.0 / options_.keypoint_noise_tail);
+  double sum_of_squares = 0.0;
+  for (int i = 0; i < static_cast<int>(num_degrees); ++i) {
+    const double deviate = random.Normal();
+    sum_of_squares += deviate * deviate;
+  }
+  // Detectors find keypoints in inverse proportion to the square of their
+  // scale; a point has about the same scale in all images that match.
+  const double rank =
+      RandomOf(options_.random_seed, Effect::kNoiseTails, identity).Uniform();
+  const double scale = std::min(kMaxScale, 1.0 / std::sqrt(1.0 - rank));
+  return scale * std::sqrt(num_degrees / sum_of_squares) * noise;
 }
 
 void Detector::AppendClutter(const Exposure& exposure, int num_features,
@@ -216,7 +241,7 @@ void Detector::AppendClutter(const Exposure& exposure, int num_features,
 
 bool Detector::Append(int camera_number, int identity,
                       const Eigen::Vector2d& pixel, Features* features) const {
-  const SimulatedCamera& camera = rig_[camera_number];
+  const SimulatedCamera& camera = assumed_rig_[camera_number];
   const Eigen::Vector2f keypoint = pixel.cast<float>();
   const auto ray =
       RayFromPixel(camera.model, camera.params.data(), keypoint.cast<double>());

@@ -37,9 +37,11 @@ struct Features {
 
 class Detector {
  public:
-  // All arguments must outlive this object. `vehicles` may be null.
+  // All arguments must outlive this object. `vehicles` may be null. The
+  // intrinsics of `assumed_rig` turn keypoints into rays.
   Detector(const SimulationOptions& options,
-           const std::vector<SimulatedCamera>& rig, const World& world,
+           const std::vector<SimulatedCamera>& rig,
+           const std::vector<SimulatedCamera>& assumed_rig, const World& world,
            const Vehicles* vehicles);
 
   // Vehicles in convoy occlude the street even if they are not detected.
@@ -70,11 +72,13 @@ class Detector {
   void AppendStrongest(const Exposure& exposure, size_t max_num_features,
                        std::vector<Candidate> candidates,
                        Features* features) const;
+  Eigen::Vector2d Noise(const Exposure& exposure, int identity) const;
   void AppendClutter(const Exposure& exposure, int num_features,
                      Features* features) const;
 
   const SimulationOptions& options_;
   const std::vector<SimulatedCamera>& rig_;
+  const std::vector<SimulatedCamera>& assumed_rig_;
   const World& world_;
   const Vehicles* vehicles_;
   std::vector<int>

@@ -108,4 +108,24 @@ Drive MakeDrive(const SimulationOptions& options,
   return drive;
 }
 
+Drive SamplePlan(const SimulationOptions& options, const WorldPlan& plan) {
+  Drive drive;
+  drive.is_level = true;
+  drive.num_rigs = static_cast<int>(plan.world_from_rigs.size());
+  const double step_s = 1.0 / (options.frame_rate_hz * drive.num_rigs);
+  for (const auto& [begin_s, end_s] : plan.sessions_s) {
+    const auto num_poses =
+        static_cast<int>(std::floor((end_s - begin_s) / step_s + 1e-6));
+    for (int i = 0; i < num_poses; ++i) {
+      const double time_s = begin_s + i * step_s;
+      const int pose = static_cast<int>(drive.times_s.size());
+      drive.pose_of_frame.push_back(pose);
+      drive.times_s.push_back(time_s);
+      drive.rig_from_world.push_back(
+          plan.world_from_rigs[pose % drive.num_rigs](time_s).Inverse());
+    }
+  }
+  return drive;
+}
+
 }  // namespace mgsfm

@@ -5,6 +5,7 @@
 
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "synthetic/worlds/world_plan.h"
 
 namespace mgsfm {
 
@@ -14,6 +15,8 @@ struct Drive {
   std::vector<double> times_s;
   std::vector<int> pose_of_frame;
   bool is_closed = false;  // the first frame follows the last one
+  bool is_level = false;   // the z axis of the world points up
+  int num_rigs = 1;        // they take frames in turns
 
   // Interpolates, and extrapolates beyond the ends, with constant velocity.
   Rigid3 PoseAt(double time_s) const;
@@ -27,5 +30,8 @@ struct Drive {
 // The drive along the trajectory of `input`, or of `options` if it has none.
 // Throws Error for times that do not increase or do not match the poses.
 Drive MakeDrive(const SimulationOptions& options, const SimulationInput& input);
+
+// The paths of a plan at `options.frame_rate_hz`; several rigs alternate.
+Drive SamplePlan(const SimulationOptions& options, const WorldPlan& plan);
 
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <optional>
 #include <utility>
 
 #include "base/parallel.h"
@@ -87,18 +88,65 @@ std::vector<std::pair<int, int>> Best(std::vector<std::pair<int, int>> partners,
   return partners;
 }
 
+// The images with the most points in common, except neighbours, at most one per
+// camera and stretch of neighbours, whatever the shape of the path.
+std::vector<PairPlan> CovisibleOf(const SimulationOptions& options,
+                                  const Photographs& photographs, int image,
+                                  int num_points) {
+  const Exposure& exposure = photographs.exposures[image];
+  const auto are_neighbors = [&](const Exposure& a, const Exposure& b) {
+    return std::abs(a.frame - b.frame) <= options.num_matched_frames;
+  };
+  std::vector<std::pair<int, int>> partners;
+  for (int other = 0; other < static_cast<int>(photographs.exposures.size());
+       ++other) {
+    const Exposure& of_other = photographs.exposures[other];
+    if (of_other.frame >= exposure.frame || are_neighbors(exposure, of_other)) {
+      continue;
+    }
+    const int num_common = NumCommonPoints(
+        photographs.features[image], photographs.features[other], num_points);
+    if (num_common >= options.min_num_matches) {
+      partners.emplace_back(num_common, other);
+    }
+  }
+  std::vector<PairPlan> plans;
+  std::vector<int> chosen;
+  const int num_partners = static_cast<int>(partners.size());
+  for (const auto& [num_common, other] :
+       Best(std::move(partners), num_partners)) {
+    const Exposure& of_other = photographs.exposures[other];
+    const bool is_near =
+        std::any_of(chosen.begin(), chosen.end(), [&](int best) {
+          return photographs.exposures[best].camera == of_other.camera &&
+                 are_neighbors(photographs.exposures[best], of_other);
+        });
+    if (is_near) continue;
+    chosen.push_back(other);
+    plans.push_back(Ordered(image, other));
+    if (static_cast<int>(chosen.size()) == options.max_num_loop_images) break;
+  }
+  return plans;
+}
+
 void PlanLoops(const SimulationOptions& options, const Drive& drive,
                const World& world, const Photographs& photographs,
                const Context& context, std::vector<PairPlan>* plans) {
-  const LoopFinder finder(drive, world);
+  std::optional<LoopFinder> finder;
+  if (!drive.is_level) finder.emplace(drive, world);
   const std::vector<std::vector<int>> images_of_frames =
       ImagesOfFrames(drive, photographs.exposures);
   const int num_points = static_cast<int>(world.points.size());
   std::vector<std::vector<PairPlan>> found(photographs.exposures.size());
   const auto find = [&](size_t image) {
+    if (!finder) {
+      found[image] = CovisibleOf(options, photographs, static_cast<int>(image),
+                                 num_points);
+      return;
+    }
     const Exposure& exposure = photographs.exposures[image];
     std::vector<std::pair<int, int>> partners;
-    for (const int frame : finder.EarlierFrames(exposure.frame)) {
+    for (const int frame : finder->EarlierFrames(exposure.frame)) {
       for (const int other : images_of_frames[frame]) {
         if (!options.match_different_sensors &&
             photographs.exposures[other].camera != exposure.camera) {

@@ -29,6 +29,8 @@ enum class Effect : uint64_t {
   kTextures,
   kConvoys,
   kWeakCuts,
+  kWorlds,
+  kNoiseTails,
 };
 
 // The seed of an effect, for use as Random(EffectSeed(...), item).

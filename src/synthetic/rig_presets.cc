@@ -54,6 +54,25 @@ std::vector<SimulatedCamera> MakeCube() {
   return rig;
 }
 
+SimulatedCamera SmallCamera(int number, const Rigid3& sensor_from_rig) {
+  return {
+      "cam" + std::to_string(number) + "/", CameraModelId::kPinhole, 752, 480,
+      {458.0, 457.0, 376.0, 240.0},         sensor_from_rig};
+}
+
+// Cameras at angles about the vertical axis of the reference camera.
+std::vector<SimulatedCamera> MakeDome() {
+  std::vector<SimulatedCamera> rig;
+  constexpr double kRadius_m = 2.0;
+  for (int i = 0; i < 8; ++i) {
+    const double yaw = DegToRad(45.0 * i);
+    const Eigen::Vector3d center(-kRadius_m * std::sin(yaw), 0.0,
+                                 kRadius_m * (1.0 - std::cos(yaw)));
+    rig.push_back(SmallCamera(i, MountedCamera(45.0 * i, 0.0, 0.0, center)));
+  }
+  return rig;
+}
+
 }  // namespace
 
 std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
@@ -73,6 +92,21 @@ std::vector<SimulatedCamera> MakeRig(RigPreset preset) {
                             MountedCamera(90.0, -1.0, 2.0, {0.9, -0.1, -0.7}))};
     case RigPreset::kCube6:
       return MakeCube();
+    case RigPreset::kSmallStereo:
+      return {SmallCamera(0, Rigid3()),
+              SmallCamera(1, MountedCamera(0.5, -0.3, 0.4, {0.11, 0, 0}))};
+    case RigPreset::kBackToBack:
+      return {FisheyeCamera("cam0/", 330.0, 1000, Rigid3()),
+              FisheyeCamera("cam1/", 330.0, 1000,
+                            MountedCamera(180.0, 0.5, 0.3, {0, 0, -0.03}))};
+    case RigPreset::kOblique:
+      return {SmallCamera(0, Rigid3()),
+              SmallCamera(1, MountedCamera(0, 45, 0, {0, -0.1, 0})),
+              SmallCamera(2, MountedCamera(0, -45, 0, {0, 0.1, 0})),
+              SmallCamera(3, MountedCamera(45, 0, 0, {0.1, 0, 0})),
+              SmallCamera(4, MountedCamera(-45, 0, 0, {-0.1, 0, 0}))};
+    case RigPreset::kDome:
+      return MakeDome();
   }
   return {};
 }

@@ -20,6 +20,7 @@ constexpr double kGridCell_m = 10.0;  // affects only the time of searches
 
 // The up direction is opposite to the mean y axis of the reference camera.
 Eigen::Quaterniond LevelFromWorld(const Drive& drive) {
+  if (drive.is_level) return Eigen::Quaterniond::Identity();
   Eigen::Vector3d down = Eigen::Vector3d::Zero();
   for (const Rigid3& rig_from_world : drive.rig_from_world) {
     down += rig_from_world.rotation.conjugate() * Eigen::Vector3d::UnitY();

@@ -44,24 +44,65 @@ std::string SensorName(const std::string& image_prefix) {
   return image_prefix.substr(0, image_prefix.size() - (is_folder ? 1 : 0));
 }
 
+std::optional<WorldPlan> PlanOf(const SimulationOptions& options) {
+  if (!IsPlanned(options.world)) return std::nullopt;
+  return PlanWorld(options.world, options.random_seed);
+}
+
+// The cameras of all rigs; every further rig is a copy of the first.
+std::vector<SimulatedCamera> RigsOf(const SimulationOptions& options,
+                                    const SimulationInput& input,
+                                    const std::optional<WorldPlan>& plan) {
+  std::vector<SimulatedCamera> cameras =
+      input.rig.empty() ? MakeRig(options.rig) : input.rig;
+  const size_t num_cameras = cameras.size();
+  const size_t num_rigs = plan ? plan->world_from_rigs.size() : 1;
+  for (size_t i = num_cameras; i < num_rigs * num_cameras; ++i) {
+    SimulatedCamera camera = cameras[i % num_cameras];
+    camera.rig = static_cast<int>(i / num_cameras);
+    camera.image_prefix =
+        "rig" + std::to_string(camera.rig) + "_" + camera.image_prefix;
+    cameras.push_back(camera);
+  }
+  return cameras;
+}
+
+std::vector<SimulatedCamera> WithFocalError(std::vector<SimulatedCamera> rig,
+                                            double relative_error) {
+  for (SimulatedCamera& camera : rig) {
+    const CameraModelInfo& info =
+        *FindCameraModel(static_cast<int32_t>(camera.model));
+    for (const int i : info.focal_length_idxs) {
+      camera.params[i] *= 1.0 + relative_error;
+    }
+  }
+  return rig;
+}
+
 class Simulator {
  public:
   Simulator(const SimulationOptions& options, const SimulationInput& input,
             const Context& context)
       : options_(options),
         context_(context),
-        rig_(input.rig.empty() ? MakeRig(options.rig) : input.rig),
-        drive_(MakeDrive(options, input)) {}
+        plan_(PlanOf(options)),
+        rig_(RigsOf(options, input, plan_)),
+        assumed_rig_(WithFocalError(rig_, options.focal_length_error)),
+        drive_(plan_ ? SamplePlan(options, *plan_)
+                     : MakeDrive(options, input)) {}
 
   Simulation Run() {
     AddRig();
     AddImages();
-    world_ = MakeWorld(options_, rig_, drive_, NumDuplicates(), context_);
+    world_ = plan_
+                 ? MakeWorld(*plan_, options_.random_seed, drive_)
+                 : MakeWorld(options_, rig_, drive_, NumDuplicates(), context_);
     std::optional<Vehicles> vehicles;
     if (options_.moving_feature_ratio > 0.0 || options_.convoy_ratio > 0.0) {
-      vehicles.emplace(options_, world_->road, drive_);
+      vehicles.emplace(options_, world_->road, drive_,
+                       plan_ ? &*plan_ : nullptr);
     }
-    const Detector detector(options_, rig_, *world_,
+    const Detector detector(options_, rig_, assumed_rig_, *world_,
                             vehicles ? &*vehicles : nullptr);
     DetectFeatures(detector);
     if (options_.convoy_ratio > 0.0) {
@@ -90,6 +131,7 @@ class Simulator {
  private:
   void AddRig();
   void AddImages();
+  std::string FrameName(int frame) const;
   Exposure Expose(int camera, int frame) const;
   int NumDuplicates() const;
   void DetectFeatures(const Detector& detector);
@@ -102,7 +144,9 @@ class Simulator {
 
   const SimulationOptions& options_;
   const Context& context_;
+  const std::optional<WorldPlan> plan_;
   const std::vector<SimulatedCamera> rig_;
+  const std::vector<SimulatedCamera> assumed_rig_;
   const Drive drive_;
   std::optional<World> world_;
   Photographs photographs_;
@@ -113,24 +157,30 @@ class Simulator {
 
 void Simulator::AddRig() {
   Scene& scene = simulation_.scene;
-  Rig rig{RigId(5), 0, {}};
+  // Rigs in the order of their first images.
+  std::vector<int> rig_idxs(drive_.num_rigs, -1);
   sensor_idxs_.resize(rig_.size());
   for (const int i : OrderByName(rig_)) {
-    const SimulatedCamera& camera = rig_[i];
+    const SimulatedCamera& camera = assumed_rig_[i];
+    int& rig_idx = rig_idxs[camera.rig];
+    if (rig_idx < 0) {
+      rig_idx = static_cast<int>(scene.rigs.size());
+      scene.rigs.push_back({RigId(static_cast<uint32_t>(rig_idx + 5)), 0, {}});
+    }
     const int idx = static_cast<int>(scene.sensors.size());
     scene.cameras.push_back({CameraId(static_cast<uint32_t>(3 * idx + 4)),
                              camera.model, camera.width_px, camera.height_px,
                              camera.params, true});
-    Sensor sensor{SensorName(camera.image_prefix), 0, idx, std::nullopt};
-    if (i == 0 || options_.extrinsics_are_known) {
+    Sensor sensor{SensorName(camera.image_prefix), rig_idx, idx, std::nullopt};
+    const bool is_reference = i == 0 || camera.rig != rig_[i - 1].rig;
+    if (is_reference || options_.extrinsics_are_known) {
       sensor.sensor_from_rig = camera.sensor_from_rig;
     }
     scene.sensors.push_back(sensor);
-    rig.sensor_idxs.push_back(idx);
-    if (i == 0) rig.ref_sensor_idx = idx;
+    scene.rigs[rig_idx].sensor_idxs.push_back(idx);
+    if (is_reference) scene.rigs[rig_idx].ref_sensor_idx = idx;
     sensor_idxs_[i] = idx;
   }
-  scene.rigs.push_back(rig);
 }
 
 Exposure Simulator::Expose(int camera, int frame) const {
@@ -150,23 +200,36 @@ Exposure Simulator::Expose(int camera, int frame) const {
   return exposure;
 }
 
+std::string Simulator::FrameName(int frame) const {
+  char name[32];
+  if (options_.time_names) {
+    std::snprintf(name, sizeof(name), "%019lld",
+                  std::llround(1e9 * drive_.TimeOfFrame(frame)));
+  } else {
+    std::snprintf(name, sizeof(name), "%06d", drive_.pose_of_frame[frame]);
+  }
+  return name;
+}
+
 void Simulator::AddImages() {
   Scene& scene = simulation_.scene;
   std::vector<int> frame_idx_of_drive(drive_.num_frames(), -1);
   for (const int camera : OrderByName(rig_)) {
     for (int frame = 0; frame < drive_.num_frames(); ++frame) {
+      if (frame % drive_.num_rigs != rig_[camera].rig) continue;
       const Exposure exposure = Expose(camera, frame);
       Random random = RandomOf(options_.random_seed, Effect::kMissingImages,
                                exposure.Key());
       if (random.Uniform() < options_.missing_image_ratio) continue;
-      char frame_name[32];
-      std::snprintf(frame_name, sizeof(frame_name), "%06d",
-                    drive_.pose_of_frame[frame]);
+      const std::string frame_name = FrameName(frame);
       int& frame_idx = frame_idx_of_drive[frame];
       if (frame_idx < 0) {
         frame_idx = static_cast<int>(scene.frames.size());
         scene.frames.push_back(
-            {FrameId(static_cast<uint32_t>(2 * frame + 9)), frame_name, 0, {}});
+            {FrameId(static_cast<uint32_t>(2 * frame + 9)),
+             frame_name,
+             simulation_.scene.sensors[sensor_idxs_[camera]].rig_idx,
+             {}});
         drive_frames_.push_back(frame);
       }
       const int image_idx = static_cast<int>(scene.images.size());
@@ -290,6 +353,7 @@ void Simulator::AddTruePoses() {
   truth.cameras = simulation_.scene.cameras;
   truth.sensor_from_rig.resize(rig_.size());
   for (size_t i = 0; i < rig_.size(); ++i) {
+    truth.cameras[sensor_idxs_[i]].params = rig_[i].params;
     truth.sensor_from_rig[sensor_idxs_[i]] = rig_[i].sensor_from_rig;
   }
   for (const int frame : drive_frames_) {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "synthetic/random_streams.h"
+#include "synthetic/world.h"
 
 namespace mgsfm {
 namespace {
@@ -77,8 +78,12 @@ VehiclePoint RandomConvoyPoint(int side, Random* random) {
 }  // namespace
 
 Vehicles::Vehicles(const SimulationOptions& options, const Road& road,
-                   const Drive& drive)
+                   const Drive& drive, const WorldPlan* plan)
     : road_(road), drive_(drive) {
+  if (plan != nullptr) {
+    AddBodies(*plan, options.random_seed);
+    return;
+  }
   if (options.moving_feature_ratio > 0.0) AddTraffic(options.random_seed);
   if (options.convoy_ratio > 0.0) AddConvoys(options);
 }
@@ -135,6 +140,25 @@ void Vehicles::Add(Vehicle vehicle, Random* random) {
     vehicle.points.push_back(RandomPoint(random));
   }
   vehicles_.push_back(std::move(vehicle));
+}
+
+void Vehicles::AddBodies(const WorldPlan& plan, uint64_t seed) {
+  bodies_ = plan.bodies;
+  for (const Body& body : bodies_) {
+    Vehicle vehicle{drive_.times_s.front(),
+                    drive_.times_s.back(),
+                    false,
+                    0.0,
+                    0.0,
+                    0.0,
+                    {}};
+    vehicle.world_from_body = body.world_from_body;
+    for (const WorldPoint& point : PointsOnBox(body.box, seed)) {
+      vehicle.points.push_back({point.position, point.normal, 0.0,
+                                point.max_distance_m, point.strength});
+    }
+    vehicles_.push_back(std::move(vehicle));
+  }
 }
 
 // The mean pause between convoys follows from the required ratio.
@@ -194,29 +218,31 @@ std::optional<int> Vehicles::ConvoyAt(double time_s) const {
 
 bool Vehicles::Hide(const Eigen::Vector3d& point_in_world,
                     const Eigen::Vector3d& camera_center, double time_s) const {
-  const Eigen::Vector3d min_corner(-0.5 * kConvoyWidth_m, 0.0,
-                                   -0.5 * kConvoyLength_m);
-  const Eigen::Vector3d max_corner(0.5 * kConvoyWidth_m, kConvoyHeight_m,
-                                   0.5 * kConvoyLength_m);
+  const auto hides = [&](const Rigid3& world_from_box,
+                         const Eigen::Vector3d& half_size) {
+    const Rigid3 box_from_world = world_from_box.Inverse();
+    return Crosses(half_size, box_from_world * camera_center,
+                   box_from_world * point_in_world);
+  };
+  for (const Body& body : bodies_) {
+    if (hides(body.world_from_body(time_s) * body.box.world_from_box,
+              body.box.half_size_m)) {
+      return true;
+    }
+  }
   const auto vehicle = ConvoyAt(time_s);
   if (!vehicle) return false;
-  const Rigid3 vehicle_from_world =
-      WorldFromVehicle(*vehicle, time_s).Inverse();
-  const Eigen::Vector3d center = vehicle_from_world * camera_center;
-  const Eigen::Vector3d view = vehicle_from_world * point_in_world - center;
-  // The part of the line of sight inside all three slabs of the box.
-  double entry = 0.0, exit = 1.0;
-  for (int k = 0; k < 3; ++k) {
-    const double low = (min_corner[k] - center[k]) / view[k];
-    const double high = (max_corner[k] - center[k]) / view[k];
-    entry = std::max(entry, std::min(low, high));
-    exit = std::min(exit, std::max(low, high));
-  }
-  return entry < exit;
+  const Eigen::Vector3d half_size(0.5 * kConvoyWidth_m, 0.5 * kConvoyHeight_m,
+                                  0.5 * kConvoyLength_m);
+  const Rigid3 vehicle_from_box{Eigen::Quaterniond::Identity(),
+                                {0.0, half_size.y(), 0.0}};
+  return hides(WorldFromVehicle(*vehicle, time_s) * vehicle_from_box,
+               half_size);
 }
 
 Rigid3 Vehicles::WorldFromVehicle(int vehicle, double time_s) const {
   const Vehicle& v = vehicles_[vehicle];
+  if (v.world_from_body) return v.world_from_body(time_s);
   double arc_m = v.arc_m + v.speed_m_s * (time_s - v.begin_s);
   if (!v.is_oncoming) arc_m += road_.ArcAt(drive_, time_s);
   return road_.WorldFromPlace(arc_m, v.left_m);

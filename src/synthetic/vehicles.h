@@ -9,6 +9,7 @@
 #include "base/random.h"
 #include "synthetic/drive.h"
 #include "synthetic/road.h"
+#include "synthetic/worlds/world_plan.h"
 
 namespace mgsfm {
 
@@ -32,9 +33,9 @@ struct VehiclePoint {
 // close, and stay at a constant distance for tens of frames.
 class Vehicles {
  public:
-  // `road` and `drive` must outlive this object.
+  // `road` and `drive` must outlive this object; `plan` may be null.
   Vehicles(const SimulationOptions& options, const Road& road,
-           const Drive& drive);
+           const Drive& drive, const WorldPlan* plan);
 
   size_t size() const { return vehicles_.size(); }
   const std::vector<VehiclePoint>& Points(int vehicle) const {
@@ -62,6 +63,8 @@ class Vehicles {
     double left_m;     // lateral offset from the path of the rig
     std::vector<VehiclePoint> points;
     bool is_in_convoy = false;
+    // Of the moving bodies of a world.
+    Path world_from_body = nullptr;
   };
 
   void AddTraffic(uint64_t seed);
@@ -69,6 +72,7 @@ class Vehicles {
                      double mean_pause_s, Random* random);
   void AddOncoming(Random* random);
   void Add(Vehicle vehicle, Random* random);
+  void AddBodies(const WorldPlan& plan, uint64_t seed);
   void AddConvoys(const SimulationOptions& options);
   Vehicle MakeConvoy(double begin_s, double end_s, int points_per_side,
                      Random* random) const;
@@ -76,6 +80,7 @@ class Vehicles {
   const Road& road_;
   const Drive& drive_;
   std::vector<Vehicle> vehicles_;
+  std::vector<Body> bodies_;
 };
 
 }  // namespace mgsfm

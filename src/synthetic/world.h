@@ -10,6 +10,7 @@
 #include "synthetic/drive.h"
 #include "synthetic/road.h"
 #include "synthetic/street_surfaces.h"
+#include "synthetic/worlds/world_plan.h"
 
 namespace mgsfm {
 
@@ -66,6 +67,7 @@ class PointIndex {
 struct World {
   Road road;
   std::optional<StreetSurfaces> surfaces;
+  std::vector<TexturedBox> boxes;
   std::vector<WorldPoint> points;
   std::vector<int> weak_cuts;  // the frames of the drive before them
   std::vector<Rigid3>
@@ -84,5 +86,9 @@ struct World {
 World MakeWorld(const SimulationOptions& options,
                 const std::vector<SimulatedCamera>& rig, const Drive& drive,
                 int num_duplicates, const Context& context);
+World MakeWorld(const WorldPlan& plan, uint64_t seed, const Drive& drive);
+
+// The points on the surface of a box, in the frame that contains it.
+std::vector<WorldPoint> PointsOnBox(const TexturedBox& box, uint64_t seed);
 
 }  // namespace mgsfm

@@ -24,6 +24,7 @@ struct SimulatedCamera {
   int height_px;
   std::vector<double> params;
   Rigid3 sensor_from_rig;
+  int rig = 0;  // of a world with several rigs
 };
 
 // The first camera is the reference sensor with identity pose.

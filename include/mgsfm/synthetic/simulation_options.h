@@ -10,10 +10,14 @@
 namespace mgsfm {
 
 enum class RigPreset {
-  kMono,      // one forward-facing camera
-  kStereo,    // KITTI: two parallel forward-facing cameras, baseline 0.54 m
-  kKitti360,  // forward stereo and two lateral fisheyes, almost no overlap
-  kCube6,     // six fisheyes facing outwards, 0.1 m from a common centre
+  kMono,         // one forward-facing camera
+  kStereo,       // KITTI: two parallel forward-facing cameras, baseline 0.54 m
+  kKitti360,     // forward stereo and two lateral fisheyes, almost no overlap
+  kCube6,        // six fisheyes facing outwards, 0.1 m from a common centre
+  kSmallStereo,  // two parallel cameras, baseline 0.11 m
+  kBackToBack,   // two fisheyes facing opposite directions
+  kOblique,      // one camera and four that are tilted by 45 degrees
+  kDome,         // eight cameras on a circle of 2 m radius that face its centre
 };
 
 enum class PathPreset {
@@ -30,7 +34,29 @@ enum class WorldPreset {
   // Facades with gaps, ground, trees, parked cars and a skyline with mutual
   // occlusion. Points are detected only from near their best viewpoints.
   kStreet,
+  // Worlds with paths of their own; see docs/reference/simulation.md.
+  kHandheld,
+  kStairs,
+  kElevator,
+  kRobot,
+  kDrone,
+  kDome,
+  kTurntable,
+  kSquare,
+  kHead360,
+  kCorridor,
+  kSessions,
+  kBoat,
+  kTrain,
+  kCrane,
+  kTwoRigs,
+  kPedestrians,
+  kPole360,
+  kBridge,
 };
+
+// How bad the matches of a world with a path of its own are.
+enum class NoiseLevel { kNone, kMild, kMedium };
 
 // Settings of all options of a simulation, named below.
 enum class SimulationPreset {
@@ -48,7 +74,11 @@ struct EnumTable<RigPreset> {
       {"mono", RigPreset::kMono},
       {"stereo", RigPreset::kStereo},
       {"kitti360", RigPreset::kKitti360},
-      {"cube6", RigPreset::kCube6}};
+      {"cube6", RigPreset::kCube6},
+      {"small_stereo", RigPreset::kSmallStereo},
+      {"back_to_back", RigPreset::kBackToBack},
+      {"oblique", RigPreset::kOblique},
+      {"dome", RigPreset::kDome}};
 };
 
 template <>
@@ -74,7 +104,34 @@ struct EnumTable<SimulationPreset> {
 template <>
 struct EnumTable<WorldPreset> {
   static constexpr std::pair<std::string_view, WorldPreset> kNames[] = {
-      {"scatter", WorldPreset::kScatter}, {"street", WorldPreset::kStreet}};
+      {"scatter", WorldPreset::kScatter},
+      {"street", WorldPreset::kStreet},
+      {"handheld", WorldPreset::kHandheld},
+      {"stairs", WorldPreset::kStairs},
+      {"elevator", WorldPreset::kElevator},
+      {"robot", WorldPreset::kRobot},
+      {"drone", WorldPreset::kDrone},
+      {"dome", WorldPreset::kDome},
+      {"turntable", WorldPreset::kTurntable},
+      {"square", WorldPreset::kSquare},
+      {"head360", WorldPreset::kHead360},
+      {"corridor", WorldPreset::kCorridor},
+      {"sessions", WorldPreset::kSessions},
+      {"boat", WorldPreset::kBoat},
+      {"train", WorldPreset::kTrain},
+      {"crane", WorldPreset::kCrane},
+      {"two_rigs", WorldPreset::kTwoRigs},
+      {"pedestrians", WorldPreset::kPedestrians},
+      {"pole360", WorldPreset::kPole360},
+      {"bridge", WorldPreset::kBridge}};
+};
+
+template <>
+struct EnumTable<NoiseLevel> {
+  static constexpr std::pair<std::string_view, NoiseLevel> kNames[] = {
+      {"none", NoiseLevel::kNone},
+      {"mild", NoiseLevel::kMild},
+      {"medium", NoiseLevel::kMedium}};
 };
 
 // See docs/reference/simulation.md. The defaults suit small tests: exact data
@@ -94,7 +151,11 @@ struct SimulationOptions {
       "Use every n-th pose of an input trajectory as a frame."};
   Option<double> frame_rate_hz{
       "frame_rate", 10.0, GreaterThan(0.0), "Hz",
-      "Poses per second of a trajectory without timestamps."};
+      "Poses per second of a trajectory without timestamps; in a world with a "
+      "path of its own, the rate at which the same motion is sampled."};
+  Option<bool> time_names{
+      "time_names", false,
+      "Name images by their times in nanoseconds instead of frame numbers."};
 
   Option<WorldPreset> world{"world", WorldPreset::kScatter,
                             "Preset of the scene."};
@@ -140,6 +201,14 @@ struct SimulationOptions {
   Option<double> pixel_noise_px{
       "pixel_noise", 0.0, AtLeast(0.0), "px",
       "Standard deviation of each coordinate of the keypoints."};
+  Option<double> keypoint_noise_tail{
+      "keypoint_noise_tail", 0.0, Between(0.0, 0.5),
+      "If positive, keypoint noise has Student's t distribution with the "
+      "inverse of this number of degrees of freedom, and grows with the scale "
+      "of the keypoint: pixel_noise holds for the smallest."};
+  Option<double> focal_length_error{
+      "focal_length_error", 0.0, Between(-0.2, 0.2),
+      "Relative error of the written focal lengths."};
   Option<double> mismatch_ratio{
       "mismatch_ratio", 0.0, Between(0.0, 1.0),
       "Fraction of random matches before verification."};
@@ -202,17 +271,17 @@ struct SimulationOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(rig, path, num_frames, frame_spacing_m, frame_step, frame_rate_hz,
-          world, num_points_per_frame, max_visible_distance_m,
+          time_names, world, num_points_per_frame, max_visible_distance_m,
           max_num_features_per_image, repeatability, clutter_ratio,
           num_matched_frames, match_different_sensors,
           num_matched_frames_across, max_num_loop_images, min_num_matches,
-          max_verification_error_px, pixel_noise_px, mismatch_ratio,
-          epipolar_outlier_ratio, moving_feature_ratio, convoy_ratio,
-          convoy_feature_ratio, weak_cut_spacing, min_num_weak_cut_matches,
-          max_num_weak_cut_matches, relative_rotation_noise_deg,
-          missing_image_ratio, trigger_jitter_ms, trigger_offset_ms,
-          wrong_pair_ratio, isolated_wrong_pair_ratio, duplicated_pair_ratio,
-          extrinsics_are_known);
+          max_verification_error_px, pixel_noise_px, keypoint_noise_tail,
+          focal_length_error, mismatch_ratio, epipolar_outlier_ratio,
+          moving_feature_ratio, convoy_ratio, convoy_feature_ratio,
+          weak_cut_spacing, min_num_weak_cut_matches, max_num_weak_cut_matches,
+          relative_rotation_noise_deg, missing_image_ratio, trigger_jitter_ms,
+          trigger_offset_ms, wrong_pair_ratio, isolated_wrong_pair_ratio,
+          duplicated_pair_ratio, extrinsics_are_known);
   }
 };
 
@@ -239,6 +308,11 @@ SimulationOptions ModerateSimulation(RigPreset rig);
 // of the features on vehicles, 5 % wrong pairs, 3 % missing images and more
 // weak cuts.
 SimulationOptions HardSimulation(RigPreset rig);
+
+// A world with a path of its own, with the rig that suits it. mild: 0.5 px
+// noise with heavy tails, 10 % mismatches; medium: 25 % mismatches, 3 %
+// epipolar outliers, 1 % isolated wrong pairs.
+SimulationOptions WorldSimulation(WorldPreset world, NoiseLevel level);
 
 // The options of a preset; those of kSmall are the defaults.
 SimulationOptions PresetSimulation(SimulationPreset preset, RigPreset rig);
