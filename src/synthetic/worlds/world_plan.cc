@@ -71,7 +71,7 @@ class Planner {
 
   const uint64_t seed_;
   Random random_;
-  double density_ = 8.0;
+  double density_ = 36.0;
   double reach_m_ = 12.0;
   WorldPlan plan_;
 };
@@ -250,7 +250,7 @@ void Planner::Handheld() {
 
 // Four equal storeys around a core; a turn of the stairs per storey.
 void Planner::Stairs() {
-  density_ = 12.0;
+  density_ = 45.0;
   constexpr double kStorey_m = 3.0;
   for (const double y : {-2.5, 2.5}) Block(0, y, 1.5, 7, 0.1, kStorey_m);
   for (const double x : {-3.5, 3.5}) Block(x, 0, 1.5, 0.1, 5, kStorey_m);
@@ -391,7 +391,7 @@ void Planner::Square() {
 
 // Equal rooms in a row with wide doors; the head looks around.
 void Planner::Head360() {
-  density_ = 14.0;
+  density_ = 25.0;
   constexpr double kRoom_m = 5.0;
   for (const double y : {-2.5, 2.5}) Block(0, y, 1.4, kRoom_m, 0.1, 2.8);
   for (const double y : {-1.75, 1.75}) Block(2.5, y, 1.4, 0.1, 1.5, 2.8);
@@ -422,7 +422,7 @@ void Planner::Corridor() {
 
 // The same street at three times, the second time in the opposite direction.
 void Planner::Sessions() {
-  density_ = 2.0;
+  density_ = 6.0;
   reach_m_ = 45.0;
   Facades(-30, 120, 7);
   Go(10.0, [](double t) -> Attitude {
@@ -484,7 +484,7 @@ void Planner::Crane() {
 
 // Two vehicles on the same street, in opposite directions.
 void Planner::TwoRigs() {
-  density_ = 2.0;
+  density_ = 6.0;
   reach_m_ = 45.0;
   Facades(-40, 130, 7);
   Go(14.0,
