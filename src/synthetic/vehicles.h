@@ -35,7 +35,7 @@ class Vehicles {
  public:
   // `road` and `drive` must outlive this object; `plan` may be null.
   Vehicles(const SimulationOptions& options, const Road& road,
-           const Drive& drive, const WorldPlan* plan);
+           const Drive& drive, const WorldPlan* plan = nullptr);
 
   size_t size() const { return vehicles_.size(); }
   const std::vector<VehiclePoint>& Points(int vehicle) const {

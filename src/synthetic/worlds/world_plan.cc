@@ -294,7 +294,7 @@ void Planner::Elevator() {
   const std::function<Attitude(double)> lift =
       Follow({{12, At(3, 0, 0, 0)}, {19, At(3, 0, 9, 0)}});
   GoShaken(28.0, path, 0.006, 0.4, 4.0);
-  plan_.body_feature_ratio = 0.3;
+  plan_.body_feature_ratio = 0.2;
   for (const double y : {-1.0, 1.0}) {
     plan_.bodies.push_back({{Placed(-1.0, y, 1.4),
                              {0.08, 0.25, 1.3},

@@ -12,13 +12,14 @@ RigPreset RigOf(WorldPreset world) {
       return RigPreset::kBackToBack;
     case WorldPreset::kDrone:
       return RigPreset::kOblique;
+    case WorldPreset::kSessions:
+      return RigPreset::kKitti360;
     case WorldPreset::kDome:
       return RigPreset::kDome;
     case WorldPreset::kTrain:
     case WorldPreset::kBoat:
     case WorldPreset::kBridge:
     case WorldPreset::kCrane:
-    case WorldPreset::kSessions:
     case WorldPreset::kTwoRigs:
       return RigPreset::kStereo;
     default:
