@@ -272,6 +272,7 @@ void Planner::Stairs() {
 
 // Into a glass cabin, up three storeys, and out again.
 void Planner::Elevator() {
+  reach_m_ = 30.0;
   Room(0, 0, 0, 16, 12, 14);
   for (int i = 0; i < 4; ++i) {
     Block(6.5, 0, 3.0 * i + 2.9, 3.0, 10, 0.15);
