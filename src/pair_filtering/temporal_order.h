@@ -28,6 +28,8 @@ class TemporalOrder {
   bool IsBefore(int frame_idx1, int frame_idx2) const {
     return rank_of_frame_[frame_idx1] < rank_of_frame_[frame_idx2];
   }
+  // The frames before and after a frame of the same rig.
+  std::vector<int> Neighbours(int frame_idx) const;
   // Time from one frame to the next of the same rig, relative to the median; 1
   // if neither times nor numbers in names tell it.
   double Duration(int frame_idx, int next_frame_idx) const {

@@ -7,6 +7,7 @@
 
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
+#include "pair_filtering/fixed_regions.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/rejected_groups.h"
 #include "pipeline/input_check.h"
@@ -371,10 +372,27 @@ RotationsOfScene EstimateRotationsOfScene(
   return result;
 }
 
+// The matches without those of image regions that are fixed to the rig, if
+// there are any.
+std::optional<ViewGraph> FindVisible(const Scene& scene,
+                                     const Bearings& bearings,
+                                     const ViewGraph& matches,
+                                     const ViewGraph& verified,
+                                     const MapperOptions& options,
+                                     const Context& context) {
+  if (!options.pair_filtering.use_fixed_regions) return std::nullopt;
+  const FixedRegions regions = FindFixedRegions(
+      scene, bearings,
+      FramePairIndex(scene, verified, options.pair_filtering.is_sequence),
+      verified, options.view_graph.max_error_px);
+  if (!regions.Any()) return std::nullopt;
+  return DropFixedRegions(scene, regions, matches, context);
+}
+
 // The stages after the calibration of focal lengths, which replaces the cameras
 // of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const PositionStep& estimate_positions,
-                           const Scene& scene, const ViewGraph& view_graph,
+                           const Scene& scene, const ViewGraph& all_matches,
                            const MapperInput& input,
                            const MapperOptions& options,
                            const Context& context) {
@@ -383,11 +401,17 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
     return ComputeBearings(scene, context.num_threads);
   });
   const StageFolder stages{input.stage_store};
-  ViewGraphResult verified =
-      Saved(stages, "view graph", context, &result.times, [&] {
-        return EstimateViewGraph(scene, bearings, view_graph,
-                                 options.view_graph, context);
-      });
+  const auto verify = [&](const char* stage, const ViewGraph& matches) {
+    return Saved(stages, stage, context, &result.times, [&] {
+      return EstimateViewGraph(scene, bearings, matches, options.view_graph,
+                               context);
+    });
+  };
+  ViewGraphResult verified = verify("view graph", all_matches);
+  const std::optional<ViewGraph> visible = FindVisible(
+      scene, bearings, all_matches, verified.estimate, options, context);
+  if (visible) verified = verify("visible view graph", *visible);
+  const ViewGraph& view_graph = visible ? *visible : all_matches;
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
   const auto check_input = [&] {

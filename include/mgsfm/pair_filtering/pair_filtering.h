@@ -41,13 +41,16 @@ namespace mgsfm {
 // 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
 //    object that moves along with the rig imply that it stands still. Of the
 //    motions that matches support, the smoothest choice exposes them.
-// 6. Baseline consistency (baseline_consistency.h). Direction and length of the
+// 6. Fixed regions (fixed_regions.h). Matches on an object that moves along
+// with
+//    the rig during the whole recording are dropped before all other rules.
+// 7. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate. If all
 //    neighbours contradict a step of a sequence (displaced_steps.h), rotations
 //    that drift are corrected first.
 //
-// Rules 3 and 6 reject nothing if they would reject more than a third of the
+// Rules 3 and 7 reject nothing if they would reject more than a third of the
 // pairs they judge: then the skeleton is wrong, not the pairs.
 //
 // Known limits. Duplicates closer than the drift bound are accepted. If the
@@ -100,6 +103,11 @@ struct PairFilteringOptions {
       "motion. Enable it for sequences in which vehicles that move along with "
       "the rig fill much of the view; hand-held rigs, drones and rigs that "
       "stop lose right pairs."};
+  Option<bool> use_fixed_regions{
+      "use_fixed_regions", true,
+      "Drop the matches of image regions whose content moves along with the "
+      "rig "
+      "during the whole recording, such as a hull, a cabin or a tripod."};
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "
@@ -150,7 +158,7 @@ struct PairFilteringOptions {
   void Describe(Visitor& visit) {
     visit(is_sequence, use_skeletal_graph, use_triplet_support,
           use_rotation_consistency, use_unsupported_bridges,
-          use_motion_continuity, use_baseline_drift_bound,
+          use_motion_continuity, use_fixed_regions, use_baseline_drift_bound,
           use_baseline_consistency, min_strength, min_connecting_strength,
           max_rotation_error_deg, rotation_drift_in_sigmas,
           max_rotation_drift_deg, min_share_against_bridge, max_baseline_drift,
@@ -169,7 +177,7 @@ enum class RejectionReason {
   kFrameWithoutRotation,      // no accepted pair connects one of its frames
   kDifferentComponents,       // its frames are in different components
   kNoBaseline,                // no translation explains its matches
-  kInconsistentBaseline,      // rule 6
+  kInconsistentBaseline,      // rule 7
 };
 
 template <>
