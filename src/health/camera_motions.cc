@@ -322,11 +322,19 @@ bool IsMirrorOfPairs(const MotionAgreement& m, const Quaterniond& by_pairs) {
          AngleBetween(*m.b_from_a, by_pairs) > kOppositeRad;
 }
 
+// Whether a model explains most matches of both cameras.
+bool AreExplained(const MotionAgreement& m, const KeptMatches* kept) {
+  return kept != nullptr && kept->sensors[m.sensor_a].Share() > 0.5 &&
+         kept->sensors[m.sensor_b].Share() > 0.5;
+}
+
 bool IsMirrored(const MotionAgreement& m,
-                const std::vector<SensorPairSamples>& samples) {
+                const std::vector<SensorPairSamples>& samples,
+                const KeptMatches* kept) {
   if (!IsSignificant(m)) return false;
   const auto by_pairs = RotationByPairs(samples, m.sensor_a, m.sensor_b);
-  return by_pairs ? IsMirrorOfPairs(m, *by_pairs) : m.is_mirrored;
+  return by_pairs ? IsMirrorOfPairs(m, *by_pairs)
+                  : m.is_mirrored && !AreExplained(m, kept);
 }
 
 std::vector<std::pair<std::string, double>> EvidenceOf(
@@ -404,9 +412,10 @@ std::vector<MotionAgreement> CompareMotions(const Scene& scene,
   return result;
 }
 
-std::vector<Finding> CheckMotions(
-    const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<SensorPairSamples>& samples) {
+std::vector<Finding> CheckMotions(const Scene& scene,
+                                  const ViewGraph& view_graph,
+                                  const std::vector<SensorPairSamples>& samples,
+                                  const KeptMatches* kept) {
   std::vector<Finding> findings;
   for (const MotionAgreement& m : CompareMotions(scene, view_graph)) {
     const std::string& a = scene.sensors[m.sensor_a].name;
@@ -415,7 +424,7 @@ std::vector<Finding> CheckMotions(
       findings.push_back(DescribeLag(a, b, m));
     } else if (IsForeign(m)) {
       findings.push_back(DescribeForeign(a, b, m));
-    } else if (IsMirrored(m, samples)) {
+    } else if (IsMirrored(m, samples, kept)) {
       findings.push_back(DescribeMirrored(a, b, m));
     }
   }

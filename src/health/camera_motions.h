@@ -7,6 +7,7 @@
 
 #include "health/rig_samples.h"
 #include "mgsfm/health/finding.h"
+#include "mgsfm/health/kept_matches.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 
@@ -47,8 +48,14 @@ std::vector<MotionAgreement> CompareMotions(const Scene& scene,
 // their noise. `samples` tell on which rotation the pairs between two cameras
 // agree. Those of mirrored images agree on none, or, if all of them see one
 // scene from one place, on a rotation that the motions contradict.
-std::vector<Finding> CheckMotions(
-    const Scene& scene, const ViewGraph& view_graph,
-    const std::vector<SensorPairSamples>& samples);
+//
+// Where the rig turns, the lever arms of cameras move them in different
+// directions. If a model explains most matches of both cameras as those of a
+// rigid rig, opposite directions do not show mirrored images. `kept` is null
+// without a model.
+std::vector<Finding> CheckMotions(const Scene& scene,
+                                  const ViewGraph& view_graph,
+                                  const std::vector<SensorPairSamples>& samples,
+                                  const KeptMatches* kept);
 
 }  // namespace mgsfm

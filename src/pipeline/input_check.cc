@@ -16,6 +16,7 @@
 #include "health/rig_checks.h"
 #include "health/rig_samples.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "mgsfm/view_graph/view_graph_estimation.h"
 #include "pipeline/focal_length_doubts.h"
 #include "pipeline/run_summary.h"
 #include "pipeline/weak_seams.h"
@@ -209,6 +210,28 @@ std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   return causes;
 }
 
+// Motions of cameras that contradict each other. With wrong intrinsics, the
+// rotations of pairs are wrong, so that pairs are estimated again with those of
+// the largest model before a camera is accused.
+std::vector<Finding> CheckMotionsTwice(
+    const Scene& scene, const ViewGraph& matches, const ViewGraph& verified,
+    const std::vector<SensorPairSamples>& samples, const MapperOptions& options,
+    const Context& context, const std::vector<MapperModel>& models) {
+  if (models.empty()) return CheckMotions(scene, verified, samples, nullptr);
+  const KeptMatches& kept = models.front().kept_matches;
+  std::vector<Finding> findings = CheckMotions(scene, verified, samples, &kept);
+  if (findings.empty()) return findings;
+  Scene adjusted = scene;
+  adjusted.cameras = models.front().reconstruction.cameras;
+  const ViewGraph again =
+      EstimateViewGraph(adjusted,
+                        ComputeBearings(adjusted, context.num_threads), matches,
+                        options.view_graph, context)
+          .estimate;
+  return CheckMotions(adjusted, again, CollectRigSamples(adjusted, again),
+                      &kept);
+}
+
 }  // namespace
 
 void CheckInput(const Scene& scene, const ViewGraph& matches,
@@ -224,7 +247,9 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
   if (input.expects_rigs) findings = CheckSharedFrames(scene);
   std::vector<SensorPairSamples> samples = CollectRigSamples(scene, verified);
   std::vector<Finding> causes = CheckImageSizes(scene);
-  Append(CheckMotions(scene, verified, samples), &causes);
+  Append(CheckMotionsTwice(scene, matches, verified, samples, options, context,
+                           result->models),
+         &causes);
   Append(FindSwappedCameras(scene, samples), &causes);
   if (causes.empty()) {  // otherwise pairs do not measure focal lengths
     causes = ConfirmedFocalLengthDoubts(

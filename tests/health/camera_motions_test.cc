@@ -18,7 +18,8 @@ using testing::IsEmpty;
 
 std::vector<Finding> Check(const Simulation& drive) {
   return CheckMotions(drive.scene, drive.view_graph,
-                      CollectRigSamples(drive.scene, drive.view_graph));
+                      CollectRigSamples(drive.scene, drive.view_graph),
+                      nullptr);
 }
 
 TEST(CameraMotionsTest, SoundRigsMoveAlike) {
@@ -82,6 +83,15 @@ TEST(CameraMotionsTest, MirroredImagesAreFound) {
       },
       &drive);
   EXPECT_THAT(CausesOf(Check(drive)), ElementsAre(Cause::kMirroredCamera));
+  // No rigid rig explains mirrored images that move.
+  const auto samples = CollectRigSamples(drive.scene, drive.view_graph);
+  KeptMatches kept{{{100, 90}, {100, 40}}, {}, {200, 130}};
+  EXPECT_THAT(
+      CausesOf(CheckMotions(drive.scene, drive.view_graph, samples, &kept)),
+      ElementsAre(Cause::kMirroredCamera));
+  kept.sensors[1].num_kept = 90;
+  EXPECT_THAT(CheckMotions(drive.scene, drive.view_graph, samples, &kept),
+              IsEmpty());
 }
 
 // A rig turns on the spot. Pairs with the mirrored camera see one scene from
