@@ -293,7 +293,11 @@ std::vector<Finding> FindRigMoves(const Scene& scene,
 }
 
 std::vector<Finding> CheckKnownRotations(
-    const Scene& scene, const std::vector<SensorPairSamples>& pairs) {
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs,
+    const std::vector<KeptCount>& kept_between) {
+  const auto is_explained = [&](int sensor_idx) {
+    return !kept_between.empty() && kept_between[sensor_idx].Share() > 0.5;
+  };
   std::vector<Finding> findings;
   for (const SensorPairSamples& pair : pairs) {
     const Sensor& a = scene.sensors[pair.sensor_a];
@@ -309,7 +313,8 @@ std::vector<Finding> CheckKnownRotations(
     const double sigma_rad =
         SigmaFromMedianNorm<3>(typical->median_deviation_rad);
     if (error_rad < kMinKnownErrorRad ||
-        error_rad < kMinKnownErrorInSigmas * sigma_rad) {
+        error_rad < kMinKnownErrorInSigmas * sigma_rad ||
+        (is_explained(pair.sensor_a) && is_explained(pair.sensor_b))) {
       continue;
     }
     findings.push_back(

@@ -6,6 +6,7 @@
 
 #include "health/rig_samples.h"
 #include "mgsfm/health/finding.h"
+#include "mgsfm/health/kept_matches.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/soft_rig/rig_delays.h"
 
@@ -40,9 +41,15 @@ void RemoveDelays(const Scene& scene, const RigDelays& delays,
 std::vector<Finding> FindRigMoves(const Scene& scene,
                                   const std::vector<SensorPairSamples>& pairs);
 
-// Known rotations that contradict the samples (kWrongKnownRotation).
+// Known rotations that contradict the samples (kWrongKnownRotation). In a
+// narrow overlap, matches determine only combinations of the rotation and the
+// direction of the baseline, and all samples can have the same error. A
+// rotation is therefore not contradicted if a model with the known rig explains
+// most matches of both cameras with other cameras, `kept_between`, per sensor.
+// Empty without a model.
 std::vector<Finding> CheckKnownRotations(
-    const Scene& scene, const std::vector<SensorPairSamples>& pairs);
+    const Scene& scene, const std::vector<SensorPairSamples>& pairs,
+    const std::vector<KeptCount>& kept_between);
 
 // Stretches of frames in which two sensors have exchanged their images
 // (kSwappedCameras): their samples agree with the inverse of the typical pose.

@@ -210,6 +210,24 @@ std::vector<Finding> WithoutSymptoms(const std::vector<Finding>& findings) {
   return causes;
 }
 
+// Per sensor: the matches with other sensors that the largest model explains.
+std::vector<KeptCount> CountKeptBetweenSensors(
+    const Scene& scene, const ViewGraph& verified,
+    const std::vector<MapperModel>& models, double max_error_px,
+    const Context& context) {
+  if (models.empty()) return {};
+  ViewGraph between;
+  for (const ImagePair& pair : verified.pairs) {
+    if (scene.images[pair.image_idx1].sensor_idx !=
+        scene.images[pair.image_idx2].sensor_idx) {
+      between.pairs.push_back(pair);
+    }
+  }
+  return CountKeptMatches(scene, between, models.front().reconstruction,
+                          max_error_px, context)
+      .sensors;
+}
+
 // Motions of cameras that contradict each other. With wrong intrinsics, the
 // rotations of pairs are wrong, so that pairs are estimated again with those of
 // the largest model before a camera is accused.
@@ -265,7 +283,10 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
     break;
   }
   Append(FindRigMoves(scene, samples), &causes);
-  Append(CheckKnownRotations(scene, samples), &causes);
+  const std::vector<KeptCount> kept_between =
+      CountKeptBetweenSensors(scene, verified, result->models,
+                              options.view_graph.max_error_px, context);
+  Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
   Append(CheckPositionPriors(input.position_priors, *result), &causes);
   Append(CheckGravityPriors(*result), &causes);
@@ -273,10 +294,10 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
     if (!causes.empty()) break;
     Append(FindLostMatches(scene, model.kept_matches), &causes);
   }
-  const bool is_explained = !causes.empty();
+  const bool has_causes = !causes.empty();
   Append(std::move(causes), &findings);
   for (const MapperModel& model : result->models) {
-    if (is_explained) break;
+    if (has_causes) break;
     if (auto seams = DescribeSeams(scene, model.confidence)) {
       findings.push_back(std::move(*seams));
     }

@@ -85,10 +85,13 @@ TEST(RigChecksTest, WrongKnownRotationIsNamed) {
         drive.ground_truth.sensor_from_rig[k];
   }
   const auto samples = SamplesOf(drive);
-  EXPECT_THAT(CheckKnownRotations(drive.scene, samples), IsEmpty());
+  EXPECT_THAT(CheckKnownRotations(drive.scene, samples, {}), IsEmpty());
   Rigid3& pose = *drive.scene.sensors[1].sensor_from_rig;
   pose.rotation = ExpSO3({DegToRad(2.0), 0.0, 0.0}) * pose.rotation;
-  const auto findings = CheckKnownRotations(drive.scene, samples);
+  EXPECT_THAT(CheckKnownRotations(drive.scene, samples, {{100, 90}, {100, 90}}),
+              IsEmpty());
+  const auto findings =
+      CheckKnownRotations(drive.scene, samples, {{100, 90}, {100, 10}});
   ASSERT_THAT(CausesOf(findings), ElementsAre(Cause::kWrongKnownRotation));
   EXPECT_THAT(findings[0].cameras, ElementsAre("cam0", "cam1"));
 }
