@@ -15,6 +15,8 @@
 #include "health/kept_matches.h"
 #include "health/rig_checks.h"
 #include "health/rig_samples.h"
+#include "math/robust_scale.h"
+#include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/view_graph_estimation.h"
 #include "pipeline/focal_length_doubts.h"
@@ -34,6 +36,11 @@ constexpr int kMinNumImagesOfCamera = 3;
 // this show no share.
 constexpr double kMaxOutlierShare = 1.0 / 3.0;
 constexpr int kMinNumPriors = 6;
+// The relative standard deviation of the baselines of a known rig, as in the
+// priors of bundle adjustment.
+constexpr double kKnownRigSigma = 0.01;
+// Normal errors exceed it in 1 of 10,000 cases.
+constexpr double kMaxErrorInSigmas = 3.9;
 // Findings beyond these are in the report only.
 constexpr size_t kMaxNumLines = 5;
 // An estimated focal length this close to the initial one confirms it: two
@@ -158,6 +165,65 @@ std::vector<Finding> CheckPositionPriors(const PositionPriors& priors,
     }
   }
   return findings;
+}
+
+// The logarithms of the distances between positions, relative to those in the
+// model. Each position is compared with that half of all positions later.
+std::vector<double> LogScales(const Scene& scene, const PositionPriors& priors,
+                              const Reconstruction& model) {
+  std::vector<Eigen::Vector3d> measured, estimated;
+  for (size_t i = 0; i < priors.images.size(); ++i) {
+    const auto cam_from_world = model.CamFromWorld(scene, static_cast<int>(i));
+    if (!priors.images[i] || !cam_from_world) continue;
+    measured.push_back(priors.images[i]->position);
+    estimated.push_back(cam_from_world->Center());
+  }
+  std::vector<double> log_scales;
+  const size_t half = measured.size() / 2;
+  for (size_t i = 0; i + half < measured.size(); ++i) {
+    const double of_positions = (measured[i + half] - measured[i]).norm();
+    const double of_model = (estimated[i + half] - estimated[i]).norm();
+    if (of_positions > 0.0 && of_model > 0.0) {
+      log_scales.push_back(std::log(of_positions / of_model));
+    }
+  }
+  return log_scales;
+}
+
+// A model with a known rig keeps the unit of that rig. If the positions have
+// another one, they cannot agree with it.
+std::vector<Finding> CheckPositionUnit(const Scene& scene,
+                                       const PositionPriors& priors,
+                                       const MapperResult& result) {
+  for (const MapperModel& model : result.models) {
+    if (!model.position_priors || !model.position_priors->is_registered ||
+        !model.translation.is_metric) {
+      continue;
+    }
+    const std::vector<double> scales =
+        LogScales(scene, priors, model.reconstruction);
+    if (scales.size() < static_cast<size_t>(kMinNumPriors)) continue;
+    const double center = Median(scales);
+    std::vector<double> deviations;
+    for (const double scale : scales) {
+      deviations.push_back(std::abs(scale - center));
+    }
+    // Distances that share positions are not independent: the deviation of one
+    // counts, and that of the known rig.
+    const double sigma =
+        std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
+    if (std::abs(center) <= kMaxErrorInSigmas * sigma) continue;
+    char number[32];
+    std::snprintf(number, sizeof(number), "%.3g", std::exp(center));
+    return {{Cause::kPositionUnit,
+             {},
+             {},
+             {{"scale", std::exp(center)}, {"relative_sigma", sigma}},
+             "the measured positions suggest a unit of length " +
+                 std::string(number) + " times that of the known rig",
+             "correct the baselines of the rig, or the unit of the positions"}};
+  }
+  return {};
 }
 
 std::vector<Finding> CheckGravityPriors(const MapperResult& result) {
@@ -288,7 +354,11 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                               options.view_graph.max_error_px, context);
   Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
-  Append(CheckPositionPriors(input.position_priors, *result), &causes);
+  std::vector<Finding> of_unit =
+      CheckPositionUnit(scene, input.position_priors, *result);
+  Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)
+                         : std::move(of_unit),
+         &causes);
   Append(CheckGravityPriors(*result), &causes);
   for (const MapperModel& model : result->models) {
     if (!causes.empty()) break;

@@ -26,11 +26,12 @@ std::string Count(size_t count, const char* one, const char* many) {
 }
 
 std::string UnitOfLength(const MapperModel& model) {
+  // Registration to positions keeps the unit of a known rig.
+  if (model.translation.is_metric) return "metric, that of the known rig";
   if (model.position_priors && model.position_priors->is_registered) {
     return "metric, that of the measured positions";
   }
   if (model.metres_per_unit) return "metric, by the known baseline";
-  if (model.translation.is_metric) return "metric, that of the known rig";
   if (model.extension) return "that of the extended model";
   return "arbitrary scale; to define it, set metric_scale, use_prior_position, "
          "or known poses of cameras (rig_config_path, calibration_path)";

@@ -27,6 +27,7 @@ enum class Cause {
   kUncertainFocalLength,    // an estimated one
   kRejectedPositionPriors,  // all of them
   kOutlierPositionPriors,   // a large share of them
+  kPositionUnit,            // differs from that of the known rig
   kRejectedGravityPriors,   // all of them
   kOutlierGravityPriors,    // a large share of them
   kLostMatches,             // unexplained
@@ -51,6 +52,7 @@ struct EnumTable<Cause> {
       {"uncertain_focal_length", Cause::kUncertainFocalLength},
       {"rejected_position_priors", Cause::kRejectedPositionPriors},
       {"outlier_position_priors", Cause::kOutlierPositionPriors},
+      {"position_unit", Cause::kPositionUnit},
       {"rejected_gravity_priors", Cause::kRejectedGravityPriors},
       {"outlier_gravity_priors", Cause::kOutlierGravityPriors},
       {"lost_matches", Cause::kLostMatches},
