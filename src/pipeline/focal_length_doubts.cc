@@ -8,10 +8,15 @@
 #include "health/focal_lengths.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
+#include "mgsfm/bundle/uncertainty.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
 namespace {
+
+// On a straight road, the adjustment moves a focal length anywhere, with a
+// large standard deviation. Normal errors exceed this in 1 of 10,000 cases.
+constexpr double kMinChangeInSigmas = 3.9;
 
 bool Concerns(const Scene& scene, const Finding& doubt, int camera_idx) {
   const std::vector<std::string> names = SensorsOfCamera(scene, camera_idx);
@@ -36,11 +41,12 @@ double FocalLengthOf(const Camera& camera) {
                            ->focal_length_idxs.front()];
 }
 
-// The cameras of the model, adjusted with all focal lengths in doubt free.
-std::vector<Camera> Release(const Scene& scene, const Reconstruction& model,
-                            const std::vector<Finding>& doubts,
-                            BundleAdjustmentOptions options,
-                            const Context& context) {
+// The focal lengths in doubt, released and adjusted with the model.
+std::vector<FocalLengthCheck> Release(const Scene& scene,
+                                      const Reconstruction& model,
+                                      const std::vector<Finding>& doubts,
+                                      BundleAdjustmentOptions options,
+                                      const Context& context) {
   // Weak, because the known value is in doubt.
   options.focal_length_start_sigma = 1.0;
   options.refine_focal_length = RefineMode::kAuto;
@@ -53,7 +59,9 @@ std::vector<Camera> Release(const Scene& scene, const Reconstruction& model,
         });
     released.cameras[i].has_prior_focal_length = !is_doubtful;
   }
-  return AdjustBundle(released, model, options, context).estimate.cameras;
+  return CheckFocalLengths(
+      released, AdjustBundle(released, model, options, context).estimate,
+      options, context);
 }
 
 }  // namespace
@@ -65,18 +73,23 @@ std::vector<Finding> ConfirmedFocalLengthDoubts(
   if (doubts.empty() || models.empty()) return doubts;
   const Reconstruction& model = models.front().reconstruction;
   const Mask is_observed = FindObserved(scene, model);
-  const std::vector<Camera> cameras =
+  const std::vector<FocalLengthCheck> checks =
       Release(scene, model, doubts, options, context);
   const auto is_refuted = [&](const Finding& doubt) {
-    for (size_t i = 0; i < cameras.size(); ++i) {
-      if (!is_observed[i] || !Concerns(scene, doubt, static_cast<int>(i))) {
-        continue;
-      }
-      const double change =
-          std::log(FocalLengthOf(cameras[i]) / FocalLengthOf(scene.cameras[i]));
-      if (!ContradictsFocalLength(doubt, change)) return true;
-    }
-    return false;
+    return std::any_of(
+        checks.begin(), checks.end(), [&](const FocalLengthCheck& check) {
+          if (!is_observed[check.camera_idx] ||
+              !Concerns(scene, doubt, check.camera_idx)) {
+            return false;
+          }
+          const double change =
+              std::log(check.estimated_px /
+                       FocalLengthOf(scene.cameras[check.camera_idx]));
+          return !check.relative_sigma ||
+                 std::abs(change) <
+                     kMinChangeInSigmas * *check.relative_sigma ||
+                 !ContradictsFocalLength(doubt, change);
+        });
   };
   doubts.erase(std::remove_if(doubts.begin(), doubts.end(), is_refuted),
                doubts.end());
