@@ -18,6 +18,8 @@ std::string Roff(std::string_view text) {
       escaped += "\\e";
     } else if (c == '-') {
       escaped += "\\-";
+    } else if (c == '|') {
+      escaped += "|\\:";  // lists of values may be broken there
     } else {
       escaped += c;
     }
@@ -31,7 +33,8 @@ std::string Roff(std::string_view text) {
 
 std::string Title(const std::string& name, const std::string& version) {
   return ".TH \"" + Roff(name) + "\" 1 \"\" \"mgsfm " + version +
-         "\" \"User Commands\"\n";
+         "\" \"User Commands\"\n.ad l\n";  // lists of values cannot be
+                                           // justified
 }
 
 // Turns the help text, whose indentation is 0 for a section, 2 for a flag or an

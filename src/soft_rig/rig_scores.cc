@@ -253,7 +253,7 @@ void ScoreBuilder::AddScores(const std::vector<Linearized>& observations,
 
 bool ScoreBuilder::Build(RigScores* result) {
   const RigStructure& s = equations_.structure();
-  if (s.is_iterative) return false;
+  if (s.is_iterative || s.num_unknowns == 0) return false;
   equations_.SetState(built_.state);
   if (!equations_.Linearize(kDamping) || !equations_.Factorize()) return false;
   const MatrixXd square = MatrixXd::Zero(num_columns_, num_columns_);

@@ -27,6 +27,8 @@ class CheckpointTest : public SharedDriveTest {
             "0",
             "--checkpoint_path",
             Path(out + ".checkpoint"),
+            "--PairFiltering.use_motion_continuity",
+            "1",
             "--log_level",
             "debug"};
   }
