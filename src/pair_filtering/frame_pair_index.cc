@@ -2,19 +2,22 @@
 #include "pair_filtering/frame_pair_index.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <tuple>
 #include <utility>
+
+#include "base/random.h"
 
 namespace mgsfm {
 namespace {
 
 // One frame may be missing or blurred.
 constexpr int kMaxNeighbourGap = 2;
-// Simulated drives have shares of 0.98 to 1, in random order 0.05.
-constexpr double kMinShareOfNeighbours = 0.75;
-constexpr double kMaxShareInRandomOrder = 0.25;
+// At most so many permutations may be as good as the order of a sequence: one
+// random order in 2,000 is taken for one. Eight frames suffice.
+constexpr int kNumPermutations = 3999;
+constexpr int kMaxAsGood = 1;
 
 // The matches of two frames of a rig.
 struct FrameLink {
@@ -39,48 +42,107 @@ std::vector<FrameLink> LinksOfRigs(
   return links;
 }
 
-// The expected share of frames that share half of their `most` matches with one
-// of 2 * kMaxNeighbourGap frames drawn at random.
-double ShareInRandomOrder(const std::vector<FrameLink>& links,
-                          const std::vector<size_t>& most, double num_frames) {
-  double num_strong = 0.0;
+// Per frame, the most matches with any other.
+std::vector<size_t> MostMatches(const std::vector<FrameLink>& links,
+                                size_t num_frames, bool only_neighbours) {
+  std::vector<size_t> most(num_frames, 0);
   for (const FrameLink& link : links) {
-    num_strong += 2 * link.num_matches >= most[link.frame_idx1];
-    num_strong += 2 * link.num_matches >= most[link.frame_idx2];
-  }
-  const double density = num_strong / (num_frames * (num_frames - 1.0));
-  return 1.0 - std::pow(1.0 - density, 2 * kMaxNeighbourGap);
-}
-
-// Whether the order of the frames is that of a camera path: most frames share
-// at least half as many matches with a frame just before or after them as with
-// any other frame of their rig. A frame at a place that the path visits again
-// may share more with the other visit. In a random order, few frames would do
-// so; among few frames that all match, too many, and most frames must then
-// share more matches with a neighbour than with any other frame.
-bool IsSequence(const std::vector<FrameLink>& links, int num_frames) {
-  // Per frame: the most matches with any frame, and with a neighbour in time.
-  std::vector<size_t> most(num_frames, 0), most_with_neighbour = most;
-  for (const FrameLink& link : links) {
+    if (only_neighbours && !link.are_neighbours) continue;
     for (const int frame_idx : {link.frame_idx1, link.frame_idx2}) {
       most[frame_idx] = std::max(most[frame_idx], link.num_matches);
-      if (!link.are_neighbours) continue;
-      most_with_neighbour[frame_idx] =
-          std::max(most_with_neighbour[frame_idx], link.num_matches);
     }
   }
-  double num_matched = 0.0, num_with_strongest = 0.0, num_with_strong = 0.0;
-  for (size_t i = 0; i < most.size(); ++i) {
-    if (most[i] == 0) continue;
-    num_matched += 1.0;
-    num_with_strongest += most_with_neighbour[i] == most[i];
-    num_with_strong += 2 * most_with_neighbour[i] >= most[i];
+  return most;
+}
+
+// The matches of two frames in thousandths of the most that either shares with
+// any frame: integers, so that the sums of equally good orders are equal.
+class Similarities {
+ public:
+  Similarities(const std::vector<FrameLink>& links,
+               const std::vector<size_t>& most)
+      : of_frame_(most.size()) {
+    for (const auto& [frame_idx1, frame_idx2, num_matches, _] : links) {
+      const size_t reference = std::max(most[frame_idx1], most[frame_idx2]);
+      if (reference == 0) continue;
+      const auto similarity = static_cast<int>(1000 * num_matches / reference);
+      // Links are sorted by both frames.
+      of_frame_[frame_idx1].emplace_back(frame_idx2, similarity);
+    }
   }
-  const double min_number = kMinShareOfNeighbours * num_matched;
-  return num_matched > 0.0 && num_with_strong >= min_number &&
-         (num_with_strongest >= min_number ||
-          ShareInRandomOrder(links, most, num_matched) <=
-              kMaxShareInRandomOrder);
+
+  // Of consecutive frames of the runs.
+  int64_t Sum(const std::vector<std::vector<int>>& runs) const {
+    int64_t sum = 0;
+    for (const std::vector<int>& run : runs) {
+      for (size_t k = 1; k < run.size(); ++k) sum += Of(run[k - 1], run[k]);
+    }
+    return sum;
+  }
+
+ private:
+  int Of(int frame_idx1, int frame_idx2) const {
+    const auto [low, high] = std::minmax(frame_idx1, frame_idx2);
+    const auto& row = of_frame_[low];
+    const auto found =
+        std::lower_bound(row.begin(), row.end(), std::pair(high, 0));
+    return found != row.end() && found->first == high ? found->second : 0;
+  }
+
+  // With frames of higher index, in their order.
+  std::vector<std::vector<std::pair<int, int>>> of_frame_;
+};
+
+// The frames of each rig between breaks.
+std::vector<std::vector<int>> UnbrokenRuns(const TemporalOrder& order) {
+  std::vector<std::vector<int>> runs;
+  for (const std::vector<int>& frames : order.sequences()) {
+    for (size_t rank = 0; rank < frames.size(); ++rank) {
+      if (rank == 0 || order.IsAfterBreak(frames[rank])) runs.emplace_back();
+      runs.back().push_back(frames[rank]);
+    }
+  }
+  return runs;
+}
+
+void Shuffle(std::vector<int>* values, Random* random) {
+  for (size_t i = values->size(); i > 1; --i) {
+    std::swap((*values)[i - 1],
+              (*values)[random->Index(static_cast<uint32_t>(i))]);
+  }
+}
+
+// Whether consecutive frames share more matches than in random orders. Only the
+// frames between breaks change places: unordered images of one recording match
+// each other, but not those of another.
+bool IsOrderSignificant(const Similarities& similarities,
+                        std::vector<std::vector<int>> runs) {
+  const int64_t observed = similarities.Sum(runs);
+  Random random(0);
+  int num_as_good = 0;
+  for (int i = 0; i < kNumPermutations && num_as_good <= kMaxAsGood; ++i) {
+    for (std::vector<int>& run : runs) Shuffle(&run, &random);
+    num_as_good += similarities.Sum(runs) >= observed;
+  }
+  return num_as_good <= kMaxAsGood;
+}
+
+// Whether the order of the frames is that of a camera path. Chance does not
+// explain it, and it is fine enough: most frames share at least half as many
+// matches with a frame just before or after them as with any other frame of
+// their rig. Where the path returns, the other visit may share more.
+bool IsSequence(const std::vector<FrameLink>& links, const TemporalOrder& order,
+                size_t num_frames) {
+  const std::vector<size_t> most = MostMatches(links, num_frames, false);
+  const std::vector<size_t> with_neighbour =
+      MostMatches(links, num_frames, true);
+  int num_near = 0, num_far = 0;
+  for (size_t i = 0; i < num_frames; ++i) {
+    if (most[i] == 0) continue;
+    ++(2 * with_neighbour[i] >= most[i] ? num_near : num_far);
+  }
+  return num_near > num_far &&
+         IsOrderSignificant(Similarities(links, most), UnbrokenRuns(order));
 }
 
 std::vector<MatchedImages> CountMatches(const ViewGraph& view_graph) {
@@ -125,7 +187,7 @@ FramePairIndex::FramePairIndex(const Scene& scene,
   TemporalOrder order_of_frames(scene);
   if (sequence == SequenceMode::kAuto &&
       !IsSequence(LinksOfRigs(frame_pairs_, pairs, order_of_frames),
-                  num_frames_)) {
+                  order_of_frames, scene.frames.size())) {
     return;
   }
   order_ = std::move(order_of_frames);

@@ -28,19 +28,40 @@ Scene MakeScene(const std::vector<std::string>& names) {
   return scene;
 }
 
+std::vector<std::string> Numbers(int num_frames) {
+  std::vector<std::string> names;
+  for (int i = 0; i < num_frames; ++i)
+    names.push_back(std::to_string(1000 + i));
+  return names;
+}
+
+std::vector<int> Iota(int size) {
+  std::vector<int> values(size);
+  std::iota(values.begin(), values.end(), 0);
+  return values;
+}
+
+void Shuffle(Random* random, std::vector<int>::iterator begin,
+             std::vector<int>::iterator end) {
+  for (auto i = end - begin; i > 1; --i) {
+    std::swap(begin[i - 1], begin[random->Index(static_cast<uint32_t>(i))]);
+  }
+}
+
 // Frames with these ranks in time share fewer matches the further they are
-// apart.
-ViewGraph MatchNeighbours(const std::vector<int>& time_of_frame) {
+// apart, and none from `range` ranks on.
+ViewGraph MatchNeighbours(const std::vector<int>& time_of_frame,
+                          int range = 6) {
   const int num_frames = static_cast<int>(time_of_frame.size());
   ViewGraph view_graph;
   for (int i = 0; i < num_frames; ++i) {
     for (int j = i + 1; j < num_frames; ++j) {
       const int gap = std::abs(time_of_frame[i] - time_of_frame[j]);
-      if (gap > 5) continue;
+      if (gap >= range) continue;
       ImagePair pair;
       pair.image_idx1 = i;
       pair.image_idx2 = j;
-      pair.matches.resize(100 / gap);
+      pair.matches.resize(20 * (range - gap) / range + 1);
       view_graph.pairs.push_back(pair);
     }
   }
@@ -139,36 +160,69 @@ TEST(TemporalOrder, DoesNotSpanRigs) {
   EXPECT_EQ(TemporalOrder(scene).Gap(0, 1), std::nullopt);
 }
 
-TEST(TemporalOrder, IsThatOfACameraPathOrNot) {
-  std::vector<std::string> names;
-  for (int i = 0; i < 60; ++i) names.push_back(std::to_string(100 + i));
-  const Scene scene = MakeScene(names);
-  std::vector<int> times(names.size());
-  std::iota(times.begin(), times.end(), 0);
-  EXPECT_TRUE(FramePairIndex(scene, MatchNeighbours(times)).is_sequence());
-  Random random(7);
-  for (size_t i = times.size(); i > 1; --i) {
-    std::swap(times[i - 1], times[random.Index(static_cast<uint32_t>(i))]);
+TEST(TemporalOrder, IsThatOfACameraPath) {
+  for (int num_frames = 8; num_frames <= 140; num_frames += 12) {
+    for (const int range : {3, 6, 2 * num_frames}) {
+      const FramePairIndex index(MakeScene(Numbers(num_frames)),
+                                 MatchNeighbours(Iota(num_frames), range));
+      EXPECT_TRUE(index.is_sequence()) << num_frames << ' ' << range;
+    }
   }
-  EXPECT_FALSE(FramePairIndex(scene, MatchNeighbours(times)).is_sequence());
-  EXPECT_FALSE(FramePairIndex(scene, ViewGraph()).is_sequence());
+  EXPECT_FALSE(
+      FramePairIndex(MakeScene(Numbers(9)), ViewGraph()).is_sequence());
+}
+
+// Whether all frames match each other or only a few.
+TEST(TemporalOrder, OneRandomOrderInAThousandIsTakenForASequence) {
+  Random random(7);
+  int num_orders = 0, num_sequences = 0;
+  for (int num_frames = 8; num_frames <= 140; num_frames += 3) {
+    const Scene scene = MakeScene(Numbers(num_frames));
+    std::vector<int> times = Iota(num_frames);
+    for (const int range : {4, 2 * num_frames}) {
+      for (int k = 0; k < 60; ++k) {
+        Shuffle(&random, times.begin(), times.end());
+        ++num_orders;
+        num_sequences +=
+            FramePairIndex(scene, MatchNeighbours(times, range)).is_sequence();
+      }
+    }
+  }
+  EXPECT_LE(1000 * num_sequences, num_orders);
+}
+
+// Images of five places, in a folder and in random order each, are no sequence;
+// if those of each folder are in order, they are.
+TEST(TemporalOrder, UnorderedFoldersAreNoSequence) {
+  std::vector<std::string> names;
+  for (int i = 0; i < 100; ++i) {
+    names.push_back(std::string(1, static_cast<char>('a' + i / 20)) +
+                    std::to_string(100 + i % 20));
+  }
+  const Scene scene = MakeScene(names);
+  std::vector<int> times = Iota(100);
+  EXPECT_TRUE(FramePairIndex(scene, MatchNeighbours(times, 40)).is_sequence());
+  Random random(9);
+  for (int k = 0; k < 20; ++k) {
+    for (int i = 0; i < 100; i += 20) {
+      Shuffle(&random, times.begin() + i, times.begin() + i + 20);
+    }
+    EXPECT_FALSE(
+        FramePairIndex(scene, MatchNeighbours(times, 40)).is_sequence());
+  }
 }
 
 // The frames of a second lap share more matches with those of the first lap
 // than with each other.
 TEST(TemporalOrder, APathMayVisitPlacesAgain) {
   constexpr int kNumFrames = 60;
-  std::vector<std::string> names;
-  for (int i = 0; i < kNumFrames; ++i) names.push_back(std::to_string(100 + i));
-  const Scene scene = MakeScene(names);
-  std::vector<int> times(names.size());
-  std::iota(times.begin(), times.end(), 0);
-  ViewGraph view_graph = MatchNeighbours(times);
+  const Scene scene = MakeScene(Numbers(kNumFrames));
+  ViewGraph view_graph = MatchNeighbours(Iota(kNumFrames));
   for (int i = 0; i < kNumFrames / 2; ++i) {
     ImagePair pair;
     pair.image_idx1 = i;
     pair.image_idx2 = i + kNumFrames / 2;
-    pair.matches.resize(150);
+    pair.matches.resize(30);
     view_graph.pairs.push_back(pair);
   }
   EXPECT_TRUE(FramePairIndex(scene, view_graph).is_sequence());
@@ -176,9 +230,7 @@ TEST(TemporalOrder, APathMayVisitPlacesAgain) {
 
 // If all frames match equally well, matches do not show an order in time.
 TEST(TemporalOrder, ImagesOfOneObjectAreNoSequence) {
-  std::vector<std::string> names;
-  for (int i = 0; i < 40; ++i) names.push_back(std::to_string(100 + i));
-  const Scene scene = MakeScene(names);
+  const Scene scene = MakeScene(Numbers(40));
   Random random(8);
   ViewGraph view_graph;
   for (int i = 0; i < 40; ++i) {
