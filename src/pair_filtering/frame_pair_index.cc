@@ -71,11 +71,15 @@ class Similarities {
     }
   }
 
-  // Of consecutive frames of the runs.
+  // Of neighbours in the runs; each gap counts half as much as half the gap.
   int64_t Sum(const std::vector<std::vector<int>>& runs) const {
     int64_t sum = 0;
     for (const std::vector<int>& run : runs) {
-      for (size_t k = 1; k < run.size(); ++k) sum += Of(run[k - 1], run[k]);
+      for (int gap = 1; gap <= kMaxNeighbourGap; ++gap) {
+        for (size_t k = gap; k < run.size(); ++k) {
+          sum += Of(run[k - gap], run[k]) / gap;
+        }
+      }
     }
     return sum;
   }
@@ -84,9 +88,10 @@ class Similarities {
   int Of(int frame_idx1, int frame_idx2) const {
     const auto [low, high] = std::minmax(frame_idx1, frame_idx2);
     const auto& row = of_frame_[low];
+    if (row.empty() || row.back().first < high) return 0;
     const auto found =
         std::lower_bound(row.begin(), row.end(), std::pair(high, 0));
-    return found != row.end() && found->first == high ? found->second : 0;
+    return found->first == high ? found->second : 0;
   }
 
   // With frames of higher index, in their order.
@@ -112,7 +117,7 @@ void Shuffle(std::vector<int>* values, Random* random) {
   }
 }
 
-// Whether consecutive frames share more matches than in random orders. Only the
+// Whether neighbours share more matches than in random orders. Only the
 // frames between breaks change places: unordered images of one recording match
 // each other, but not those of another.
 bool IsOrderSignificant(const Similarities& similarities,

@@ -61,8 +61,8 @@ namespace mgsfm {
 // Whether frames are in the order in which they were captured, by their
 // timestamps or names.
 enum class SequenceMode {
-  kAuto,  // yes if most frames share most matches with a neighbour in that
-          // order
+  kAuto,  // yes if neighbours in that order share more matches than chance
+          // explains
   kYes,
   kNo,
 };
