@@ -339,6 +339,17 @@ SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
   return Refine(cameras, loss_scale, kConverged, unit_from_world);
 }
 
+Eigen::Matrix<double, 6, 6> AbsolutePoseCovariance(
+    const std::vector<CameraPoints>& cameras, double loss_scale,
+    const Rigid3& unit_from_world) {
+  Eigen::Matrix<double, 6, 6> hessian =
+      Linearize(cameras, loss_scale, unit_from_world).hessian;
+  hessian.diagonal().array() +=
+      std::numeric_limits<double>::epsilon() * hessian.diagonal().maxCoeff();
+  return loss_scale * loss_scale *
+         hessian.ldlt().solve(Eigen::Matrix<double, 6, 6>::Identity());
+}
+
 SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,
                                  double loss_scale, Rigid3* unit_from_world) {
   return Refine(cameras, loss_scale, kLocal, unit_from_world);

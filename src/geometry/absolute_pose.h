@@ -67,6 +67,12 @@ std::vector<double> AbsolutePoseErrors(const std::vector<CameraPoints>& cameras,
 SolveSummary RefineAbsolutePose(const std::vector<CameraPoints>& cameras,
                                 double loss_scale, Rigid3* unit_from_world);
 
+// Covariance of that step, for rays whose errors have the standard deviation
+// loss_scale.
+Eigen::Matrix<double, 6, 6> AbsolutePoseCovariance(
+    const std::vector<CameraPoints>& cameras, double loss_scale,
+    const Rigid3& unit_from_world);
+
 // A few steps of the same, for a start of another refinement.
 SolveSummary ImproveAbsolutePose(const std::vector<CameraPoints>& cameras,
                                  double loss_scale, Rigid3* unit_from_world);

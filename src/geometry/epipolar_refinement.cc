@@ -210,6 +210,20 @@ double DirectionSigmaRad(const RayMatches& matches,
                      : std::numeric_limits<double>::infinity();
 }
 
+Eigen::Matrix<double, 6, 6> RelativePoseCovariance(
+    const RayMatches& matches, const PoseRefinementOptions& options,
+    const Rigid3& cam2_from_cam1) {
+  Matrix5d information =
+      LinearizePose(matches, cam2_from_cam1, options).hessian /
+      (options.loss_scale_rad * options.loss_scale_rad);
+  information.diagonal().array() += 1.0;
+  Eigen::Matrix<double, 6, 5> by_delta = Eigen::Matrix<double, 6, 5>::Zero();
+  by_delta.topLeftCorner<3, 3>().setIdentity();
+  by_delta.bottomRightCorner<3, 2>() =
+      TangentBasis(cam2_from_cam1.translation.normalized());
+  return by_delta * information.ldlt().solve(by_delta.transpose());
+}
+
 SolveSummary RefineRotation(const RayMatches& matches,
                             const PoseRefinementOptions& options,
                             Eigen::Quaterniond* cam2_from_cam1) {

@@ -11,6 +11,7 @@
 namespace mgsfm {
 namespace {
 
+using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 // The thresholds of this file at half and twice their values are compared in
@@ -67,20 +68,55 @@ StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
   return sorted;
 }
 
-// Differences of two measurements of each step.
+// The variance along a vector.
+double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
+  const double squared_length = vector.squaredNorm();
+  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
+                              : 0.0;
+}
+
+// The length of a difference beyond the noise of its measurement.
+double Excess(const Vector3d& difference, const Matrix3d& covariance) {
+  return std::sqrt(
+      std::max(0.0, difference.squaredNorm() - covariance.trace()));
+}
+
+// How two measurements of one motion differ.
+struct MotionDifference {
+  Vector3d rotation_rad, center;
+  Matrix3d rotation_covariance, center_covariance;
+};
+
+MotionDifference DifferenceOf(const MeasuredMotion& a,
+                              const MeasuredMotion& b) {
+  return {LogSO3(a.later_from_earlier.rotation *
+                 b.later_from_earlier.rotation.conjugate()),
+          a.later_from_earlier.Center() - b.later_from_earlier.Center(),
+          a.rotation_covariance + b.rotation_covariance,
+          a.center_covariance + b.center_covariance};
+}
+
+// Differences of two measurements of each step, beyond their own noise.
 struct Disagreement {
   std::vector<double> angles_rad, relative_errors;
 
-  void Add(const MotionHypothesis& free, const Rigid3& motion,
+  void Add(const MotionHypothesis& free, const MeasuredMotion& motion,
            double min_length) {
-    const Rigid3 closest = free.ClosestTo(motion.Center());
-    angles_rad.push_back(AngleBetween(closest.rotation, motion.rotation));
-    const double length = motion.Center().norm();
-    if (length < min_length) return;
-    relative_errors.push_back((closest.Center() - motion.Center()).norm() /
-                              length);
+    const Vector3d center = motion.later_from_earlier.Center();
+    const MotionDifference difference =
+        DifferenceOf(free.ClosestTo(center), motion);
+    angles_rad.push_back(
+        Excess(difference.rotation_rad, difference.rotation_covariance));
+    if (center.norm() < min_length) return;
+    relative_errors.push_back(
+        Excess(difference.center, difference.center_covariance) /
+        center.norm());
   }
 };
+
+MeasuredMotion MeasuredMotionOf(const MotionHypothesis& h) {
+  return h.ClosestTo(h.later_from_earlier.Center());
+}
 
 // The hypothesis with the rotation closest to that of another.
 const MotionHypothesis& ClosestRotation(const StepHypotheses& step,
@@ -106,7 +142,7 @@ void MeasureDisagreement(const std::vector<StepHypotheses>& measured,
     const StepHypotheses free = SortedByShare(step, false);
     if (!by_depth.empty() && !free.empty()) {
       of_depths.Add(free[0],
-                    ClosestRotation(by_depth, free[0]).later_from_earlier,
+                    MeasuredMotionOf(ClosestRotation(by_depth, free[0])),
                     min_length);
     }
     if (free.size() > 1) {
@@ -134,11 +170,14 @@ void MeasureChanges(const std::vector<StepHypotheses>& measured,
       continue;
     }
     const Velocity velocity =
-        VelocityOf(by_depth[0].later_from_earlier, durations[k]);
+        VelocityOf(MeasuredMotionOf(by_depth[0]), durations[k]);
     if (before) {
-      linear.push_back((velocity.linear - before->linear).norm());
+      linear.push_back(
+          Excess(velocity.linear - before->linear,
+                 velocity.linear_covariance + before->linear_covariance));
       angular_rad.push_back(
-          (velocity.angular_rad - before->angular_rad).norm());
+          Excess(velocity.angular_rad - before->angular_rad,
+                 velocity.angular_covariance + before->angular_covariance));
     }
     before = velocity;
   }
@@ -165,16 +204,22 @@ bool IsStill(const MotionHypothesis& hypothesis) {
 
 // Whether a free hypothesis agrees with one with a distance. If it has
 // parallax, it never supports standing still.
-bool SupportsDistance(const MotionHypothesis& free, const Rigid3& motion,
-                      const MotionNoise& noise) {
+bool SupportsDistance(const MotionHypothesis& free,
+                      const MeasuredMotion& motion, const MotionNoise& noise) {
   MotionNoise of_kind = noise;
   if (!IsStill(free)) of_kind.median_step = 0.0;
-  return AreEqualMotions(free.ClosestTo(motion.Center()), motion, of_kind);
+  return AreEqualMotions(free.ClosestTo(motion.later_from_earlier.Center()),
+                         motion, of_kind);
 }
 
 // Adds a hypothesis to a group that it agrees with.
 void Join(const MotionHypothesis& h, Candidate* group) {
   const double weight = h.share / (group->share + h.share);
+  const auto covariance_of_mean = [&](const Matrix3d& a, const Matrix3d& b) {
+    return Matrix3d((1.0 - weight) * (1.0 - weight) * a + weight * weight * b);
+  };
+  group->rotation_covariance =
+      covariance_of_mean(group->rotation_covariance, h.rotation_covariance);
   const auto mean = [&](const Vector3d& a, const Vector3d& b) -> Vector3d {
     return (1.0 - weight) * a + weight * b;
   };
@@ -187,6 +232,8 @@ void Join(const MotionHypothesis& h, Candidate* group) {
   if (!IsStill(*group) && !IsStill(h)) {
     group->free_direction =
         mean(*group->free_direction, *h.free_direction).normalized();
+    group->center_covariance =
+        covariance_of_mean(group->center_covariance, h.center_covariance);
   }
   group->share += h.share;
   group->own_share += h.share;
@@ -199,8 +246,8 @@ void MeasureNearness(const MotionNoise& noise,
     for (const Candidate& rival : *by_depth) {
       if (!candidate.reach || !rival.reach ||
           rival.own_share < kContestingShare ||
-          AreEqualMotions(candidate.later_from_earlier,
-                          rival.later_from_earlier, noise)) {
+          AreEqualMotions(MeasuredMotionOf(candidate), MeasuredMotionOf(rival),
+                          noise)) {
         continue;
       }
       candidate.nearness = std::max(candidate.nearness,
@@ -220,8 +267,10 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
     return a.share > b.share;
   });
   const auto agree = [&](const MotionHypothesis& a, const MotionHypothesis& b) {
-    const Rigid3 motion = a.ClosestTo(ForwardStep(a, noise.median_step));
-    return AreEqualMotions(b.ClosestTo(motion.Center()), motion, noise);
+    const MeasuredMotion motion =
+        a.ClosestTo(ForwardStep(a, noise.median_step));
+    return AreEqualMotions(b.ClosestTo(motion.later_from_earlier.Center()),
+                           motion, noise);
   };
   std::vector<Candidate> groups;
   for (const MotionHypothesis& h : free) {
@@ -241,7 +290,8 @@ std::vector<Candidate> GroupFree(const StepHypotheses& step,
 // its distance and how near its points are.
 void Combine(const MotionNoise& noise, Candidate* by_depth,
              std::vector<Candidate>* groups) {
-  const Rigid3 motion = by_depth->later_from_earlier;
+  const MeasuredMotion motion = MeasuredMotionOf(*by_depth);
+  const Vector3d center = motion.later_from_earlier.Center();
   double support = 0.0;
   const Candidate* strongest = nullptr;
   for (Candidate& group : *groups) {
@@ -250,7 +300,7 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
     group.nearness = group.measured_centers.empty()
                          ? by_depth->nearness
                          : std::min(group.nearness, by_depth->nearness);
-    group.measured_centers.push_back(motion.Center());
+    group.measured_centers.push_back(center);
     if (IsStill(group)) continue;
     if (strongest == nullptr || group.share > strongest->share) {
       strongest = &group;
@@ -258,8 +308,16 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
   }
   by_depth->share = 0.5 * (by_depth->share + std::min(support, 1.0));
   if (strongest == nullptr) return;
+  const MeasuredMotion by_pairs = strongest->ClosestTo(center);
   by_depth->by_depth = motion;
-  by_depth->later_from_earlier = strongest->ClosestTo(motion.Center());
+  by_depth->later_from_earlier = by_pairs.later_from_earlier;
+  by_depth->rotation_covariance = by_pairs.rotation_covariance;
+  // The variance of the distance is that of the depths.
+  const Vector3d& direction = *strongest->free_direction;
+  by_depth->center_covariance =
+      by_pairs.center_covariance +
+      direction * VarianceAlong(motion.center_covariance, direction) *
+          direction.transpose();
 }
 
 // The hypotheses with a distance, and the groups of free ones.
@@ -283,7 +341,7 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
 }
 
 // The motion with the largest share of a step that has candidates.
-Rigid3 StrongestMotion(const Steps& steps, size_t k) {
+MeasuredMotion StrongestMotion(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   const auto strongest = std::max_element(
       step.begin(), step.end(),
@@ -293,10 +351,11 @@ Rigid3 StrongestMotion(const Steps& steps, size_t k) {
 }
 
 bool IsRival(const Steps& steps, const Candidate& candidate,
-             const Rigid3& motion) {
+             const MeasuredMotion& motion) {
   return candidate.own_share >= kContestingShare &&
-         !AreEqualMotions(candidate.ClosestTo(motion.Center()), motion,
-                          steps.noise);
+         !AreEqualMotions(
+             candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
+             steps.noise);
 }
 
 // Whether a rival of the strongest motion goes on in a neighbouring step.
@@ -307,7 +366,7 @@ bool Continues(const Steps& steps, const Velocity& rival,
   if (neighbour >= steps.size() || steps.candidates[neighbour].empty()) {
     return false;
   }
-  const Rigid3 motion = StrongestMotion(steps, neighbour);
+  const MeasuredMotion motion = StrongestMotion(steps, neighbour);
   const std::vector<Candidate>& candidates = steps.candidates[neighbour];
   const auto change = [&](const Velocity& from, const Candidate& to) {
     return SquaredChange(from, steps.VelocityAfter(from.linear, neighbour, to),
@@ -338,27 +397,44 @@ std::vector<double> DistancesToTry(const Steps& steps, double duration) {
 
 }  // namespace
 
-Velocity VelocityOf(const Rigid3& later_from_earlier, double duration) {
-  return {later_from_earlier.Center() / duration,
-          LogSO3(later_from_earlier.rotation) / duration};
+Velocity VelocityOf(const MeasuredMotion& motion, double duration) {
+  const double squared_duration = duration * duration;
+  return {motion.later_from_earlier.Center() / duration,
+          LogSO3(motion.later_from_earlier.rotation) / duration,
+          motion.center_covariance / squared_duration,
+          motion.rotation_covariance / squared_duration};
 }
 
-Rigid3 MotionOf(const Velocity& velocity, double duration) {
-  return Rigid3::FromRotationAndCenter(ExpSO3(duration * velocity.angular_rad),
-                                       duration * velocity.linear);
+MeasuredMotion MotionOf(const Velocity& velocity, double duration) {
+  const double squared_duration = duration * duration;
+  return {Rigid3::FromRotationAndCenter(ExpSO3(duration * velocity.angular_rad),
+                                        duration * velocity.linear),
+          squared_duration * velocity.angular_covariance,
+          squared_duration * velocity.linear_covariance};
 }
 
-bool AreEqualMotions(const Rigid3& a, const Rigid3& b, const MotionNoise& noise,
-                     double factor) {
-  const Vector3d center_a = a.Center(), center_b = b.Center();
+bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
+                     const MotionNoise& noise, double factor) {
+  const MotionDifference difference = DifferenceOf(a, b);
   const double relative =
       std::max(kRelativeTolerance, kNumSigmas * noise.relative_center);
-  const double max_angle_rad =
+  const double tolerance =
+      relative * std::max(a.later_from_earlier.Center().norm(),
+                          b.later_from_earlier.Center().norm()) +
+      kMinTolerance * noise.median_step;
+  const double tolerance_rad =
       std::max(kMaxAngle_rad, kNumSigmas * noise.rotation_rad);
-  return (center_a - center_b).norm() <=
-             factor * (relative * std::max(center_a.norm(), center_b.norm()) +
-                       kMinTolerance * noise.median_step) &&
-         AngleBetween(a.rotation, b.rotation) <= factor * max_angle_rad;
+  const auto is_within = [factor](const Vector3d& error,
+                                  const Matrix3d& covariance, double bound) {
+    return error.squaredNorm() <=
+           factor * factor *
+               (bound * bound +
+                kNumSigmas * kNumSigmas * VarianceAlong(covariance, error));
+  };
+  return is_within(difference.center, difference.center_covariance,
+                   tolerance) &&
+         is_within(difference.rotation_rad, difference.rotation_covariance,
+                   tolerance_rad);
 }
 
 double SquaredChange(const Velocity& a, const Velocity& b,
@@ -369,9 +445,15 @@ double SquaredChange(const Velocity& a, const Velocity& b,
   const double scale_rad =
       kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
       kMinTurnChange_rad + noise.turn_change_rad;
-  return (a.linear - b.linear).squaredNorm() / (scale * scale) +
-         (a.angular_rad - b.angular_rad).squaredNorm() /
-             (scale_rad * scale_rad);
+  const auto squared = [](const Vector3d& change, const Matrix3d& covariance,
+                          double of_rig) {
+    return change.squaredNorm() /
+           (of_rig * of_rig + VarianceAlong(covariance, change));
+  };
+  return squared(a.linear - b.linear, a.linear_covariance + b.linear_covariance,
+                 scale) +
+         squared(a.angular_rad - b.angular_rad,
+                 a.angular_covariance + b.angular_covariance, scale_rad);
 }
 
 Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {
@@ -398,12 +480,13 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
-  const Rigid3 motion = StrongestMotion(steps, k);
+  const MeasuredMotion motion = StrongestMotion(steps, k);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
   return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
     if (!IsRival(steps, candidate, motion)) return false;
     const Velocity rival =
-        VelocityOf(candidate.ClosestTo(motion.Center()), steps.durations[k]);
+        VelocityOf(candidate.ClosestTo(motion.later_from_earlier.Center()),
+                   steps.durations[k]);
     return Continues(steps, rival, velocity, k - 1) ||
            Continues(steps, rival, velocity, k + 1);
   });

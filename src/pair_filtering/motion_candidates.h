@@ -19,20 +19,23 @@ namespace mgsfm {
 // that a group agrees with has the rotation and direction of the group for the
 // comparison of velocities, and its own distance.
 
-// Per step, or per unit of time.
+// Per step, or per unit of time, with covariances.
 struct Velocity {
   Eigen::Vector3d linear = Eigen::Vector3d::Zero();  // of the rig's origin
   Eigen::Vector3d angular_rad = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d linear_covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d angular_covariance = Eigen::Matrix3d::Zero();
 };
-Velocity VelocityOf(const Rigid3& later_from_earlier, double duration);
-Rigid3 MotionOf(const Velocity& velocity, double duration);
+Velocity VelocityOf(const MeasuredMotion& motion, double duration);
+MeasuredMotion MotionOf(const Velocity& velocity, double duration);
 
-// Whether two motions are equal, up to `factor` times the tolerance.
-bool AreEqualMotions(const Rigid3& a, const Rigid3& b, const MotionNoise& noise,
-                     double factor = 1.0);
+// Whether two motions are equal, up to `factor` times the tolerance, which
+// includes the variances of both along their difference.
+bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
+                     const MotionNoise& noise, double factor = 1.0);
 
 // The squared difference of two velocities, in standard deviations of changes
-// within one step.
+// within one step and of their measurements.
 double SquaredChange(const Velocity& a, const Velocity& b,
                      const MotionNoise& noise);
 
@@ -45,10 +48,10 @@ struct Candidate : MotionHypothesis {
   // zero.
   double nearness = 0.0;
   // Before `later_from_earlier` took the rotation and direction of a group.
-  std::optional<Rigid3> by_depth = {};
+  std::optional<MeasuredMotion> by_depth = {};
 
   // The motion after one with this centre.
-  Rigid3 MotionAfter(const Eigen::Vector3d& center) const {
+  MeasuredMotion MotionAfter(const Eigen::Vector3d& center) const {
     return ClosestTo(tried_center.value_or(center));
   }
 };

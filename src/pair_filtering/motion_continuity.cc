@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "pair_filtering/motion_candidates.h"
 #include "pair_filtering/motion_search.h"
@@ -16,6 +17,7 @@
 namespace mgsfm {
 namespace {
 
+using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 // A step is ambiguous if the odds of another motion exceed 1 to 20.
@@ -136,7 +138,8 @@ std::vector<RigPath::Place> FollowMotion(
     }
     if (velocity && !is_ambiguous[k]) {
       next.rig_from_start =
-          MotionOf(*velocity, durations[k]) * next.rig_from_start;
+          MotionOf(*velocity, durations[k]).later_from_earlier *
+          next.rig_from_start;
     } else {
       ++next.stretch;
       if (is_doubtful[k]) ++next.num_ambiguous;
@@ -190,16 +193,36 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
 
 }  // namespace
 
-Rigid3 MotionHypothesis::ClosestTo(const Vector3d& center) const {
-  if (!free_direction) return later_from_earlier;
+MeasuredMotion MotionHypothesis::ClosestTo(const Vector3d& center) const {
+  MeasuredMotion motion{later_from_earlier, rotation_covariance,
+                        center_covariance};
+  if (!free_direction || free_direction->isZero(0.0)) return motion;
   const Vector3d nearest = later_from_earlier.Center();
   const double distance = std::max(0.0, free_direction->dot(center - nearest));
-  return Rigid3::FromRotationAndCenter(later_from_earlier.rotation,
-                                       nearest + distance * *free_direction);
+  motion.later_from_earlier = Rigid3::FromRotationAndCenter(
+      later_from_earlier.rotation, nearest + distance * *free_direction);
+  motion.center_covariance *= distance * distance;
+  return motion;
+}
+
+MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
+                                const Eigen::Matrix<double, 6, 6>& covariance,
+                                bool is_reversed) {
+  const Matrix3d inverse = pose.rotation.conjugate().toRotationMatrix();
+  const Matrix3d of_rotation = covariance.topLeftCorner<3, 3>();
+  if (is_reversed) {
+    return {pose.Inverse(), inverse * of_rotation * inverse.transpose(),
+            covariance.bottomRightCorner<3, 3>()};
+  }
+  // The centre -R^T t changes by R^T (w x t - dt).
+  Eigen::Matrix<double, 3, 6> by_pose;
+  by_pose << CrossMatrix(pose.translation), Matrix3d::Identity();
+  by_pose = -inverse * by_pose;
+  return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
 }
 
 bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
-  return AreEqualMotions(a, b, noise);
+  return AreEqualMotions({a}, {b}, noise);
 }
 
 RigPath FindRigPath(

@@ -52,6 +52,14 @@ namespace mgsfm {
 // Limits. If the static scene is never seen next to an object, or not before
 // and after it, the object is the scene.
 
+// A motion, with the covariances of its rotation vector, in the later rig
+// frame, and of its centre, in the earlier one.
+struct MeasuredMotion {
+  Rigid3 later_from_earlier;
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
+};
+
 struct MotionHypothesis {
   Rigid3 later_from_earlier;  // rig frames
   // Shares of the matches of the step: those that agree, and those that agree
@@ -65,17 +73,29 @@ struct MotionHypothesis {
   // Distance and spread of the points that agree with this hypothesis only
   // (rig_motions.h), if they are known.
   std::optional<double> reach = {};
+  // Covariances, by the noise of keypoints and depths: of the rotation vector,
+  // in the later rig frame, and of the centre, in the earlier one. The latter
+  // is that of `free_direction`, if there is one.
+  Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
+  Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
 
   // The motion of all multiples whose centre is closest to `center`.
-  [[nodiscard]] Rigid3 ClosestTo(const Eigen::Vector3d& center) const;
+  [[nodiscard]] MeasuredMotion ClosestTo(const Eigen::Vector3d& center) const;
 };
 using StepHypotheses = std::vector<MotionHypothesis>;
+
+// The motion of a pose (R, t) of the later frame, or of the earlier one if it
+// is reversed, with the covariance of (w, dt): Exp(w) R, t + dt.
+[[nodiscard]] MeasuredMotion MeasuredMotionOf(
+    const Rigid3& pose, const Eigen::Matrix<double, 6, 6>& covariance,
+    bool is_reversed);
 
 // What the steps of one recording tell about their own errors and changes. A
 // wrong focal length, a rig that is not known well, or cameras that trigger
 // apart let depths and image pairs, or pairs of different cameras, disagree
 // about every step: then a disagreement is no evidence for an object. Low
 // quantiles over all steps, so that objects in most of them have no influence.
+// The covariances of the hypotheses are not part of them.
 struct MotionNoise {
   double median_step = 0.0;
   // Standard deviations, per axis, of the difference of two measurements of one

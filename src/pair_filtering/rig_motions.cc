@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <utility>
 
 #include "geometry/absolute_pose.h"
 #include "geometry/epipolar.h"
 #include "geometry/so3.h"
+#include "math/robust_scale.h"
 #include "math/statistics.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/geometry/camera_models.h"
@@ -157,7 +159,7 @@ std::vector<std::vector<Vector3d>> FindOwnPoints(
   std::vector<Mask> agree;
   for (const RigMotion& motion : motions) {
     const std::vector<double> errors = AbsolutePoseErrors(
-        all.cameras, all.ToMotion(motion.later_from_earlier));
+        all.cameras, all.ToMotion(motion.measured.later_from_earlier));
     agree.emplace_back(points.size(), false);
     for (size_t k = 0; k < points.size(); ++k) {
       agree.back()[k] = errors[k] <= 1.0;
@@ -171,6 +173,18 @@ std::vector<std::vector<Vector3d>> FindOwnPoints(
     }
   }
   return own;
+}
+
+// The motion of a pose, with the noise that the median error of its inliers
+// tells.
+MeasuredMotion MeasureMotion(const Correspondences& all, const Rigid3& pose) {
+  std::vector<CameraPoints> inliers = all.cameras;
+  KeepRays(pose, 1.0, /*keep_agreeing=*/true, &inliers);
+  const double sigma =
+      std::max(RobustSigma<2>(AbsolutePoseErrors(inliers, pose)),
+               std::numeric_limits<double>::epsilon());
+  return MeasuredMotionOf(pose, AbsolutePoseCovariance(inliers, sigma, pose),
+                          all.has_later_points);
 }
 
 double MedianDistance(const std::vector<Vector3d>& points,
@@ -247,7 +261,7 @@ std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
       break;
     }
     motions.push_back(
-        {all.ToMotion(*pose),
+        {MeasureMotion(all, *pose),
          ScoreAbsolutePose(all.cameras, *pose).num_inliers / num_all,
          num_own / num_all});
     KeepRays(*pose, 1.0, /*keep_agreeing=*/false, &remaining);

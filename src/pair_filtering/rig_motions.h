@@ -9,6 +9,7 @@
 #include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
+#include "pair_filtering/motion_continuity.h"
 
 namespace mgsfm {
 
@@ -67,7 +68,7 @@ struct FrameMatches {
 };
 
 struct RigMotion {
-  Rigid3 later_from_earlier;  // rig frames
+  MeasuredMotion measured;  // rig frames
   // Shares of the correspondences with depth: those that agree, and those that
   // agree with this motion but with none found before it.
   double share = 0.0;

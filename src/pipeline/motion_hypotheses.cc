@@ -4,14 +4,18 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <utility>
 
 #include "base/parallel.h"
 #include "base/random.h"
+#include "geometry/epipolar.h"
+#include "math/robust_scale.h"
 
 namespace mgsfm {
 namespace {
 
+using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
 
@@ -30,16 +34,49 @@ SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
                           kDepthErrorFactor * problem.max_error_px,
                           Random(context.random_seed,
                                  static_cast<uint64_t>(sequence[k])))) {
-        steps[k].push_back({motion.later_from_earlier,
+        steps[k].push_back({motion.measured.later_from_earlier,
                             motion.share,
                             motion.own_share,
                             {},
-                            motion.reach});
+                            motion.reach,
+                            motion.measured.rotation_covariance,
+                            motion.measured.center_covariance});
       }
     });
     hypotheses.push_back(std::move(steps));
   }
   return hypotheses;
+}
+
+// Sets the covariances of a motion by the relative pose of two images. Lever
+// arms are short against the distance to the scene: the error of the rotation
+// does not move the centre by them.
+void SetCovariances(const MotionProblem& problem, const ImagePair& pair,
+                    const Rigid3& sensor_from_rig, bool is_reversed,
+                    MotionHypothesis* hypothesis) {
+  const std::optional<Vector3d>& direction =
+      pair.relative_pose->translation_direction;
+  if (!direction) {
+    // Shorter motions would not show.
+    hypothesis->center_covariance = problem.noise_displacement *
+                                    problem.noise_displacement *
+                                    Matrix3d::Identity();
+    return;
+  }
+  const MeasuredMotion of_pair =
+      MeasuredMotionOf({pair.relative_pose->cam2_from_cam1, *direction},
+                       CovarianceOf(problem, pair), is_reversed);
+  const Matrix3d rig_from_sensor =
+      sensor_from_rig.rotation.conjugate().toRotationMatrix();
+  hypothesis->rotation_covariance = rig_from_sensor *
+                                    of_pair.rotation_covariance *
+                                    rig_from_sensor.transpose();
+  hypothesis->center_covariance =
+      rig_from_sensor * of_pair.center_covariance * rig_from_sensor.transpose();
+  if (!hypothesis->free_direction) {
+    hypothesis->center_covariance *=
+        hypothesis->later_from_earlier.Center().squaredNorm();
+  }
 }
 
 // The motion of the rig by the relative pose of two images of one sensor, from
@@ -67,6 +104,7 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
     hypothesis.free_direction =
         motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
   }
+  SetCovariances(problem, pair, sensor_from_rig, is_reversed, &hypothesis);
   return hypothesis;
 }
 
@@ -99,6 +137,29 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
 }
 
 }  // namespace
+
+Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
+                                         const ImagePair& pair) {
+  const Rigid3 pose{pair.relative_pose->cam2_from_cam1,
+                    *pair.relative_pose->translation_direction};
+  RayMatches rays;
+  for (const Match& match : pair.matches) {
+    const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
+    const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
+    if (!problem.bearings.HasRay(pair.image_idx1, keypoint1) ||
+        !problem.bearings.HasRay(pair.image_idx2, keypoint2)) {
+      continue;
+    }
+    rays.Add(problem.bearings.Ray(pair.image_idx1, keypoint1),
+             problem.bearings.Ray(pair.image_idx2, keypoint2));
+  }
+  PoseRefinementOptions options;
+  options.loss_scale_rad =
+      rays.size() == 0 ? 1.0
+                       : std::max(RobustSigma<1>(SampsonAngles(rays, pose)),
+                                  std::numeric_limits<double>::epsilon());
+  return RelativePoseCovariance(rays, options, pose);
+}
 
 SequenceHypotheses FindHypothesesByPairs(
     const MotionProblem& problem,

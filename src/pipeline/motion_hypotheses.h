@@ -42,6 +42,11 @@ struct MotionProblem {
   }
 };
 
+// The covariance of the rotation vector and the direction of a relative pose
+// with a baseline, by the residuals of its matches.
+[[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
+    const MotionProblem& problem, const ImagePair& pair);
+
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 

@@ -46,6 +46,9 @@ constexpr int kMinBalance = 2;
 // Error of the baseline, relative to its length, of pairs that support a motion
 // by their own poses. Half and twice the value change errors by at most 2 %.
 constexpr double kMaxSupportError = 0.1;
+// 95 % of the errors of a pair along a direction are smaller, in standard
+// deviations.
+constexpr double kNumSigmas = 1.96;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
 // needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
@@ -111,28 +114,50 @@ double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
                   problem.noise_displacement);
 }
 
-// Whether a relative pose agrees with the path. The length of its baseline
-// counts if it is known.
+// The standard deviation along an error.
+double SigmaAlong(const Eigen::Matrix3d& covariance, const Vector3d& error) {
+  const double length = error.norm();
+  return length > 0.0
+             ? std::sqrt(std::max(0.0, error.dot(covariance * error))) / length
+             : 0.0;
+}
+
+// Whether the relative pose of a pair agrees with the path. The length of its
+// baseline counts if it is known.
 bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
-                    const RelativePose& pose, const ExpectedPair& expected,
+                    const ImagePair& pair, const ExpectedPair& expected,
                     const std::optional<double>& length = std::nullopt) {
-  if (AngleBetween(pose.cam2_from_cam1, expected.cam2_from_cam1.rotation) >
-      kMaxRotationError_rad + path.RotationTolerance_rad() +
-          expected.drift_rad) {
-    return false;
-  }
+  const RelativePose& pose = *pair.relative_pose;
+  const Vector3d turn_error = LogSO3(
+      pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
+  const double max_turn_error =
+      kMaxRotationError_rad + path.RotationTolerance_rad() + expected.drift_rad;
   const double min_error = MinDisplacement(problem, path);
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =
       pose.translation_direction.value_or(Vector3d::Zero());
-  if (!length &&
-      (!pose.translation_direction || translation.norm() < min_error)) {
+  const double measured = length.value_or(translation.norm());
+  const Vector3d error = measured * direction - translation;
+  const bool has_direction =
+      length || (pose.translation_direction && translation.norm() >= min_error);
+  const double max_error =
+      std::max(min_error, problem.max_relative_baseline_error *
+                              std::max(measured, translation.norm()));
+  if (turn_error.norm() <= max_turn_error &&
+      (!has_direction || error.norm() <= max_error)) {
     return true;
   }
-  const double measured = length.value_or(translation.norm());
-  return (measured * direction - translation).norm() <=
-         std::max(min_error, problem.max_relative_baseline_error *
-                                 std::max(measured, translation.norm()));
+  if (!pose.translation_direction) return false;
+  const Eigen::Matrix<double, 6, 6> covariance = CovarianceOf(problem, pair);
+  return turn_error.norm() <=
+             max_turn_error +
+                 kNumSigmas *
+                     SigmaAlong(covariance.topLeftCorner<3, 3>(), turn_error) &&
+         (!has_direction ||
+          error.norm() <=
+              max_error +
+                  kNumSigmas * measured *
+                      SigmaAlong(covariance.bottomRightCorner<3, 3>(), error));
 }
 
 // Pairs support a motion if they are close to it.
@@ -157,8 +182,8 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
   for (const size_t i : frames->pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
     const auto cam2_from_cam1 = RelativePoseBy(problem, i, motion);
-    if (cam2_from_cam1 && AgreesWithPath(strict, path, *pair.relative_pose,
-                                         {i, *cam2_from_cam1})) {
+    if (cam2_from_cam1 &&
+        AgreesWithPath(strict, path, pair, {i, *cam2_from_cam1})) {
       num_matches += pair.matches.size();
     }
   }
@@ -400,7 +425,7 @@ std::vector<ExpectedPair> VerifyPairs(
       ++k;
     }
     const RelativePose& pose = *pair.relative_pose;
-    if (!AgreesWithPath(problem, path, pose, expected[k])) continue;
+    if (!AgreesWithPath(problem, path, pair, expected[k])) continue;
     ExpectedPair e = expected[k];
     e.cam2_from_cam1.rotation = pose.cam2_from_cam1;
     if (pose.translation_direction) {
@@ -434,7 +459,7 @@ std::vector<ExpectedPair> SelectDoubtful(
     const auto num_contradicting =
         static_cast<double>(pair.matches.size()) -
         static_cast<double>(AgreeingMatches(problem, moving, e, pair).size());
-    if (!AgreesWithPath(problem, path, *pair.relative_pose, e) ||
+    if (!AgreesWithPath(problem, path, pair, e) ||
         num_contradicting >
             kMaxContradicting * static_cast<double>(pair.matches.size())) {
       doubtful.push_back(e);
@@ -473,8 +498,7 @@ void KeepAgreeing(const MotionProblem& problem, const RigPath& path,
   for (const ExpectedPair& e : expected) {
     const ImagePair& pair = problem.view_graph.pairs[e.pair_idx];
     if ((*pair_is_discontinuous)[e.pair_idx] &&
-        AgreesWithPath(problem, path, *pair.relative_pose, e) &&
-        MostDepthsAgree(problem, e)) {
+        AgreesWithPath(problem, path, pair, e) && MostDepthsAgree(problem, e)) {
       (*pair_is_discontinuous)[e.pair_idx] = false;
     }
   }
@@ -594,7 +618,7 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
                             path.Between(image1.frame_idx, image2.frame_idx) *
                             sensor_from_rig.Inverse();
     motion.pair_is_discontinuous[i] = !AgreesWithPath(
-        problem, path, *pair.relative_pose,
+        problem, path, pair,
         {i, expected, kDriftPerStep_rad * std::sqrt(*frames.time_gap)},
         lengths[i]);
   }
