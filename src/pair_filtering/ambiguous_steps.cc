@@ -39,7 +39,7 @@ AmbiguousSteps FindAmbiguousSteps(const FramePairIndex& index,
                        FramesBeside(*index.order(), path)};
   if (!steps.frame_is_beside.Any()) return steps;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
-    if (!frames.time_gap || *frames.time_gap > kMaxSequentialGap ||
+    if (!index.AreNeighbours(frames) ||
         !path.IsAmbiguousBetween(frames.frame_idx1, frames.frame_idx2)) {
       continue;
     }

@@ -150,6 +150,31 @@ bool IsSequence(const std::vector<FrameLink>& links, const TemporalOrder& order,
          IsOrderSignificant(Similarities(links, most), UnbrokenRuns(order));
 }
 
+// Per rig. `sequences` has the frames of each.
+std::vector<int> MeasureReaches(
+    const std::vector<FramePairIndex::FramePair>& frame_pairs,
+    const std::vector<int>& rig_of_frame,
+    const std::vector<std::vector<int>>& sequences) {
+  std::vector<std::vector<size_t>> num_linked;  // per rig and gap
+  for (const std::vector<int>& frames : sequences) {
+    num_linked.emplace_back(std::max<size_t>(frames.size(), 1), 0);
+  }
+  for (const FramePairIndex::FramePair& frames : frame_pairs) {
+    if (!frames.time_gap) continue;
+    ++num_linked[rig_of_frame[frames.frame_idx1]][*frames.time_gap];
+  }
+  std::vector<int> reaches;
+  for (const std::vector<size_t>& linked : num_linked) {
+    size_t reach = 1;
+    while (reach + 1 < linked.size() &&
+           2 * linked[reach + 1] >= linked.size() - reach - 1) {
+      ++reach;
+    }
+    reaches.push_back(static_cast<int>(reach));
+  }
+  return reaches;
+}
+
 std::vector<MatchedImages> CountMatches(const ViewGraph& view_graph) {
   std::vector<MatchedImages> pairs;
   pairs.reserve(view_graph.pairs.size());
@@ -199,6 +224,10 @@ FramePairIndex::FramePairIndex(const Scene& scene,
   for (FramePair& frames : frame_pairs_) {
     frames.time_gap = order_->Gap(frames.frame_idx1, frames.frame_idx2);
   }
+  for (const Frame& frame : scene.frames) {
+    rig_of_frame_.push_back(frame.rig_idx);
+  }
+  reaches_ = MeasureReaches(frame_pairs_, rig_of_frame_, order_->sequences());
 }
 
 const FramePairIndex::FramePair* FramePairIndex::Find(int frame_idx1,

@@ -46,10 +46,19 @@ class FramePairIndex {
   bool is_sequence() const { return order_.has_value(); }
   // nullopt if the frames are not in temporal order.
   const std::optional<TemporalOrder>& order() const { return order_; }
-  // The frames are distant in a sequence, or of different sequences.
+  // How many frames of its sequence a frame sees the same points for: the
+  // largest gap up to which, at each gap, an image pair links at least half of
+  // the pairs of frames. At least 1, and per rig.
+  int Reach(const FramePair& frames) const {
+    return reaches_[rig_of_frame_[frames.frame_idx1]];
+  }
+  // The frames are of one sequence, and within its reach.
+  bool AreNeighbours(const FramePair& frames) const {
+    return frames.time_gap && *frames.time_gap <= Reach(frames);
+  }
+  // The frames are further apart in a sequence, or of different sequences.
   bool IsLoop(const FramePair& frames) const {
-    return is_sequence() &&
-           (!frames.time_gap || *frames.time_gap > kMaxSequentialGap);
+    return is_sequence() && !AreNeighbours(frames);
   }
   size_t num_pairs() const { return frame_pair_of_pair_.size(); }
   // Sorted by (frame_idx1, frame_idx2), each at most once.
@@ -63,6 +72,8 @@ class FramePairIndex {
  private:
   int num_frames_ = 0;
   std::optional<TemporalOrder> order_;
+  std::vector<int> rig_of_frame_;
+  std::vector<int> reaches_;  // per rig
   std::vector<FramePair> frame_pairs_;
   std::vector<size_t> frame_pair_of_pair_;  // per image pair
 };

@@ -30,11 +30,11 @@ Mask FindLoopsAgainstPath(const FramePairIndex& index, const RigPath& path,
                           double max_drift) {
   Mask is_against(index.num_pairs(), false);
   const std::vector<double> lengths = LengthsFromStart(*index.order(), path);
-  const double reach = kMaxSequentialGap * path.noise.median_step;
   for (const FramePairIndex::FramePair& frames : index.frame_pairs()) {
     const int a = frames.frame_idx1, b = frames.frame_idx2;
     if (!index.IsLoop(frames) || !path.IsComparable(a, b)) continue;
     const double length = std::abs(lengths[a] - lengths[b]);
+    const double reach = index.Reach(frames) * path.noise.median_step;
     if (path.Between(a, b).translation.norm() <= max_drift * length + reach) {
       continue;
     }

@@ -12,7 +12,7 @@ namespace mgsfm {
 // path they are further apart than
 //
 //   max_drift * (length of the path between them)
-//       + kMaxSequentialGap * (median step),
+//       + (reach of the sequence) * (median step),
 //
 // the drift of positions and the reach of matches. Frames that are not
 // comparable contradict nothing.

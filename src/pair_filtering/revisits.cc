@@ -2,6 +2,7 @@
 #include "pair_filtering/revisits.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdlib>
 #include <limits>
@@ -14,19 +15,24 @@
 namespace mgsfm {
 namespace {
 
-// Bridges short gaps of missing images or matches, as in the groups of rejected
-// pairs.
-constexpr int kMaxLoopGap = 3;
-// Twice the reach of pairs of neighbours. docs/results/hard_drives.md#revisits
-// has the lengths of revisits and of duplicate structures.
-constexpr int kMinRevisit = 2 * kMaxSequentialGap;
+// In reaches of pairs of neighbours: a structure is visible within one before
+// and one after its frame. docs/results/hard_drives.md#revisits has the lengths
+// of revisits and of duplicate structures.
+constexpr int kMinRevisit = 2;
+// A share of the reach, which bridges missing images or matches.
+constexpr double kMaxLoopGap = 0.3;
 
 // The loop pairs of two frames, by their places in the sequences.
 struct Loop {
   std::pair<int, int> sequences;
   int rank1 = 0;
   int rank2 = 0;
+  int reach = 0;
   std::vector<size_t> pair_idxs;
+
+  int MaxGap() const {
+    return static_cast<int>(std::ceil(kMaxLoopGap * reach));
+  }
 };
 
 struct Place {
@@ -57,8 +63,10 @@ std::vector<Loop> CollectLoops(const FramePairIndex& index,
         std::tie(second.sequence, second.rank)) {
       std::swap(first, second);
     }
-    if (frames.time_gap && *frames.time_gap <= kMinRevisit) continue;
-    Loop loop{{first.sequence, second.sequence}, first.rank, second.rank, {}};
+    const int reach = index.Reach(frames);
+    if (frames.time_gap && *frames.time_gap <= kMinRevisit * reach) continue;
+    Loop loop{
+        {first.sequence, second.sequence}, first.rank, second.rank, reach, {}};
     for (const size_t i : frames.pair_idxs) {
       if (pair_is_used[i]) loop.pair_idxs.push_back(i);
     }
@@ -76,10 +84,10 @@ UnionFind JoinNeighbours(const std::vector<Loop>& loops) {
   for (size_t i = 0; i < loops.size(); ++i) {
     for (size_t k = i + 1; k < loops.size(); ++k) {
       if (loops[k].sequences != loops[i].sequences ||
-          loops[k].rank1 - loops[i].rank1 > kMaxLoopGap) {
+          loops[k].rank1 - loops[i].rank1 > loops[i].MaxGap()) {
         break;
       }
-      if (std::abs(loops[k].rank2 - loops[i].rank2) <= kMaxLoopGap) {
+      if (std::abs(loops[k].rank2 - loops[i].rank2) <= loops[i].MaxGap()) {
         sets.Union(i, k);
       }
     }
@@ -96,7 +104,7 @@ struct Extent {
     first = std::min(first, rank);
     last = std::max(last, rank);
   }
-  bool IsLong() const { return last - first > kMinRevisit; }
+  bool IsLong(int reach) const { return last - first > kMinRevisit * reach; }
 };
 
 }  // namespace
@@ -114,7 +122,9 @@ Mask FindRevisits(const FramePairIndex& index, const Mask& pair_is_used) {
   }
   for (size_t i = 0; i < loops.size(); ++i) {
     const auto& [first, second] = extents[sets.Find(i)];
-    if (!first.IsLong() || !second.IsLong()) continue;
+    if (!first.IsLong(loops[i].reach) || !second.IsLong(loops[i].reach)) {
+      continue;
+    }
     for (const size_t pair_idx : loops[i].pair_idxs) {
       is_revisit[pair_idx] = true;
     }

@@ -14,13 +14,14 @@ namespace mgsfm {
 // each other along a longer stretch of both passes repeat the scenery in the
 // same order: the place is the same.
 //
-// Two frame pairs with used loop pairs are neighbours if their frames are at
-// most kMaxLoopGap steps apart at both ends. A group of neighbours is a revisit
-// if it extends over more than kMinRevisit steps of both passes. The frames of
-// a loop must be as far from each other, or both are of one pass.
+// Two frame pairs with used loop pairs are neighbours if their frames are close
+// at both ends, within a share of the reach of the sequence
+// (frame_pair_index.h). A group of neighbours is a revisit if it extends over
+// more than two reaches of both passes. The frames of a loop must be as far
+// from each other, or both are of one pass.
 //
-// Limits. If frames are so dense that one structure is visible in more of them
-// than kMinRevisit, its duplicate looks like a revisit.
+// Limits. A structure that is visible along more than two reaches, such as a
+// tower, has a duplicate that looks like a revisit.
 
 // Per pair. Without temporal order, none is. Cost: linear in the loop pairs
 // times the number of loops near each.

@@ -16,9 +16,10 @@ namespace {
 
 using FramePair = FramePairIndex::FramePair;
 
-// Rounds of selection in a sequence: pairs of frames at most this far apart in
-// time. One frame between neighbours may be missing.
-constexpr int kMaxTimeGaps[] = {2, kMaxSequentialGap};
+// Rounds of selection in a sequence: pairs of frames at most this share of its
+// reach apart in time, or two steps, since a frame may be missing.
+constexpr double kSharesOfReach[] = {0.2, 1.0};
+constexpr double kMinTimeGap = 2.0;
 
 // The skeleton selected so far, and the components of frames it connects.
 struct Skeleton {
@@ -141,11 +142,15 @@ std::vector<Mask> CandidatesOfRounds(const FramePairIndex& index,
                                      const Mask& pair_is_used) {
   std::vector<Mask> rounds;
   if (index.is_sequence()) {
-    for (const int max_time_gap : kMaxTimeGaps) {
+    for (const double share : kSharesOfReach) {
       Mask is_near = pair_is_used;
       for (size_t i = 0; i < is_near.size(); ++i) {
-        const std::optional<int>& time_gap = index.Of(i).time_gap;
-        if (!time_gap || *time_gap > max_time_gap) is_near[i] = false;
+        const FramePair& frames = index.Of(i);
+        if (!frames.time_gap ||
+            *frames.time_gap >
+                std::max(kMinTimeGap, share * index.Reach(frames))) {
+          is_near[i] = false;
+        }
       }
       rounds.push_back(std::move(is_near));
     }

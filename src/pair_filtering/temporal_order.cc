@@ -15,6 +15,11 @@
 namespace mgsfm {
 namespace {
 
+// Intervals that are longer, in medians, or shorter than its inverse, are not
+// those of one recording: key frames of a drone that stops span a factor of
+// seven.
+constexpr double kMaxInterval = 10.0;
+
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {
   return std::all_of(frame_idxs.begin(), frame_idxs.end(), [&](int frame_idx) {
     const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
@@ -73,8 +78,8 @@ Intervals Normalized(Intervals intervals) {
 // are not times.
 void KeepCounts(Intervals* intervals) {
   for (auto& interval : *intervals) {
-    if (interval && (*interval * kMaxSequentialGap < 1.0 ||
-                     *interval > kMaxSequentialGap)) {
+    if (interval &&
+        (*interval * kMaxInterval < 1.0 || *interval > kMaxInterval)) {
       interval.reset();
     }
   }
@@ -118,8 +123,7 @@ TemporalOrder::TemporalOrder(const Scene& scene)
       time_of_frame_[frames[rank]] =
           time_of_frame_[frames[rank - 1]] + duration;
       is_after_break_[frames[rank]] =
-          std::round(duration) > kMaxSequentialGap ||
-          (!interval && !are_unknown);
+          std::round(duration) > kMaxInterval || (!interval && !are_unknown);
     }
   }
 }

@@ -9,15 +9,11 @@
 
 namespace mgsfm {
 
-// Frames of a sequence at most this far apart are neighbours: the usual overlap
-// of sequential matching.
-constexpr int kMaxSequentialGap = 10;
-
 // The frames of each rig in the order of their capture times, or of their names
 // ("9" before "10") if not all images of the rig have a time. Numbers in names
 // then tell the time: a frame that is missing leaves a gap in them. Changes of
-// more than kMaxSequentialGap median intervals are not counts: they mark the
-// next minute of a date, or another recording.
+// more than ten median intervals are not counts: they mark the next minute of a
+// date, or another recording.
 class TemporalOrder {
  public:
   explicit TemporalOrder(const Scene& scene);
@@ -35,8 +31,8 @@ class TemporalOrder {
   double Duration(int frame_idx, int next_frame_idx) const {
     return time_of_frame_[next_frame_idx] - time_of_frame_[frame_idx];
   }
-  // Whether a frame follows the one before it more than kMaxSequentialGap
-  // median intervals later, or after an unknown time if others are known.
+  // Whether a frame follows the one before it more than ten median
+  // intervals later, or after an unknown time if others are known.
   bool IsAfterBreak(int frame_idx) const { return is_after_break_[frame_idx]; }
   // The frames of each rig, in their order.
   const std::vector<std::vector<int>>& sequences() const { return sequences_; }

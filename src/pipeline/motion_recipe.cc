@@ -65,8 +65,8 @@ std::vector<std::optional<double>> AverageLengths(
   const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
   Mask is_near(pairs.size(), false);
   for (size_t i = 0; i < pairs.size(); ++i) {
-    const auto& gap = problem.index.Of(i).time_gap;
-    is_near[i] = gap && *gap <= kMaxSequentialGap && pairs[i].relative_pose;
+    is_near[i] = problem.index.AreNeighbours(problem.index.Of(i)) &&
+                 pairs[i].relative_pose;
   }
   const std::vector<BaselineDirection> measured = EstimateBaselineDirections(
       problem.scene, problem.bearings, problem.view_graph, is_near,
@@ -253,8 +253,7 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
   PlacedPairs placed(frame_pairs.size());
   ParallelFor(placed.size(), context.num_threads, [&](size_t i) {
     const FramePair& frames = frame_pairs[i];
-    if (!frames.IsBetweenFrames() || !frames.time_gap ||
-        *frames.time_gap > kMaxSequentialGap ||
+    if (!frames.IsBetweenFrames() || !problem.index.AreNeighbours(frames) ||
         !path.IsComparable(frames.frame_idx1, frames.frame_idx2)) {
       return;
     }
@@ -602,8 +601,8 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     const ImagePair& pair = problem.view_graph.pairs[i];
     const Image& image1 = problem.scene.images[pair.image_idx1];
     const Image& image2 = problem.scene.images[pair.image_idx2];
-    if (!frames.IsBetweenFrames() || !frames.time_gap || !lengths[i] ||
-        *frames.time_gap > kMaxSequentialGap ||
+    if (!frames.IsBetweenFrames() || !lengths[i] ||
+        !problem.index.AreNeighbours(frames) ||
         image1.sensor_idx != image2.sensor_idx ||
         !path.IsComparable(image1.frame_idx, image2.frame_idx) ||
         !(path.is_contested[image1.frame_idx] ||
