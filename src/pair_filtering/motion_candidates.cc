@@ -341,21 +341,54 @@ std::vector<Candidate> GroupHypotheses(const StepHypotheses& step,
 }
 
 // The motion with the largest share of a step that has candidates.
-MeasuredMotion StrongestMotion(const Steps& steps, size_t k) {
-  const std::vector<Candidate>& step = steps.candidates[k];
-  const auto strongest = std::max_element(
+const Candidate& Strongest(const std::vector<Candidate>& step) {
+  return *std::max_element(
       step.begin(), step.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
-  return strongest->ClosestTo(
-      ForwardStep(*strongest, steps.durations[k] * steps.noise.median_step));
 }
 
-bool IsRival(const Steps& steps, const Candidate& candidate,
-             const MeasuredMotion& motion) {
+MeasuredMotion MotionOfStep(const Steps& steps, size_t k,
+                            const Candidate& candidate) {
+  return candidate.ClosestTo(
+      ForwardStep(candidate, steps.durations[k] * steps.noise.median_step));
+}
+
+// A free distance is that of any motion of the step with a distance.
+std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
+                                    const Candidate& candidate) {
+  std::vector<Rigid3> motions{
+      MotionOfStep(steps, k, candidate).later_from_earlier};
+  if (!candidate.free_direction) return motions;
+  for (const Candidate& other : steps.candidates[k]) {
+    if (other.free_direction) continue;
+    motions.push_back(candidate.ClosestTo(other.later_from_earlier.Center())
+                          .later_from_earlier);
+  }
+  return motions;
+}
+
+// Whether the matches of a step exclude that two candidates are one motion.
+bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
+                      const Candidate& b) {
+  if (!steps.exclusion) return true;
+  for (const Rigid3& motion_a : PossibleMotions(steps, k, a)) {
+    for (const Rigid3& motion_b : PossibleMotions(steps, k, b)) {
+      if (steps.exclusion(k, motion_a, motion_b) < kContestingShare) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+bool IsRival(const Steps& steps, size_t k, const Candidate& candidate,
+             const Candidate& strongest) {
+  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
   return candidate.own_share >= kContestingShare &&
          !AreEqualMotions(
              candidate.ClosestTo(motion.later_from_earlier.Center()), motion,
-             steps.noise);
+             steps.noise) &&
+         ExcludeEachOther(steps, k, candidate, strongest);
 }
 
 // Whether a rival of the strongest motion goes on in a neighbouring step.
@@ -366,7 +399,6 @@ bool Continues(const Steps& steps, const Velocity& rival,
   if (neighbour >= steps.size() || steps.candidates[neighbour].empty()) {
     return false;
   }
-  const MeasuredMotion motion = StrongestMotion(steps, neighbour);
   const std::vector<Candidate>& candidates = steps.candidates[neighbour];
   const auto change = [&](const Velocity& from, const Candidate& to) {
     return SquaredChange(from, steps.VelocityAfter(from.linear, neighbour, to),
@@ -376,8 +408,8 @@ bool Continues(const Steps& steps, const Velocity& rival,
       candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
         const double of_rival = change(rival, candidate);
         return of_rival <= kMaxSquaredChange &&
-               (IsRival(steps, candidate, motion) ||
-                change(strongest, candidate) > of_rival + kMaxSquaredChange);
+               (change(strongest, candidate) > of_rival + kMaxSquaredChange ||
+                IsRival(steps, neighbour, candidate, Strongest(candidates)));
       });
 }
 
@@ -480,15 +512,16 @@ Steps MakeSteps(const std::vector<StepHypotheses>& measured,
 bool HasRivals(const Steps& steps, size_t k) {
   const std::vector<Candidate>& step = steps.candidates[k];
   if (step.empty()) return false;
-  const MeasuredMotion motion = StrongestMotion(steps, k);
+  const Candidate& strongest = Strongest(step);
+  const MeasuredMotion motion = MotionOfStep(steps, k, strongest);
   const Velocity velocity = VelocityOf(motion, steps.durations[k]);
   return std::any_of(step.begin(), step.end(), [&](const Candidate& candidate) {
-    if (!IsRival(steps, candidate, motion)) return false;
     const Velocity rival =
         VelocityOf(candidate.ClosestTo(motion.later_from_earlier.Center()),
                    steps.durations[k]);
-    return Continues(steps, rival, velocity, k - 1) ||
-           Continues(steps, rival, velocity, k + 1);
+    return IsRival(steps, k, candidate, strongest) &&
+           (Continues(steps, rival, velocity, k - 1) ||
+            Continues(steps, rival, velocity, k + 1));
   });
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -62,6 +63,8 @@ struct Steps {
   std::vector<double> durations;
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
+  // Of two motions of step k (motion_continuity.h); may be empty.
+  std::function<double(size_t, const Rigid3&, const Rigid3&)> exclusion = {};
 
   size_t size() const { return candidates.size(); }
 

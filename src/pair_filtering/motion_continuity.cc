@@ -152,7 +152,8 @@ std::vector<RigPath::Place> FollowMotion(
 // Adds the places of one sequence. Returns the number of the next stretch.
 int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    const std::vector<StepHypotheses>& measured,
-                   int first_stretch, RigPath* path) {
+                   const MotionExclusion& exclusion, int first_stretch,
+                   RigPath* path) {
   if (sequence.size() < 2) return first_stretch;
   MGSFM_CHECK_EQ(measured.size() + 1, sequence.size());
   std::vector<double> durations;
@@ -160,6 +161,11 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
   }
   Steps steps = MakeSteps(measured, std::move(durations));
+  if (exclusion) {
+    steps.exclusion = [&](size_t k, const Rigid3& a, const Rigid3& b) {
+      return exclusion(sequence[k], sequence[k + 1], a, b);
+    };
+  }
   path->noise = Larger(path->noise, steps.noise);
   Mask has_rivals(steps.size(), false);
   for (size_t k = 0; k < steps.size(); ++k) {
@@ -225,9 +231,9 @@ bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
   return AreEqualMotions({a}, {b}, noise);
 }
 
-RigPath FindRigPath(
-    const TemporalOrder& order, int num_frames,
-    const std::vector<std::vector<StepHypotheses>>& hypotheses) {
+RigPath FindRigPath(const TemporalOrder& order, int num_frames,
+                    const std::vector<std::vector<StepHypotheses>>& hypotheses,
+                    const MotionExclusion& exclusion) {
   MGSFM_CHECK_EQ(hypotheses.size(), order.sequences().size());
   RigPath path;
   path.of_frame.resize(num_frames);
@@ -237,7 +243,7 @@ RigPath FindRigPath(
   int num_stretches = 0;
   for (size_t s = 0; s < hypotheses.size(); ++s) {
     num_stretches = FollowSequence(order, order.sequences()[s], hypotheses[s],
-                                   num_stretches, &path);
+                                   exclusion, num_stretches, &path);
   }
   return path;
 }

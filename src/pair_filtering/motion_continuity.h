@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -149,13 +150,24 @@ struct RigPath {
   }
 };
 
-// `hypotheses` has one item per step of each sequence of the order. Steps
+// How far the matches of two frames exclude that two motions are those of one
+// rigid scene: the smaller of the shares that agree with one of them only, of
+// the matches that agree with either. A motion that is measured badly, for lack
+// of parallax or by a wrong calibration, still agrees with the matches of the
+// true one; that of an object does not.
+using MotionExclusion =
+    std::function<double(int earlier_frame_idx, int later_frame_idx,
+                         const Rigid3& motion1, const Rigid3& motion2)>;
+
+// `hypotheses` has one item per step of each sequence of the order. Without
+// `exclusion`, motions that differ exclude each other. Steps
 // without a choice have the mean velocity of their neighbours. More than seven
 // of them, or fewer that take as long, begin another stretch, and so do
 // ambiguous ones and one far from any whose hypotheses disagree: nothing
 // suggests that its true motion was outvoted.
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
-    const std::vector<std::vector<StepHypotheses>>& hypotheses);
+    const std::vector<std::vector<StepHypotheses>>& hypotheses,
+    const MotionExclusion& exclusion = {});
 
 }  // namespace mgsfm

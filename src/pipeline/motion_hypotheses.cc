@@ -11,6 +11,7 @@
 #include "base/random.h"
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
+#include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
 namespace {
@@ -18,6 +19,23 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
+
+// The matches that agree with either of two motions.
+struct AgreementCounts {
+  size_t num_either = 0, num_only1 = 0, num_only2 = 0;
+
+  void Add(bool agrees1, bool agrees2) {
+    num_either += agrees1 || agrees2 ? 1 : 0;
+    num_only1 += agrees1 && !agrees2 ? 1 : 0;
+    num_only2 += agrees2 && !agrees1 ? 1 : 0;
+  }
+  double Exclusion() const {
+    return num_either == 0
+               ? 0.0
+               : static_cast<double>(std::min(num_only1, num_only2)) /
+                     static_cast<double>(num_either);
+  }
+};
 
 // The motions of all steps that correspondences with depth support.
 SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
@@ -137,6 +155,71 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
 }
 
 }  // namespace
+
+std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
+                                     const ImagePair& pair,
+                                     int earlier_frame_idx,
+                                     const Rigid3& later_from_earlier) {
+  const Image& image1 = problem.scene.images[pair.image_idx1];
+  const Image& image2 = problem.scene.images[pair.image_idx2];
+  const auto& cam1_from_rig = problem.depths.cam_from_rig[image1.sensor_idx];
+  const auto& cam2_from_rig = problem.depths.cam_from_rig[image2.sensor_idx];
+  if (!cam1_from_rig || !cam2_from_rig) return std::nullopt;
+  return *cam2_from_rig *
+         (image1.frame_idx == earlier_frame_idx
+              ? later_from_earlier
+              : later_from_earlier.Inverse()) *
+         cam1_from_rig->Inverse();
+}
+
+double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
+                   double drift_rad) {
+  double tolerance_rad = drift_rad;
+  for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
+    const Camera& camera =
+        problem.scene.cameras[problem.scene.images[image_idx].camera_idx];
+    tolerance_rad += 0.5 * problem.max_error_px /
+                     PixelsPerRadian(camera.model, camera.params.data());
+  }
+  return tolerance_rad;
+}
+
+double ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
+                   int later_frame_idx, const Rigid3& motion1,
+                   const Rigid3& motion2) {
+  const FramePair* frames =
+      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
+  if (frames == nullptr) return 0.0;
+  AgreementCounts with_depth, without_depth;
+  for (const size_t i : frames->pair_idxs) {
+    const ImagePair& pair = problem.matches.pairs[i];
+    if (problem.scene.images[pair.image_idx1].sensor_idx !=
+        problem.scene.images[pair.image_idx2].sensor_idx) {
+      continue;
+    }
+    const auto pose1 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
+    const auto pose2 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
+    if (!pose1 || !pose2) continue;
+    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
+    const auto agrees = [&](const Match& match, const Rigid3& pose) {
+      return CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                               pose,
+                               tolerance_rad) != MatchVerdict::kContradicts;
+    };
+    for (const Match& match : pair.matches) {
+      const bool has_depth =
+          problem.depths.IsKnown(pair.image_idx1,
+                                 static_cast<int>(match.keypoint_idx1)) ||
+          problem.depths.IsKnown(pair.image_idx2,
+                                 static_cast<int>(match.keypoint_idx2));
+      (has_depth ? with_depth : without_depth)
+          .Add(agrees(match, *pose1), agrees(match, *pose2));
+    }
+  }
+  return std::max(with_depth.Exclusion(), without_depth.Exclusion());
+}
 
 Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
                                          const ImagePair& pair) {

@@ -42,6 +42,26 @@ struct MotionProblem {
   }
 };
 
+// The relative pose of a pair of `earlier_frame_idx` and another frame, given
+// the motion between them. nullopt unless the poses of its sensors in the rig
+// are known.
+[[nodiscard]] std::optional<Rigid3> RelativePoseBy(
+    const MotionProblem& problem, const ImagePair& pair, int earlier_frame_idx,
+    const Rigid3& later_from_earlier);
+
+// The bound of epipolar errors of a pair whose predicted pose may drift.
+[[nodiscard]] double ToleranceOf(const MotionProblem& problem,
+                                 const ImagePair& pair, double drift_rad);
+
+// By all matches, since those of the static scene are outliers of the pairs
+// that a vehicle dominates, but only between images of one sensor: matches of
+// different sensors also show errors of their places in the rig. Matches with
+// depth, which tell a motion along epipolar lines, and those without count
+// apart.
+[[nodiscard]] double ExclusionOf(const MotionProblem& problem,
+                                 int earlier_frame_idx, int later_frame_idx,
+                                 const Rigid3& motion1, const Rigid3& motion2);
+
 // The covariance of the rotation vector and the direction of a relative pose
 // with a baseline, by the residuals of its matches.
 [[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(

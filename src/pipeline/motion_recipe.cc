@@ -91,23 +91,6 @@ struct ExpectedPair {
   double drift_rad = 0.0;
 };
 
-// The relative pose of a pair, given the motion between its two frames. nullopt
-// unless the poses of its sensors in the rig are known.
-std::optional<Rigid3> RelativePoseBy(const MotionProblem& problem,
-                                     size_t pair_idx,
-                                     const Rigid3& rig2_from_rig1) {
-  const ImagePair& pair = problem.view_graph.pairs[pair_idx];
-  const Image& image1 = problem.scene.images[pair.image_idx1];
-  const Image& image2 = problem.scene.images[pair.image_idx2];
-  const auto& cam1_from_rig = problem.depths.cam_from_rig[image1.sensor_idx];
-  const auto& cam2_from_rig = problem.depths.cam_from_rig[image2.sensor_idx];
-  if (!cam1_from_rig || !cam2_from_rig) return std::nullopt;
-  const bool is_swapped =
-      image1.frame_idx != problem.index.Of(pair_idx).frame_idx1;
-  const Rigid3 motion = is_swapped ? rig2_from_rig1.Inverse() : rig2_from_rig1;
-  return *cam2_from_rig * motion * cam1_from_rig->Inverse();
-}
-
 // Shorter displacements are noise.
 double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
   return std::max(kMinDisplacement * path.noise.median_step,
@@ -181,7 +164,8 @@ size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
   size_t num_matches = 0;
   for (const size_t i : frames->pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
-    const auto cam2_from_cam1 = RelativePoseBy(problem, i, motion);
+    const auto cam2_from_cam1 =
+        RelativePoseBy(problem, pair, frames->frame_idx1, motion);
     if (cam2_from_cam1 &&
         AgreesWithPath(strict, path, pair, {i, *cam2_from_cam1})) {
       num_matches += pair.matches.size();
@@ -283,8 +267,9 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
   for (size_t f = 0; f < placed.size(); ++f) {
     if (!placed[f]) continue;
     for (const size_t i : problem.index.frame_pairs()[f].pair_idxs) {
-      const auto cam2_from_cam1 =
-          RelativePoseBy(problem, i, placed[f]->rig2_from_rig1);
+      const auto cam2_from_cam1 = RelativePoseBy(
+          problem, problem.view_graph.pairs[i],
+          problem.index.frame_pairs()[f].frame_idx1, placed[f]->rig2_from_rig1);
       if (!cam2_from_cam1) continue;
       expected.push_back({i, *cam2_from_cam1, placed[f]->drift_rad});
     }
@@ -305,18 +290,6 @@ const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
                            [&](const ImagePair& a, const ImagePair& b) {
                              return images_of(a) < images_of(b);
                            });
-}
-
-double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
-                   double drift_rad) {
-  double tolerance_rad = drift_rad;
-  for (const int image_idx : {pair.image_idx1, pair.image_idx2}) {
-    const Camera& camera =
-        problem.scene.cameras[problem.scene.images[image_idx].camera_idx];
-    tolerance_rad += 0.5 * problem.max_error_px /
-                     PixelsPerRadian(camera.model, camera.params.data());
-  }
-  return tolerance_rad;
 }
 
 // Keypoints on moving objects: their matches contradict what is expected of
@@ -541,7 +514,8 @@ std::vector<std::optional<Rigid3>> PosesNearObjects(
   std::vector<std::optional<Rigid3>> poses(problem.view_graph.pairs.size());
   for (size_t i = 0; i < poses.size(); ++i) {
     if (problem.index.Of(i).IsBetweenFrames()) continue;
-    poses[i] = RelativePoseBy(problem, i, {});
+    poses[i] = RelativePoseBy(problem, problem.view_graph.pairs[i],
+                              problem.index.Of(i).frame_idx1, {});
   }
   for (const ExpectedPair& e : expected) {
     const FramePair& frames = problem.index.Of(e.pair_idx);
@@ -681,9 +655,13 @@ MotionOfScene FindMotionOfScene(
       depths.cam_from_rig.begin(), depths.cam_from_rig.end(),
       [](const auto& cam_from_rig) { return cam_from_rig.has_value(); });
   if (has_depths) {
-    const RigPath path =
-        FindRigPath(*index.order(), index.num_frames(),
-                    FindHypothesesWithDepths(problem, context));
+    const RigPath path = FindRigPath(
+        *index.order(), index.num_frames(),
+        FindHypothesesWithDepths(problem, context),
+        [&](int earlier, int later, const Rigid3& motion1,
+            const Rigid3& motion2) {
+          return ExclusionOf(problem, earlier, later, motion1, motion2);
+        });
     const RigPath refined = RefinePath(problem, path);
     MotionOfScene motion =
         JudgeByMatches(problem, refined, verification, context);

@@ -40,7 +40,8 @@ struct MotionOfScene {
 //   motions     of the rig between consecutive frames that the matches support
 //               (motion_hypotheses.h)
 //   path        the smoothest choice (pair_filtering/motion_continuity.h)
-//   pairs       of neighbours (pair_filtering/frame_pair_index.h), where motions
+//   pairs       of neighbours (pair_filtering/frame_pair_index.h), where
+//   motions
 //               compete: matches that agree with the path, by the epipolar
 //               constraint and by their depths, determine the relative pose
 //               anew. Pairs without enough of them are discontinuous, and so
