@@ -25,7 +25,7 @@ constexpr double kRelativeChange = 0.1;
 constexpr double kMinChange = 0.03;
 // Change of the angular velocity, per step: recorded drives of KITTI at 3 Hz
 // contain changes of 2.4 degrees on straight roads.
-constexpr double kMinTurnChange_rad = DegToRad(3.0);
+constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // The longest distance to try is twice this quantile of the measured distances:
 // objects that stay at a constant distance may be most, and a few are
 // mismatches.
@@ -66,13 +66,6 @@ StepHypotheses SortedByShare(const StepHypotheses& step, bool has_distance) {
       sorted.begin(), sorted.end(),
       [](const auto& a, const auto& b) { return a.share > b.share; });
   return sorted;
-}
-
-// The variance along a vector.
-double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
-  const double squared_length = vector.squaredNorm();
-  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
-                              : 0.0;
 }
 
 // The length of a difference beyond the noise of its measurement.
@@ -203,13 +196,20 @@ bool IsStill(const MotionHypothesis& hypothesis) {
 }
 
 // Whether a free hypothesis agrees with one with a distance. If it has
-// parallax, it never supports standing still.
+// parallax, it supports only distances that differ from zero significantly.
 bool SupportsDistance(const MotionHypothesis& free,
                       const MeasuredMotion& motion, const MotionNoise& noise) {
+  const Vector3d center = motion.later_from_earlier.Center();
   MotionNoise of_kind = noise;
-  if (!IsStill(free)) of_kind.median_step = 0.0;
-  return AreEqualMotions(free.ClosestTo(motion.later_from_earlier.Center()),
-                         motion, of_kind);
+  if (!IsStill(free)) {
+    of_kind.median_step = 0.0;
+    if (center.squaredNorm() <=
+        kNumSigmas * kNumSigmas *
+            VarianceAlong(motion.center_covariance, center)) {
+      return false;
+    }
+  }
+  return AreEqualMotions(free.ClosestTo(center), motion, of_kind);
 }
 
 // Adds a hypothesis to a group that it agrees with.
@@ -297,10 +297,10 @@ void Combine(const MotionNoise& noise, Candidate* by_depth,
   for (Candidate& group : *groups) {
     if (!SupportsDistance(group, motion, noise)) continue;
     support += group.share;
-    group.nearness = group.measured_centers.empty()
+    group.nearness = group.measured.empty()
                          ? by_depth->nearness
                          : std::min(group.nearness, by_depth->nearness);
-    group.measured_centers.push_back(center);
+    group.measured.push_back(motion);
     if (IsStill(group)) continue;
     if (strongest == nullptr || group.share > strongest->share) {
       strongest = &group;
@@ -486,6 +486,12 @@ double SquaredChange(const Velocity& a, const Velocity& b,
                  scale) +
          squared(a.angular_rad - b.angular_rad,
                  a.angular_covariance + b.angular_covariance, scale_rad);
+}
+
+double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {
+  const double squared_length = vector.squaredNorm();
+  return squared_length > 0.0 ? vector.dot(covariance * vector) / squared_length
+                              : 0.0;
 }
 
 Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length) {

@@ -41,9 +41,9 @@ double SquaredChange(const Velocity& a, const Velocity& b,
                      const MotionNoise& noise);
 
 // A hypothesis. If its distance is free, one of those that are tried, and the
-// centres by matches with depth that agree with it.
+// motions by matches with depth that agree with it.
 struct Candidate : MotionHypothesis {
-  std::vector<Eigen::Vector3d> measured_centers = {};
+  std::vector<MeasuredMotion> measured = {};
   std::optional<Eigen::Vector3d> tried_center = {};
   // The logarithm of the largest reach of another motion over its own; at least
   // zero.
@@ -78,6 +78,10 @@ struct Steps {
 
 // The centre of a step of some length in the direction of a hypothesis.
 Eigen::Vector3d ForwardStep(const MotionHypothesis& hypothesis, double length);
+
+// The variance of a covariance along a vector.
+double VarianceAlong(const Eigen::Matrix3d& covariance,
+                     const Eigen::Vector3d& vector);
 
 // Groups the hypotheses of each step.
 Steps MakeSteps(const std::vector<StepHypotheses>& measured,

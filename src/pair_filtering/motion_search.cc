@@ -89,11 +89,15 @@ class MotionSearch {
   // The cost of a free distance that differs from those by matches with depth.
   static double CostOfDistance(const Candidate& candidate,
                                const Vector3d& center) {
-    double lowest = candidate.measured_centers.empty() ? 0.0 : kInfinity;
-    for (const Vector3d& measured : candidate.measured_centers) {
-      const double error =
-          (center - measured).norm() / (kRelativeTolerance * measured.norm());
-      lowest = std::min(lowest, error * error);
+    double lowest = candidate.measured.empty() ? 0.0 : kInfinity;
+    for (const MeasuredMotion& motion : candidate.measured) {
+      const Vector3d measured = motion.later_from_earlier.Center();
+      const Vector3d error = center - measured;
+      const double tolerance = kRelativeTolerance * measured.norm();
+      lowest = std::min(lowest,
+                        error.squaredNorm() /
+                            (tolerance * tolerance +
+                             VarianceAlong(motion.center_covariance, error)));
     }
     return Loss(lowest);
   }
