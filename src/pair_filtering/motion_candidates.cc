@@ -353,11 +353,15 @@ MeasuredMotion MotionOfStep(const Steps& steps, size_t k,
       ForwardStep(candidate, steps.durations[k] * steps.noise.median_step));
 }
 
-// A free distance is that of any motion of the step with a distance.
+// A free distance is that of any motion of the step with a distance. The motion
+// that correspondences with depth gave may be better than that of image pairs.
 std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
                                     const Candidate& candidate) {
   std::vector<Rigid3> motions{
       MotionOfStep(steps, k, candidate).later_from_earlier};
+  if (candidate.by_depth) {
+    motions.push_back(candidate.by_depth->later_from_earlier);
+  }
   if (!candidate.free_direction) return motions;
   for (const Candidate& other : steps.candidates[k]) {
     if (other.free_direction) continue;

@@ -20,6 +20,10 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using FramePair = FramePairIndex::FramePair;
 
+// Fewer matches are no evidence of a motion of their own: three determine it,
+// and each of the others agrees by chance with a probability of about 1e-3.
+constexpr size_t kMinNumExclusive = 8;
+
 // The matches that agree with either of two motions.
 struct AgreementCounts {
   size_t num_either = 0, num_only1 = 0, num_only2 = 0;
@@ -30,10 +34,10 @@ struct AgreementCounts {
     num_only2 += agrees2 && !agrees1 ? 1 : 0;
   }
   double Exclusion() const {
-    return num_either == 0
-               ? 0.0
-               : static_cast<double>(std::min(num_only1, num_only2)) /
-                     static_cast<double>(num_either);
+    const size_t num_only = std::min(num_only1, num_only2);
+    return num_only < kMinNumExclusive ? 0.0
+                                       : static_cast<double>(num_only) /
+                                             static_cast<double>(num_either);
   }
 };
 
