@@ -32,10 +32,7 @@ constexpr double kMinTurnChange_rad = DegToRad(1.0);
 constexpr double kLongQuantile = 0.9;
 // Bounds the cost where most measured distances are zero.
 constexpr double kMaxNumDistances = 200.0;
-// A step is contested if a hypothesis that explains this share of the matches,
-// and others than those before, differs from the one with the largest share.
-constexpr double kContestingShare = 0.15;
-// And if it goes on in a neighbouring step, within 95 % of the changes.
+// A rival goes on in a neighbouring step within 95 % of the changes.
 constexpr double kMaxSquaredChange = 6.0;
 // Motions agree within kRelativeTolerance, this share of the median step, and
 // this angle.

@@ -155,6 +155,9 @@ struct RigPath {
 // the matches that agree with either. A motion that is measured badly, for lack
 // of parallax or by a wrong calibration, still agrees with the matches of the
 // true one; that of an object does not.
+// Motions exclude each other from this share on. A rival also explains as many
+// matches, and others than those before.
+inline constexpr double kContestingShare = 0.15;
 using MotionExclusion =
     std::function<double(int earlier_frame_idx, int later_frame_idx,
                          const Rigid3& motion1, const Rigid3& motion2)>;

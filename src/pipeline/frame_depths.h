@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <optional>
+
 #include "mgsfm/base/context.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
@@ -31,5 +33,25 @@ namespace mgsfm {
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
     const ViewGraph& view_graph, const RotationEstimate& rotations,
     double min_parallax_deg, double noise_px, const Context& context);
+
+// The length L of the baseline of a pair of images of two frames, by keypoints
+// with known distances d. A ray f of the first image is parallel to R f in the
+// second one, and moves towards the direction t of the baseline by the parallax
+// L s / d, with the sine s of the angle between R f and t,
+//
+//   min_L sum |p - L s / d|.
+//
+// Parallaxes p may be negative, so that L of a rig that stands differs from
+// zero by noise only. nullopt without any. Cost: O(n log n) for n matches.
+struct BaselineLength {
+  double value = 0.0;
+  double sigma = 0.0;
+
+  // At a false alarm rate of 1e-3.
+  bool IsSignificant() const { return value > 3.1 * sigma; }
+};
+[[nodiscard]] std::optional<BaselineLength> MeasureBaselineLength(
+    const Scene& scene, const Bearings& bearings, const ImagePair& pair,
+    double noise_px, const FrameDepths& depths);
 
 }  // namespace mgsfm

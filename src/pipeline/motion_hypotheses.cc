@@ -95,18 +95,16 @@ void SetCovariances(const MotionProblem& problem, const ImagePair& pair,
                                     rig_from_sensor.transpose();
   hypothesis->center_covariance =
       rig_from_sensor * of_pair.center_covariance * rig_from_sensor.transpose();
-  if (!hypothesis->free_direction) {
-    hypothesis->center_covariance *=
-        hypothesis->later_from_earlier.Center().squaredNorm();
-  }
 }
 
 // The motion of the rig by the relative pose of two images of one sensor, from
-// the earlier to the later frame. Without a length, the distance is free.
+// the earlier to the later frame. If its length does not differ from zero
+// significantly, its direction has no meaning.
 MotionHypothesis RigMotionOf(const MotionProblem& problem,
                              const Rigid3& sensor_from_rig,
                              const ImagePair& pair,
-                             const std::optional<double>& length) {
+                             const std::optional<BaselineLength>& length,
+                             PairDistance distance) {
   const Image& image1 = problem.scene.images[pair.image_idx1];
   const Image& image2 = problem.scene.images[pair.image_idx2];
   const bool is_reversed =
@@ -121,33 +119,45 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
   const Vector3d direction =
       pair.relative_pose->translation_direction.value_or(Vector3d::Zero());
   MotionHypothesis hypothesis;
-  hypothesis.later_from_earlier = motion_of(length.value_or(0.0) * direction);
-  if (!length) {
-    hypothesis.free_direction =
-        motion_of(direction).Center() - hypothesis.later_from_earlier.Center();
-  }
+  const bool is_free = distance == PairDistance::kFree;
+  hypothesis.later_from_earlier =
+      motion_of((is_free ? 0.0 : length->value) * direction);
+  const Vector3d rig_direction =
+      motion_of(direction).Center() - motion_of(Vector3d::Zero()).Center();
   SetCovariances(problem, pair, sensor_from_rig, is_reversed, &hypothesis);
+  if (is_free) hypothesis.free_direction = rig_direction;
+  if (!pair.relative_pose->translation_direction || !length) return hypothesis;
+  const Matrix3d of_length =
+      length->sigma * length->sigma * Matrix3d::Identity();
+  if (!is_free) {
+    hypothesis.center_covariance =
+        length->value * length->value * hypothesis.center_covariance +
+        of_length;
+  } else if (!length->IsSignificant()) {
+    hypothesis.free_direction = Vector3d::Zero();
+    hypothesis.center_covariance = of_length;
+  }
   return hypothesis;
 }
 
-// The motions of one step by its pairs of equal sensors. Without `lengths`,
-// their distances are free.
-StepHypotheses MotionsOfPairs(const MotionProblem& problem,
-                              const std::vector<std::optional<Rigid3>>& sensors,
-                              const std::vector<std::optional<double>>& lengths,
-                              const FramePair& frames) {
+// The motions of one step by its pairs of equal sensors.
+StepHypotheses MotionsOfPairs(
+    const MotionProblem& problem,
+    const std::vector<std::optional<Rigid3>>& sensors,
+    const std::vector<std::optional<BaselineLength>>& lengths,
+    PairDistance distance, const FramePair& frames) {
   StepHypotheses step;
   double num_matches = 0.0;
   for (const size_t i : frames.pair_idxs) {
     const ImagePair& pair = problem.view_graph.pairs[i];
     const int sensor_idx = problem.scene.images[pair.image_idx1].sensor_idx;
     if (!pair.relative_pose || !sensors[sensor_idx] ||
-        (!lengths.empty() && !lengths[i]) ||
+        (distance == PairDistance::kMeasured && !lengths[i]) ||
         sensor_idx != problem.scene.images[pair.image_idx2].sensor_idx) {
       continue;
     }
-    step.push_back(RigMotionOf(problem, *sensors[sensor_idx], pair,
-                               lengths.empty() ? std::nullopt : lengths[i]));
+    step.push_back(
+        RigMotionOf(problem, *sensors[sensor_idx], pair, lengths[i], distance));
     step.back().share = static_cast<double>(pair.matches.size());
     num_matches += step.back().share;
   }
@@ -156,6 +166,51 @@ StepHypotheses MotionsOfPairs(const MotionProblem& problem,
     hypothesis.own_share = hypothesis.share;
   }
   return step;
+}
+
+// Per pair: the length of its baseline by the depths of its keypoints, for
+// images of one sensor in consecutive frames.
+std::vector<std::optional<BaselineLength>> MeasureLengths(
+    const MotionProblem& problem, const Context& context) {
+  const std::vector<ImagePair>& pairs = problem.view_graph.pairs;
+  std::vector<std::optional<BaselineLength>> lengths(pairs.size());
+  ParallelFor(pairs.size(), context.num_threads, [&](size_t i) {
+    const ImagePair& pair = pairs[i];
+    if (problem.index.Of(i).time_gap != 1 || !pair.relative_pose ||
+        !pair.relative_pose->translation_direction ||
+        problem.scene.images[pair.image_idx1].sensor_idx !=
+            problem.scene.images[pair.image_idx2].sensor_idx) {
+      return;
+    }
+    lengths[i] = MeasureBaselineLength(problem.scene, problem.bearings, pair,
+                                       kKeypointNoise * problem.max_error_px,
+                                       problem.depths);
+  });
+  return lengths;
+}
+
+// Correspondences with depth are few and lie in the overlap of two cameras,
+// where a motion looks like a turn, and noise of depths favours the turn. If
+// the matches do not exclude that the motion of an image pair is the same, it
+// replaces theirs.
+void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
+                    int later_frame_idx, StepHypotheses of_pairs,
+                    StepHypotheses* by_depth) {
+  std::stable_sort(
+      of_pairs.begin(), of_pairs.end(),
+      [](const auto& a, const auto& b) { return a.share > b.share; });
+  for (MotionHypothesis& motion : *by_depth) {
+    const auto same = std::find_if(
+        of_pairs.begin(), of_pairs.end(), [&](const MotionHypothesis& h) {
+          return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
+                             motion.later_from_earlier,
+                             h.later_from_earlier) < kContestingShare;
+        });
+    if (same == of_pairs.end()) continue;
+    motion.later_from_earlier = same->later_from_earlier;
+    motion.rotation_covariance = same->rotation_covariance;
+    motion.center_covariance = same->center_covariance;
+  }
 }
 
 }  // namespace
@@ -251,7 +306,8 @@ Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
 SequenceHypotheses FindHypothesesByPairs(
     const MotionProblem& problem,
     const std::vector<std::optional<Rigid3>>& sensor_from_rig,
-    const std::vector<std::optional<double>>& lengths) {
+    const std::vector<std::optional<BaselineLength>>& lengths,
+    PairDistance distance) {
   SequenceHypotheses hypotheses;
   for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
     hypotheses.emplace_back(std::max<size_t>(sequence.size(), 1) - 1);
@@ -260,7 +316,7 @@ SequenceHypotheses FindHypothesesByPairs(
           problem.index.Find(sequence[k], sequence[k + 1]);
       if (frames == nullptr) continue;
       hypotheses.back()[k] =
-          MotionsOfPairs(problem, sensor_from_rig, lengths, *frames);
+          MotionsOfPairs(problem, sensor_from_rig, lengths, distance, *frames);
     }
   }
   return hypotheses;
@@ -269,13 +325,20 @@ SequenceHypotheses FindHypothesesByPairs(
 SequenceHypotheses FindHypothesesWithDepths(const MotionProblem& problem,
                                             const Context& context) {
   SequenceHypotheses hypotheses = FindHypothesesByDepth(problem, context);
+  const auto& sensors = problem.depths.cam_from_rig;
+  const auto lengths = MeasureLengths(problem, context);
+  const SequenceHypotheses with_lengths =
+      FindHypothesesByPairs(problem, sensors, lengths, PairDistance::kMeasured);
   const SequenceHypotheses of_pairs =
-      FindHypothesesByPairs(problem, problem.depths.cam_from_rig, {});
+      FindHypothesesByPairs(problem, sensors, lengths, PairDistance::kFree);
+  const auto& sequences = problem.index.order()->sequences();
   for (size_t s = 0; s < hypotheses.size(); ++s) {
-    for (size_t k = 0; k < hypotheses[s].size(); ++k) {
-      hypotheses[s][k].insert(hypotheses[s][k].end(), of_pairs[s][k].begin(),
-                              of_pairs[s][k].end());
-    }
+    ParallelFor(hypotheses[s].size(), context.num_threads, [&](size_t k) {
+      StepHypotheses& step = hypotheses[s][k];
+      ReplaceByPairs(problem, sequences[s][k], sequences[s][k + 1],
+                     with_lengths[s][k], &step);
+      step.insert(step.end(), of_pairs[s][k].begin(), of_pairs[s][k].end());
+    });
   }
   return hypotheses;
 }

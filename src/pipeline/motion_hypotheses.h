@@ -12,6 +12,7 @@
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
+#include "pipeline/frame_depths.h"
 
 namespace mgsfm {
 
@@ -67,6 +68,9 @@ struct MotionProblem {
 [[nodiscard]] Eigen::Matrix<double, 6, 6> CovarianceOf(
     const MotionProblem& problem, const ImagePair& pair);
 
+// The standard deviation of a keypoint, relative to the epipolar tolerance,
+// which thus includes 95 % of normal errors.
+inline constexpr double kKeypointNoise = 0.5;
 // Errors of depths add to those of keypoints.
 inline constexpr double kDepthErrorFactor = 2.0;
 
@@ -78,12 +82,15 @@ using SequenceHypotheses = std::vector<std::vector<StepHypotheses>>;
 [[nodiscard]] SequenceHypotheses FindHypothesesWithDepths(
     const MotionProblem& problem, const Context& context);
 
-// Motions of pairs of equal sensors, with the lengths of their baselines.
-// `sensor_from_rig` may lack translations if the rig turns little. Pairs
-// without a length are left out.
+// Motions of pairs of equal sensors. `sensor_from_rig` may lack translations if
+// the rig turns little. With measured distances, they have the lengths of their
+// baselines, and pairs without a length are left out. Free distances are
+// unknown, but a length tells whether the pair has a baseline at all.
+enum class PairDistance { kMeasured, kFree };
 [[nodiscard]] SequenceHypotheses FindHypothesesByPairs(
     const MotionProblem& problem,
     const std::vector<std::optional<Rigid3>>& sensor_from_rig,
-    const std::vector<std::optional<double>>& lengths);
+    const std::vector<std::optional<BaselineLength>>& lengths,
+    PairDistance distance);
 
 }  // namespace mgsfm

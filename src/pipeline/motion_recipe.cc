@@ -52,9 +52,6 @@ constexpr double kNumSigmas = 1.96;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
 // needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
-// The standard deviation of a keypoint, relative to the epipolar tolerance,
-// which thus includes 95 % of normal errors.
-constexpr double kKeypointNoise = 0.5;
 // Fewer contradicting matches do not bias the relative pose of a pair.
 constexpr double kMaxContradicting = 0.1;
 
@@ -679,9 +676,14 @@ MotionOfScene FindMotionOfScene(
           Rigid3{*rotations.sensor_from_rig[s], Vector3d::Zero()};
     }
   }
+  std::vector<std::optional<BaselineLength>> exact_lengths(lengths.size());
+  for (size_t i = 0; i < lengths.size(); ++i) {
+    if (lengths[i]) exact_lengths[i] = BaselineLength{*lengths[i], 0.0};
+  }
   const RigPath path =
       FindRigPath(*index.order(), index.num_frames(),
-                  FindHypothesesByPairs(problem, sensor_from_rig, lengths));
+                  FindHypothesesByPairs(problem, sensor_from_rig, exact_lengths,
+                                        PairDistance::kMeasured));
   MotionOfScene motion = JudgeByPoses(problem, path, rotations, lengths);
   RejectAmbiguous(index, path, &motion);
   return motion;
