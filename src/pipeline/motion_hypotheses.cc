@@ -12,6 +12,7 @@
 #include "geometry/epipolar.h"
 #include "math/robust_scale.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "pair_filtering/motion_candidates.h"
 
 namespace mgsfm {
 namespace {
@@ -26,20 +27,67 @@ constexpr size_t kMinNumExclusive = 8;
 
 // The matches that agree with either of two motions.
 struct AgreementCounts {
-  size_t num_either = 0, num_only1 = 0, num_only2 = 0;
+  size_t num_both = 0, num_only1 = 0, num_only2 = 0;
 
   void Add(bool agrees1, bool agrees2) {
-    num_either += agrees1 || agrees2 ? 1 : 0;
+    num_both += agrees1 && agrees2 ? 1 : 0;
     num_only1 += agrees1 && !agrees2 ? 1 : 0;
     num_only2 += agrees2 && !agrees1 ? 1 : 0;
   }
-  double Exclusion() const {
-    const size_t num_only = std::min(num_only1, num_only2);
-    return num_only < kMinNumExclusive ? 0.0
-                                       : static_cast<double>(num_only) /
-                                             static_cast<double>(num_either);
+  static double Share(size_t num_only, size_t num_all) {
+    return num_only < kMinNumExclusive
+               ? 0.0
+               : static_cast<double>(num_only) / static_cast<double>(num_all);
   }
+  // The smaller share of either, and the share of the first motion.
+  double Exclusion() const {
+    return Share(std::min(num_only1, num_only2),
+                 num_both + num_only1 + num_only2);
+  }
+  double Unexplained() const { return Share(num_only1, num_both + num_only1); }
 };
+
+// Matches with and without depth.
+struct MotionComparison {
+  AgreementCounts with_depth, without_depth;
+};
+
+MotionComparison CompareMotions(const MotionProblem& problem,
+                                int earlier_frame_idx, int later_frame_idx,
+                                const Rigid3& motion1, const Rigid3& motion2) {
+  MotionComparison comparison;
+  const FramePair* frames =
+      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
+  if (frames == nullptr) return comparison;
+  for (const size_t i : frames->pair_idxs) {
+    const ImagePair& pair = problem.matches.pairs[i];
+    if (problem.scene.images[pair.image_idx1].sensor_idx !=
+        problem.scene.images[pair.image_idx2].sensor_idx) {
+      continue;
+    }
+    const auto pose1 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
+    const auto pose2 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
+    if (!pose1 || !pose2) continue;
+    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
+    const auto agrees = [&](const Match& match, const Rigid3& pose) {
+      return CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                               pose,
+                               tolerance_rad) != MatchVerdict::kContradicts;
+    };
+    for (const Match& match : pair.matches) {
+      const bool has_depth =
+          problem.depths.IsKnown(pair.image_idx1,
+                                 static_cast<int>(match.keypoint_idx1)) ||
+          problem.depths.IsKnown(pair.image_idx2,
+                                 static_cast<int>(match.keypoint_idx2));
+      (has_depth ? comparison.with_depth : comparison.without_depth)
+          .Add(agrees(match, *pose1), agrees(match, *pose2));
+    }
+  }
+  return comparison;
+}
 
 // The motions of all steps that correspondences with depth support.
 SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
@@ -133,9 +181,6 @@ MotionHypothesis RigMotionOf(const MotionProblem& problem,
     hypothesis.center_covariance =
         length->value * length->value * hypothesis.center_covariance +
         of_length;
-  } else if (!length->IsSignificant()) {
-    hypothesis.free_direction = Vector3d::Zero();
-    hypothesis.center_covariance = of_length;
   }
   return hypothesis;
 }
@@ -191,25 +236,36 @@ std::vector<std::optional<BaselineLength>> MeasureLengths(
 
 // Correspondences with depth are few and lie in the overlap of two cameras,
 // where a motion looks like a turn, and noise of depths favours the turn. If
-// the matches do not exclude that the motion of an image pair is the same, it
-// replaces theirs.
+// the matches exclude no motion of a step, the one by the most matches of image
+// pairs replaces those of correspondences with depth that differ.
 void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
-                    int later_frame_idx, StepHypotheses of_pairs,
+                    int later_frame_idx, const StepHypotheses& of_pairs,
                     StepHypotheses* by_depth) {
-  std::stable_sort(
+  if (of_pairs.empty()) return;
+  const MotionHypothesis& strongest = *std::max_element(
       of_pairs.begin(), of_pairs.end(),
-      [](const auto& a, const auto& b) { return a.share > b.share; });
+      [](const auto& a, const auto& b) { return a.share < b.share; });
+  const auto is_excluded = [&](const MotionHypothesis& h) {
+    return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
+                       h.later_from_earlier,
+                       strongest.later_from_earlier) >= kContestingShare;
+  };
+  if (std::any_of(by_depth->begin(), by_depth->end(), is_excluded) ||
+      std::any_of(of_pairs.begin(), of_pairs.end(), is_excluded)) {
+    return;
+  }
   for (MotionHypothesis& motion : *by_depth) {
-    const auto same = std::find_if(
-        of_pairs.begin(), of_pairs.end(), [&](const MotionHypothesis& h) {
-          return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
-                             motion.later_from_earlier,
-                             h.later_from_earlier) < kContestingShare;
-        });
-    if (same == of_pairs.end()) continue;
-    motion.later_from_earlier = same->later_from_earlier;
-    motion.rotation_covariance = same->rotation_covariance;
-    motion.center_covariance = same->center_covariance;
+    if (AreEqualMotions(
+            {motion.later_from_earlier, motion.rotation_covariance,
+             motion.center_covariance},
+            {strongest.later_from_earlier, strongest.rotation_covariance,
+             strongest.center_covariance},
+            {})) {
+      continue;
+    }
+    motion.later_from_earlier = strongest.later_from_earlier;
+    motion.rotation_covariance = strongest.rotation_covariance;
+    motion.center_covariance = strongest.center_covariance;
   }
 }
 
@@ -246,38 +302,10 @@ double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
 double ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
                    int later_frame_idx, const Rigid3& motion1,
                    const Rigid3& motion2) {
-  const FramePair* frames =
-      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
-  if (frames == nullptr) return 0.0;
-  AgreementCounts with_depth, without_depth;
-  for (const size_t i : frames->pair_idxs) {
-    const ImagePair& pair = problem.matches.pairs[i];
-    if (problem.scene.images[pair.image_idx1].sensor_idx !=
-        problem.scene.images[pair.image_idx2].sensor_idx) {
-      continue;
-    }
-    const auto pose1 =
-        RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
-    const auto pose2 =
-        RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
-    if (!pose1 || !pose2) continue;
-    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
-    const auto agrees = [&](const Match& match, const Rigid3& pose) {
-      return CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                               pose,
-                               tolerance_rad) != MatchVerdict::kContradicts;
-    };
-    for (const Match& match : pair.matches) {
-      const bool has_depth =
-          problem.depths.IsKnown(pair.image_idx1,
-                                 static_cast<int>(match.keypoint_idx1)) ||
-          problem.depths.IsKnown(pair.image_idx2,
-                                 static_cast<int>(match.keypoint_idx2));
-      (has_depth ? with_depth : without_depth)
-          .Add(agrees(match, *pose1), agrees(match, *pose2));
-    }
-  }
-  return std::max(with_depth.Exclusion(), without_depth.Exclusion());
+  const MotionComparison comparison = CompareMotions(
+      problem, earlier_frame_idx, later_frame_idx, motion1, motion2);
+  return std::max(comparison.with_depth.Exclusion(),
+                  comparison.without_depth.Exclusion());
 }
 
 Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
