@@ -247,7 +247,7 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   if (input.calibration) {
     used_priors.calibration =
         input.calibration->PriorFor(FramesWith(initial.rig_from_world));
-    ScaleToPrior(used_priors.calibration, &initial);
+    StartAtPrior(used_priors.calibration, &initial);
   }
   if (!input.positions.IsEmpty()) {
     used_priors.positions = MoveToPriors(input, context, &initial, model);

@@ -243,7 +243,8 @@ Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior) {
   return scene;
 }
 
-void ScaleToPrior(const CalibrationPrior& prior, Reconstruction* model) {
+void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model) {
+  if (prior.sensors.empty()) return;
   double expected = 0.0, found = 0.0;
   for (size_t i = 0; i < prior.sensors.size(); ++i) {
     const auto& pose = model->sensor_from_rig[i];
@@ -251,10 +252,16 @@ void ScaleToPrior(const CalibrationPrior& prior, Reconstruction* model) {
     expected += prior.sensors[i]->sensor_from_rig.translation.norm();
     found += pose->translation.norm();
   }
-  if (!(found > 0.0)) return;
   Sim3 scaled;
-  scaled.scale = expected / found;
+  if (found > 0.0) scaled.scale = expected / found;
   TransformWorld(scaled, model);
+  for (size_t i = 0; i < prior.sensors.size(); ++i) {
+    auto& pose = model->sensor_from_rig[i];
+    if (!prior.sensors[i] || !pose) continue;
+    const Rigid3& known = prior.sensors[i]->sensor_from_rig;
+    pose->rotation = known.rotation;
+    if (HasLength(prior.sensors[i])) pose->translation = known.translation;
+  }
 }
 
 std::vector<Finding> DescribeRigDifferences(

@@ -79,8 +79,9 @@ bool HasLength(const CalibrationPrior& prior);
 // ones, for the estimation of positions.
 Scene WithKnownSensors(Scene scene, const CalibrationPrior& prior);
 
-// Scales an initial model to the unit of length of the prior.
-void ScaleToPrior(const CalibrationPrior& prior, Reconstruction* model);
+// Scales an initial model to the unit of length of the prior, and gives it the
+// rig of the prior.
+void StartAtPrior(const CalibrationPrior& prior, Reconstruction* model);
 
 // One finding for each sensor that differs.
 std::vector<Finding> DescribeRigDifferences(
