@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "pipeline/shared_calibration.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -105,20 +104,18 @@ bool HasLength(const std::optional<SensorPosePrior>& prior) {
   return prior && !prior->sqrt_information.rightCols<3>().isZero(0.0);
 }
 
-// The probability that `size` times F of `size` and nine degrees of freedom
-// exceeds `value`. `size` is even.
-double ChanceOf(double value, int size) {
+// The probability that four times F of four and nine degrees of freedom
+// exceeds `value`: more than that of three coordinates.
+double ChanceOf(double value) {
   const double u = value / (value + kDegreesOfFreedom);
-  double term = 1.0, sum = 1.0;
-  for (int j = 1; j < size / 2; ++j) {
-    term *= (0.5 * kDegreesOfFreedom + j - 1.0) / j * u;
-    sum += term;
-  }
-  return std::pow(1.0 - u, 0.5 * kDegreesOfFreedom) * sum;
+  const double half = 0.5 * kDegreesOfFreedom;
+  return std::pow(1.0 - u, half) * (1.0 + half * u);
 }
 
-// nullopt if chance explains the difference. Three coordinates count as four:
-// chance then explains more.
+// nullopt if chance explains the rotation and the distance between the poses.
+// Each is compared with its standard deviation along itself, which is never
+// stricter than the test of all coordinates: that would rely on combinations of
+// coordinates whose small variances model errors exceed.
 std::optional<RigDifference> Compare(int sensor_idx, const RigSensor& prior,
                                      const RigSensor& sensor) {
   PoseVector d;
@@ -126,21 +123,21 @@ std::optional<RigDifference> Compare(int sensor_idx, const RigSensor& prior,
               prior.sensor_from_rig.rotation.conjugate()),
       sensor.sensor_from_rig.translation - prior.sensor_from_rig.translation;
   const PoseMatrix C = prior.covariance + sensor.covariance;
-  const bool has_length = prior.has_length && sensor.has_length;
-  const int size = has_length ? 6 : 3;
-  const double value =
-      d.head(size).dot(C.topLeftCorner(size, size).ldlt().solve(d.head(size)));
-  if (!(ChanceOf(value, has_length ? 6 : 4) < kMaxChance)) return std::nullopt;
   const auto sigma_of = [&](int first) {
     const Eigen::Vector3d axis = d.segment<3>(first).normalized();
     return std::sqrt(axis.dot(C.block<3, 3>(first, first) * axis));
   };
-  RigDifference difference{sensor_idx, RadToDeg(d.head<3>().norm()),
+  const auto square = [](double x) { return x * x; };
+  const double rotation = d.head<3>().norm(), distance = d.tail<3>().norm();
+  RigDifference difference{sensor_idx, RadToDeg(rotation),
                            RadToDeg(sigma_of(0))};
-  if (has_length) {
-    difference.distance = d.tail<3>().norm();
+  double chance = ChanceOf(square(rotation / sigma_of(0)));
+  if (prior.has_length && sensor.has_length) {
+    difference.distance = distance;
     difference.sigma_distance = sigma_of(3);
+    chance = std::min(chance, ChanceOf(square(distance / sigma_of(3))));
   }
+  if (2.0 * chance >= kMaxChance) return std::nullopt;
   return difference;
 }
 

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -48,7 +49,9 @@ Simulation WithoutLink(Simulation simulation) {
 }
 
 MapperResult Map(const Simulation& simulation) {
-  return RunMapper({simulation.scene, simulation.view_graph}, MapperOptions(),
+  MapperOptions options;
+  options.compute_covariances = true;
+  return RunMapper({simulation.scene, simulation.view_graph}, options,
                    Threads(2));
 }
 
@@ -84,9 +87,12 @@ TEST_P(PartedDrive, HasOneRigAndOneUnit) {
   for (size_t s = 1; s < simulation.scene.sensors.size(); ++s) {
     const Rigid3& first = *result.models[0].reconstruction.sensor_from_rig[s];
     const Rigid3& second = *result.models[1].reconstruction.sensor_from_rig[s];
-    EXPECT_LT(RadToDeg(AngleBetween(first.rotation, second.rotation)), 0.05);
+    // Four standard deviations in each of three coordinates.
+    const PoseMatrix& C = *result.models[0].covariances->sensors[s];
+    EXPECT_LT(AngleBetween(first.rotation, second.rotation),
+              4.0 * std::sqrt(C.topLeftCorner<3, 3>().trace()));
     EXPECT_LT((first.translation - second.translation).norm(),
-              0.05 * first.translation.norm());
+              4.0 * std::sqrt(C.bottomRightCorner<3, 3>().trace()));
   }
 }
 
