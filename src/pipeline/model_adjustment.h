@@ -37,9 +37,9 @@ struct AdjustmentInput {
 // Turns an initial model into the final one: registration and deformation to
 // the position priors, bundle adjustment with re-established tracks and the
 // calibration of earlier models as prior, or without it if the evidence of the
-// model contradicts it, alignment to the existing model or to gravity; then the checks of focal lengths, the
-// covariances and the soft rig that the options request. Adds all results to
-// `model`.
+// model contradicts it, alignment to the existing model or to gravity; then the
+// checks of focal lengths, the covariances and the soft rig that the options
+// request. Adds all results to `model`.
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);

@@ -34,8 +34,8 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
 
 // One model for each set of frames that none of `seams` separates. Each is
 // adjusted again, the largest first, without the pairs that cross a seam, and
-// keeps the summaries of the stages before. Sets of fewer than min_num_frames frames, and those
-// that points alone do not hold together, are omitted.
+// keeps the summaries of the stages before. Sets of fewer than min_num_frames
+// frames, and those that points alone do not hold together, are omitted.
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const FramePairIndex& index,
                                       const MapperOptions& options,
