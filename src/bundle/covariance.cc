@@ -37,7 +37,7 @@ BuiltProblem BuildWeighted(const Scene& scene,
       std::min(*options.loss_scale_px, options.loss_sigma_factor * sigma_px);
   BuiltProblem built =
       BuildProblem(scene, reconstruction, weighted, RefinedParts::kAll,
-                   BundlePriors{priors.positions, std::nullopt});
+                   {priors.positions, std::nullopt, priors.calibration});
   WeighPriors(sigma_px, &built.problem);
   return built;
 }

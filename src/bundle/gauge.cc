@@ -24,7 +24,7 @@ std::vector<int> CountFrameObservations(const BundleProblem& problem) {
 bool ScaleIsObservable(const BundleState& state, const BundleProblem& problem) {
   Mask has_prior(problem.sensor_masks.size(), false);
   for (const SensorPrior& prior : problem.sensor_priors) {
-    has_prior[prior.sensor] = true;
+    has_prior[prior.sensor] = !prior.factor.rightCols<3>().isZero(0.0);
   }
   std::vector<std::optional<Eigen::Vector3d>> fixed_center(state.frames.size());
   for (const BundleProblem::Image& image : problem.images) {

@@ -115,6 +115,11 @@ void AddSensor(const ProblemInput& input, int sensor_idx, BuiltProblem* built) {
       IsSet(input.fixed.sensors, sensor_idx)
           ? RefinedSensor()
           : RefineSensor(input.scene, sensor_idx, input.options);
+  const auto& found = input.priors.calibration.sensors;
+  if (!found.empty() && found[sensor_idx] && !refined.mask.isZero(0.0)) {
+    refined.prior = SensorPrior{0, found[sensor_idx]->sensor_from_rig, 1.0, 1.0,
+                                found[sensor_idx]->sqrt_information};
+  }
   BundleProblem& problem = built->problem;
   problem.sensor_masks.emplace_back(
       refined.mask.cwiseProduct(MakePoseMask(true, input.parts)));
@@ -156,6 +161,17 @@ void AddCamera(const ProblemInput& input, int camera_idx, BuiltProblem* built) {
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const std::vector<int>& free = built->problem.cameras.back().free_params;
+  const CalibrationPrior& found = input.priors.calibration;
+  if (!found.intrinsics.empty() &&
+      !found.intrinsic_sigmas[camera_idx].empty()) {
+    for (const int param : free) {
+      const double sigma = found.intrinsic_sigmas[camera_idx][param];
+      if (!(sigma > 0.0)) continue;
+      built->problem.priors.push_back(
+          {number, param, found.intrinsics[camera_idx][param], sigma});
+    }
+    return;
+  }
   for (const int param : info.focal_length_idxs) {
     if (!std::binary_search(free.begin(), free.end(), param)) continue;
     const double value = prior.params[param];

@@ -144,6 +144,8 @@ PosePriorResidual EvaluateSensorPrior(const SensorPrior& prior,
       InverseRightJacobianSO3(-rotation) / prior.sigma_rad;
   r.by_sensor.bottomRightCorner<3, 3>() =
       Matrix3d::Identity() / prior.sigma_length;
+  r.value = prior.factor * r.value;
+  r.by_sensor = prior.factor * r.by_sensor;
   return r;
 }
 

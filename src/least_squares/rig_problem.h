@@ -105,13 +105,15 @@ struct GravityPrior {
   double sigma_rad = 1.0;
 };
 
-// The pose of a sensor, as given: the residuals Log(S S_0^T) / sigma_rad and
-// (t - t_0) / sigma_length.
+// The pose of a sensor, as given: the residuals
+// factor (Log(S S_0^T) / sigma_rad, (t - t_0) / sigma_length).
 struct SensorPrior {
   int sensor = 0;
   Rigid3 sensor_from_rig;
   double sigma_rad = 1.0;
   double sigma_length = 1.0;
+  // Not the identity if the coordinates are correlated.
+  Eigen::Matrix<double, 6, 6> factor = Eigen::Matrix<double, 6, 6>::Identity();
 };
 
 // Everything that a solve leaves unchanged, except the observations.

@@ -21,6 +21,7 @@
 #include "mgsfm/view_graph/view_graph_estimation.h"
 #include "pipeline/focal_length_doubts.h"
 #include "pipeline/run_summary.h"
+#include "pipeline/shared_calibration.h"
 #include "pipeline/weak_seams.h"
 
 namespace mgsfm {
@@ -354,6 +355,7 @@ void CheckInput(const Scene& scene, const ViewGraph& matches,
                               options.view_graph.max_error_px, context);
   Append(CheckKnownRotations(scene, samples, kept_between), &causes);
   causes = WithoutSymptoms(causes);
+  Append(DescribeRigDifferences(scene, result->models), &causes);
   std::vector<Finding> of_unit =
       CheckPositionUnit(scene, input.position_priors, *result);
   Append(of_unit.empty() ? CheckPositionPriors(input.position_priors, *result)

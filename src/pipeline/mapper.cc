@@ -116,13 +116,15 @@ struct Measurements {
   const LengthHints& length_hints;
   const std::vector<std::optional<Rigid3>>& pair_on_path;
   const ModelObserver& observer;
-  StageStore* stage_store;  // may be null
+  StageStore* stage_store;         // may be null
+  SharedCalibration& calibration;  // of all models
 };
 
 PositionInput PositionInputOf(const Measurements& measurements,
+                              const Scene& scene,
                               const RotationEstimate& rotations,
                               const ObservationGroups& tracks) {
-  PositionInput input{measurements.scene,
+  PositionInput input{scene,
                       measurements.bearings,
                       measurements.view_graph,
                       measurements.index,
@@ -154,11 +156,21 @@ std::vector<MapperModel> ReconstructComponent(
       });
   model.tracks = tracks.summary;
 
+  const CalibrationPrior prior =
+      measurements.calibration.PriorFor(FramesWith(rotations.rig_from_world));
   PositionResult translation =
       Saved(stages, "translation averaging", context, &model.times, [&] {
-        return estimate_positions(
-            PositionInputOf(measurements, rotations, tracks.estimate),
-            {options.translation_averaging, options.pair_filtering}, context);
+        const auto average = [&](const Scene& with_rig) {
+          return estimate_positions(
+              PositionInputOf(measurements, with_rig, rotations,
+                              tracks.estimate),
+              {options.translation_averaging, options.pair_filtering}, context);
+        };
+        if (!HasLength(prior)) return average(scene);
+        PositionResult result = average(WithKnownSensors(scene, prior));
+        result.summary.is_metric &= std::any_of(
+            scene.sensors.begin(), scene.sensors.end(), HasKnownLength);
+        return result;
       });
   if (translation.corrected_rig_from_world) {
     rotations.rig_from_world = *std::move(translation.corrected_rig_from_world);
@@ -181,6 +193,7 @@ std::vector<MapperModel> ReconstructComponent(
   input.is_metric = model.translation.is_metric;
   input.stages = stages;
   input.observer = measurements.observer;
+  input.calibration = &measurements.calibration;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
   model.confidence = EstimateModelConfidence(
@@ -275,8 +288,14 @@ std::vector<MapperModel> ReconstructComponents(
     const std::vector<int>& num_frames, const MapperOptions& options,
     const Context& context, EstimatedRotations* rotation) {
   std::vector<MapperModel> all;
+  size_t num_learned = 0;
   for (size_t component = 0; component < num_frames.size(); ++component) {
     if (num_frames[component] < options.min_num_frames) continue;
+    for (; num_learned < all.size(); ++num_learned) {
+      measurements.calibration.Learn(all[num_learned],
+                                     measurements.position_priors,
+                                     options.bundle_adjustment, context);
+    }
     context.Info("component " + std::to_string(component) + ": " +
                  std::to_string(num_frames[component]) + " frames");
     std::vector<MapperModel> models = ReconstructComponent(
@@ -439,6 +458,7 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   result.gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
       result.gravity_rejection ? GravityPriors() : input.gravity_priors;
+  SharedCalibration calibration(scene);
   const Measurements measurements{scene,
                                   bearings,
                                   verified.estimate,
@@ -449,7 +469,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
                                   of_scene.length_hints,
                                   of_scene.pair_on_path,
                                   input.observer,
-                                  input.stage_store};
+                                  input.stage_store,
+                                  calibration};
   const std::vector<int> num_frames = CountFrames(rotation.estimate);
   result.models =
       ReconstructComponents(estimate_positions, measurements, num_frames,

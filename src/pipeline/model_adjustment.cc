@@ -154,17 +154,87 @@ CandidateSource MakeObservedSource(const AdjustmentInput& input,
           source.matches};
 }
 
+std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
+                                        const MapperOptions& options,
+                                        const Context& context,
+                                        const Reconstruction& model) {
+  const auto candidates = [&](const Scene& separate) {
+    return MakeCandidateSource(separate, input.view_graph, input.matches,
+                               input.pair_is_used, options, context);
+  };
+  return EstimateRigDelays(input.scene, TimesOfFrames(input.scene), candidates,
+                           model, options.bundle_adjustment, context);
+}
+
+// Bundle adjustment. Drops the rig from `priors` if the evidence of the model
+// contradicts it.
+void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
+                     const Context& context, Reconstruction initial,
+                     BundlePriors* priors, MapperModel* model) {
+  const auto refine = [&](const char* stage, Reconstruction start,
+                          const RefinementStore& store) {
+    return Timed(stage, context, &model->times, [&] {
+      return RefineReconstruction(input.scene,
+                                  MakeObservedSource(input, options, context),
+                                  std::move(start), options.bundle_adjustment,
+                                  context, *priors, input.held, store);
+    });
+  };
+  BundleResult bundle = refine("bundle adjustment", std::move(initial),
+                               MakeRefinementStore(input.stages));
+  model->rig_differences.clear();
+  model->has_shared_unit =
+      input.calibration && input.calibration->SharesUnit(priors->calibration);
+  if (!priors->calibration.sensors.empty()) {
+    const auto prior = std::exchange(priors->calibration.sensors, {});
+    BundleResult released =
+        refine("bundle adjustment without prior", bundle.estimate, {});
+    model->rig_differences = input.calibration->FindDifferences(
+        released.estimate, *priors, options.bundle_adjustment, context, [&] {
+          return EstimateDelays(input, options, context, released.estimate);
+        });
+    if (model->rig_differences.empty()) {
+      priors->calibration.sensors = prior;
+    } else {
+      bundle = std::move(released);
+      model->has_shared_unit = false;
+    }
+  }
+  model->bundle = std::move(bundle.summary);
+  model->reconstruction = std::move(bundle.estimate);
+}
+
+void AddCovariances(const AdjustmentInput& input, const BundlePriors& priors,
+                    const MapperOptions& options, const Context& context,
+                    MapperModel* model) {
+  const Scene& scene = input.scene;
+  if (options.compute_covariances) {
+    model->covariances = Timed("covariances", context, &model->times, [&] {
+      return ComputeCovariances(scene, model->reconstruction,
+                                options.bundle_adjustment, context, priors);
+    });
+  }
+  if (!model->delays || !model->covariances || !model->covariances->is_usable) {
+    return;
+  }
+  AddRigErrors(scene, model->reconstruction, *model->delays,
+               &*model->covariances);
+  ListUnobservable(scene, model->reconstruction, context, &*model->covariances);
+  const std::string message = DescribeUnobservable(scene, *model->covariances);
+  if (!message.empty()) context.Warning(message);
+}
+
 // Estimates individual poses of images.
-bool EstimateSoftRigOfImages(const AdjustmentInput& input,
-                             const BundlePriors& used_priors,
+bool EstimateSoftRigOfImages(const AdjustmentInput& input, BundlePriors priors,
                              const MapperOptions& options,
                              const Context& context, MapperModel* model) {
   const Scene separate = SeparateImages(input.scene);
+  priors.calibration.sensors.clear();  // each image is a sensor
   return EstimateSoftRigOfModel(
       input.scene, separate,
       MakeCandidateSource(separate, input.view_graph, input.matches,
                           input.pair_is_used, options, context),
-      options, used_priors, context, model);
+      options, priors, context, model);
 }
 
 }  // namespace
@@ -174,6 +244,11 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  MapperModel* model) {
   const Scene& scene = input.scene;
   BundlePriors used_priors;
+  if (input.calibration) {
+    used_priors.calibration =
+        input.calibration->PriorFor(FramesWith(initial.rig_from_world));
+    StartAtPrior(used_priors.calibration, &initial);
+  }
   if (!input.positions.IsEmpty()) {
     used_priors.positions = MoveToPriors(input, context, &initial, model);
   }
@@ -183,14 +258,8 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
     used_priors.gravity =
         GravityTerms{input.gravity, gravity->down_in_world, gravity->sigma_rad};
   }
-  BundleResult bundle = Timed("bundle adjustment", context, &model->times, [&] {
-    return RefineReconstruction(
-        scene, MakeObservedSource(input, options, context), std::move(initial),
-        options.bundle_adjustment, context, used_priors, input.held,
-        MakeRefinementStore(input.stages));
-  });
-  model->bundle = std::move(bundle.summary);
-  model->reconstruction = std::move(bundle.estimate);
+  AdjustToMatches(input, options, context, std::move(initial), &used_priors,
+                  model);
   if (model->position_priors) {
     EvaluatePositions(scene, input.positions, used_priors.positions,
                       model->reconstruction, &*model->position_priors);
@@ -199,31 +268,10 @@ void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
   JudgeFocalLengths(input, used_priors, options, context, model);
   PlaceInWorld(input, options, context, model);
   if (input.observer) input.observer(model->reconstruction);
-  const auto candidates = [&](const Scene& separate) {
-    return MakeCandidateSource(separate, input.view_graph, input.matches,
-                               input.pair_is_used, options, context);
-  };
   model->delays = Timed("delays of cameras", context, &model->times, [&] {
-    return EstimateRigDelays(scene, TimesOfFrames(scene), candidates,
-                             model->reconstruction, options.bundle_adjustment,
-                             context);
+    return EstimateDelays(input, options, context, model->reconstruction);
   });
-  if (options.compute_covariances) {
-    model->covariances = Timed("covariances", context, &model->times, [&] {
-      return ComputeCovariances(scene, model->reconstruction,
-                                options.bundle_adjustment, context,
-                                used_priors);
-    });
-  }
-  if (model->delays && model->covariances && model->covariances->is_usable) {
-    AddRigErrors(scene, model->reconstruction, *model->delays,
-                 &*model->covariances);
-    ListUnobservable(scene, model->reconstruction, context,
-                     &*model->covariances);
-    const std::string message =
-        DescribeUnobservable(scene, *model->covariances);
-    if (!message.empty()) context.Warning(message);
-  }
+  AddCovariances(input, used_priors, options, context, model);
   if (options.soft_rig.method != SoftRig::kNone) {
     Timed("soft rig", context, &model->times, [&] {
       return EstimateSoftRigOfImages(input, used_priors, options, context,

@@ -12,6 +12,7 @@
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
 #include "pipeline/saved_stages.h"
+#include "pipeline/shared_calibration.h"
 
 namespace mgsfm {
 
@@ -30,13 +31,15 @@ struct AdjustmentInput {
   FixedPoses held = {};
   StageFolder stages = {};      // for the states of bundle adjustment
   ModelObserver observer = {};  // of the rounds of bundle adjustment
+  SharedCalibration* calibration = nullptr;  // of all models, or null
 };
 
 // Turns an initial model into the final one: registration and deformation to
-// the position priors, bundle adjustment with re-established tracks, alignment
-// to the existing model or to gravity; then the checks of focal lengths, the
-// covariances and the soft rig that the options request. Adds all results to
-// `model`.
+// the position priors, bundle adjustment with re-established tracks and the
+// calibration of earlier models as prior, or without it if the evidence of the
+// model contradicts it, alignment to the existing model or to gravity; then the
+// checks of focal lengths, the covariances and the soft rig that the options
+// request. Adds all results to `model`.
 void AdjustModel(const AdjustmentInput& input, const MapperOptions& options,
                  const Context& context, Reconstruction initial,
                  MapperModel* model);

@@ -130,11 +130,6 @@ FixedPoses FixAllOf(const Reconstruction& model) {
   return fixed;
 }
 
-bool HasKnownLength(const Sensor& sensor) {
-  return sensor.sensor_from_rig &&
-         !sensor.sensor_from_rig->translation.isZero(0.0);
-}
-
 // Whether known poses of sensors determine the unit of length of the model.
 bool IsMetric(const Scene& scene, const Reconstruction& start) {
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
@@ -266,6 +261,11 @@ void CheckExtensionOptions(const MapperOptions& options,
 }
 
 }  // namespace
+
+bool HasKnownLength(const Sensor& sensor) {
+  return sensor.sensor_from_rig &&
+         !sensor.sensor_from_rig->translation.isZero(0.0);
+}
 
 void DescribeSensors(const Scene& scene, const Reconstruction& start,
                      const std::vector<PlacedSensor>& placed,

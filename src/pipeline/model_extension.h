@@ -23,6 +23,9 @@ void ExtendModel(const Scene& scene, const Bearings& bearings,
                  const PositionPriors& priors, const GravityPriors& gravity,
                  const ModelObserver& observer, MapperResult* result);
 
+// Whether the known pose of a sensor tells a length.
+bool HasKnownLength(const Sensor& sensor);
+
 // States for each sensor where its pose comes from, in the summaries that enter
 // the report.
 void DescribeSensors(const Scene& scene, const Reconstruction& start,

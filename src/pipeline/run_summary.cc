@@ -25,7 +25,7 @@ std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
-std::string UnitOfLength(const MapperModel& model) {
+std::string UnitOfLength(const MapperResult& result, const MapperModel& model) {
   // Registration to positions keeps the unit of a known rig.
   if (model.translation.is_metric) return "metric, that of the known rig";
   if (model.position_priors && model.position_priors->is_registered) {
@@ -33,6 +33,15 @@ std::string UnitOfLength(const MapperModel& model) {
   }
   if (model.metres_per_unit) return "metric, by the known baseline";
   if (model.extension) return "that of the extended model";
+  for (size_t m = 0; model.has_shared_unit && m < result.models.size(); ++m) {
+    const MapperModel& first = result.models[m];
+    if (&first == &model) break;
+    if (!first.has_shared_unit) continue;
+    const bool is_metric =
+        UnitOfLength(result, first).compare(0, 6, "metric") == 0;
+    return (is_metric ? "metric, that of model " : "that of model ") +
+           std::to_string(m) + ", by the baselines of their rig";
+  }
   return "arbitrary scale; to define it, set metric_scale, use_prior_position, "
          "or known poses of cameras (rig_config_path, calibration_path)";
 }
@@ -56,7 +65,8 @@ std::vector<SensorAccuracy> Accuracies(const Scene& scene,
   return accuracies;
 }
 
-ModelSummary SummarizeModel(const Scene& scene, const MapperModel& model) {
+ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
+                            const MapperModel& model) {
   const Reconstruction& reconstruction = model.reconstruction;
   ModelSummary summary;
   for (const auto& pose : reconstruction.rig_from_world) {
@@ -82,7 +92,7 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperModel& model) {
   if (model.kept_matches.total.num_matches > 0) {
     summary.kept_share = model.kept_matches.total.Share();
   }
-  summary.unit_of_length = UnitOfLength(model);
+  summary.unit_of_length = UnitOfLength(result, model);
   summary.accuracies = Accuracies(scene, model);
   return summary;
 }
@@ -131,7 +141,7 @@ RunSummary SummarizeRun(const Scene& scene, const MapperResult& result) {
       summary.missing_frames.begin(), summary.missing_frames.end(),
       [](const auto& a, const auto& b) { return a.second > b.second; });
   for (const MapperModel& model : result.models) {
-    summary.models.push_back(SummarizeModel(scene, model));
+    summary.models.push_back(SummarizeModel(scene, result, model));
   }
   return summary;
 }

@@ -58,18 +58,24 @@ Reconstruction KeepSegment(const Scene& scene,
   return model;
 }
 
-// The registered frames in segments of at least min_num_frames of them.
-int NumFramesInSegments(const Scene& scene, const MapperModel& model,
-                        const std::vector<Seam>& seams, int min_num_frames) {
-  const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
-  std::map<int, int> num_frames;  // per segment
+// Segments and their numbers of registered frames.
+std::vector<std::pair<int, int>> CountFrames(
+    const MapperModel& model, const std::vector<int>& segment_of_frame) {
+  std::map<int, int> num_frames;
   for (size_t i = 0; i < segment_of_frame.size(); ++i) {
     if (model.reconstruction.rig_from_world[i]) {
       ++num_frames[segment_of_frame[i]];
     }
   }
+  return {num_frames.begin(), num_frames.end()};
+}
+
+// The registered frames in segments of at least min_num_frames of them.
+int NumFramesInSegments(const Scene& scene, const MapperModel& model,
+                        const std::vector<Seam>& seams, int min_num_frames) {
   int num_left = 0;
-  for (const auto& [segment, number] : num_frames) {
+  for (const auto& [segment, number] :
+       CountFrames(model, SegmentsOfFrames(scene, seams))) {
     if (number >= min_num_frames) num_left += number;
   }
   return num_left;
@@ -167,14 +173,21 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const MapperModel& model) {
   const Scene& scene = input.scene;
   const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
-  const int num_segments =
-      1 + *std::max_element(segment_of_frame.begin(), segment_of_frame.end());
+  std::vector<std::pair<int, int>> segments =
+      CountFrames(model, segment_of_frame);
+  std::stable_sort(
+      segments.begin(), segments.end(),
+      [](const auto& a, const auto& b) { return a.second > b.second; });
   std::vector<MapperModel> parts;
-  for (int segment = 0; segment < num_segments; ++segment) {
+  for (const auto& [segment, num_frames] : segments) {
     MapperModel part = model;
     part.reconstruction = KeepSegment(scene, segment_of_frame, segment,
                                       std::move(part.reconstruction));
     if (!IsLargeEnough(part, options)) continue;
+    if (input.calibration && !parts.empty()) {
+      input.calibration->Learn(parts.back(), input.positions,
+                               options.bundle_adjustment, context);
+    }
     AdjustmentInput of_part = input;
     of_part.stages.prefix += "part " + std::to_string(segment) + ", ";
     of_part.pair_is_used =

@@ -33,9 +33,9 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options);
 
 // One model for each set of frames that none of `seams` separates. Each is
-// adjusted again, without the pairs that cross a seam, and keeps the summaries
-// of the stages before. Sets of fewer than min_num_frames frames, and those
-// that points alone do not hold together, are omitted.
+// adjusted again, the largest first, without the pairs that cross a seam, and
+// keeps the summaries of the stages before. Sets of fewer than min_num_frames
+// frames, and those that points alone do not hold together, are omitted.
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                       const FramePairIndex& index,
                                       const MapperOptions& options,

@@ -131,7 +131,7 @@ std::vector<ResidualGroup> AllResiduals(const RigProblem<Observation>& problem,
                  prior.sigma_rad,
         (sensor.translation - prior.sensor_from_rig.translation) /
             prior.sigma_length;
-    groups.push_back({value, {}});
+    groups.push_back({prior.factor * value, {}});
   }
   return groups;
 }

@@ -285,6 +285,8 @@ void AddPosePriorsNearby(double error, RigScene<Observation>* scene) {
     given.translation += RandomVector(error, &random);
     problem.sensor_priors.push_back(
         {static_cast<int>(s), given, error, 0.5 * error});
+    problem.sensor_priors.back().factor.template diagonal<-3>().setConstant(
+        0.3);
   }
 }
 

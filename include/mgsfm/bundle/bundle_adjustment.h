@@ -13,6 +13,7 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/base/options.h"
 #include "mgsfm/base/solver.h"
+#include "mgsfm/geometry/rigid3.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
@@ -270,11 +271,28 @@ struct GravityTerms {
   double sigma_rad = 1.0;  // of each of the two angles of a direction
 };
 
+// The term |sqrt_information (Log(S S_0^T), t - t_0)|^2 of a sensor.
+struct SensorPosePrior {
+  Rigid3 sensor_from_rig;
+  PoseMatrix sqrt_information = PoseMatrix::Zero();
+};
+
+// What another model tells of refined calibrations, instead of the terms of
+// sigma_R, sigma_t and sigma_f in (1). Empty: nothing.
+struct CalibrationPrior {
+  std::vector<std::optional<SensorPosePrior>> sensors;  // per sensor
+  // Per camera: the values of its parameters and their standard deviations, 0
+  // for constant ones; empty for cameras that the model lacks.
+  std::vector<std::vector<double>> intrinsics;
+  std::vector<std::vector<double>> intrinsic_sigmas;
+};
+
 // The measurements beyond keypoints that bundle adjustment uses. Positions must
 // be in the world of the model. Empty: none.
 struct BundlePriors {
   PositionPriors positions;
   std::optional<GravityTerms> gravity;
+  CalibrationPrior calibration = {};
 };
 
 // Poses that are constant regardless of the options. Empty: none.

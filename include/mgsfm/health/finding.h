@@ -22,6 +22,7 @@ enum class Cause {
   kForeignCamera,           // does not move with the rig
   kSwappedCameras,          // in a part of the frames
   kRigMoved,                // the rig changed in between
+  kRigDiffers,              // between two models
   kWrongKnownRotation,      // of a sensor in its rig
   kWrongFocalLength,        // a trusted one
   kUncertainFocalLength,    // an estimated one
@@ -47,6 +48,7 @@ struct EnumTable<Cause> {
       {"foreign_camera", Cause::kForeignCamera},
       {"swapped_cameras", Cause::kSwappedCameras},
       {"rig_moved", Cause::kRigMoved},
+      {"rig_differs", Cause::kRigDiffers},
       {"wrong_known_rotation", Cause::kWrongKnownRotation},
       {"wrong_focal_length", Cause::kWrongFocalLength},
       {"uncertain_focal_length", Cause::kUncertainFocalLength},

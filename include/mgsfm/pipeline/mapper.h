@@ -42,8 +42,11 @@ namespace mgsfm {
 //
 // All components share the rotations of sensors in their rigs. A component of
 // at least `min_num_frames` frames becomes a model with a world frame of its
-// own. Beside the largest one, models of fewer than `min_model_size` images are
-// dropped, as in COLMAP: few frames of one component are often wrong.
+// own. The rig and the intrinsics of the largest component, with their
+// covariances, are priors of the others, which also take its unit of length
+// unless no baseline of the rig is determined. Beside the largest one, models
+// of fewer than `min_model_size` images are dropped, as in COLMAP: few frames
+// of one component are often wrong.
 
 // Treatment of the weak seams of a model (mgsfm/confidence/confidence.h).
 enum class WeakSeams {
@@ -117,6 +120,15 @@ struct MapperOptions {
   }
 };
 
+// A sensor whose pose in a model contradicts that in a larger one.
+struct RigDifference {
+  int sensor_idx = 0;
+  double rotation_deg = 0.0;
+  double sigma_rotation_deg = 0.0;      // of the difference, about its axis
+  std::optional<double> distance = {};  // nullopt: no length is determined
+  double sigma_distance = 0.0;          // along the difference
+};
+
 struct MapperModel {
   Reconstruction reconstruction;    // positions are those of the whole scene
   int num_frames_in_component = 0;  // before translation averaging
@@ -130,6 +142,12 @@ struct MapperModel {
   std::optional<CovarianceResult> covariances;  // if asked for
   std::optional<RigDelays> delays;              // of rigs with several cameras
   std::optional<ExtensionSummary> extension;    // if it had a start
+  // Models with this flag have the same unit of length, by the baselines of
+  // their rig, if there are several.
+  bool has_shared_unit = false;
+  // Empty unless the evidence of the model contradicts the rig of a larger one.
+  // The model then keeps its own rig.
+  std::vector<RigDifference> rig_differences;
   // Set if the options request it. `reconstruction` then has the mean rig and
   // points that fit the individual poses of images; covariances are those
   // before that estimation.
