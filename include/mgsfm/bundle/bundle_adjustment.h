@@ -164,8 +164,10 @@ struct BundleAdjustmentOptions {
       "Observations with a reprojection error above this many standard "
       "deviations of the keypoint noise are outliers."};
   Option<double> min_max_error_px{
-      "min_max_error", 0.5, GreaterThan(0.0), "px",
-      "Lower bound of the outlier threshold of error_sigma_factor."};
+      "min_max_error", 2.0, GreaterThan(0.0), "px",
+      "Lower bound of the outlier threshold of error_sigma_factor. Pair "
+      "verification accepts errors of both keypoints of up to twice as much, "
+      "and the errors of recorded keypoints have heavy tails."};
   Option<double> max_max_error_px{
       "max_max_error", 4.0, GreaterThan(0.0), "px",
       "Observations with a reprojection error above this are outliers in the "

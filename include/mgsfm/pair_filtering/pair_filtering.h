@@ -39,11 +39,12 @@ namespace mgsfm {
 //    two components is rejected if it has no triplet support and other pairs
 //    contradict it. The components then stay apart.
 // 5. Motion continuity (rig_motions.h, motion_continuity.h). Matches on an
-//    object that moves along with the rig imply that it stands still. Of the
-//    motions that matches support, the smoothest choice exposes them.
+//    object that moves along with the rig imply that it stands still. Where two
+//    motions exclude each other by their matches, and persist in adjacent
+//    frames, the smoothest choice exposes them.
 // 6. Fixed regions (fixed_regions.h). Matches on an object that moves along
-// with
-//    the rig during the whole recording are dropped before all other rules.
+//    with the rig during the whole recording are dropped before all other
+//    rules.
 // 7. Baseline consistency (baseline_consistency.h). Direction and length of the
 //    measured baseline must agree with the positions: first with those of the
 //    skeleton up to the drift bound, at the end with the estimate. If all
@@ -98,16 +99,14 @@ struct PairFilteringOptions {
       "Reject a pair that alone connects two components if it has no triplet "
       "support and other pairs contradict it."};
   Option<bool> use_motion_continuity{
-      "use_motion_continuity", false,
-      "Reject pairs of adjacent frames whose baseline contradicts a continuous "
-      "motion. Enable it for sequences in which vehicles that move along with "
-      "the rig fill much of the view; hand-held rigs, drones and rigs that "
-      "stop lose right pairs."};
+      "use_motion_continuity", true,
+      "In a sequence, reject pairs that show an object moving along with the "
+      "rig, where two motions exclude each other by their matches and persist "
+      "in adjacent frames."};
   Option<bool> use_fixed_regions{
       "use_fixed_regions", true,
       "Drop the matches of image regions whose content moves along with the "
-      "rig "
-      "during the whole recording, such as a hull, a cabin or a tripod."};
+      "rig during the whole recording, such as a hull, a cabin or a tripod."};
   Option<bool> use_baseline_drift_bound{
       "use_baseline_drift_bound", true,
       "Ignore baselines beyond the drift bound of the skeletal graph when "
