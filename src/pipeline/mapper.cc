@@ -353,16 +353,17 @@ RotationsOfScene EstimateRotationsOfScene(
     StageStore* stage_store, ViewGraph* view_graph,
     std::vector<StageTime>* times) {
   const auto average = [&](const std::string& prefix,
-                           const Mask& pair_is_discontinuous) {
+                           const Mask& pair_is_discontinuous,
+                           const Mask& loop_contradicts_path) {
     const StageFolder stages{stage_store, prefix};
     return Saved(stages, "rotation averaging", context, times, [&] {
       return EstimateRotations(scene, index, *view_graph, gravity_priors,
                                options.rotation_averaging,
                                options.pair_filtering, context,
-                               pair_is_discontinuous);
+                               pair_is_discontinuous, loop_contradicts_path);
     });
   };
-  RotationsOfScene result{average("first ", {}), {}, {}, {}};
+  RotationsOfScene result{average("first ", {}, {}), {}, {}, {}};
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return result;
   }
@@ -383,7 +384,8 @@ RotationsOfScene EstimateRotationsOfScene(
                  " image pairs contradict the motion of the rig between their "
                  "frames and are not used");
   }
-  result.rotation = average("second ", motion.pair_is_discontinuous);
+  result.rotation = average("second ", motion.pair_is_discontinuous,
+                            motion.loop_contradicts_path);
   result.length_hints.expected = BaselineLengths(index, motion.pair_on_path);
   result.pair_on_path = std::move(motion.pair_on_path);
   return result;

@@ -14,6 +14,7 @@
 #include "math/statistics.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "pair_filtering/ambiguous_steps.h"
+#include "pair_filtering/loop_consistency.h"
 #include "pair_filtering/motion_continuity.h"
 #include "pair_filtering/rig_motions.h"
 #include "pipeline/frame_depths.h"
@@ -662,6 +663,8 @@ MotionOfScene FindMotionOfScene(
     MotionOfScene motion =
         JudgeByMatches(problem, refined, verification, context);
     RejectAmbiguous(index, path, &motion);
+    motion.loop_contradicts_path =
+        FindLoopsAgainstPath(index, refined, filtering.max_baseline_drift);
     return motion;
   }
   const auto lengths =

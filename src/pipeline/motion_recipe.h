@@ -23,6 +23,9 @@ struct MotionOfScene {
   // Per pair: its matches on the static scene, and the relative pose they
   // imply, if both are known.
   std::vector<std::optional<ImagePair>> pair_of_scene;
+  // Per pair: its frames are distant in the sequence, and further apart on the
+  // path than the drift bound of positions allows.
+  Mask loop_contradicts_path;
   // cam2_from_cam1 on the path, for pairs near an object, and the relative
   // poses of pairs within frames, in one unit of length.
   std::vector<std::optional<Rigid3>> pair_on_path;

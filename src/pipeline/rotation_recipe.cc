@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "geometry/so3.h"
+#include "pair_filtering/contested_cuts.h"
 #include "pair_filtering/frame_pair_index.h"
 #include "pair_filtering/revisits.h"
 #include "pair_filtering/rotation_consistency.h"
@@ -247,6 +248,22 @@ Mask FindBridges(const Scene& scene, const FramePairIndex& index,
   return is_bridge;
 }
 
+// Rejects the pairs that contradict the motion of the rig, if it is known, and
+// the loop pairs that would join parts by themselves.
+void RejectByMotion(const FramePairIndex& index,
+                    const Mask& pair_is_discontinuous,
+                    const Mask& loop_contradicts_path, Mask* is_used,
+                    PairVerdicts* verdicts) {
+  if (pair_is_discontinuous.empty()) return;
+  is_used->Remove(pair_is_discontinuous);
+  Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
+         verdicts);
+  const Mask is_loop_across = FindLoopsAcrossContestedCuts(
+      index, *is_used, pair_is_discontinuous, loop_contradicts_path);
+  is_used->Remove(is_loop_across);
+  Reject(is_loop_across, RejectionReason::kUnsupportedBridge, verdicts);
+}
+
 }  // namespace
 
 EstimatedRotations EstimateRotations(
@@ -254,16 +271,13 @@ EstimatedRotations EstimateRotations(
     const ViewGraph& view_graph, const GravityPriors& gravity,
     const RotationAveragingOptions& options,
     const PairFilteringOptions& filtering, const Context& context,
-    const Mask& pair_is_discontinuous) {
+    const Mask& pair_is_discontinuous, const Mask& loop_contradicts_path) {
   EstimatedRotations result;
   result.verdicts.resize(view_graph.pairs.size());
   Mask is_used = PairsWithRelativePose(view_graph);
   Reject(Not(is_used), RejectionReason::kNoRelativePose, &result.verdicts);
-  if (!pair_is_discontinuous.empty()) {
-    is_used.Remove(pair_is_discontinuous);
-    Reject(pair_is_discontinuous, RejectionReason::kDiscontinuousMotion,
-           &result.verdicts);
-  }
+  RejectByMotion(index, pair_is_discontinuous, loop_contradicts_path, &is_used,
+                 &result.verdicts);
   RotationResult averaged;
   if (!is_used.Any()) {
     averaged = NothingToAverage(scene, view_graph, context);

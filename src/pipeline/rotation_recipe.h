@@ -36,12 +36,14 @@ struct EstimatedRotations {
 // would disconnect the frames. Without any relative
 // pose the estimate contains nothing but known sensors, and a warning says so.
 // Pairs that contradict the motion of the rig (motion_recipe.h) are rejected
-// first; an empty mask stands for none.
+// first, and loop pairs that contradict it do not join parts; empty masks stand
+// for none.
 [[nodiscard]] EstimatedRotations EstimateRotations(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph, const GravityPriors& gravity,
     const RotationAveragingOptions& options,
     const PairFilteringOptions& filtering, const Context& context,
-    const Mask& pair_is_discontinuous = {});
+    const Mask& pair_is_discontinuous = {},
+    const Mask& loop_contradicts_path = {});
 
 }  // namespace mgsfm

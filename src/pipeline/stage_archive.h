@@ -115,7 +115,7 @@ inline constexpr int kNumFields<RefinementState> = 3;
 template <>
 inline constexpr int kNumFields<EstimatedRotations> = 4;
 template <>
-inline constexpr int kNumFields<MotionOfScene> = 4;
+inline constexpr int kNumFields<MotionOfScene> = 5;
 template <>
 inline constexpr int kNumFields<PositionResult> = 5;
 
