@@ -60,7 +60,7 @@ Mask FindLoopsAcrossContestedCuts(const FramePairIndex& index,
     };
     if (!is_used[i] || !index.IsLoop(frames) || joins(sets.parts)) continue;
     is_loop_across[i] =
-        joins(sets.contested) || (joins(sets.ordered) && !is_revisit[i]) ||
+        (!is_revisit[i] && (joins(sets.contested) || joins(sets.ordered))) ||
         (!loop_contradicts_motion.empty() && loop_contradicts_motion[i]);
   }
   return is_loop_across;

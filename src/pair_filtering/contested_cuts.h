@@ -12,14 +12,14 @@ namespace mgsfm {
 // between two parts is contested if the motion of the rig contradicts pairs of
 // neighbours across it (motion_continuity.h): the parts belong together, but
 // their relative pose is unknown. Loop pairs alone do not decide it, because
-// nothing there contradicts duplicate structures. This holds for all parts that
+// nothing there contradicts duplicate structures, unless they lie along a
+// stretch that the rig passed twice (revisits.h). This holds for all parts that
 // contested cuts separate from each other.
 //
 // Parts that follow each other in time without a pair across the cut, contested
-// or not, belong together, too. They may be joined along a stretch that the rig
-// passed twice (revisits.h). Parts without an order, and those with a break
-// between them (temporal_order.h), such as drives of different days, may be
-// joined by all loop pairs.
+// or not, belong together, too. Parts with a break between them
+// (temporal_order.h), such as drives of different days, or without an order,
+// may be joined by all loop pairs.
 //
 // A loop pair that contradicts the motion of the rig does not join parts: it
 // tells where the rig is also where no pair crosses a cut.

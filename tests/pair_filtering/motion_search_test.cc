@@ -54,8 +54,8 @@ TEST(MotionSearchTest, MarginsAreTheCostOfTheNextBestMotion) {
       Steps others = steps;
       std::vector<Candidate>& step = others.candidates[k];
       const auto is_similar = [&](const Candidate& candidate) {
-        return AreEqualMotions(candidate.later_from_earlier,
-                               best.motions[k]->candidate.later_from_earlier,
+        return AreEqualMotions({candidate.later_from_earlier},
+                               {best.motions[k]->candidate.later_from_earlier},
                                steps.noise, 2.0);
       };
       step.erase(std::remove_if(step.begin(), step.end(), is_similar),
@@ -162,7 +162,7 @@ TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
       1e-9);
   EXPECT_DOUBLE_EQ(measured.share, 0.5 * (0.4 + 1.0));
   ASSERT_TRUE(measured.by_depth.has_value());
-  EXPECT_LT(AngleBetween(measured.by_depth->rotation, by_depth.rotation),
+  EXPECT_LT(AngleBetween(measured.by_depth->later_from_earlier.rotation, by_depth.rotation),
             1e-12);
   const Candidate& group = steps.candidates[0][1];
   ASSERT_TRUE(group.free_direction.has_value());

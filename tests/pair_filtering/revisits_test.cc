@@ -16,19 +16,26 @@ namespace {
 
 constexpr int kNumLoopFrames = 120;
 constexpr int kSecondPass = 80;  // its first rank
+constexpr int kReach = 10;
 
 // Loop pairs between frames, by their ranks. The frame of rank k in time has
-// the index order[k].
+// the index order[k]. Pairs of neighbours, which are not used, reach over kReach
+// frames.
 class RevisitLoops {
  public:
   explicit RevisitLoops(std::vector<int> order = InOrder(kNumLoopFrames))
-      : order_(std::move(order)), scene_(SingleImageFrames(order_)) {}
+      : order_(std::move(order)), scene_(SingleImageFrames(order_)) {
+    for (int gap = 1; gap <= kReach; ++gap) {
+      for (int k = 0; k + gap < kNumLoopFrames; ++k) {
+        AddPair(k, k + gap);
+        is_used_.push_back(false);
+      }
+    }
+    num_neighbours_ = is_used_.size();
+  }
 
   void Add(int rank1, int rank2) {
-    ImagePair pair;
-    std::tie(pair.image_idx1, pair.image_idx2) =
-        std::minmax({order_[rank1], order_[rank2]});
-    view_graph_.pairs.push_back(pair);
+    AddPair(rank1, rank2);
     is_used_.push_back(true);
   }
   // Pairs of frames of two passes along the same stretch.
@@ -43,22 +50,30 @@ class RevisitLoops {
       for (int k = 0; k < size2; ++k) Add(i, kSecondPass + k);
     }
   }
-  void DoNotUse(size_t pair) { is_used_[pair] = false; }
+  void DoNotUse(size_t loop) { is_used_[num_neighbours_ + loop] = false; }
 
   Mask Find(SequenceMode mode = SequenceMode::kYes) const {
     return FindRevisits(FramePairIndex(scene_, view_graph_, mode), is_used_);
   }
   bool AreAllRevisits() const {
     const size_t num_revisits = Find().Count();
-    EXPECT_TRUE(num_revisits == 0 || num_revisits == view_graph_.pairs.size());
+    EXPECT_TRUE(num_revisits == 0 || num_revisits == is_used_.Count());
     return num_revisits > 0;
   }
 
  private:
+  void AddPair(int rank1, int rank2) {
+    ImagePair pair;
+    std::tie(pair.image_idx1, pair.image_idx2) =
+        std::minmax({order_[rank1], order_[rank2]});
+    view_graph_.pairs.push_back(pair);
+  }
+
   std::vector<int> order_;
   Scene scene_;
   ViewGraph view_graph_;
   Mask is_used_;
+  size_t num_neighbours_ = 0;
 };
 
 TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
@@ -66,7 +81,7 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
        {InOrder(kNumLoopFrames), Shuffled(kNumLoopFrames)}) {
     for (const bool is_reversed : {false, true}) {
       RevisitLoops loops(order);
-      loops.AddPasses(2 * kMaxSequentialGap + 1, 1, is_reversed);
+      loops.AddPasses(2 * kReach + 1, 1, is_reversed);
       EXPECT_TRUE(loops.AreAllRevisits());
       EXPECT_FALSE(loops.Find(SequenceMode::kNo).Any());
     }
@@ -75,17 +90,17 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
 
 TEST(Revisits, AreNotDuplicateStructures) {
   RevisitLoops loops;
-  loops.AddPasses(2 * kMaxSequentialGap, 1, false);
+  loops.AddPasses(2 * kReach, 1, false);
   EXPECT_FALSE(loops.AreAllRevisits());
   // A rig that stands still sees a duplicate in any number of frames.
   RevisitLoops standing;
-  standing.AddDuplicate(40, kMaxSequentialGap);
+  standing.AddDuplicate(40, kReach);
   EXPECT_FALSE(standing.AreAllRevisits());
 }
 
 TEST(Revisits, AreNotOnePass) {
   RevisitLoops loops;
-  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kMaxSequentialGap + 2);
+  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kReach + 2);
   EXPECT_FALSE(loops.AreAllRevisits());
 }
 
@@ -100,7 +115,7 @@ TEST(Revisits, HaveShortGapsOnly) {
 TEST(Revisits, ConsistOfUsedLoops) {
   RevisitLoops loops;
   loops.AddPasses(30, 3, false);
-  loops.Add(0, kMaxSequentialGap);  // neighbours, no loop
+  loops.Add(0, kReach);  // neighbours, no loop
   EXPECT_EQ(loops.Find().Count(), 11U);
   loops.DoNotUse(5);  // leaves two parts of 12 steps
   EXPECT_FALSE(loops.Find().Any());

@@ -213,8 +213,8 @@ TEST(RigMotionsTest, SceneAndVehicleAreFound) {
        {Layout{true, false}, Layout{false, true}, Layout{true, true}}) {
     const std::vector<RigMotion> motions = Street(layout).Find();
     ASSERT_EQ(motions.size(), 2u);
-    ExpectNear(motions[0].later_from_earlier, kDrive);
-    ExpectNear(motions[1].later_from_earlier, kFollow);
+    ExpectNear(motions[0].measured.later_from_earlier, kDrive);
+    ExpectNear(motions[1].measured.later_from_earlier, kFollow);
     // Some matches agree by chance, or with both motions.
     EXPECT_NEAR(motions[0].share, 150.0 / 300.0, 0.03);
     EXPECT_EQ(motions[0].own_share, motions[0].share);
@@ -227,8 +227,8 @@ TEST(RigMotionsTest, SceneAndVehicleAreFound) {
 TEST(RigMotionsTest, AVehicleMayHaveMoreMatches) {
   const std::vector<RigMotion> motions = BehindALorry().Find();
   ASSERT_EQ(motions.size(), 2u);
-  ExpectNear(motions[0].later_from_earlier, kFollow);
-  ExpectNear(motions[1].later_from_earlier, kDrive);
+  ExpectNear(motions[0].measured.later_from_earlier, kFollow);
+  ExpectNear(motions[1].measured.later_from_earlier, kDrive);
 }
 
 // The standard deviation of the reach is 3 % for 150 points in the box.
@@ -239,7 +239,7 @@ TEST(RigMotionsTest, TheReachIsThatOfThePointsOfAMotion) {
   const std::vector<RigMotion> motions = frames.Find();
   ASSERT_EQ(motions.size(), 2u);
   const bool is_street_first =
-      AngleBetween(motions[0].later_from_earlier.rotation, kDrive.rotation) <
+      AngleBetween(motions[0].measured.later_from_earlier.rotation, kDrive.rotation) <
       DegToRad(0.5);
   const RigMotion& street = motions[is_street_first ? 0 : 1];
   const RigMotion& vehicle = motions[is_street_first ? 1 : 0];
@@ -267,8 +267,8 @@ TEST(RigMotionsTest, TheOrderOfImagesHasNoInfluence) {
     const std::vector<RigMotion> motions = Street(reversed).Find();
     ASSERT_EQ(motions.size(), expected.size());
     for (size_t k = 0; k < motions.size(); ++k) {
-      const Rigid3& a = motions[k].later_from_earlier;
-      const Rigid3& b = expected[k].later_from_earlier;
+      const Rigid3& a = motions[k].measured.later_from_earlier;
+      const Rigid3& b = expected[k].measured.later_from_earlier;
       EXPECT_LT(AngleBetween(a.rotation, b.rotation), 1e-9);
       EXPECT_LT((a.translation - b.translation).norm(), 1e-9);
       EXPECT_EQ(motions[k].share, expected[k].share);
@@ -302,8 +302,8 @@ TEST(RigMotionsTest, CamerasWithUnknownPosesAreLeftOut) {
   frames.ForgetSensor(1);
   const std::vector<RigMotion> motions = frames.Find();
   ASSERT_EQ(motions.size(), 2u);
-  ExpectNear(motions[0].later_from_earlier, kDrive);
-  ExpectNear(motions[1].later_from_earlier, kFollow);
+  ExpectNear(motions[0].measured.later_from_earlier, kDrive);
+  ExpectNear(motions[1].measured.later_from_earlier, kFollow);
   frames.ForgetSensor(0);
   EXPECT_TRUE(frames.Find().empty());
 }
