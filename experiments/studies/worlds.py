@@ -19,7 +19,7 @@ registered images, errors relative to the extent of the true path (each model is
 aligned on its own), false seams, warnings, and rejected right pairs.
 
   python3 -m experiments worlds --sets \\
-      'default=;rules=--PairFiltering.use_motion_continuity 1'"""
+      'default=;off=--PairFiltering.use_motion_continuity 0'"""
 
 
 def add_parser(subparsers):

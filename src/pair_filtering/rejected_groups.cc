@@ -15,9 +15,6 @@ namespace {
 
 // Bridges short gaps in the matches of a structure; affects the report only.
 constexpr int kMaxFrameGap = 3;
-// A vehicle is seen from frames that are close in time. Closer stretches than
-// this are more likely to show one than a duplicate; affects the report only.
-constexpr int kMaxGapOfVehicles = 10;
 
 // The rejected pairs of two frames.
 struct RejectedLink {
@@ -91,16 +88,11 @@ std::string DescribeRejectedGroup(const Scene& scene,
   const auto name = [&](int frame_idx) {
     return "'" + scene.frames[frame_idx].name + "'";
   };
-  const bool is_near =
-      group.first_frame_idx2 - group.last_frame_idx1 <= kMaxGapOfVehicles;
   return std::to_string(group.pair_idxs.size()) + " pairs between frames " +
          name(group.first_frame_idx1) + " to " + name(group.last_frame_idx1) +
          " and " + name(group.first_frame_idx2) + " to " +
          name(group.last_frame_idx2) +
-         " are rejected because they contradict the other pairs; they may "
-         "show " +
-         (is_near ? "vehicles that move along with the rig"
-                  : "duplicate structures");
+         " contradict the other pairs and are not used";
 }
 
 }  // namespace mgsfm

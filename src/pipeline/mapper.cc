@@ -408,6 +408,52 @@ std::optional<ViewGraph> FindVisible(const Scene& scene,
   return DropFixedRegions(scene, regions, matches, context);
 }
 
+// The verified pairs, and the matches without those of fixed regions, if there
+// are any.
+struct VisiblePairs {
+  ViewGraphResult verified;
+  std::optional<ViewGraph> matches;
+};
+
+// Verifies again without the matches of fixed regions.
+VisiblePairs VerifyVisible(const Scene& scene, const Bearings& bearings,
+                           const ViewGraph& all_matches,
+                           const StageFolder& stages,
+                           const MapperOptions& options, const Context& context,
+                           std::vector<StageTime>* times) {
+  const auto verify = [&](const char* stage, const ViewGraph& matches) {
+    return Saved(stages, stage, context, times, [&] {
+      return EstimateViewGraph(scene, bearings, matches, options.view_graph,
+                               context);
+    });
+  };
+  VisiblePairs pairs{verify("view graph", all_matches), {}};
+  pairs.matches = FindVisible(scene, bearings, all_matches,
+                              pairs.verified.estimate, options, context);
+  if (pairs.matches) {
+    pairs.verified = verify("visible view graph", *pairs.matches);
+  }
+  return pairs;
+}
+
+// The models, the verdicts about pairs, and the frames without a model.
+void ReconstructScene(const PositionStep& estimate_positions,
+                      const Measurements& measurements,
+                      const MapperOptions& options, const Context& context,
+                      RotationsOfScene* of_scene, MapperResult* result) {
+  EstimatedRotations& rotation = of_scene->rotation;
+  const std::vector<int> num_frames = CountFrames(rotation.estimate);
+  result->models =
+      ReconstructComponents(estimate_positions, measurements, num_frames,
+                            options, context, &rotation);
+  const Mask is_in_small_model = DropSmallModels(
+      measurements.scene, options.min_model_size, &result->models);
+  result->rejected_pairs = CountRejections(rotation.verdicts);
+  result->unregistered_frames = ExplainUnregistered(
+      measurements.scene, rotation.estimate, num_frames, is_in_small_model,
+      of_scene->frame_is_ambiguous, options, result->models);
+}
+
 // The stages after the calibration of focal lengths, which replaces the cameras
 // of the scene and the geometry of the pairs of `input`.
 MapperResult MapCalibrated(const PositionStep& estimate_positions,
@@ -419,18 +465,11 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   const Bearings bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
   });
-  const StageFolder stages{input.stage_store};
-  const auto verify = [&](const char* stage, const ViewGraph& matches) {
-    return Saved(stages, stage, context, &result.times, [&] {
-      return EstimateViewGraph(scene, bearings, matches, options.view_graph,
-                               context);
-    });
-  };
-  ViewGraphResult verified = verify("view graph", all_matches);
-  const std::optional<ViewGraph> visible = FindVisible(
-      scene, bearings, all_matches, verified.estimate, options, context);
-  if (visible) verified = verify("visible view graph", *visible);
-  const ViewGraph& view_graph = visible ? *visible : all_matches;
+  VisiblePairs pairs =
+      VerifyVisible(scene, bearings, all_matches, {input.stage_store}, options,
+                    context, &result.times);
+  ViewGraphResult& verified = pairs.verified;
+  const ViewGraph& view_graph = pairs.matches ? *pairs.matches : all_matches;
   result.view_graph = verified.summary;
   CheckKnownRigs(scene, verified.estimate);
   const auto check_input = [&] {
@@ -471,16 +510,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
                                   input.observer,
                                   input.stage_store,
                                   calibration};
-  const std::vector<int> num_frames = CountFrames(rotation.estimate);
-  result.models =
-      ReconstructComponents(estimate_positions, measurements, num_frames,
-                            options, context, &rotation);
-  const Mask is_in_small_model =
-      DropSmallModels(scene, options.min_model_size, &result.models);
-  result.rejected_pairs = CountRejections(rotation.verdicts);
-  result.unregistered_frames = ExplainUnregistered(
-      scene, rotation.estimate, num_frames, is_in_small_model,
-      of_scene.frame_is_ambiguous, options, result.models);
+  ReconstructScene(estimate_positions, measurements, options, context,
+                   &of_scene, &result);
   check_input();
   return result;
 }

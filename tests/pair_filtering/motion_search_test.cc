@@ -162,7 +162,8 @@ TEST(MotionCandidatesTest, PairsGiveTheRotationAndDepthsTheDistance) {
       1e-9);
   EXPECT_DOUBLE_EQ(measured.share, 0.5 * (0.4 + 1.0));
   ASSERT_TRUE(measured.by_depth.has_value());
-  EXPECT_LT(AngleBetween(measured.by_depth->later_from_earlier.rotation, by_depth.rotation),
+  EXPECT_LT(AngleBetween(measured.by_depth->later_from_earlier.rotation,
+                         by_depth.rotation),
             1e-12);
   const Candidate& group = steps.candidates[0][1];
   ASSERT_TRUE(group.free_direction.has_value());

@@ -16,16 +16,16 @@ namespace {
 
 constexpr int kNumLoopFrames = 120;
 constexpr int kSecondPass = 80;  // its first rank
-constexpr int kReach = 10;
+constexpr int kNeighbourReach = 10;
 
 // Loop pairs between frames, by their ranks. The frame of rank k in time has
-// the index order[k]. Pairs of neighbours, which are not used, reach over kReach
-// frames.
+// the index order[k]. Pairs of neighbours, which are not used, reach over
+// kNeighbourReach frames.
 class RevisitLoops {
  public:
   explicit RevisitLoops(std::vector<int> order = InOrder(kNumLoopFrames))
       : order_(std::move(order)), scene_(SingleImageFrames(order_)) {
-    for (int gap = 1; gap <= kReach; ++gap) {
+    for (int gap = 1; gap <= kNeighbourReach; ++gap) {
       for (int k = 0; k + gap < kNumLoopFrames; ++k) {
         AddPair(k, k + gap);
         is_used_.push_back(false);
@@ -81,7 +81,7 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
        {InOrder(kNumLoopFrames), Shuffled(kNumLoopFrames)}) {
     for (const bool is_reversed : {false, true}) {
       RevisitLoops loops(order);
-      loops.AddPasses(2 * kReach + 1, 1, is_reversed);
+      loops.AddPasses(2 * kNeighbourReach + 1, 1, is_reversed);
       EXPECT_TRUE(loops.AreAllRevisits());
       EXPECT_FALSE(loops.Find(SequenceMode::kNo).Any());
     }
@@ -90,17 +90,17 @@ TEST(Revisits, AreLongInBothPassesInAnyOrderOfFrames) {
 
 TEST(Revisits, AreNotDuplicateStructures) {
   RevisitLoops loops;
-  loops.AddPasses(2 * kReach, 1, false);
+  loops.AddPasses(2 * kNeighbourReach, 1, false);
   EXPECT_FALSE(loops.AreAllRevisits());
   // A rig that stands still sees a duplicate in any number of frames.
   RevisitLoops standing;
-  standing.AddDuplicate(40, kReach);
+  standing.AddDuplicate(40, kNeighbourReach);
   EXPECT_FALSE(standing.AreAllRevisits());
 }
 
 TEST(Revisits, AreNotOnePass) {
   RevisitLoops loops;
-  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kReach + 2);
+  for (int k = 0; k <= 50; ++k) loops.Add(k, k + kNeighbourReach + 2);
   EXPECT_FALSE(loops.AreAllRevisits());
 }
 
@@ -115,7 +115,7 @@ TEST(Revisits, HaveShortGapsOnly) {
 TEST(Revisits, ConsistOfUsedLoops) {
   RevisitLoops loops;
   loops.AddPasses(30, 3, false);
-  loops.Add(0, kReach);  // neighbours, no loop
+  loops.Add(0, kNeighbourReach);  // neighbours, no loop
   EXPECT_EQ(loops.Find().Count(), 11U);
   loops.DoNotUse(5);  // leaves two parts of 12 steps
   EXPECT_FALSE(loops.Find().Any());

@@ -239,8 +239,8 @@ TEST(RigMotionsTest, TheReachIsThatOfThePointsOfAMotion) {
   const std::vector<RigMotion> motions = frames.Find();
   ASSERT_EQ(motions.size(), 2u);
   const bool is_street_first =
-      AngleBetween(motions[0].measured.later_from_earlier.rotation, kDrive.rotation) <
-      DegToRad(0.5);
+      AngleBetween(motions[0].measured.later_from_earlier.rotation,
+                   kDrive.rotation) < DegToRad(0.5);
   const RigMotion& street = motions[is_street_first ? 0 : 1];
   const RigMotion& vehicle = motions[is_street_first ? 1 : 0];
   ASSERT_TRUE(street.reach && vehicle.reach);

@@ -87,9 +87,9 @@ struct MapperOptions {
       "Mapper.weak_seams", WeakSeams::kKeep,
       "Choose what happens at the weak seams of a model: keep reports them, "
       "split makes a model of each side, and split_jumps does so only where "
-      "adjacent frames contradict the motion of the rig. Sides that no point "
-      "connects are models of their own in any case. Split if a wrong model is "
-      "worse than several partial ones."};
+      "adjacent frames contradict the motion of the rig. Sides whose relative "
+      "pose no points determine are models of their own in any case. Split if "
+      "a wrong model is worse than several partial ones."};
 
   FocalLengthOptions focal_lengths;
   ViewGraphOptions view_graph;
