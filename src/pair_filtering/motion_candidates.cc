@@ -350,8 +350,10 @@ MeasuredMotion MotionOfStep(const Steps& steps, size_t k,
       ForwardStep(candidate, steps.durations[k] * steps.noise.median_step));
 }
 
-// A free distance is that of any motion of the step with a distance. The motion
-// that correspondences with depth gave may be better than that of image pairs.
+// A free distance is that of any motion of the step with a distance, unless the
+// matches contradict it: those with parallax exclude that an image pair shows
+// an object that keeps its distance. The motion that correspondences with depth
+// gave may be better than that of image pairs.
 std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
                                     const Candidate& candidate) {
   std::vector<Rigid3> motions{
@@ -362,8 +364,11 @@ std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
   if (!candidate.free_direction) return motions;
   for (const Candidate& other : steps.candidates[k]) {
     if (other.free_direction) continue;
-    motions.push_back(candidate.ClosestTo(other.later_from_earlier.Center())
-                          .later_from_earlier);
+    const Rigid3 motion = candidate.ClosestTo(other.later_from_earlier.Center())
+                              .later_from_earlier;
+    if (steps.compare(k, motions[0], motion).unexplained < kContestingShare) {
+      motions.push_back(motion);
+    }
   }
   return motions;
 }
@@ -371,10 +376,10 @@ std::vector<Rigid3> PossibleMotions(const Steps& steps, size_t k,
 // Whether the matches of a step exclude that two candidates are one motion.
 bool ExcludeEachOther(const Steps& steps, size_t k, const Candidate& a,
                       const Candidate& b) {
-  if (!steps.exclusion) return true;
+  if (!steps.compare) return true;
   for (const Rigid3& motion_a : PossibleMotions(steps, k, a)) {
     for (const Rigid3& motion_b : PossibleMotions(steps, k, b)) {
-      if (steps.exclusion(k, motion_a, motion_b) < kContestingShare) {
+      if (steps.compare(k, motion_a, motion_b).share < kContestingShare) {
         return false;
       }
     }

@@ -64,7 +64,8 @@ struct Steps {
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
   // Of two motions of step k (motion_continuity.h); may be empty.
-  std::function<double(size_t, const Rigid3&, const Rigid3&)> exclusion = {};
+  std::function<MotionExclusion(size_t, const Rigid3&, const Rigid3&)> compare =
+      {};
 
   size_t size() const { return candidates.size(); }
 

@@ -152,7 +152,7 @@ std::vector<RigPath::Place> FollowMotion(
 // Adds the places of one sequence. Returns the number of the next stretch.
 int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
                    const std::vector<StepHypotheses>& measured,
-                   const MotionExclusion& exclusion, int first_stretch,
+                   const MotionComparison& compare, int first_stretch,
                    RigPath* path) {
   if (sequence.size() < 2) return first_stretch;
   MGSFM_CHECK_EQ(measured.size() + 1, sequence.size());
@@ -161,9 +161,9 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
     durations.push_back(order.Duration(sequence[k], sequence[k + 1]));
   }
   Steps steps = MakeSteps(measured, std::move(durations));
-  if (exclusion) {
-    steps.exclusion = [&](size_t k, const Rigid3& a, const Rigid3& b) {
-      return exclusion(sequence[k], sequence[k + 1], a, b);
+  if (compare) {
+    steps.compare = [&](size_t k, const Rigid3& a, const Rigid3& b) {
+      return compare(sequence[k], sequence[k + 1], a, b);
     };
   }
   path->noise = Larger(path->noise, steps.noise);
@@ -233,7 +233,7 @@ bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {
 
 RigPath FindRigPath(const TemporalOrder& order, int num_frames,
                     const std::vector<std::vector<StepHypotheses>>& hypotheses,
-                    const MotionExclusion& exclusion) {
+                    const MotionComparison& compare) {
   MGSFM_CHECK_EQ(hypotheses.size(), order.sequences().size());
   RigPath path;
   path.of_frame.resize(num_frames);
@@ -243,7 +243,7 @@ RigPath FindRigPath(const TemporalOrder& order, int num_frames,
   int num_stretches = 0;
   for (size_t s = 0; s < hypotheses.size(); ++s) {
     num_stretches = FollowSequence(order, order.sequences()[s], hypotheses[s],
-                                   exclusion, num_stretches, &path);
+                                   compare, num_stretches, &path);
   }
   return path;
 }

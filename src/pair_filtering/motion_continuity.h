@@ -151,19 +151,26 @@ struct RigPath {
 };
 
 // How far the matches of two frames exclude that two motions are those of one
-// rigid scene: the smaller of the shares that agree with one of them only, of
-// the matches that agree with either. A motion that is measured badly, for lack
-// of parallax or by a wrong calibration, still agrees with the matches of the
-// true one; that of an object does not.
+// rigid scene. A motion that is measured badly, for lack of parallax or by a
+// wrong calibration, still agrees with the matches of the true one; that of an
+// object does not.
+struct MotionExclusion {
+  // The smaller of the shares that agree with one of the motions only, of the
+  // matches that agree with either.
+  double share = 0.0;
+  // Of the matches that agree with the first motion, those that contradict the
+  // second.
+  double unexplained = 0.0;
+};
 // Motions exclude each other from this share on. A rival also explains as many
 // matches, and others than those before.
 inline constexpr double kContestingShare = 0.15;
-using MotionExclusion =
-    std::function<double(int earlier_frame_idx, int later_frame_idx,
-                         const Rigid3& motion1, const Rigid3& motion2)>;
+using MotionComparison = std::function<MotionExclusion(
+    int earlier_frame_idx, int later_frame_idx, const Rigid3& motion1,
+    const Rigid3& motion2)>;
 
 // `hypotheses` has one item per step of each sequence of the order. Without
-// `exclusion`, motions that differ exclude each other. Steps
+// `compare`, motions that differ exclude each other. Steps
 // without a choice have the mean velocity of their neighbours. More than seven
 // of them, or fewer that take as long, begin another stretch, and so do
 // ambiguous ones and one far from any whose hypotheses disagree: nothing
@@ -171,6 +178,6 @@ using MotionExclusion =
 [[nodiscard]] RigPath FindRigPath(
     const TemporalOrder& order, int num_frames,
     const std::vector<std::vector<StepHypotheses>>& hypotheses,
-    const MotionExclusion& exclusion = {});
+    const MotionComparison& compare = {});
 
 }  // namespace mgsfm

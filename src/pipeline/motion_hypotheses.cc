@@ -47,48 +47,6 @@ struct AgreementCounts {
   double Unexplained() const { return Share(num_only1, num_both + num_only1); }
 };
 
-// Matches with and without depth.
-struct MotionComparison {
-  AgreementCounts with_depth, without_depth;
-};
-
-MotionComparison CompareMotions(const MotionProblem& problem,
-                                int earlier_frame_idx, int later_frame_idx,
-                                const Rigid3& motion1, const Rigid3& motion2) {
-  MotionComparison comparison;
-  const FramePair* frames =
-      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
-  if (frames == nullptr) return comparison;
-  for (const size_t i : frames->pair_idxs) {
-    const ImagePair& pair = problem.matches.pairs[i];
-    if (problem.scene.images[pair.image_idx1].sensor_idx !=
-        problem.scene.images[pair.image_idx2].sensor_idx) {
-      continue;
-    }
-    const auto pose1 =
-        RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
-    const auto pose2 =
-        RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
-    if (!pose1 || !pose2) continue;
-    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
-    const auto agrees = [&](const Match& match, const Rigid3& pose) {
-      return CompareWithMotion(problem.bearings, problem.depths, pair, match,
-                               pose,
-                               tolerance_rad) != MatchVerdict::kContradicts;
-    };
-    for (const Match& match : pair.matches) {
-      const bool has_depth =
-          problem.depths.IsKnown(pair.image_idx1,
-                                 static_cast<int>(match.keypoint_idx1)) ||
-          problem.depths.IsKnown(pair.image_idx2,
-                                 static_cast<int>(match.keypoint_idx2));
-      (has_depth ? comparison.with_depth : comparison.without_depth)
-          .Add(agrees(match, *pose1), agrees(match, *pose2));
-    }
-  }
-  return comparison;
-}
-
 // The motions of all steps that correspondences with depth support.
 SequenceHypotheses FindHypothesesByDepth(const MotionProblem& problem,
                                          const Context& context) {
@@ -247,8 +205,8 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
       [](const auto& a, const auto& b) { return a.share < b.share; });
   const auto is_excluded = [&](const MotionHypothesis& h) {
     return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
-                       h.later_from_earlier,
-                       strongest.later_from_earlier) >= kContestingShare;
+                       h.later_from_earlier, strongest.later_from_earlier)
+               .share >= kContestingShare;
   };
   if (std::any_of(by_depth->begin(), by_depth->end(), is_excluded) ||
       std::any_of(of_pairs.begin(), of_pairs.end(), is_excluded)) {
@@ -299,13 +257,42 @@ double ToleranceOf(const MotionProblem& problem, const ImagePair& pair,
   return tolerance_rad;
 }
 
-double ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
-                   int later_frame_idx, const Rigid3& motion1,
-                   const Rigid3& motion2) {
-  const MotionComparison comparison = CompareMotions(
-      problem, earlier_frame_idx, later_frame_idx, motion1, motion2);
-  return std::max(comparison.with_depth.Exclusion(),
-                  comparison.without_depth.Exclusion());
+MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
+                            int later_frame_idx, const Rigid3& motion1,
+                            const Rigid3& motion2) {
+  const FramePair* frames =
+      problem.matches_index.Find(earlier_frame_idx, later_frame_idx);
+  if (frames == nullptr) return {};
+  AgreementCounts with_depth, without_depth;
+  for (const size_t i : frames->pair_idxs) {
+    const ImagePair& pair = problem.matches.pairs[i];
+    if (problem.scene.images[pair.image_idx1].sensor_idx !=
+        problem.scene.images[pair.image_idx2].sensor_idx) {
+      continue;
+    }
+    const auto pose1 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion1);
+    const auto pose2 =
+        RelativePoseBy(problem, pair, earlier_frame_idx, motion2);
+    if (!pose1 || !pose2) continue;
+    const double tolerance_rad = ToleranceOf(problem, pair, 0.0);
+    const auto agrees = [&](const Match& match, const Rigid3& pose) {
+      return CompareWithMotion(problem.bearings, problem.depths, pair, match,
+                               pose,
+                               tolerance_rad) != MatchVerdict::kContradicts;
+    };
+    for (const Match& match : pair.matches) {
+      const bool has_depth =
+          problem.depths.IsKnown(pair.image_idx1,
+                                 static_cast<int>(match.keypoint_idx1)) ||
+          problem.depths.IsKnown(pair.image_idx2,
+                                 static_cast<int>(match.keypoint_idx2));
+      (has_depth ? with_depth : without_depth)
+          .Add(agrees(match, *pose1), agrees(match, *pose2));
+    }
+  }
+  return {std::max(with_depth.Exclusion(), without_depth.Exclusion()),
+          std::max(with_depth.Unexplained(), without_depth.Unexplained())};
 }
 
 Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,

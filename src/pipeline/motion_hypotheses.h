@@ -59,9 +59,11 @@ struct MotionProblem {
 // different sensors also show errors of their places in the rig. Matches with
 // depth, which tell a motion along epipolar lines, and those without count
 // apart.
-[[nodiscard]] double ExclusionOf(const MotionProblem& problem,
-                                 int earlier_frame_idx, int later_frame_idx,
-                                 const Rigid3& motion1, const Rigid3& motion2);
+[[nodiscard]] MotionExclusion ExclusionOf(const MotionProblem& problem,
+                                          int earlier_frame_idx,
+                                          int later_frame_idx,
+                                          const Rigid3& motion1,
+                                          const Rigid3& motion2);
 
 // The covariance of the rotation vector and the direction of a relative pose
 // with a baseline, by the residuals of its matches.

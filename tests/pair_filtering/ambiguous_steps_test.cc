@@ -30,7 +30,8 @@ class DriveWithSteps {
       scene_.frames.push_back({FrameId(id), std::to_string(i), 0, {i}});
     }
     for (int k = 0; k < kNumPlaces; ++k) {
-      for (const int gap : {1, 2, 10, kNumPlaces - 1}) AddPair(k, k + gap);
+      for (int gap = 1; gap <= 10; ++gap) AddPair(k, k + gap);
+      AddPair(k, k + kNumPlaces - 1);
     }
     path_.of_frame.resize(kNumPlaces);
   }

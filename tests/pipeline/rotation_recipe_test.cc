@@ -39,13 +39,14 @@ Simulation DriveWithDuplicates(double turn_deg,
   SimulationOptions options = SmallSimulation();
   options.rig = RigPreset::kMono;
   options.num_frames = kDriveLength;
+  options.num_matched_frames = 7;
   options.relative_rotation_noise_deg = 0.1;
   Simulation simulation = Simulate(options);
   const auto& truth = simulation.ground_truth.rig_from_world;
   auto& pairs = simulation.view_graph.pairs;
   KeepPairs(&simulation, [](const Image& image1, const Image& image2) {
     const auto [low, high] = std::minmax(image1.frame_idx, image2.frame_idx);
-    return high - low <= (low < kCut && high >= kCut ? 2 : 4);
+    return high - low <= (low < kCut && high >= kCut ? 2 : 7);
   });
   for (ImagePair& pair : pairs) {
     const int gap =

@@ -115,7 +115,7 @@ MapperModel ModelWithSeams(const Scene& scene) {
     first += 5;
     Seam seam;
     seam.reason = reason;
-    seam.num_tracks = 1;
+    seam.sigma_position = 0.1;
     for (int i = first; i < kNumFrames; ++i)
       seam.frame_idxs_beyond.push_back(i);
     model.confidence.seams.push_back(seam);
@@ -147,10 +147,10 @@ TEST(WeakSeams, SplitModelsAtJumps) {
   EXPECT_EQ(SeamsToSplit(scene, model, options).size(), 3u);
 }
 
-TEST(WeakSeams, SplitModelsWhereNoPointConnectsTheSides) {
+TEST(WeakSeams, SplitModelsWherePointsDoNotRelateTheSides) {
   const Scene scene = DriveWithWeakSeam().scene;
   MapperModel model = ModelWithSeams(scene);
-  model.confidence.seams[0].num_tracks = 0;
+  model.confidence.seams[0].sigma_position.reset();
   ASSERT_EQ(SeamsToSplit(scene, model, {}).size(), 1u);
   const auto seams = SeamsToSplit(scene, model, SplitJumps());
   ASSERT_EQ(seams.size(), 2u);
@@ -171,7 +171,7 @@ TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
   const auto add_jump = [&](int frame_idx) {
     Seam seam;
     seam.reason = SeamReason::kJump;
-    seam.num_tracks = 1;
+    seam.sigma_position = 0.1;
     seam.frame_idxs_beyond = {frame_idx};
     model.confidence.seams.push_back(seam);
   };
@@ -181,7 +181,7 @@ TEST(WeakSeams, DoNotSplitModelsThatJumpAllTheTime) {
   for (int i = 0; i < kNumFrames; i += 2) add_jump(i);
   EXPECT_TRUE(SeamsToSplit(scene, model, SplitJumps()).empty());
   // A part without a relation to the others is none all the same.
-  model.confidence.seams[2].num_tracks = 0;
+  model.confidence.seams[2].sigma_position.reset();
   const auto seams = SeamsToSplit(scene, model, SplitJumps());
   ASSERT_EQ(seams.size(), 1u);
   EXPECT_EQ(seams[0].frame_idxs_beyond,
