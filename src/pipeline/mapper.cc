@@ -524,10 +524,9 @@ bool NeedsFocalLengths(const Scene& scene, const MapperOptions& options) {
                      });
 }
 
-void LogFocalLengths(const Scene& scene,
-                     const std::vector<FocalLengthEstimate>& estimates,
+void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
                      const Context& context) {
-  for (const FocalLengthEstimate& estimate : estimates) {
+  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
     const std::string camera =
         "focal length of " + CameraLabel(scene, estimate.camera_idx);
     char numbers[96];
@@ -539,7 +538,9 @@ void LogFocalLengths(const Scene& scene,
       context.Info(camera + numbers);
     } else {
       std::snprintf(numbers, sizeof(numbers),
-                    " stays at %.2f px: ", estimate.prior_px);
+                    ": starts at %.2f px (initially %.2f): ",
+                    focal_lengths.cameras[estimate.camera_idx].params[0],
+                    estimate.prior_px);
       context.Info(camera + numbers + estimate.message);
     }
   }
@@ -583,7 +584,7 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
         return CalibrateFocalLengths(scene, input.view_graph,
                                      options.focal_lengths, context);
       });
-  LogFocalLengths(scene, focal_lengths.estimates, context);
+  LogFocalLengths(scene, focal_lengths, context);
   const ViewGraph uncalibrated =
       DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
   Scene calibrated = scene;

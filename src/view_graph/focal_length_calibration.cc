@@ -35,6 +35,10 @@ constexpr int kNumFactors = 15;
 const double kMaxLogFactor = std::log(2.5);
 // An estimate outside of the searched range by more than a fifth diverged.
 constexpr double kMaxRelativeLogFactor = 1.2;
+// The standard deviation of the logarithm of a guess: lenses of 30 to 120
+// degrees are equally usual. A more certain estimate is a better start, though
+// it is not accepted.
+constexpr double kSigmaOfGuess = 0.4;
 // Poses start at those of the previous focal lengths. Steps of 0.2 cross the
 // whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
@@ -337,14 +341,18 @@ Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
   return (variance * inverse.diagonal()).cwiseMax(sandwich.diagonal());
 }
 
-// Why the camera keeps its focal length; empty if the estimate is accepted.
+bool IsDiverged(double s) {
+  return std::abs(s) > kMaxRelativeLogFactor * kMaxLogFactor;
+}
+
+// Why the estimate is not certain; empty if it is accepted.
 std::string RejectionReason(int num_pairs, double s,
                             const std::optional<double>& sigma,
                             double max_sigma) {
   if (num_pairs < kMinNumPairs) {
     return "too few image pairs have a consistent epipolar geometry";
   }
-  if (std::abs(s) > kMaxRelativeLogFactor * kMaxLogFactor) return kReason;
+  if (IsDiverged(s)) return kReason;
   if (*sigma <= max_sigma) return "";
   char numbers[96];
   std::snprintf(numbers, sizeof(numbers),
@@ -389,8 +397,13 @@ FocalLengthResult MakeResult(const Scene& scene,
     if (num_pairs[c] > 0) estimate.sigma = std::sqrt(variances[i]);
     estimate.message =
         RejectionReason(num_pairs[c], s[i], estimate.sigma, max_sigma);
-    if (!estimate.message.empty()) continue;
-    estimate.estimated_px = std::exp(s[i]) * estimate.prior_px;
+    const bool is_accepted = estimate.message.empty();
+    if (is_accepted) {
+      estimate.estimated_px = std::exp(s[i]) * estimate.prior_px;
+    } else if (num_pairs[c] < kMinNumPairs || IsDiverged(s[i]) ||
+               !(*estimate.sigma < kSigmaOfGuess)) {
+      continue;
+    }
     result.cameras[camera_idx] = internal::WithFocalFactor(camera, s[i]);
   }
   return result;
@@ -449,7 +462,8 @@ ViewGraph DropCalibratedGeometry(const Scene& scene,
                                  const ViewGraph& view_graph) {
   Mask is_changed(scene.cameras.size(), false);
   for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
-    if (estimate.estimated_px) is_changed[estimate.camera_idx] = true;
+    const int i = estimate.camera_idx;
+    is_changed[i] = focal_lengths.cameras[i].params != scene.cameras[i].params;
   }
   ViewGraph kept = view_graph;
   for (ImagePair& pair : kept.pairs) {

@@ -89,7 +89,12 @@ TEST_P(UnobservableFocalLengthTest, IsReported) {
   EXPECT_FALSE(result.estimates[0].estimated_px.has_value());
   EXPECT_NE(result.estimates[0].message.find("rotate too little"),
             std::string::npos);
-  EXPECT_EQ(result.cameras[0].params, scene.cameras[0].params);
+  // The start is the guess, or closer to the truth.
+  const auto error = [&](const Camera& camera) {
+    return std::abs(
+        std::log(camera.params[0] / simulation.scene.cameras[0].params[0]));
+  };
+  EXPECT_LE(error(result.cameras[0]), error(scene.cameras[0]));
 }
 
 INSTANTIATE_TEST_SUITE_P(Paths, UnobservableFocalLengthTest,
@@ -126,6 +131,8 @@ TEST(FocalLengthTest, ThreadsDoNotChangeTheResult) {
 TEST(FocalLengthTest, GeometryOfChangedCamerasIsDropped) {
   const Simulation simulation = Drive(RigPreset::kStereo, PathPreset::kLoop);
   FocalLengthResult result;
+  result.cameras = simulation.scene.cameras;
+  result.cameras[0].params[0] *= 1.1;
   result.estimates.push_back({0, 700.0, 710.0, 0.001, 20, ""});
   const ViewGraph kept =
       DropCalibratedGeometry(simulation.scene, result, simulation.view_graph);

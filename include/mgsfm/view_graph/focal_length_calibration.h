@@ -38,8 +38,9 @@ namespace mgsfm {
 // plane, as on a flat road. The standard deviation of s is the larger of two
 // estimates: from the noise of the residuals, with pairs of one image taken as
 // fully dependent, and from the disagreement between pairs (sandwich). If it
-// exceeds max_sigma or s leaves the range, the camera keeps its focal length
-// and `message` gives the reason.
+// exceeds max_sigma or s leaves the range, the estimate is not accepted, and
+// `message` gives the reason. The camera still starts at an estimate that is
+// more certain than a guess, of a lens of 30 to 120 degrees.
 //
 // Source: Sweeney, Sattler, Hollerer, Turk, Pollefeys: Optimizing the viewing
 // graph for structure-from-motion, ICCV 2015; Kanatani, Matsunaga: Closed-form
@@ -55,8 +56,9 @@ struct FocalLengthOptions {
       "relative poses are estimated."};
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
-      "Maximum relative standard deviation of an estimated focal length; a "
-      "camera with a larger one keeps its initial focal length."};
+      "Maximum relative standard deviation of an estimated focal length that "
+      "is "
+      "accepted; with a larger one, the model names it as uncertain."};
   Option<int> max_num_pairs{
       "max_num_pairs", 300, AtLeast(1), "pairs",
       "Maximum number of image pairs per camera, selected at equal spacing. "
@@ -71,14 +73,14 @@ struct FocalLengthOptions {
 struct FocalLengthEstimate {
   int camera_idx = 0;
   double prior_px = 0.0;               // initial value
-  std::optional<double> estimated_px;  // nullopt: rejected, prior_px is kept
+  std::optional<double> estimated_px;  // nullopt: not accepted
   std::optional<double> sigma;         // relative; nullopt without pairs
   int num_pairs = 0;
   std::string message;  // reason of a rejection
 };
 
 struct FocalLengthResult {
-  std::vector<Camera> cameras;  // those of the scene, with accepted estimates
+  std::vector<Camera> cameras;  // those of the scene, at their estimates
   std::vector<FocalLengthEstimate> estimates;  // per camera without a prior
 };
 
