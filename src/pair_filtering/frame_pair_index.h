@@ -46,8 +46,8 @@ class FramePairIndex {
   bool is_sequence() const { return order_.has_value(); }
   // nullopt if the frames are not in temporal order.
   const std::optional<TemporalOrder>& order() const { return order_; }
-  // How many frames of its sequence a frame sees the same points for: the
-  // largest gap up to which, at each gap, an image pair links at least half of
+  // The number of frames for which points stay in view: the largest gap up to
+  // which, at each gap, an image pair links at least half of
   // the pairs of frames. At least 1, and per rig.
   int Reach(const FramePair& frames) const {
     return reaches_[rig_of_frame_[frames.frame_idx1]];

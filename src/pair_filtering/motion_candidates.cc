@@ -23,8 +23,8 @@ constexpr double kRelativeChange = 0.1;
 // It also changes by this share of the median speed per step, so that a rig can
 // stop at walking pace.
 constexpr double kMinChange = 0.03;
-// Change of the angular velocity, per step: recorded drives of KITTI at 3 Hz
-// contain changes of 2.4 degrees on straight roads.
+// Change of the angular velocity, per step, in addition to the typical one of
+// the recording: the tolerance of agreement, so that errors are no changes.
 constexpr double kMinTurnChange_rad = DegToRad(1.0);
 // The longest distance to try is twice this quantile of the measured distances:
 // objects that stay at a constant distance may be most, and a few are
@@ -71,7 +71,7 @@ double Excess(const Vector3d& difference, const Matrix3d& covariance) {
       std::max(0.0, difference.squaredNorm() - covariance.trace()));
 }
 
-// How two measurements of one motion differ.
+// The difference of two measurements of one motion, with its covariances.
 struct MotionDifference {
   Vector3d rotation_rad, center;
   Matrix3d rotation_covariance, center_covariance;

@@ -63,7 +63,7 @@ struct Steps {
   std::vector<double> durations;
   MotionNoise noise;
   double longest_step = 0.0;  // of those that are tried
-  // Of two motions of step k (motion_continuity.h); may be empty.
+  // Compares two motions of step k (motion_continuity.h); may be empty.
   std::function<MotionExclusion(size_t, const Rigid3&, const Rigid3&)> compare =
       {};
 

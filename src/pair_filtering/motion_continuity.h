@@ -150,16 +150,16 @@ struct RigPath {
   }
 };
 
-// How far the matches of two frames exclude that two motions are those of one
-// rigid scene. A motion that is measured badly, for lack of parallax or by a
-// wrong calibration, still agrees with the matches of the true one; that of an
-// object does not.
+// The evidence of the matches of two frames that two motions are not those of
+// one rigid scene. A motion that is measured badly, for lack of parallax or by
+// a wrong calibration, still agrees with the matches of the true one; that of
+// an object does not.
 struct MotionExclusion {
   // The smaller of the shares that agree with one of the motions only, of the
   // matches that agree with either.
   double share = 0.0;
-  // Of the matches that agree with the first motion, those that contradict the
-  // second.
+  // The share that contradicts the second motion, of the matches that agree
+  // with the first one.
   double unexplained = 0.0;
 };
 // Motions exclude each other from this share on. A rival also explains as many

@@ -15,9 +15,10 @@
 namespace mgsfm {
 namespace {
 
-// In reaches of pairs of neighbours: a structure is visible within one before
-// and one after its frame. docs/results/hard_drives.md#revisits has the lengths
-// of revisits and of duplicate structures.
+// The shortest revisit in reaches of pairs of neighbours: a structure is
+// visible within one reach before and one after its frame.
+// docs/results/hard_drives.md#revisits has the lengths of revisits and of
+// duplicate structures.
 constexpr int kMinRevisit = 2;
 // A share of the reach, which bridges missing images or matches.
 constexpr double kMaxLoopGap = 0.3;

@@ -15,9 +15,9 @@
 namespace mgsfm {
 namespace {
 
-// Intervals that are longer, in medians, or shorter than its inverse, are not
-// those of one recording: key frames of a drone that stops span a factor of
-// seven.
+// Intervals between a tenth of the median and ten medians are those of one
+// recording. The key frames of a drone that stops are up to 7.3 s apart,
+// at 1.35 s in the mean (EuRoC V1_01).
 constexpr double kMaxInterval = 10.0;
 
 bool HasTimes(const Scene& scene, const std::vector<int>& frame_idxs) {

@@ -207,11 +207,10 @@ std::optional<Intersection> Intersect(const Rigid3& cam2_from_cam1,
       {t.cross(ray2).norm() / sine, t.cross(turned).norm() / sine}, sine};
 }
 
-// Calls function(match, intersection) for all matches of a pair that intersect.
+// Calls function(match, ray1, ray2) for all matches of a pair with rays.
 template <typename Function>
-void ForEachIntersection(const Bearings& bearings, const ImagePair& pair,
-                         const Rigid3& cam2_from_cam1, double min_sine,
-                         const Function& function) {
+void ForEachRays(const Bearings& bearings, const ImagePair& pair,
+                 const Function& function) {
   for (const Match& match : pair.matches) {
     const auto keypoint1 = static_cast<int>(match.keypoint_idx1);
     const auto keypoint2 = static_cast<int>(match.keypoint_idx2);
@@ -219,11 +218,22 @@ void ForEachIntersection(const Bearings& bearings, const ImagePair& pair,
         !bearings.HasRay(pair.image_idx2, keypoint2)) {
       continue;
     }
-    const auto point =
-        Intersect(cam2_from_cam1, bearings.Ray(pair.image_idx1, keypoint1),
-                  bearings.Ray(pair.image_idx2, keypoint2), min_sine);
-    if (point) function(match, *point);
+    function(match, bearings.Ray(pair.image_idx1, keypoint1),
+             bearings.Ray(pair.image_idx2, keypoint2));
   }
+}
+
+// Calls function(match, intersection) for all matches of a pair that intersect.
+template <typename Function>
+void ForEachIntersection(const Bearings& bearings, const ImagePair& pair,
+                         const Rigid3& cam2_from_cam1, double min_sine,
+                         const Function& function) {
+  ForEachRays(
+      bearings, pair,
+      [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
+        const auto point = Intersect(cam2_from_cam1, ray1, ray2, min_sine);
+        if (point) function(match, *point);
+      });
 }
 
 // The depths of the keypoints of all images of two sensors, in baselines of
@@ -391,18 +401,15 @@ std::optional<BaselineLength> MeasureBaselineLength(const Scene& scene,
     information += squared;
     by_depths += sigma * sigma * squared;
   };
-  for (const Match& match : pair.matches) {
-    const auto k1 = static_cast<int>(match.keypoint_idx1);
-    const auto k2 = static_cast<int>(match.keypoint_idx2);
-    if (!bearings.HasRay(pair.image_idx1, k1) ||
-        !bearings.HasRay(pair.image_idx2, k2)) {
-      continue;
-    }
-    const Vector3d& ray1 = bearings.Ray(pair.image_idx1, k1);
-    const Vector3d& ray2 = bearings.Ray(pair.image_idx2, k2);
-    add(pair.image_idx1, k1, ray1, ray2, pose);
-    add(pair.image_idx2, k2, ray2, ray1, pose.Inverse());
-  }
+  const Rigid3 inverse = pose.Inverse();
+  ForEachRays(
+      bearings, pair,
+      [&](const Match& match, const Vector3d& ray1, const Vector3d& ray2) {
+        add(pair.image_idx1, static_cast<int>(match.keypoint_idx1), ray1, ray2,
+            pose);
+        add(pair.image_idx2, static_cast<int>(match.keypoint_idx2), ray2, ray1,
+            inverse);
+      });
   if (parallaxes.empty()) return std::nullopt;
   const auto num_rays = static_cast<double>(parallaxes.size());
   const double length = std::max(0.0, FitLength(std::move(parallaxes)));

@@ -54,11 +54,11 @@ struct MotionProblem {
 [[nodiscard]] double ToleranceOf(const MotionProblem& problem,
                                  const ImagePair& pair, double drift_rad);
 
-// By all matches, since those of the static scene are outliers of the pairs
-// that a vehicle dominates, but only between images of one sensor: matches of
-// different sensors also show errors of their places in the rig. Matches with
-// depth, which tell a motion along epipolar lines, and those without count
-// apart.
+// Compares two motions by all matches, since the matches of the static scene
+// are outliers of the pairs that a vehicle dominates, but only between images
+// of one sensor: matches of different sensors also show errors of their places
+// in the rig. Matches with depth, which tell a motion along epipolar lines, and
+// those without count apart.
 [[nodiscard]] MotionExclusion ExclusionOf(const MotionProblem& problem,
                                           int earlier_frame_idx,
                                           int later_frame_idx,

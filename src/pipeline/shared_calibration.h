@@ -50,8 +50,8 @@ class SharedCalibration {
 
   // The sensors of a model, adjusted without their prior, that differ from it
   // more than chance makes 1 of 10,000 sensors differ, given both covariances.
-  // With the overdispersion of ten blocks of frames, squared differences follow
-  // F with nine degrees of freedom.
+  // Squared differences follow F with nine degrees of freedom, those of the
+  // overdispersion of ten blocks of frames.
   std::vector<RigDifference> FindDifferences(
       const Reconstruction& model, const BundlePriors& priors,
       const BundleAdjustmentOptions& options, const Context& context,

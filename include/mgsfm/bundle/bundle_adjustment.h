@@ -279,7 +279,7 @@ struct SensorPosePrior {
   PoseMatrix sqrt_information = PoseMatrix::Zero();
 };
 
-// What another model tells of refined calibrations, instead of the terms of
+// The calibration that another model gives, in place of the terms of
 // sigma_R, sigma_t and sigma_f in (1). Empty: nothing.
 struct CalibrationPrior {
   std::vector<std::optional<SensorPosePrior>> sensors;  // per sensor

@@ -56,9 +56,8 @@ struct FocalLengthOptions {
       "relative poses are estimated."};
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
-      "Maximum relative standard deviation of an estimated focal length that "
-      "is "
-      "accepted; with a larger one, the model names it as uncertain."};
+      "Maximum relative standard deviation of an accepted estimate of a focal "
+      "length. Less certain ones are a start, and the model names them."};
   Option<int> max_num_pairs{
       "max_num_pairs", 300, AtLeast(1), "pairs",
       "Maximum number of image pairs per camera, selected at equal spacing. "
