@@ -142,7 +142,7 @@ struct RigPath {
   // Whether two motions agree within tolerance.
   bool AreSimilar(const Rigid3& a, const Rigid3& b) const;
   // Of the difference of two measurements, beyond that of precise ones.
-  double RotationTolerance_rad() const { return 2.0 * noise.rotation_rad; }
+  double RotationToleranceRad() const { return 2.0 * noise.rotation_rad; }
   // later_from_earlier of comparable frames.
   Rigid3 Between(int earlier, int later) const {
     return of_frame[later]->rig_from_start *

@@ -111,7 +111,7 @@ bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
   const Vector3d turn_error = LogSO3(
       pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
   const double max_turn_error =
-      kMaxRotationError_rad + path.RotationTolerance_rad() + expected.drift_rad;
+      kMaxRotationError_rad + path.RotationToleranceRad() + expected.drift_rad;
   const double min_error = MinDisplacement(problem, path);
   const Vector3d& translation = expected.cam2_from_cam1.translation;
   const Vector3d direction =
