@@ -8,6 +8,7 @@
 #include "bundle/contradicted_points.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
+#include "bundle/sensor_ties.h"
 #include "bundle/solve.h"
 #include "mgsfm/base/mask.h"
 #include "mgsfm/bundle/bundle_adjustment.h"
@@ -134,6 +135,7 @@ void RetriangulatePoints(const RefinementInput& input, int num_rounds_left,
                              round.max_error_px, input.options.min_match_share,
                              input.context.num_threads, &result->estimate);
   }
+  SeparateUntiedSensors(input.scene, &result->estimate);
   FinishRound(round, input.context, result);
 }
 

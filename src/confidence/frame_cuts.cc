@@ -121,14 +121,56 @@ void FrameCuts::Sums::Add(int frame_idx1, int frame_idx2, double amount) {
   at_frame_[cuts_.CommonAncestor(frame_idx1, frame_idx2)] -= 2.0 * amount;
 }
 
+void FrameCuts::Sums::SortDepthFirst(std::vector<int>* frame_idxs) const {
+  std::sort(frame_idxs->begin(), frame_idxs->end(),
+            [this](int a, int b) { return cuts_.enter_[a] < cuts_.enter_[b]; });
+}
+
 // The closed tour through the frames in depth-first order passes each edge
 // between them exactly twice.
-void FrameCuts::Sums::AddGroup(std::vector<int> frame_idxs, double amount) {
-  std::sort(frame_idxs.begin(), frame_idxs.end(),
-            [this](int a, int b) { return cuts_.enter_[a] < cuts_.enter_[b]; });
-  for (size_t i = 0; i < frame_idxs.size(); ++i) {
-    Add(frame_idxs[i], frame_idxs[(i + 1) % frame_idxs.size()], 0.5 * amount);
+void FrameCuts::Sums::AddTour(const std::vector<int>& sorted, double amount) {
+  for (size_t i = 0; i < sorted.size(); ++i) {
+    Add(sorted[i], sorted[(i + 1) % sorted.size()], 0.5 * amount);
   }
+}
+
+void FrameCuts::Sums::AddGroup(std::vector<int> frame_idxs, double amount) {
+  SortDepthFirst(&frame_idxs);
+  AddTour(frame_idxs, amount);
+}
+
+void FrameCuts::Sums::AddTies(std::vector<int> frame_idxs, double amount) {
+  const auto is_elsewhere = [&](int frame) {
+    return cuts_.root_[frame] != cuts_.root_[frame_idxs.front()];
+  };
+  if (frame_idxs.size() < 4 ||
+      std::any_of(frame_idxs.begin(), frame_idxs.end(), is_elsewhere)) {
+    return;
+  }
+  SortDepthFirst(&frame_idxs);
+  AddTour(frame_idxs, amount);
+  for (size_t i = 0; i < frame_idxs.size(); ++i) {
+    Add(frame_idxs[i], JunctionOf(frame_idxs, i), -amount);
+  }
+}
+
+// The frame where the path from one of the frames reaches the tree that joins
+// the others: their common ancestor, or on the way to a neighbour in
+// depth-first order.
+int FrameCuts::Sums::JunctionOf(const std::vector<int>& sorted,
+                                size_t idx) const {
+  const int frame = sorted[idx];
+  const int first = sorted[idx == 0 ? 1 : 0];
+  const int last = sorted[sorted.size() - (idx + 1 == sorted.size() ? 2 : 1)];
+  const int top = cuts_.CommonAncestor(first, last);
+  if (cuts_.CommonAncestor(frame, top) != top) return top;
+  int junction = top;
+  for (const size_t other : {idx - 1, idx + 1}) {
+    if (other >= sorted.size()) continue;
+    const int ancestor = cuts_.CommonAncestor(frame, sorted[other]);
+    if (cuts_.depth_[ancestor] > cuts_.depth_[junction]) junction = ancestor;
+  }
+  return junction;
 }
 
 std::vector<double> FrameCuts::Sums::Finish() const {

@@ -23,6 +23,7 @@ class FrameCuts {
 
   FrameCuts(int num_frames, const std::vector<GraphEdge>& edges);
 
+  int num_frames() const { return static_cast<int>(parent_.size()); }
   const std::vector<Cut>& cuts() const { return cuts_; }
 
   // The core of a tree is a frame that no cut separates from more than half of
@@ -49,10 +50,17 @@ class FrameCuts {
     void Add(int frame_idx1, int frame_idx2, double amount);
     // Adds the amount once to each cut that separates any two of the frames.
     void AddGroup(std::vector<int> frame_idxs, double amount);
+    // Adds the amount once to each cut that has at least two of the frames on
+    // each side.
+    void AddTies(std::vector<int> frame_idxs, double amount);
     // Per cut.
     std::vector<double> Finish() const;
 
    private:
+    void SortDepthFirst(std::vector<int>* frame_idxs) const;
+    void AddTour(const std::vector<int>& sorted, double amount);
+    int JunctionOf(const std::vector<int>& sorted, size_t idx) const;
+
     const FrameCuts& cuts_;
     std::vector<double> at_frame_;  // sums over a subtree make that of its edge
   };

@@ -21,8 +21,10 @@ struct ConfidenceInput {
   const Mask& pair_is_used;  // those whose matches made tracks
   const std::vector<RejectedGroup>& rejected_groups;
   const Reconstruction& reconstruction;
-  // Neighbours in time whose distance contradicts the motion of the rig.
+  // Frames of a sequence whose relative pose contradicts, or confirms, the
+  // motion of the rig.
   std::vector<std::pair<int, int>> jumps = {};
+  std::vector<std::pair<int, int>> confirmed = {};
 };
 
 // See mgsfm/confidence/confidence.h. Seams have no standard deviations. Cost:

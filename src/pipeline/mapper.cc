@@ -196,17 +196,22 @@ std::vector<MapperModel> ReconstructComponent(
   input.calibration = &measurements.calibration;
   if (input.observer) input.observer(initial);
   AdjustModel(input, options, context, std::move(initial), &model);
-  model.confidence = EstimateModelConfidence(
-      {scene, index, view_graph, input.pair_is_used, model.rejected_groups,
-       model.reconstruction,
-       FindMotionJumps(scene, index, view_graph, measurements.pair_on_path,
-                       model.reconstruction)},
-      options, context);
+  const auto confidence_of = [&](const Mask& used,
+                                 const MapperModel& adjusted) {
+    const ComparedMotions motions =
+        CompareMotions(scene, index, view_graph, measurements.pair_on_path,
+                       adjusted.reconstruction);
+    return EstimateModelConfidence(
+        {scene, index, view_graph, used, adjusted.rejected_groups,
+         adjusted.reconstruction, motions.jumps, motions.confirmed},
+        options, context);
+  };
+  model.confidence = confidence_of(input.pair_is_used, model);
   const std::vector<Seam> seams = SeamsToSplit(scene, model, options);
   if (!seams.empty()) {
     context.Info("the model is split at " + std::to_string(seams.size()) +
                  " of its weak seams");
-    return SplitAtSeams(input, index, options, context, seams, model);
+    return SplitAtSeams(input, options, context, seams, confidence_of, model);
   }
   return {std::move(model)};
 }

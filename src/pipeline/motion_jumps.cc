@@ -16,6 +16,9 @@ constexpr double kMaxRelativeError = 0.5;
 // a sound drive was a jump.
 constexpr double kMinErrorInSteps = 1.0;
 
+// Of the longer of both baselines: the noise of motions that depths measure.
+constexpr double kMaxErrorOfConfirmed = 0.2;
+
 using Eigen::Vector3d;
 
 // The baseline of a pair of images, in the frame of the second one.
@@ -102,7 +105,7 @@ double UnitInModel(const Baselines& baselines) {
 
 }  // namespace
 
-std::vector<std::pair<int, int>> FindMotionJumps(
+ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,
     const std::vector<std::optional<Rigid3>>& expected,
@@ -117,7 +120,7 @@ std::vector<std::pair<int, int>> FindMotionJumps(
     lengths.push_back(unit * step.ExpectedLength() / step.time_gap);
   }
   const double min_error = kMinErrorInSteps * Median(std::move(lengths));
-  std::vector<std::pair<int, int>> jumps;
+  ComparedMotions result;
   for (const Step& step : baselines.steps) {
     const double error = step.MedianOf([&](const Baseline& b) {
       return (b.actual - unit * b.expected).norm();
@@ -125,10 +128,12 @@ std::vector<std::pair<int, int>> FindMotionJumps(
     const double longer =
         std::max(step.ActualLength(), unit * step.ExpectedLength());
     if (error > std::max(min_error, kMaxRelativeError * longer)) {
-      jumps.push_back(step.frames);
+      result.jumps.push_back(step.frames);
+    } else if (error <= kMaxErrorOfConfirmed * longer) {
+      result.confirmed.push_back(step.frames);
     }
   }
-  return jumps;
+  return result;
 }
 
 }  // namespace mgsfm

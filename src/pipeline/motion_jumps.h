@@ -12,18 +12,25 @@
 
 namespace mgsfm {
 
-// Finds where a model contradicts the motion of the rig: neighbours in time
-// whose baseline differs from the expected one, in length or direction, by more
-// than half of the longer of both, and by more than a typical step. A cut that
-// few correct pairs cross can leave the distance open, and a wrong pair decides
-// it; on a vehicle alongside, pairs turn the direction.
+// Pairs of frames of one sequence.
+struct ComparedMotions {
+  // The baseline differs from the expected one, in length or direction, by more
+  // than half of the longer of both, and by more than a typical step.
+  std::vector<std::pair<int, int>> jumps;
+  // It differs by at most 20 % of the longer of both.
+  std::vector<std::pair<int, int>> confirmed;
+};
+
+// Compares a model with the motion of the rig. A cut that few correct pairs
+// cross can leave the distance open, and a wrong pair decides it; on a vehicle
+// alongside, pairs turn the direction.
 //
 // `expected` per pair of the view graph: cam2_from_cam1, in one unit of length.
 // The baselines within frames give this unit in the model, since a small model
 // can contradict most steps; without them, it is the median ratio of the
 // lengths of steps. Of the image pairs of equal sensors, the median counts.
 // Empty without expected poses. Cost: linear in the pairs.
-[[nodiscard]] std::vector<std::pair<int, int>> FindMotionJumps(
+[[nodiscard]] ComparedMotions CompareMotions(
     const Scene& scene, const FramePairIndex& index,
     const ViewGraph& view_graph,
     const std::vector<std::optional<Rigid3>>& expected,

@@ -81,13 +81,16 @@ int NumFramesInSegments(const Scene& scene, const MapperModel& model,
   return num_left;
 }
 
-Mask PairsOfSegment(const FramePairIndex& index,
-                    const std::vector<int>& segment_of_frame, int segment,
-                    Mask pair_is_used) {
+// The used pairs of a segment.
+Mask PairsOfSegment(const AdjustmentInput& input,
+                    const std::vector<int>& segment_of_frame, int segment) {
+  Mask pair_is_used = input.pair_is_used;
+  const auto is_elsewhere = [&](int image_idx) {
+    return segment_of_frame[input.scene.images[image_idx].frame_idx] != segment;
+  };
   for (size_t i = 0; i < pair_is_used.size(); ++i) {
-    const FramePairIndex::FramePair& frames = index.Of(i);
-    if (segment_of_frame[frames.frame_idx1] != segment ||
-        segment_of_frame[frames.frame_idx2] != segment) {
+    const ImagePair& pair = input.view_graph.pairs[i];
+    if (is_elsewhere(pair.image_idx1) || is_elsewhere(pair.image_idx2)) {
       pair_is_used[i] = false;
     }
   }
@@ -129,15 +132,17 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
   const std::string text =
       "the model can be wrong at " + Count(num_seams, "weak seam") +
       "; at the weakest, between frames '" + core + "' and '" + beyond + "', " +
-      Count(weakest.num_tracks, "point") + " and " +
-      std::to_string(weakest.num_confirmed) + " matches connect " +
-      Count(num_beyond, "frame") + " to the others, " +
+      Count(weakest.num_tracks, "point") + " (" +
+      std::to_string(weakest.num_ties) + " of at least two frames on either " +
+      "side) and " + std::to_string(weakest.num_confirmed) +
+      " matches connect " + Count(num_beyond, "frame") + " to the others, " +
       std::to_string(weakest.num_against) + " matches contradict them";
   return Finding{Cause::kWeakSeams,
                  {},
                  {core, beyond},
                  {{"num_seams", static_cast<double>(num_seams)},
                   {"num_tracks", weakest.num_tracks},
+                  {"num_ties", weakest.num_ties},
                   {"num_confirmed_matches", weakest.num_confirmed},
                   {"num_matches_against", weakest.num_against}},
                  text,
@@ -166,10 +171,10 @@ std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
 }
 
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
-                                      const FramePairIndex& index,
                                       const MapperOptions& options,
                                       const Context& context,
                                       const std::vector<Seam>& seams,
+                                      const ConfidenceFunction& confidence_of,
                                       const MapperModel& model) {
   const Scene& scene = input.scene;
   const std::vector<int> segment_of_frame = SegmentsOfFrames(scene, seams);
@@ -190,15 +195,11 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
     }
     AdjustmentInput of_part = input;
     of_part.stages.prefix += "part " + std::to_string(segment) + ", ";
-    of_part.pair_is_used =
-        PairsOfSegment(index, segment_of_frame, segment, input.pair_is_used);
+    of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
     Reconstruction initial = std::move(part.reconstruction);
     AdjustModel(of_part, options, context, std::move(initial), &part);
     if (!IsLargeEnough(part, options)) continue;
-    part.confidence = EstimateModelConfidence(
-        {scene, index, input.view_graph, of_part.pair_is_used,
-         part.rejected_groups, part.reconstruction},
-        options, context);
+    part.confidence = confidence_of(of_part.pair_is_used, part);
     parts.push_back(std::move(part));
   }
   return parts;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -32,15 +33,19 @@ std::optional<Finding> DescribeSeams(const Scene& scene,
 std::vector<Seam> SeamsToSplit(const Scene& scene, const MapperModel& model,
                                const MapperOptions& options);
 
+// The confidence of a model whose tracks the matches of some pairs make.
+using ConfidenceFunction =
+    std::function<Confidence(const Mask& pair_is_used, const MapperModel&)>;
+
 // One model for each set of frames that none of `seams` separates. Each is
 // adjusted again, the largest first, without the pairs that cross a seam, and
 // keeps the summaries of the stages before. Sets of fewer than min_num_frames
 // frames, and those that points alone do not hold together, are omitted.
 std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
-                                      const FramePairIndex& index,
                                       const MapperOptions& options,
                                       const Context& context,
                                       const std::vector<Seam>& seams,
+                                      const ConfidenceFunction& confidence_of,
                                       const MapperModel& model);
 
 // Whether a model has points and at least min_num_frames registered frames.

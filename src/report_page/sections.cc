@@ -295,11 +295,12 @@ std::string SeamTable(const PageModel& model) {
                     Stretches(GetArray(seam, "frames_after")),
                     Number(GetNumber(seam, "num_pairs"), 0),
                     Number(GetNumber(seam, "num_tracks"), 0),
+                    Number(GetNumber(seam, "num_ties"), 0),
                     Number(GetNumber(seam, "sigma_position"), 4),
                     Number(GetNumber(seam, "sigma_rotation_deg"), 3)});
   }
   return Table({"seam", "frames before", "frames after", "pairs", "tracks",
-                "sigma of position [" + LengthUnit(model) + "]",
+                "ties", "sigma of position [" + LengthUnit(model) + "]",
                 "sigma of rotation [deg]"},
                rows);
 }

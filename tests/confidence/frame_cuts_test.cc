@@ -109,6 +109,29 @@ TEST(FrameCuts, SumWhatCrossesThem) {
   EXPECT_EQ(groups.Finish(), expected_groups);
 }
 
+TEST(FrameCuts, AreTiedByTwoFramesOnEitherSide) {
+  RandomGraph graph;
+  const FrameCuts cuts(RandomGraph::kNumFrames, graph.edges);
+  FrameCuts::Sums ties(cuts);
+  std::vector<double> expected(cuts.cuts().size(), 0.0);
+  for (int n = 0; n < 200; ++n) {
+    std::set<int> group;
+    const uint32_t size = 1 + graph.random.Index(9);
+    while (group.size() < size) {
+      group.insert(static_cast<int>(graph.random.Index(20)));
+    }
+    ties.AddTies({group.begin(), group.end()}, 1.0);
+    for (size_t k = 0; k < cuts.cuts().size(); ++k) {
+      size_t num_below = 0;
+      for (const int frame : cuts.FramesOfSide(k, true)) {
+        num_below += group.count(frame);
+      }
+      if (num_below >= 2 && num_below + 2 <= size) ++expected[k];
+    }
+  }
+  EXPECT_EQ(ties.Finish(), expected);
+}
+
 TEST(FrameCuts, PassTheSmallestValueOutwards) {
   RandomGraph graph;
   const FrameCuts cuts(RandomGraph::kNumFrames, graph.edges);

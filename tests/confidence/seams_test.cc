@@ -21,7 +21,9 @@ struct Drive {
   Simulation simulation;
   Mask pair_is_used;
   std::vector<RejectedGroup> rejected_groups;
+  SequenceMode is_sequence = SequenceMode::kAuto;
   std::vector<std::pair<int, int>> jumps;
+  std::vector<std::pair<int, int>> confirmed;
 
   Drive() {
     SimulationOptions options;
@@ -63,6 +65,24 @@ struct Drive {
     simulation.ground_truth.points = std::move(points);
   }
 
+  // Splits all points at the cut, and adds points of the frames next to it.
+  void JoinByTwoFrames() {
+    std::vector<Point3D> points;
+    for (Point3D point : simulation.ground_truth.points) {
+      const auto is_elsewhere = [&](const Observation& o) {
+        const int frame = FrameOf(o.image_idx);
+        return frame != kFirstBeyond - 1 && frame != kFirstBeyond;
+      };
+      point.track.erase(
+          std::remove_if(point.track.begin(), point.track.end(), is_elsewhere),
+          point.track.end());
+      if (!point.track.empty()) points.push_back(point);
+    }
+    KeepCrossingPoints(0);
+    auto& all = simulation.ground_truth.points;
+    all.insert(all.begin(), points.begin(), points.end());
+  }
+
   // Rejects most of the pairs across the cut: they contradict the model.
   void RejectCrossingPairs() {
     Mask is_rejected(pair_is_used.size(), false);
@@ -88,13 +108,13 @@ struct Drive {
   }
 
   FramePairIndex Index() const {
-    return {simulation.scene, simulation.view_graph};
+    return {simulation.scene, simulation.view_graph, is_sequence};
   }
   Confidence Estimate(const ConfidenceOptions& options = {}) const {
     const FramePairIndex index = Index();
     return EstimateConfidence(
         {simulation.scene, index, simulation.view_graph, pair_is_used,
-         rejected_groups, simulation.ground_truth, jumps},
+         rejected_groups, simulation.ground_truth, jumps, confirmed},
         options);
   }
 };
@@ -116,18 +136,59 @@ TEST(Seams, AreNotInASoundModel) {
 
 TEST(Seams, AreWhereFewPointsCross) {
   Drive drive;
-  drive.KeepCrossingPoints(12);
+  drive.KeepCrossingPoints(4);
   const Confidence confidence = drive.Estimate();
   ASSERT_EQ(confidence.seams.size(), 1u);
   const Seam& seam = confidence.seams[0];
-  EXPECT_EQ(seam.reason, SeamReason::kFewTracks);
+  EXPECT_EQ(seam.reason, SeamReason::kFewTies);
   EXPECT_EQ(seam.frame_idxs_beyond, FramesBeyond());
   EXPECT_GE(seam.frame_idx_beyond, kFirstBeyond);
   EXPECT_LT(seam.frame_idx_core, kFirstBeyond);
-  EXPECT_EQ(seam.num_tracks, 12);
+  EXPECT_EQ(seam.num_tracks, 4);
   for (int i = 0; i < kNumFrames; ++i) {
     EXPECT_EQ(*confidence.of_frame[i] < 0.5, i >= kFirstBeyond) << i;
   }
+}
+
+// Two frames also agree on an object that moves.
+TEST(Seams, AreWhereOnlyTwoFramesObserveThePoints) {
+  Drive drive;
+  drive.JoinByTwoFrames();
+  const Confidence confidence = drive.Estimate();
+  ASSERT_EQ(confidence.seams.size(), 1u);
+  EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTies);
+  EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
+  EXPECT_EQ(confidence.seams[0].num_ties, 0);
+  EXPECT_GT(confidence.seams[0].num_tracks, 20);
+}
+
+// Two frames observe all points of a model of two frames.
+TEST(Seams, AreNotInAModelOfTwoFrames) {
+  Drive drive;
+  auto& model = drive.simulation.ground_truth;
+  for (int i = 2; i < kNumFrames; ++i) model.rig_from_world[i].reset();
+  std::vector<Point3D> points;
+  for (Point3D& point : model.points) {
+    point.track.erase(std::remove_if(point.track.begin(), point.track.end(),
+                                     [&](const auto& o) {
+                                       return drive.FrameOf(o.image_idx) >= 2;
+                                     }),
+                      point.track.end());
+    if (point.track.size() >= 2) points.push_back(point);
+  }
+  model.points = points;
+  EXPECT_TRUE(drive.Estimate().seams.empty());
+}
+
+TEST(Seams, AreNotWhereTheMotionIsConfirmed) {
+  Drive drive;
+  drive.KeepCrossingPoints(80);
+  drive.RejectCrossingPairs();
+  drive.confirmed = {{kFirstBeyond - 1, kFirstBeyond}};
+  EXPECT_TRUE(drive.Estimate().seams.empty());
+  drive.jumps = {{kFirstBeyond - 1, kFirstBeyond}};
+  ASSERT_EQ(drive.Estimate().seams.size(), 1u);
+  EXPECT_EQ(drive.Estimate().seams[0].reason, SeamReason::kJump);
 }
 
 TEST(Seams, AreWhereManyPairsDisagree) {
@@ -142,9 +203,32 @@ TEST(Seams, AreWhereManyPairsDisagree) {
   EXPECT_GT(seam.num_against, seam.num_confirmed);
 }
 
-// Rejected pairs close loops over the cut and over stronger ones. Only those
-// with at most twice its strength are doubtful.
-TEST(Seams, AreTheWeakestCutsOfALoop) {
+// No step of the sequence is as long as the error of the rejected pairs.
+TEST(Seams, AreNotWhereNoStepHidesTheError) {
+  Drive drive;
+  drive.KeepCrossingPoints(80);
+  drive.RejectCrossingPairs();
+  drive.is_sequence = SequenceMode::kYes;
+  EXPECT_EQ(drive.Estimate().seams.size(), 1u);
+  for (const size_t i : drive.rejected_groups.at(0).pair_idxs) {
+    RelativePose& pose = *drive.simulation.view_graph.pairs[i].relative_pose;
+    pose.translation_direction = -*pose.translation_direction;
+  }
+  // The model moves from frame 2 to frame 9, the pairs the other way.
+  auto& pairs = drive.rejected_groups.at(0).pair_idxs;
+  pairs.erase(std::remove_if(pairs.begin(), pairs.end(),
+                             [&](size_t i) {
+                               const FramePairIndex index = drive.Index();
+                               const auto& frames = index.Of(i);
+                               return frames.frame_idx2 - frames.frame_idx1 < 3;
+                             }),
+              pairs.end());
+  ASSERT_FALSE(pairs.empty());
+  EXPECT_TRUE(drive.Estimate().seams.empty());
+}
+
+// Rejected pairs close loops over the cut and over stronger ones.
+TEST(Seams, AreTheWeakestCutOfALoop) {
   Drive drive;
   drive.KeepCrossingPoints(80);
   drive.RejectCrossingPairs();
@@ -164,14 +248,14 @@ TEST(Seams, AreTheWeakestCutsOfALoop) {
 
 TEST(Seams, AreWhereNoPointCrosses) {
   ConfidenceOptions options;
-  options.min_num_tracks = 0;
+  options.min_num_ties = 0;
   for (const bool has_pairs : {true, false}) {
     Drive drive;
     drive.KeepCrossingPoints(0);
     if (!has_pairs) drive.RemoveCrossingPairs();
     const Confidence confidence = drive.Estimate(options);
     ASSERT_EQ(confidence.seams.size(), 1u);
-    EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTracks);
+    EXPECT_EQ(confidence.seams[0].reason, SeamReason::kFewTies);
     EXPECT_EQ(confidence.seams[0].num_tracks, 0);
     EXPECT_EQ(confidence.seams[0].frame_idxs_beyond, FramesBeyond());
   }

@@ -59,7 +59,7 @@ class Drive {
     }
   }
 
-  std::vector<std::pair<int, int>> FindJumps() const { return Find(expected_); }
+  std::vector<std::pair<int, int>> FindJumps() const { return Compare().jumps; }
   // All of them across the gap, with the frames next to it.
   void ExpectJumps() const {
     const auto jumps = FindJumps();
@@ -70,12 +70,13 @@ class Drive {
       EXPECT_GT(after, kLastBefore);
     }
   }
-  std::vector<std::pair<int, int>> Find(
+  ComparedMotions Compare() const { return Compare(expected_); }
+  ComparedMotions Compare(
       const std::vector<std::optional<Rigid3>>& expected) const {
     const FramePairIndex index(simulation_.scene, simulation_.view_graph,
                                SequenceMode::kYes);
-    return FindMotionJumps(simulation_.scene, index, simulation_.view_graph,
-                           expected, simulation_.ground_truth);
+    return CompareMotions(simulation_.scene, index, simulation_.view_graph,
+                          expected, simulation_.ground_truth);
   }
 
  private:
@@ -89,6 +90,18 @@ class Drive {
 
 TEST(MotionJumps, AreNotInATrueModel) {
   EXPECT_TRUE(Drive().FindJumps().empty());
+}
+
+TEST(MotionJumps, AreNoConfirmedMotions) {
+  Drive drive;
+  const size_t num_compared = drive.Compare().confirmed.size();
+  EXPECT_GE(num_compared, size_t{kNumFrames - 1});
+  drive.PullApart(3.0);
+  const ComparedMotions compared = drive.Compare();
+  EXPECT_EQ(compared.jumps.size() + compared.confirmed.size(), num_compared);
+  for (const auto& [before, after] : compared.confirmed) {
+    EXPECT_EQ(before <= kLastBefore, after <= kLastBefore);
+  }
 }
 
 TEST(MotionJumps, AreWhereThePartsOfAModelAreTooFarApart) {
@@ -140,7 +153,7 @@ TEST(MotionJumps, AreWhereTheRigMovesSideways) {
 TEST(MotionJumps, NeedExpectedPoses) {
   Drive drive;
   drive.PullApart(3.0);
-  EXPECT_TRUE(drive.Find({}).empty());
+  EXPECT_TRUE(drive.Compare({}).jumps.empty());
 }
 
 }  // namespace

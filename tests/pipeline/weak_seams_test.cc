@@ -4,8 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdint>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/pipeline/mapper.h"
@@ -18,7 +21,8 @@ namespace {
 constexpr int kNumFrames = 24;
 constexpr int kFirstBeyond = 10;
 
-// A drive with hardly any matches between two stretches.
+// A drive with hardly any matches between two stretches. Their keypoints in the
+// second one match no other image.
 Simulation DriveWithWeakSeam() {
   SimulationOptions options;
   options.num_frames = kNumFrames;
@@ -28,13 +32,27 @@ Simulation DriveWithWeakSeam() {
     return simulation.scene.images[image_idx].frame_idx >= kFirstBeyond;
   };
   std::vector<ImagePair> pairs;
+  std::set<std::pair<int, uint32_t>> crossing;  // image and keypoint
   int num_crossing = 0;
   for (ImagePair& pair : simulation.view_graph.pairs) {
     if (is_beyond(pair.image_idx1) != is_beyond(pair.image_idx2)) {
       if (num_crossing++ >= 2) continue;
       pair.matches.resize(std::min<size_t>(pair.matches.size(), 22));
+      for (const Match& match : pair.matches) {
+        crossing.insert({pair.image_idx2, match.keypoint_idx2});
+      }
     }
     pairs.push_back(pair);
+  }
+  for (ImagePair& pair : pairs) {
+    if (is_beyond(pair.image_idx1) != is_beyond(pair.image_idx2)) continue;
+    const auto crosses = [&](const Match& match) {
+      return crossing.count({pair.image_idx1, match.keypoint_idx1}) > 0 ||
+             crossing.count({pair.image_idx2, match.keypoint_idx2}) > 0;
+    };
+    pair.matches.erase(
+        std::remove_if(pair.matches.begin(), pair.matches.end(), crosses),
+        pair.matches.end());
   }
   simulation.view_graph.pairs = std::move(pairs);
   return simulation;
@@ -111,7 +129,7 @@ MapperModel ModelWithSeams(const Scene& scene) {
   model.reconstruction.rig_from_world.assign(scene.frames.size(), Rigid3());
   int first = 0;
   for (const SeamReason reason :
-       {SeamReason::kFewTracks, SeamReason::kJump, SeamReason::kContradicted}) {
+       {SeamReason::kFewTies, SeamReason::kJump, SeamReason::kContradicted}) {
     first += 5;
     Seam seam;
     seam.reason = reason;
@@ -154,7 +172,7 @@ TEST(WeakSeams, SplitModelsWherePointsDoNotRelateTheSides) {
   ASSERT_EQ(SeamsToSplit(scene, model, {}).size(), 1u);
   const auto seams = SeamsToSplit(scene, model, SplitJumps());
   ASSERT_EQ(seams.size(), 2u);
-  EXPECT_EQ(seams[0].reason, SeamReason::kFewTracks);
+  EXPECT_EQ(seams[0].reason, SeamReason::kFewTies);
   EXPECT_EQ(seams[1].reason, SeamReason::kJump);
   // Positions place both sides in one world.
   model.position_priors = PositionPriorSummary();

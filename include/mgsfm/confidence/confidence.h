@@ -19,22 +19,32 @@ namespace mgsfm {
 // counts for each cut
 //
 //   num_tracks   points observed on both sides,
+//   num_ties     points whose position the frames of either side determine:
+//                two of each side observe them, or all frames of a smaller
+//                side,
 //   confirmed    confirmed matches of used pairs between the sides,
 //   against      matches of the largest group of rejected pairs between the
 //                sides. The pairs of such a group agree on another trajectory;
-//                isolated wrong pairs do not. A group counts only against the
-//                weakest cuts of the loop that it closes.
+//                isolated wrong pairs do not. A group counts against one cut of
+//                the loop that it closes: the weakest one that can hide its
+//                error. In a sequence, the error of a cut is that of a step.
 //
 // The confidence of a cut is the share that agrees, less if few points cross:
 //
 //   confirmed / (confirmed + against) * num_tracks / (num_tracks + n0),
 //
 // and that of a frame is the smallest of the cuts between it and the core, the
-// frame that no cut separates from most others. A cut is a seam if few tracks
-// cross it or if the share against it is large. Wrong models break at seams:
-// robust averaging decides there by a few votes. In a sequence, a jump between
-// neighbours in time contradicts the motion of the rig; the weakest cut between
-// them is a seam, too, with confidence 0.
+// frame that no cut separates from most others. Wrong models break at seams. A
+// cut is a seam
+//
+//   few ties       if few points tie its sides. Two frames also agree on an
+//                  object that moves; more frames agree on it only if it moves
+//                  as the model does.
+//   jump           if neighbours in time on both sides contradict the motion of
+//                  the rig. It is the weakest cut between them, and its
+//                  confidence is 0.
+//   contradicted   if the share against it is large. Nothing counts against a
+//                  cut across which frames confirm the motion of the rig.
 //
 // The uncertainty of a seam is that of the pose of one of the two frames next
 // to it relative to the other, from the noise of the keypoints around them
@@ -42,9 +52,10 @@ namespace mgsfm {
 // seam are correct.
 
 struct ConfidenceOptions {
-  Option<int> min_num_tracks{
-      "min_num_tracks", 60, AtLeast(0), "tracks",
-      "Cuts crossed by fewer tracks are reported as weak seams."};
+  Option<int> min_num_ties{
+      "min_num_ties", 5, AtLeast(0), "points",
+      "Report cuts as weak seams if fewer points are observed by two frames on "
+      "either side, or by all frames of a smaller side."};
   Option<double> max_share_against{
       "max_share_against", 0.6, Between(0.0, 1.0),
       "A cut is reported as a weak seam if the largest group of rejected pairs "
@@ -52,12 +63,12 @@ struct ConfidenceOptions {
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(min_num_tracks, max_share_against);
+    visit(min_num_ties, max_share_against);
   }
 };
 
 enum class SeamReason {
-  kFewTracks,     // few observations tie the sides together
+  kFewTies,       // few points tie the sides together
   kContradicted,  // a group of rejected pairs disagrees with the model
   kJump,          // neighbours in time are not where the rig moved
 };
@@ -65,13 +76,13 @@ enum class SeamReason {
 template <>
 struct EnumTable<SeamReason> {
   static constexpr std::pair<std::string_view, SeamReason> kNames[] = {
-      {"few_tracks", SeamReason::kFewTracks},
+      {"few_ties", SeamReason::kFewTies},
       {"contradicted", SeamReason::kContradicted},
       {"jump", SeamReason::kJump}};
 };
 
 struct Seam {
-  SeamReason reason = SeamReason::kFewTracks;
+  SeamReason reason = SeamReason::kFewTies;
   // The frames on the side away from the core, ascending, and the frame next to
   // the seam on either side.
   std::vector<int> frame_idxs_beyond;
@@ -79,6 +90,7 @@ struct Seam {
   int frame_idx_core = 0;
   int num_pairs = 0;   // used pairs that cross the seam
   int num_tracks = 0;  // points observed on both sides
+  int num_ties = 0;    // those that two frames of either side observe
   int num_confirmed = 0;
   int num_against = 0;
   // Standard deviations of the position, in the unit of the model, and rotation
