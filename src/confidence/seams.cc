@@ -263,8 +263,9 @@ std::vector<double> MostAgainst(const ConfidenceInput& input,
     const double distance = DistanceToGroup(input, group);
     const std::vector<double> of_group =
         SumPairs(input.index, cuts, group.pair_idxs, [&](size_t i) {
-          return static_cast<double>(input.view_graph.pairs[i].matches.size()) -
-                 num_confirmed[i];
+          const auto num_matches =
+              static_cast<double>(input.view_graph.pairs[i].matches.size());
+          return input.pair_is_used[i] ? 0.0 : num_matches - num_confirmed[i];
         });
     std::optional<size_t> weakest;
     for (size_t k = 0; k < most.size(); ++k) {

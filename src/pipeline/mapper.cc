@@ -21,6 +21,7 @@
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
 #include "pipeline/saved_stages.h"
+#include "pipeline/side_alignment.h"
 #include "pipeline/timed.h"
 #include "pipeline/weak_seams.h"
 
@@ -207,6 +208,7 @@ std::vector<MapperModel> ReconstructComponent(
         options, context);
   };
   model.confidence = confidence_of(input.pair_is_used, model);
+  RealignSides(index, options, context, confidence_of, &input, &model);
   const std::vector<Seam> seams = SeamsToSplit(scene, model, options);
   if (!seams.empty()) {
     context.Info("the model is split at " + std::to_string(seams.size()) +

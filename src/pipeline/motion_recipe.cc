@@ -279,14 +279,7 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
 
 // The pair of the same images before verification.
 const ImagePair& SourceOf(const MotionProblem& problem, const ImagePair& pair) {
-  const auto images_of = [](const ImagePair& p) {
-    return std::pair(p.image_idx1, p.image_idx2);
-  };
-  return *std::lower_bound(problem.matches.pairs.begin(),
-                           problem.matches.pairs.end(), pair,
-                           [&](const ImagePair& a, const ImagePair& b) {
-                             return images_of(a) < images_of(b);
-                           });
+  return *FindPair(problem.matches, pair.image_idx1, pair.image_idx2);
 }
 
 // Keypoints on moving objects: their matches contradict what is expected of

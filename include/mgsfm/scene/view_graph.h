@@ -53,4 +53,8 @@ struct ViewGraph {
   std::vector<ImagePair> pairs;
 };
 
+// nullptr if the view graph does not have the pair.
+const ImagePair* FindPair(const ViewGraph& view_graph, int image_idx1,
+                          int image_idx2);
+
 }  // namespace mgsfm

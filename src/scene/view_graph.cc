@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "mgsfm/scene/view_graph.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace mgsfm {
+
+const ImagePair* FindPair(const ViewGraph& view_graph, int image_idx1,
+                          int image_idx2) {
+  const auto images_of = [](const ImagePair& pair) {
+    return std::pair(pair.image_idx1, pair.image_idx2);
+  };
+  const std::pair wanted(image_idx1, image_idx2);
+  const auto& pairs = view_graph.pairs;
+  const auto found = std::lower_bound(
+      pairs.begin(), pairs.end(), wanted,
+      [&](const ImagePair& pair, const std::pair<int, int>& images) {
+        return images_of(pair) < images;
+      });
+  if (found == pairs.end() || images_of(*found) != wanted) return nullptr;
+  return &*found;
+}
+
+}  // namespace mgsfm
