@@ -457,18 +457,15 @@ std::vector<FocalLengthMeasurement> MeasureFocalLengths(
   return measured;
 }
 
-ViewGraph DropCalibratedGeometry(const Scene& scene,
-                                 const FocalLengthResult& focal_lengths,
-                                 const ViewGraph& view_graph) {
-  Mask is_changed(scene.cameras.size(), false);
-  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
-    const int i = estimate.camera_idx;
-    is_changed[i] = focal_lengths.cameras[i].params != scene.cameras[i].params;
-  }
+ViewGraph DropUncalibratedGeometry(const Scene& scene,
+                                   const ViewGraph& view_graph) {
+  const auto is_calibrated = [&](int image_idx) {
+    return scene.cameras[scene.images[image_idx].camera_idx]
+        .has_prior_focal_length;
+  };
   ViewGraph kept = view_graph;
   for (ImagePair& pair : kept.pairs) {
-    if (!is_changed[scene.images[pair.image_idx1].camera_idx] &&
-        !is_changed[scene.images[pair.image_idx2].camera_idx]) {
+    if (is_calibrated(pair.image_idx1) && is_calibrated(pair.image_idx2)) {
       continue;
     }
     pair.E.reset();

@@ -53,7 +53,8 @@ struct FocalLengthOptions {
   Option<bool> calibrate{
       "calibrate", true,
       "Estimate focal lengths that have no prior from image pairs, before "
-      "relative poses are estimated."};
+      "relative poses are estimated, and then their lenses from maps of some "
+      "frames."};
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
       "Maximum relative standard deviation of an accepted estimate of a focal "
@@ -62,10 +63,20 @@ struct FocalLengthOptions {
       "max_num_pairs", 300, AtLeast(1), "pairs",
       "Maximum number of image pairs per camera, selected at equal spacing. "
       "Decrease it to save time."};
+  Option<bool> select_camera_model{
+      "select_camera_model", true,
+      "Replace SIMPLE_RADIAL, the default of feature extraction, by OPENCV or "
+      "RADIAL for cameras without calibration whose images need more "
+      "distortion parameters. 0 keeps the models of the database."};
+  Option<int> max_num_rounds{
+      "max_num_rounds", 4, AtLeast(0), "rounds",
+      "Maximum number of maps of a part of the frames before the final one. "
+      "Each verifies the image pairs with the lenses of the one before."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(calibrate, max_sigma, max_num_pairs);
+    visit(calibrate, max_sigma, max_num_pairs, select_camera_model,
+          max_num_rounds);
   }
 };
 
@@ -103,10 +114,9 @@ struct FocalLengthMeasurement {
     const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
     const Context& context);
 
-// Removes what depends on changed focal lengths: E and the relative poses of
-// pairs of cameras with accepted estimates. F and H are kept.
-[[nodiscard]] ViewGraph DropCalibratedGeometry(
-    const Scene& scene, const FocalLengthResult& focal_lengths,
-    const ViewGraph& view_graph);
+// Removes what depends on lenses that are estimated: E and the relative poses
+// of pairs with a camera without prior focal length. F and H are kept.
+[[nodiscard]] ViewGraph DropUncalibratedGeometry(const Scene& scene,
+                                                 const ViewGraph& view_graph);
 
 }  // namespace mgsfm
