@@ -576,13 +576,20 @@ double FirstFocalLength(const Camera& camera) {
 }
 
 // Bundle adjustment derives uncertainties from the noise of keypoints alone and
-// is too confident. Image pairs also reveal how much they disagree, so a focal
+// is too confident. Errors of the lens model, of time and of matches shift
+// focal lengths by this much (root mean square of recorded rigs whose motion
+// determines them). Image pairs also reveal how much they disagree, so a focal
 // length that they could not determine is not trusted.
+constexpr double kModelSigma = 0.007;
+
 void DoubtFocalLengths(const Scene& scene,
                        const std::vector<FocalLengthEstimate>& estimates,
                        MapperModel* model) {
   for (FocalLengthCheck& check : model->focal_lengths) {
     check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
+    if (check.relative_sigma) {
+      check.relative_sigma = std::hypot(*check.relative_sigma, kModelSigma);
+    }
     for (const FocalLengthEstimate& estimate : estimates) {
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
         continue;

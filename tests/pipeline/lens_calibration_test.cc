@@ -97,6 +97,42 @@ INSTANTIATE_TEST_SUITE_P(Lenses, UnknownLensTest,
                            return std::string(info.param.name);
                          });
 
+// Image pairs alone find the focal length of a distorting lens within the
+// standard deviation that they state.
+TEST_P(UnknownLensTest, PairsFindTheFocalLength) {
+  const Lens& lens = GetParam();
+  Simulation drive = Drive(PathPreset::kLoop);
+  Relens(CameraModelId::kRadial,
+         {lens.focal_px, 630.0, 190.0, lens.k1, lens.k2}, &drive);
+  const MapperInput input = Uncalibrated(drive);
+  const FocalLengthResult result =
+      CalibrateFocalLengths(input.scene, input.view_graph, {}, Threads(2));
+  for (const FocalLengthEstimate& estimate : result.estimates) {
+    const double error =
+        std::log(result.cameras[estimate.camera_idx].params[0] / lens.focal_px);
+    EXPECT_LT(std::abs(error), 2.0 * estimate.sigma.value());
+  }
+}
+
+// Wrong EXIF is a start, and does not remain.
+TEST(LensTest, WrongExifIsCorrected) {
+  const Simulation drive = Drive(PathPreset::kLoop);
+  MapperInput input = Uncalibrated(drive);
+  for (size_t i = 0; i < input.scene.cameras.size(); ++i) {
+    Camera& camera = input.scene.cameras[i];
+    camera.params[0] = 1.2 * drive.scene.cameras[i].params[0];
+    camera.has_prior_focal_length = true;
+    EXPECT_TRUE(HasLensOfExif(camera));
+    EXPECT_FALSE(HasLensOfExif(drive.scene.cameras[i]));
+  }
+  const MapperResult result = RunMapper(input, MapperOptions(), Threads(2));
+  const auto& cameras = result.models.at(0).reconstruction.cameras;
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    const double truth = drive.scene.cameras[i].params[0];
+    EXPECT_NEAR(cameras[i].params[0], truth, 0.01 * truth);
+  }
+}
+
 TEST(LensTest, KnownLensesAreNotChanged) {
   const Simulation drive = Drive(PathPreset::kCurve);
   const MapperInput input{drive.scene, drive.view_graph};
