@@ -26,6 +26,10 @@ constexpr double kPrincipalPointSigma = 0.02;
 constexpr double kSigmaOfExif = 0.1;
 constexpr double kPerspectiveSigmas[] = {0.3, 0.15, 2e-3, 2e-3};
 constexpr double kFisheyeSigmas[] = {0.1, 0.05, 0.02, 0.01};
+// Errors of the lens model, of time and of matches shift the focal lengths of
+// an adjusted model by this much: the root mean square of recorded rigs whose
+// motion determines them.
+constexpr double kModelSigma = 0.007;
 // Normal errors exceed it in 1 of 10,000 cases.
 constexpr double kMinSignificance = 3.9;
 // The change that a view graph tolerates, in its maximum errors. On recorded
@@ -40,6 +44,11 @@ constexpr size_t kMinNumFrames = 24;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
+}
+
+double FirstFocalLength(const Camera& camera) {
+  return camera.params[FindCameraModel(static_cast<int32_t>(camera.model))
+                           ->focal_length_idxs.front()];
 }
 
 // SIMPLE_RADIAL as RADIAL, or vice versa.
@@ -281,6 +290,63 @@ Context Quiet(Context context) {
 }
 
 }  // namespace
+
+bool NeedsLenses(const Scene& scene, const MapperOptions& options) {
+  return options.focal_lengths.calibrate &&
+         std::any_of(scene.cameras.begin(), scene.cameras.end(),
+                     [](const Camera& camera) {
+                       return !camera.has_prior_focal_length ||
+                              HasLensOfExif(camera);
+                     });
+}
+
+void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
+                     const Context& context) {
+  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
+    const std::string camera =
+        "focal length of " + CameraLabel(scene, estimate.camera_idx);
+    char numbers[96];
+    if (estimate.estimated_px) {
+      std::snprintf(numbers, sizeof(numbers),
+                    ": %.2f px (initially %.2f) +- %.2f",
+                    *estimate.estimated_px, estimate.prior_px,
+                    *estimate.estimated_px * *estimate.sigma);
+      context.Info(camera + numbers);
+    } else {
+      std::snprintf(numbers, sizeof(numbers),
+                    ": starts at %.2f px (initially %.2f): ",
+                    focal_lengths.cameras[estimate.camera_idx].params[0],
+                    estimate.prior_px);
+      context.Info(camera + numbers + estimate.message);
+    }
+  }
+}
+
+void DoubtFocalLengths(const Scene& scene,
+                       const std::vector<FocalLengthEstimate>& estimates,
+                       MapperModel* model) {
+  for (FocalLengthCheck& check : model->focal_lengths) {
+    check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
+    if (check.relative_sigma) {
+      check.relative_sigma = std::hypot(*check.relative_sigma, kModelSigma);
+    }
+    for (const FocalLengthEstimate& estimate : estimates) {
+      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
+        continue;
+      }
+      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
+                                      estimate.sigma.value_or(0.0));
+      if (!check.message.empty()) continue;
+      char estimated[40];
+      std::snprintf(estimated, sizeof(estimated), "%.0f px",
+                    check.estimated_px);
+      check.message = "the focal length of " +
+                      CameraLabel(scene, check.camera_idx) +
+                      " is estimated as " + estimated +
+                      ", but not exactly: " + estimate.message;
+    }
+  }
+}
 
 bool HasLensOfExif(const Camera& camera) {
   return camera.has_prior_focal_length &&

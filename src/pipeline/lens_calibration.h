@@ -24,6 +24,10 @@ using LensMapper = std::function<MapperResult(
     const Lenses& lenses, const ViewGraph& matches,
     const MapperOptions& options, const Context& context)>;
 
+// Whether the scene has a lens to estimate.
+[[nodiscard]] bool NeedsLenses(const Scene& scene,
+                               const MapperOptions& options);
+
 struct LensInput {
   const Scene& scene;  // a LensMapper replaces its cameras
   const std::vector<Camera>& given;
@@ -77,6 +81,17 @@ struct LensResult {
                                          const MapperOptions& options,
                                          const Context& context,
                                          LensResult* lenses);
+
+void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
+                     const Context& context);
+
+// Makes the standard deviations of a model true. Bundle adjustment derives them
+// from the noise of keypoints alone and is too confident. Image pairs also
+// reveal how much they disagree, so a focal length that they could not
+// determine is not trusted. `scene` has the initial focal lengths.
+void DoubtFocalLengths(const Scene& scene,
+                       const std::vector<FocalLengthEstimate>& estimates,
+                       MapperModel* model);
 
 // The root mean square in pixels of the displacement of rays by the change of a
 // lens, over a grid in the image and without its mean, which is a rotation.

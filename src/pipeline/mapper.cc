@@ -539,75 +539,6 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   return result;
 }
 
-bool NeedsFocalLengths(const Scene& scene, const MapperOptions& options) {
-  return options.focal_lengths.calibrate &&
-         std::any_of(scene.cameras.begin(), scene.cameras.end(),
-                     [](const Camera& camera) {
-                       return !camera.has_prior_focal_length ||
-                              HasLensOfExif(camera);
-                     });
-}
-
-void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
-                     const Context& context) {
-  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
-    const std::string camera =
-        "focal length of " + CameraLabel(scene, estimate.camera_idx);
-    char numbers[96];
-    if (estimate.estimated_px) {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": %.2f px (initially %.2f) +- %.2f",
-                    *estimate.estimated_px, estimate.prior_px,
-                    *estimate.estimated_px * *estimate.sigma);
-      context.Info(camera + numbers);
-    } else {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": starts at %.2f px (initially %.2f): ",
-                    focal_lengths.cameras[estimate.camera_idx].params[0],
-                    estimate.prior_px);
-      context.Info(camera + numbers + estimate.message);
-    }
-  }
-}
-
-double FirstFocalLength(const Camera& camera) {
-  return camera.params[FindCameraModel(static_cast<int32_t>(camera.model))
-                           ->focal_length_idxs.front()];
-}
-
-// Bundle adjustment derives uncertainties from the noise of keypoints alone and
-// is too confident. Errors of the lens model, of time and of matches shift
-// focal lengths by this much (root mean square of recorded rigs whose motion
-// determines them). Image pairs also reveal how much they disagree, so a focal
-// length that they could not determine is not trusted.
-constexpr double kModelSigma = 0.007;
-
-void DoubtFocalLengths(const Scene& scene,
-                       const std::vector<FocalLengthEstimate>& estimates,
-                       MapperModel* model) {
-  for (FocalLengthCheck& check : model->focal_lengths) {
-    check.prior_px = FirstFocalLength(scene.cameras[check.camera_idx]);
-    if (check.relative_sigma) {
-      check.relative_sigma = std::hypot(*check.relative_sigma, kModelSigma);
-    }
-    for (const FocalLengthEstimate& estimate : estimates) {
-      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
-        continue;
-      }
-      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
-                                      estimate.sigma.value_or(0.0));
-      if (!check.message.empty()) continue;
-      char estimated[40];
-      std::snprintf(estimated, sizeof(estimated), "%.0f px",
-                    check.estimated_px);
-      check.message = "the focal length of " +
-                      CameraLabel(scene, check.camera_idx) +
-                      " is estimated as " + estimated +
-                      ", but not exactly: " + estimate.message;
-    }
-  }
-}
-
 // Estimates lenses without calibration first.
 MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
                              const MapperInput& input,
@@ -676,7 +607,7 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                            const Context& context) {
   (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
   MapperResult result =
-      NeedsFocalLengths(input.scene, options)
+      NeedsLenses(input.scene, options)
           ? CalibrateAndMap(estimate_positions, input, options, context)
           : MapCalibrated(
                 estimate_positions,
