@@ -99,7 +99,7 @@ std::string WhyNotAdjustable(const ModelScene& input,
   const bool refines_cameras =
       options.refine_focal_length == RefineMode::kYes ||
       options.refine_extra_params == RefineMode::kYes ||
-      options.refine_principal_point;
+      options.refine_principal_point == RefineMode::kYes;
   bool refines_sensors = false;
   for (size_t i = 0; i < scene.sensors.size(); ++i) {
     refines_sensors |= !scene.IsReference(static_cast<int>(i)) &&

@@ -128,18 +128,35 @@ void AddSensor(const ProblemInput& input, int sensor_idx, BuiltProblem* built) {
   problem.sensor_priors.push_back(*refined.prior);
 }
 
+// The standard deviations that the calibration gives the parameters of a
+// camera; empty if it has none.
+std::vector<double> KnownSigmas(const CalibrationPrior& calibration,
+                                int camera_idx) {
+  return calibration.intrinsic_sigmas.empty()
+             ? std::vector<double>()
+             : calibration.intrinsic_sigmas[camera_idx];
+}
+
 std::vector<int> FreeParams(const Camera& camera,
+                            const std::vector<double>& known_sigmas,
                             const BundleAdjustmentOptions& options,
                             RefinedParts parts) {
   std::vector<int> free;
   if (parts != RefinedParts::kAll) return free;
+  if (!known_sigmas.empty()) {
+    for (size_t i = 0; i < known_sigmas.size(); ++i) {
+      if (known_sigmas[i] > 0.0) free.push_back(static_cast<int>(i));
+    }
+    return free;
+  }
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const auto add = [&free](bool is_refined, const std::vector<int>& params) {
     if (is_refined) free.insert(free.end(), params.begin(), params.end());
   };
   add(RefinesFocalLength(camera, options), info.focal_length_idxs);
-  add(options.refine_principal_point, info.principal_point_idxs);
+  add(options.refine_principal_point == RefineMode::kYes,
+      info.principal_point_idxs);
   add(Refines(options.refine_extra_params, camera.has_prior_focal_length),
       info.extra_params_idxs);
   std::sort(free.begin(), free.end());
@@ -152,23 +169,23 @@ void AddCamera(const ProblemInput& input, int camera_idx, BuiltProblem* built) {
   CameraParams params{};
   std::copy(camera.params.begin(), camera.params.end(), params.begin());
   const int number = static_cast<int>(built->problem.cameras.size());
+  const CalibrationPrior& found = input.priors.calibration;
+  const std::vector<double> known_sigmas = KnownSigmas(found, camera_idx);
   built->state.cameras.push_back(params);
   built->problem.cameras.push_back(
-      {camera.model, FreeParams(prior, input.options, input.parts)});
+      {camera.model,
+       FreeParams(prior, known_sigmas, input.options, input.parts)});
   const double relative_sigma = prior.has_prior_focal_length
                                     ? input.options.focal_length_prior_sigma
                                     : input.options.focal_length_start_sigma;
   const CameraModelInfo& info =
       *FindCameraModel(static_cast<int32_t>(camera.model));
   const std::vector<int>& free = built->problem.cameras.back().free_params;
-  const CalibrationPrior& found = input.priors.calibration;
-  if (!found.intrinsics.empty() &&
-      !found.intrinsic_sigmas[camera_idx].empty()) {
+  if (!known_sigmas.empty()) {
     for (const int param : free) {
-      const double sigma = found.intrinsic_sigmas[camera_idx][param];
-      if (!(sigma > 0.0)) continue;
-      built->problem.priors.push_back(
-          {number, param, found.intrinsics[camera_idx][param], sigma});
+      built->problem.priors.push_back({number, param,
+                                       found.intrinsics[camera_idx][param],
+                                       known_sigmas[param]});
     }
     return;
   }

@@ -114,7 +114,7 @@ BuiltProblem BuildHeld(const Scene& scene, const Reconstruction& part,
                options.loss_sigma_factor * NoiseSigmaPx(scene, part, 1));
   held.refine_rig_from_world = true;
   held.refine_focal_length = RefineMode::kNo;
-  held.refine_principal_point = false;
+  held.refine_principal_point = RefineMode::kNo;
   held.refine_extra_params = RefineMode::kNo;
   FixedPoses fixed;
   fixed.sensors.assign(scene.sensors.size(), true);

@@ -182,10 +182,34 @@ Shares MeasureShares(const std::vector<SampledPair>& pairs,
   return shares;
 }
 
-bool IsFisheye(double unexplained_by_fisheye, double unexplained_by_pinhole) {
-  return unexplained_by_pinhole >
-         std::max(kMinRatio * unexplained_by_fisheye,
-                  unexplained_by_fisheye + kMinDifference);
+struct LensEvidence {
+  int camera_idx = 0;
+  int num_pairs = 0;
+  Shares shares;
+
+  double FieldOfViewDeg() const {
+    const auto best =
+        std::max_element(shares.fisheyes.begin(), shares.fisheyes.end());
+    return kFieldsOfViewDeg[static_cast<size_t>(best -
+                                                shares.fisheyes.begin())];
+  }
+  double UnexplainedByFisheye() const {
+    return 1.0 -
+           *std::max_element(shares.fisheyes.begin(), shares.fisheyes.end());
+  }
+};
+
+bool PrefersFisheye(const LensEvidence& e) {
+  return 1.0 - e.shares.perspective > e.UnexplainedByFisheye() + kMinDifference;
+}
+
+bool IsFisheye(const LensEvidence& e) {
+  return PrefersFisheye(e) &&
+         1.0 - e.shares.perspective > kMinRatio * e.UnexplainedByFisheye();
+}
+
+bool HaveOneSize(const Camera& a, const Camera& b) {
+  return a.width_px == b.width_px && a.height_px == b.height_px;
 }
 
 std::string NameOfCamera(const Scene& scene, int camera_idx) {
@@ -204,29 +228,38 @@ std::vector<FisheyeFinding> FindFisheyes(const FeatureDatabase& database,
   TwoViewGeometryOptions strict = options;
   strict.max_num_trials = std::min<int>(options.max_num_trials, kMaxNumTrials);
   strict.max_error = kToleranceFactor * options.max_error;
-  std::map<double, FisheyeFinding> finding_of_lens;
+  std::vector<LensEvidence> evidence;
   for (const auto& [camera_idx, pair_idxs] : SelectPairs(database, scene)) {
     if (pair_idxs.size() < kMinNumPairs) continue;
     std::vector<SampledPair> pairs;
     for (const ImageIdxPair& pair : pair_idxs) {
       pairs.push_back(ReadPair(database, scene, pair));
     }
-    const Shares shares =
-        MeasureShares(pairs, scene.cameras[camera_idx], strict, context);
-    const auto best =
-        std::max_element(shares.fisheyes.begin(), shares.fisheyes.end());
-    const double field_of_view_deg =
-        kFieldsOfViewDeg[static_cast<size_t>(best - shares.fisheyes.begin())];
-    if (!IsFisheye(1.0 - *best, 1.0 - shares.perspective)) continue;
-    FisheyeFinding& finding = finding_of_lens[field_of_view_deg];
+    evidence.push_back(
+        {camera_idx, static_cast<int>(pairs.size()),
+         MeasureShares(pairs, scene.cameras[camera_idx], strict, context)});
+  }
+  std::map<double, FisheyeFinding> finding_of_lens;
+  for (const LensEvidence& e : evidence) {
+    const bool is_fisheye =
+        IsFisheye(e) ||
+        (PrefersFisheye(e) &&
+         std::any_of(evidence.begin(), evidence.end(),
+                     [&](const LensEvidence& other) {
+                       return IsFisheye(other) &&
+                              HaveOneSize(scene.cameras[e.camera_idx],
+                                          scene.cameras[other.camera_idx]);
+                     }));
+    if (!is_fisheye) continue;
+    FisheyeFinding& finding = finding_of_lens[e.FieldOfViewDeg()];
     finding.unexplained_by_fisheye =
-        std::max(finding.unexplained_by_fisheye, 1.0 - *best);
+        std::max(finding.unexplained_by_fisheye, e.UnexplainedByFisheye());
     finding.unexplained_by_pinhole =
-        std::max(finding.unexplained_by_pinhole, 1.0 - shares.perspective);
-    finding.field_of_view_deg = field_of_view_deg;
-    finding.num_pairs += static_cast<int>(pairs.size());
-    finding.cameras.push_back(NameOfCamera(scene, camera_idx));
-    finding.camera_idxs.push_back(camera_idx);
+        std::max(finding.unexplained_by_pinhole, 1.0 - e.shares.perspective);
+    finding.field_of_view_deg = e.FieldOfViewDeg();
+    finding.num_pairs += e.num_pairs;
+    finding.cameras.push_back(NameOfCamera(scene, e.camera_idx));
+    finding.camera_idxs.push_back(e.camera_idx);
   }
   std::vector<FisheyeFinding> findings;
   for (auto& [lens, finding] : finding_of_lens) {

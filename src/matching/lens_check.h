@@ -26,7 +26,9 @@ struct FisheyeFinding {
 // any focal length (a fundamental matrix) and an equidistant fisheye of the
 // best of several fields of view (a relative pose). The camera is a fisheye if
 // that leaves less than 40 % as many. Moderate distortion of a perspective lens
-// does not suffice. Cameras with the same result are listed together.
+// does not suffice. Beside a fisheye, a camera with images of the same size is
+// probably of the same make, and a certain difference suffices. Cameras with
+// the same result are listed together.
 //
 // Cost: six verifications of up to 20 image pairs per camera.
 [[nodiscard]] std::vector<FisheyeFinding> FindFisheyes(

@@ -12,6 +12,7 @@
 #include "pair_filtering/rejected_groups.h"
 #include "pipeline/input_check.h"
 #include "pipeline/known_rigs.h"
+#include "pipeline/lens_calibration.h"
 #include "pipeline/mapper_recipe.h"
 #include "pipeline/metric_scale.h"
 #include "pipeline/model_adjustment.h"
@@ -461,129 +462,97 @@ void ReconstructScene(const PositionStep& estimate_positions,
       of_scene->frame_is_ambiguous, options, result->models);
 }
 
-// The stages after the calibration of focal lengths, which replaces the cameras
-// of the scene and the geometry of the pairs of `input`.
-MapperResult MapCalibrated(const PositionStep& estimate_positions,
-                           const Scene& scene, const ViewGraph& all_matches,
-                           const MapperInput& input,
-                           const MapperOptions& options,
-                           const Context& context) {
-  MapperResult result;
-  const Bearings bearings = Timed("rays", context, &result.times, [&] {
-    return ComputeBearings(scene, context.num_threads);
-  });
-  VisiblePairs pairs =
-      VerifyVisible(scene, bearings, all_matches, {input.stage_store}, options,
-                    context, &result.times);
-  ViewGraphResult& verified = pairs.verified;
-  const ViewGraph& view_graph = pairs.matches ? *pairs.matches : all_matches;
-  result.view_graph = verified.summary;
-  CheckKnownRigs(scene, verified.estimate);
-  const auto check_input = [&] {
-    Timed("input check", context, &result.times, [&] {
-      CheckInput(scene, view_graph, verified.estimate, input, options, context,
-                 &result);
-      return true;
-    });
-  };
-  if (input.existing_model) {
-    ExtendModel(scene, bearings, verified.estimate, *input.existing_model,
-                options, context, input.position_priors, input.gravity_priors,
-                input.observer, &result);
-    check_input();
-    return result;
-  }
+// Rays and verified pairs.
+struct VerifiedScene {
+  const Scene& scene;
+  const CalibrationPrior& lenses;
+  const ViewGraph& all_matches;
+  StageStore* stage_store;  // may be null
+  Bearings bearings = {};
+  VisiblePairs pairs = {};
 
-  const FramePairIndex index(scene, verified.estimate,
+  const ViewGraph& matches() const {
+    return pairs.matches ? *pairs.matches : all_matches;
+  }
+};
+
+// The stages from rotations to models.
+void MapVerified(const PositionStep& estimate_positions,
+                 const MapperInput& input, const MapperOptions& options,
+                 const Context& context, VerifiedScene* verified,
+                 MapperResult* result) {
+  const Scene& scene = verified->scene;
+  ViewGraph& view_graph = verified->pairs.verified.estimate;
+  const FramePairIndex index(scene, view_graph,
                              options.pair_filtering.is_sequence);
   RotationsOfScene of_scene = EstimateRotationsOfScene(
-      scene, bearings, index, view_graph, input.gravity_priors, options,
-      context, input.stage_store, &verified.estimate, &result.times);
+      scene, verified->bearings, index, verified->matches(),
+      input.gravity_priors, options, context, verified->stage_store,
+      &view_graph, &result->times);
   EstimatedRotations& rotation = of_scene.rotation;
-  result.rotation = std::move(rotation.summary);
-  result.gravity_rejection = std::move(rotation.gravity_rejection);
+  result->rotation = std::move(rotation.summary);
+  result->gravity_rejection = std::move(rotation.gravity_rejection);
   const GravityPriors gravity =
-      result.gravity_rejection ? GravityPriors() : input.gravity_priors;
-  SharedCalibration calibration(scene);
+      result->gravity_rejection ? GravityPriors() : input.gravity_priors;
+  SharedCalibration calibration(scene, verified->lenses);
   const Measurements measurements{scene,
-                                  bearings,
-                                  verified.estimate,
+                                  verified->bearings,
                                   view_graph,
+                                  verified->matches(),
                                   index,
                                   input.position_priors,
                                   gravity,
                                   of_scene.length_hints,
                                   of_scene.pair_on_path,
                                   input.observer,
-                                  input.stage_store,
+                                  verified->stage_store,
                                   calibration};
   ReconstructScene(estimate_positions, measurements, options, context,
-                   &of_scene, &result);
-  check_input();
+                   &of_scene, result);
+}
+
+// The stages from the rays on, with the cameras of `scene`. Lenses are
+// calibrated on some pairs without the checks of the input, which a wrong lens
+// misleads.
+MapperResult MapCalibrated(const PositionStep& estimate_positions,
+                           VerifiedScene verified, const MapperInput& input,
+                           bool checks_input, const MapperOptions& options,
+                           const Context& context) {
+  MapperResult result;
+  const Scene& scene = verified.scene;
+  verified.bearings = Timed("rays", context, &result.times, [&] {
+    return ComputeBearings(scene, context.num_threads);
+  });
+  verified.pairs =
+      VerifyVisible(scene, verified.bearings, verified.all_matches,
+                    {verified.stage_store}, options, context, &result.times);
+  const ViewGraph& view_graph = verified.pairs.verified.estimate;
+  result.view_graph = verified.pairs.verified.summary;
+  if (checks_input) CheckKnownRigs(scene, view_graph);
+  if (input.existing_model) {
+    ExtendModel(scene, verified.bearings, view_graph, *input.existing_model,
+                options, context, input.position_priors, input.gravity_priors,
+                input.observer, &result);
+  } else {
+    MapVerified(estimate_positions, input, options, context, &verified,
+                &result);
+  }
+  if (!checks_input) return result;
+  Timed("input check", context, &result.times, [&] {
+    CheckInput(scene, verified.matches(), view_graph, input, options, context,
+               &result);
+    return true;
+  });
   return result;
 }
 
-bool NeedsFocalLengths(const Scene& scene, const MapperOptions& options) {
-  return options.focal_lengths.calibrate &&
-         std::any_of(scene.cameras.begin(), scene.cameras.end(),
-                     [](const Camera& camera) {
-                       return !camera.has_prior_focal_length;
-                     });
-}
-
-void LogFocalLengths(const Scene& scene, const FocalLengthResult& focal_lengths,
-                     const Context& context) {
-  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
-    const std::string camera =
-        "focal length of " + CameraLabel(scene, estimate.camera_idx);
-    char numbers[96];
-    if (estimate.estimated_px) {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": %.2f px (initially %.2f) +- %.2f",
-                    *estimate.estimated_px, estimate.prior_px,
-                    *estimate.estimated_px * *estimate.sigma);
-      context.Info(camera + numbers);
-    } else {
-      std::snprintf(numbers, sizeof(numbers),
-                    ": starts at %.2f px (initially %.2f): ",
-                    focal_lengths.cameras[estimate.camera_idx].params[0],
-                    estimate.prior_px);
-      context.Info(camera + numbers + estimate.message);
-    }
-  }
-}
-
-// Bundle adjustment derives uncertainties from the noise of keypoints alone and
-// is too confident. Image pairs also reveal how much they disagree, so a focal
-// length that they could not determine is not trusted.
-void DoubtFocalLengths(const Scene& scene,
-                       const std::vector<FocalLengthEstimate>& estimates,
-                       MapperModel* model) {
-  for (FocalLengthCheck& check : model->focal_lengths) {
-    for (const FocalLengthEstimate& estimate : estimates) {
-      if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
-        continue;
-      }
-      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
-                                      estimate.sigma.value_or(0.0));
-      if (!check.message.empty()) continue;
-      char estimated[40];
-      std::snprintf(estimated, sizeof(estimated), "%.0f px",
-                    check.estimated_px);
-      check.message = "the focal length of " +
-                      CameraLabel(scene, check.camera_idx) +
-                      " is estimated as " + estimated +
-                      ", but not exactly: " + estimate.message;
-    }
-  }
-}
-
-// Estimates focal lengths without a prior first.
+// Estimates lenses without calibration first.
 MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
                              const MapperInput& input,
                              const MapperOptions& options,
                              const Context& context) {
-  const Scene& scene = input.scene;
+  Scene scene = input.scene;
+  scene.cameras = WithoutExif(std::move(scene.cameras));
   std::vector<StageTime> times;
   const StageFolder stages{input.stage_store};
   FocalLengthResult focal_lengths =
@@ -592,16 +561,42 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
                                      options.focal_lengths, context);
       });
   LogFocalLengths(scene, focal_lengths, context);
+  const std::vector<Camera> start =
+      StartOfLenses(input.scene.cameras, focal_lengths);
   const ViewGraph uncalibrated =
-      DropCalibratedGeometry(scene, focal_lengths, input.view_graph);
-  Scene calibrated = scene;
-  calibrated.cameras = std::move(focal_lengths.cameras);
-  MapperResult result = MapCalibrated(estimate_positions, calibrated,
-                                      uncalibrated, input, options, context);
+      DropUncalibratedGeometry(scene, input.view_graph);
+  // Only the first map of the complete scene is saved: a checkpoint has one
+  // result of each stage.
+  StageStore* stage_store = input.stage_store;
+  const auto map = [&](const MapperInput& of_stages, bool is_complete) {
+    return [&, is_complete](const Lenses& lenses, const ViewGraph& matches,
+                            const MapperOptions& of_round,
+                            const Context& of_context) {
+      scene.cameras = lenses.cameras;
+      return MapCalibrated(
+          estimate_positions,
+          {scene, lenses.prior, matches,
+           is_complete ? std::exchange(stage_store, nullptr) : nullptr},
+          of_stages, is_complete, of_round, of_context);
+    };
+  };
+  LensResult lenses{{start}, {}};
+  if (!input.existing_model) {
+    const MapperInput no_priors;
+    lenses = Timed("lenses", context, &times, [&] {
+      return CalibrateLenses({scene, input.scene.cameras, start, uncalibrated},
+                             map(no_priors, false), options, context);
+    });
+  }
+  MapperResult result =
+      MapWithLenses(uncalibrated, map(input, true), options, context, &lenses);
   for (MapperModel& model : result.models) {
-    DoubtFocalLengths(scene, focal_lengths.estimates, &model);
+    DoubtFocalLengths(input.scene, focal_lengths.estimates, &model);
   }
   result.focal_lengths = std::move(focal_lengths.estimates);
+  if (!lenses.summary.lenses.empty()) {
+    result.lenses = std::move(lenses.summary);
+  }
   result.times.insert(result.times.begin(), times.begin(), times.end());
   return result;
 }
@@ -619,10 +614,12 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
                            const Context& context) {
   (void)ParseMetricScale(options.metric_scale, input.scene);  // may throw
   MapperResult result =
-      NeedsFocalLengths(input.scene, options)
+      NeedsLenses(input.scene, options)
           ? CalibrateAndMap(estimate_positions, input, options, context)
-          : MapCalibrated(estimate_positions, input.scene, input.view_graph,
-                          input, options, context);
+          : MapCalibrated(
+                estimate_positions,
+                {input.scene, {}, input.view_graph, input.stage_store}, input,
+                true, options, context);
   AddUncertainFocalLengths(input.scene, &result);
   LogFindings(result, context);
   return result;

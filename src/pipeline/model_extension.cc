@@ -60,7 +60,7 @@ void RefineNewFrames(const PassInput& input, const Mask& frame_is_new,
   }
   BundleAdjustmentOptions options = input.options.bundle_adjustment;
   options.refine_focal_length = RefineMode::kNo;
-  options.refine_principal_point = false;
+  options.refine_principal_point = RefineMode::kNo;
   options.refine_extra_params = RefineMode::kNo;
 
   const std::vector<size_t> point_idxs =

@@ -141,6 +141,17 @@ Json ToJson(const Scene& scene,
   return json;
 }
 
+Json ToJson(const Scene& scene, const LensSummary& summary) {
+  Json cameras = Json::array();
+  for (const LensChoice& lens : summary.lenses) {
+    cameras.push_back(
+        {{"camera_id", scene.cameras[lens.camera_idx].id.value()},
+         {"model", FindCameraModel(static_cast<int32_t>(lens.model))->name},
+         {"reason", lens.reason}});
+  }
+  return {{"num_rounds", summary.num_rounds}, {"cameras", cameras}};
+}
+
 Json ToJson(const ViewGraphSummary& summary) {
   return {{"num_pairs", summary.num_pairs},
           {"num_matches", summary.num_matches},
@@ -539,6 +550,7 @@ std::string MapperReportToJson(const Scene& scene, const ViewGraph& view_graph,
   if (!result.focal_lengths.empty()) {
     report["focal_lengths"] = ToJson(scene, result.focal_lengths);
   }
+  if (result.lenses) report["lenses"] = ToJson(scene, *result.lenses);
   report["models"] = Json::array();
   for (size_t i = 0; i < result.models.size(); ++i) {
     report["models"].push_back(ModelToJson(

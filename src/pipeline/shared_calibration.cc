@@ -171,7 +171,8 @@ void SharedCalibration::Learn(const MapperModel& model,
   cameras_.intrinsics.resize(scene_.cameras.size());
   cameras_.intrinsic_sigmas.resize(scene_.cameras.size());
   for (size_t i = 0; i < sigmas->size(); ++i) {
-    if (!cameras_.intrinsic_sigmas[i].empty()) continue;
+    if (has_lens_[i] || (*sigmas)[i].empty()) continue;
+    has_lens_[i] = true;
     cameras_.intrinsics[i] = reconstruction.cameras[i].params;
     cameras_.intrinsic_sigmas[i] = (*sigmas)[i];
   }

@@ -32,8 +32,12 @@ using RigSensors = std::vector<std::optional<RigSensor>>;  // per sensor
 // keypoints of another model tell nothing about its length.
 class SharedCalibration {
  public:
-  explicit SharedCalibration(const Scene& scene)
-      : scene_(scene), sensors_(scene.sensors.size()) {}
+  // `lenses` is the prior of intrinsics until a model passes on its own.
+  SharedCalibration(const Scene& scene, CalibrationPrior lenses)
+      : scene_(scene),
+        sensors_(scene.sensors.size()),
+        cameras_(std::move(lenses)),
+        has_lens_(scene.cameras.size(), false) {}
 
   // `positions` are those of the adjustment of the model. A model that shares
   // no baseline with an earlier one has a unit of its own, and passes on no
@@ -61,6 +65,7 @@ class SharedCalibration {
   const Scene& scene_;
   RigSensors sensors_;
   CalibrationPrior cameras_;  // without sensors
+  Mask has_lens_;             // per camera: a model passed on its intrinsics
   bool has_unit_ = false;
 };
 

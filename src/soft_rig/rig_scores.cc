@@ -339,7 +339,7 @@ std::optional<RigScores> ComputeRigScores(
                NoiseSigmaPx(separate, rig.model.separate, context.num_threads));
   adjusted.loss_scale_px = LossScalePx(options, sigma_px);
   adjusted.refine_focal_length = RefineMode::kNo;
-  adjusted.refine_principal_point = false;
+  adjusted.refine_principal_point = RefineMode::kNo;
   adjusted.refine_extra_params = RefineMode::kNo;
   // Known poses have errors, which would pass for delays: v t is a translation.
   adjusted.refine_sensor_from_rig = RefineMode::kYes;

@@ -22,6 +22,7 @@ namespace {
 
 using internal::FocalEquations;
 using internal::FocalPair;
+using internal::LensOffset;
 
 // Six times the 5 degrees of freedom of an essential matrix.
 constexpr size_t kMinNumMatches = 30;
@@ -33,8 +34,21 @@ constexpr int kMinNumPairs = 3;
 // of 7 %.
 constexpr int kNumFactors = 15;
 const double kMaxLogFactor = std::log(2.5);
+// Distortions of the initial search, at the corner of the image: wide lenses
+// have -0.3.
+constexpr std::array<double, 4> kDistortions = {0.0, -0.15, -0.3, 0.1};
+// Standard deviations of distortions, and of principal points in larger image
+// sides. Known ones are constant.
+constexpr double kSigmaOfDistortion = 0.2;
+constexpr double kSigmaOfPrincipalPoint = 0.02;
+constexpr double kSigmaOfConstant = 1e-6;
+// The search only has to find the basin of the minimum.
+constexpr size_t kMaxNumSearchPairs = 40;
 // An estimate outside of the searched range by more than a fifth diverged.
 constexpr double kMaxRelativeLogFactor = 1.2;
+// The relative error that all pairs of a camera share: the root mean square
+// error of pairs of recorded rigs whose motion determines focal lengths.
+constexpr double kSharedSigma = 0.02;
 // The standard deviation of the logarithm of a guess: lenses of 30 to 120
 // degrees are equally usual. A more certain estimate is a better start, though
 // it is not accepted.
@@ -67,10 +81,14 @@ const char* const kReason =
     "the views of its pairs rotate too little, or their optical axes stay "
     "parallel or in one plane, so that they hardly constrain the focal length";
 
-// The unknown log factors s: one per camera without prior focal length.
+// The unknown lenses s: four elements per camera without prior focal length.
+constexpr int kLensSize = LensOffset::SizeAtCompileTime;
+
 struct Unknowns {
-  std::vector<int> camera_idxs;               // per unknown
-  std::vector<std::optional<int>> of_camera;  // per camera
+  std::vector<int> camera_idxs;                 // per unknown
+  std::vector<std::optional<int>> of_camera;    // per camera
+  std::vector<Camera> cameras;                  // of the scene, in their model
+  LensOffset information = LensOffset::Zero();  // of the prior of a lens
 
   size_t size() const { return camera_idxs.size(); }
 
@@ -84,15 +102,34 @@ struct Unknowns {
   }
 };
 
-// The value of an unknown; zero without one, as the factor is 1.
-double ValueOf(const Eigen::VectorXd& s, const std::optional<int>& unknown) {
-  return unknown ? s[*unknown] : 0.0;
+// The value of an unknown; zero without one.
+LensOffset ValueOf(const Eigen::VectorXd& s,
+                   const std::optional<int>& unknown) {
+  return unknown ? LensOffset(s.segment<kLensSize>(kLensSize * *unknown))
+                 : LensOffset::Zero();
+}
+
+// What the prior adds to the cost.
+double CostOfPrior(const Eigen::VectorXd& s, const Unknowns& unknowns) {
+  double cost = 0.0;
+  for (int c = 0; c < static_cast<int>(unknowns.size()); ++c) {
+    cost += 0.5 * ValueOf(s, c).cwiseAbs2().dot(unknowns.information);
+  }
+  return cost;
 }
 
 // `include_priors`: also cameras with a prior.
 Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
   Unknowns unknowns;
   unknowns.of_camera.resize(scene.cameras.size());
+  unknowns.cameras = scene.cameras;
+  const double sigma_of_center =
+      include_priors ? kSigmaOfConstant : kSigmaOfPrincipalPoint;
+  const LensOffset sigmas(
+      1.0, include_priors ? kSigmaOfConstant : kSigmaOfDistortion,
+      sigma_of_center, sigma_of_center);
+  unknowns.information = sigmas.cwiseAbs2().cwiseInverse();
+  unknowns.information[0] = 0.0;
   for (size_t i = 0; i < scene.cameras.size(); ++i) {
     const Camera& camera = scene.cameras[i];
     const CameraModelInfo& info =
@@ -103,6 +140,10 @@ Unknowns FindUnknowns(const Scene& scene, bool include_priors) {
     }
     unknowns.of_camera[i] = static_cast<int>(unknowns.size());
     unknowns.camera_idxs.push_back(static_cast<int>(i));
+    if (!include_priors && camera.model == CameraModelId::kSimpleRadial &&
+        camera.params[3] == 0.0) {
+      unknowns.cameras[i].model = CameraModelId::kSimpleDivision;
+    }
   }
   return unknowns;
 }
@@ -137,7 +178,7 @@ std::vector<FocalPair> SelectPairs(const Scene& scene,
   }
   std::vector<FocalPair> pairs;
   for (const size_t i : selected)
-    pairs.emplace_back(scene, view_graph.pairs[i]);
+    pairs.emplace_back(scene, unknowns.cameras, view_graph.pairs[i]);
   return pairs;
 }
 
@@ -147,7 +188,7 @@ std::vector<FocalPair> InitializePairs(std::vector<FocalPair> pairs,
   Mask has_pose(pairs.size());
   ParallelFor(pairs.size(), context.num_threads, [&](size_t k) {
     Random random(context.random_seed, k);
-    pairs[k].SetRays(0.0, 0.0);
+    pairs[k].SetRays(LensOffset::Zero(), LensOffset::Zero());
     has_pose[k] = pairs[k].Initialize(&random);
     if (has_pose[k]) pairs[k].RefinePose(kNumPoseIterations);
   });
@@ -158,40 +199,72 @@ std::vector<FocalPair> InitializePairs(std::vector<FocalPair> pairs,
   return kept;
 }
 
-// The log factor of one unknown with the lowest cost on the grid, by the pairs
-// that depend on no other unknown. Factors are visited outwards from one, and
-// each pose starts at that of the factor before.
-double SearchLogFactor(const std::vector<FocalPair>& pairs,
-                       const Unknowns& unknowns, int c, int num_threads) {
+// The pairs that depend on no unknown but c, at equal spacing.
+std::vector<size_t> SelectSearchPairs(const std::vector<FocalPair>& pairs,
+                                      const Unknowns& unknowns, int c) {
+  std::vector<size_t> selected;
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    const std::optional<int> a = unknowns.of_camera[pairs[k].camera_idx1()];
+    const std::optional<int> b = unknowns.of_camera[pairs[k].camera_idx2()];
+    if ((a == c || b == c) && (!a || !b || a == b)) selected.push_back(k);
+  }
+  const size_t size = std::min(selected.size(), kMaxNumSearchPairs);
+  for (size_t i = 0; i < size; ++i) {
+    selected[i] = selected[i * selected.size() / size];
+  }
+  selected.resize(size);
+  return selected;
+}
+
+// The lens of one unknown with the lowest cost on the grid, by the pairs that
+// depend on no other unknown. For each distortion, factors are visited outwards
+// from one, and each pose starts at that of the factor before.
+LensOffset SearchLens(const std::vector<FocalPair>& pairs,
+                      const Unknowns& unknowns, int c, int num_threads) {
   constexpr int kMiddle = kNumFactors / 2;
-  std::vector<std::vector<double>> costs(pairs.size());
-  ParallelFor(pairs.size(), num_threads, [&](size_t k) {
-    FocalPair pair = pairs[k];
-    const std::optional<int> a = unknowns.of_camera[pair.camera_idx1()];
-    const std::optional<int> b = unknowns.of_camera[pair.camera_idx2()];
-    if ((a != c && b != c) || (a && b && a != b)) return;
-    costs[k].resize(kNumFactors);
-    for (const int direction : {1, -1}) {
-      pair.set_pose(pairs[k].pose());
-      for (int i = kMiddle; i >= 0 && i < kNumFactors; i += direction) {
-        const double s = kMaxLogFactor * (i - kMiddle) / kMiddle;
-        pair.SetRays(a == c ? s : 0.0, b == c ? s : 0.0);
-        costs[k][i] = pair.RefinePose(kNumPoseIterations);
+  constexpr size_t kSize = kDistortions.size() * kNumFactors;
+  const auto lens_at = [&](size_t cell) {
+    const int i = static_cast<int>(cell % kNumFactors);
+    return LensOffset(kMaxLogFactor * (i - kMiddle) / kMiddle,
+                      kDistortions[cell / kNumFactors], 0.0, 0.0);
+  };
+  const bool is_distorted = unknowns.cameras[unknowns.camera_idxs[c]].model ==
+                            CameraModelId::kSimpleDivision;
+  const std::vector<size_t> selected = SelectSearchPairs(pairs, unknowns, c);
+  std::vector<std::array<double, kSize>> costs(selected.size());
+  ParallelFor(selected.size(), num_threads, [&](size_t k) {
+    FocalPair pair = pairs[selected[k]];
+    const bool is_first = unknowns.of_camera[pair.camera_idx1()] == c;
+    const bool is_second = unknowns.of_camera[pair.camera_idx2()] == c;
+    for (size_t d = 0; d < (is_distorted ? kDistortions.size() : 1); ++d) {
+      for (const int direction : {1, -1}) {
+        pair.set_pose(pairs[selected[k]].pose());
+        for (int i = kMiddle; i >= 0 && i < kNumFactors; i += direction) {
+          const size_t cell = d * kNumFactors + static_cast<size_t>(i);
+          const LensOffset lens = lens_at(cell);
+          pair.SetRays(is_first ? lens : LensOffset::Zero(),
+                       is_second ? lens : LensOffset::Zero());
+          costs[k][cell] = pair.RefinePose(kNumPoseIterations);
+        }
       }
     }
   });
-  std::vector<double> sums(kNumFactors, 0.0);
-  for (const std::vector<double>& of_pair : costs) {
-    for (size_t i = 0; i < of_pair.size(); ++i) sums[i] += of_pair[i];
+  size_t best = kMiddle;
+  double least = 0.0;
+  for (size_t cell = 0; cell < (is_distorted ? kSize : kNumFactors); ++cell) {
+    double change = 0.0;
+    for (const auto& of_pair : costs)
+      change += of_pair[cell] - of_pair[kMiddle];
+    if (change >= least) continue;
+    least = change;
+    best = cell;
   }
-  const auto best = std::min_element(sums.begin(), sums.end()) - sums.begin();
-  if (!(sums[best] < sums[kMiddle])) return 0.0;
-  return kMaxLogFactor * static_cast<double>(best - kMiddle) / kMiddle;
+  return lens_at(best);
 }
 
-// Sets the rays of all pairs to the log factors and returns the total cost.
-double SetLogFactors(const Eigen::VectorXd& s, const Unknowns& unknowns,
-                     int num_threads, std::vector<FocalPair>* pairs) {
+// Sets the rays of all pairs to the lenses and returns the total cost.
+double SetLenses(const Eigen::VectorXd& s, const Unknowns& unknowns,
+                 int num_threads, std::vector<FocalPair>* pairs) {
   std::vector<double> costs(pairs->size());
   ParallelFor(pairs->size(), num_threads, [&](size_t k) {
     FocalPair& pair = (*pairs)[k];
@@ -199,7 +272,7 @@ double SetLogFactors(const Eigen::VectorXd& s, const Unknowns& unknowns,
                  ValueOf(s, unknowns.of_camera[pair.camera_idx2()]));
     costs[k] = pair.Cost();
   });
-  double sum = 0.0;
+  double sum = CostOfPrior(s, unknowns);
   for (const double cost : costs) sum += cost;
   return sum;
 }
@@ -212,40 +285,55 @@ struct ReducedEquations {
   std::vector<FocalEquations> of_pair;  // with poses
 };
 
+// `variance` of the residuals weighs them against the prior.
 ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
-                        const Unknowns& unknowns, int num_threads) {
+                        const Unknowns& unknowns, const Eigen::VectorXd& s,
+                        double variance, int num_threads) {
   ReducedEquations reduced;
-  const auto size = static_cast<Eigen::Index>(unknowns.size());
+  const Eigen::Index size = s.size();
   reduced.hessian.setZero(size, size);
   reduced.outer.setZero(size, size);
   reduced.gradient.setZero(size);
   reduced.of_pair.resize(pairs.size());
   ParallelFor(pairs.size(), num_threads, [&](size_t k) {
     FocalEquations& e = reduced.of_pair[k];
-    e = pairs[k].Linearize(/*with_focal_lengths=*/true);
+    e = pairs[k].Linearize(/*with_lenses=*/true);
     e.hessian.diagonal().head<5>() *= 1.0 + kPoseDamping;
     e.hessian.diagonal().head<5>().array() += kPoseDamping;
   });
   for (size_t k = 0; k < pairs.size(); ++k) {
     const FocalEquations& e = reduced.of_pair[k];
-    const Eigen::Matrix<double, 5, 2> coupling =
-        e.hessian.topRightCorner<5, 2>();
-    const Eigen::Matrix<double, 5, 2> solved =
+    const Eigen::Matrix<double, 5, 2 * kLensSize> coupling =
+        e.hessian.topRightCorner<5, 2 * kLensSize>();
+    const Eigen::Matrix<double, 5, 2 * kLensSize> solved =
         e.hessian.topLeftCorner<5, 5>().ldlt().solve(coupling);
-    const Eigen::Matrix2d H =
-        e.hessian.bottomRightCorner<2, 2>() - coupling.transpose() * solved;
-    const Eigen::Vector2d g =
-        e.gradient.tail<2>() - solved.transpose() * e.gradient.head<5>();
+    const Eigen::Matrix<double, 2 * kLensSize, 2 * kLensSize> H =
+        e.hessian.bottomRightCorner<2 * kLensSize, 2 * kLensSize>() -
+        coupling.transpose() * solved;
+    const Eigen::Matrix<double, 2 * kLensSize, 1> g =
+        e.gradient.tail<2 * kLensSize>() -
+        solved.transpose() * e.gradient.head<5>();
     const auto of_pair = unknowns.OfPair(pairs[k]);
     for (int i = 0; i < 2; ++i) {
       if (!of_pair[i]) continue;
-      reduced.gradient[*of_pair[i]] += g[i];
+      const int row = kLensSize * *of_pair[i];
+      const LensOffset g_i = g.segment<kLensSize>(kLensSize * i);
+      reduced.gradient.segment<kLensSize>(row) += g_i;
       for (int j = 0; j < 2; ++j) {
         if (!of_pair[j]) continue;
-        reduced.hessian(*of_pair[i], *of_pair[j]) += H(i, j);
-        reduced.outer(*of_pair[i], *of_pair[j]) += g[i] * g[j];
+        const int column = kLensSize * *of_pair[j];
+        reduced.hessian.block<kLensSize, kLensSize>(row, column) +=
+            H.block<kLensSize, kLensSize>(kLensSize * i, kLensSize * j);
+        reduced.outer.block<kLensSize, kLensSize>(row, column) +=
+            g_i * g.segment<kLensSize>(kLensSize * j).transpose();
       }
     }
+  }
+  for (int c = 0; c < static_cast<int>(unknowns.size()); ++c) {
+    const LensOffset weight = variance * unknowns.information;
+    reduced.hessian.diagonal().segment<kLensSize>(kLensSize * c) += weight;
+    reduced.gradient.segment<kLensSize>(kLensSize * c) +=
+        weight.cwiseProduct(ValueOf(s, c));
   }
   reduced.hessian.diagonal().array() += kFactorDamping;
   return reduced;
@@ -256,7 +344,7 @@ ReducedEquations Reduce(const std::vector<FocalPair>& pairs,
 bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
              const Unknowns& unknowns, int num_threads,
              std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
-  double cost = 0.0;
+  double cost = CostOfPrior(*s, unknowns);
   std::vector<Rigid3> poses;
   for (const FocalPair& pair : *pairs) {
     cost += pair.Cost();
@@ -267,21 +355,22 @@ bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
     for (size_t k = 0; k < pairs->size(); ++k) {
       const FocalEquations& e = reduced.of_pair[k];
       const auto [a, b] = unknowns.OfPair((*pairs)[k]);
-      const Eigen::Vector2d ds(ValueOf(step, a), ValueOf(step, b));
+      Eigen::Matrix<double, 2 * kLensSize, 1> ds;
+      ds << ValueOf(step, a), ValueOf(step, b);
       (*pairs)[k].set_pose(poses[k]);
       (*pairs)[k].MovePose(
-          -scale *
-          e.hessian.topLeftCorner<5, 5>().ldlt().solve(
-              e.gradient.head<5>() + e.hessian.topRightCorner<5, 2>() * ds));
+          -scale * e.hessian.topLeftCorner<5, 5>().ldlt().solve(
+                       e.gradient.head<5>() +
+                       e.hessian.topRightCorner<5, 2 * kLensSize>() * ds));
     }
     const Eigen::VectorXd candidate = *s + scale * step;
-    if (SetLogFactors(candidate, unknowns, num_threads, pairs) < cost) {
+    if (SetLenses(candidate, unknowns, num_threads, pairs) < cost) {
       *s = candidate;
       return true;
     }
   }
   for (size_t k = 0; k < pairs->size(); ++k) (*pairs)[k].set_pose(poses[k]);
-  SetLogFactors(*s, unknowns, num_threads, pairs);
+  SetLenses(*s, unknowns, num_threads, pairs);
   return false;
 }
 
@@ -289,13 +378,13 @@ bool TryStep(const ReducedEquations& reduced, const Eigen::VectorXd& step,
 void Refine(const Unknowns& unknowns, double min_step, const Context& context,
             std::vector<FocalPair>* pairs, Eigen::VectorXd* s) {
   if (pairs->empty()) return;
-  SetLogFactors(*s, unknowns, context.num_threads, pairs);
+  SetLenses(*s, unknowns, context.num_threads, pairs);
   ParallelFor(pairs->size(), context.num_threads,
               [&](size_t k) { (*pairs)[k].RefinePose(kNumPoseIterations); });
   for (int i = 0; i < kMaxNumIterations; ++i) {
     context.CheckInterrupted();
     const ReducedEquations reduced =
-        Reduce(*pairs, unknowns, context.num_threads);
+        Reduce(*pairs, unknowns, *s, 1.0, context.num_threads);
     const Eigen::VectorXd step =
         -reduced.hessian.ldlt().solve(reduced.gradient);
     if (!step.allFinite() || step.cwiseAbs().maxCoeff() < min_step) break;
@@ -319,10 +408,11 @@ std::vector<FocalPair> DropOutliers(std::vector<FocalPair> pairs) {
   return kept;
 }
 
-// Variances of s: the larger of that by the noise of residuals and the sandwich
-// estimate; see the header.
+// Variances of the log factors: the larger of those by the noise of residuals
+// and the sandwich estimate; see the header.
 Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
-                                  const Unknowns& unknowns, int num_threads) {
+                                  const Unknowns& unknowns,
+                                  const Eigen::VectorXd& s, int num_threads) {
   std::set<int> images;
   std::vector<double> residuals;
   for (const FocalPair& pair : pairs) {
@@ -330,15 +420,21 @@ Eigen::VectorXd EstimateVariances(const std::vector<FocalPair>& pairs,
     residuals.insert(residuals.end(), of_pair.begin(), of_pair.end());
     images.insert({pair.image_idx1(), pair.image_idx2()});
   }
-  const ReducedEquations reduced = Reduce(pairs, unknowns, num_threads);
-  const Eigen::MatrixXd inverse = reduced.hessian.inverse();
-  const Eigen::MatrixXd sandwich = inverse * reduced.outer * inverse;
   const double sigma_px =
       std::max(RobustSigma<1>(std::move(residuals)), kMinSigmaPx);
   const double pairs_per_image = 2.0 * static_cast<double>(pairs.size()) /
                                  static_cast<double>(images.size());
   const double variance = sigma_px * sigma_px * std::max(1.0, pairs_per_image);
-  return (variance * inverse.diagonal()).cwiseMax(sandwich.diagonal());
+  const ReducedEquations reduced =
+      Reduce(pairs, unknowns, s, variance, num_threads);
+  const Eigen::MatrixXd inverse = reduced.hessian.inverse();
+  const Eigen::MatrixXd sandwich = inverse * reduced.outer * inverse;
+  Eigen::VectorXd variances(s.size() / kLensSize);
+  for (Eigen::Index c = 0; c < variances.size(); ++c) {
+    const Eigen::Index i = kLensSize * c;
+    variances[c] = std::max(variance * inverse(i, i), sandwich(i, i));
+  }
+  return variances;
 }
 
 bool IsDiverged(double s) {
@@ -373,6 +469,27 @@ std::vector<int> CountPairs(const std::vector<FocalPair>& pairs,
   return num_pairs;
 }
 
+// A lens of the division model as SIMPLE_RADIAL: the k for which r + k r^3 fits
+// best to the radii of the image.
+Camera InModelOf(const Camera& camera, Camera lens) {
+  if (lens.model == camera.model) return lens;
+  lens.model = camera.model;
+  constexpr int kNumRadii = 20;
+  const double corner =
+      0.5 * std::hypot(lens.width_px, lens.height_px) / lens.params[0];
+  double products = 0.0, squares = 0.0;
+  for (int i = 1; i <= kNumRadii; ++i) {
+    const double distorted = corner * i / kNumRadii;
+    const double scale = 1.0 + lens.params[3] * distorted * distorted;
+    if (scale <= 0.0) break;
+    const double radius = distorted / scale;
+    products += std::pow(radius, 3) * (distorted - radius);
+    squares += std::pow(radius, 6);
+  }
+  lens.params[3] = squares > 0.0 ? products / squares : 0.0;
+  return lens;
+}
+
 FocalLengthResult MakeResult(const Scene& scene,
                              const std::vector<FocalPair>& pairs,
                              const Unknowns& unknowns, const Eigen::VectorXd& s,
@@ -382,7 +499,7 @@ FocalLengthResult MakeResult(const Scene& scene,
   const std::vector<int> num_pairs = CountPairs(pairs, unknowns);
   Eigen::VectorXd variances;
   if (!pairs.empty()) {
-    variances = EstimateVariances(pairs, unknowns, num_threads);
+    variances = EstimateVariances(pairs, unknowns, s, num_threads);
   }
   for (size_t c = 0; c < unknowns.size(); ++c) {
     const auto i = static_cast<Eigen::Index>(c);
@@ -394,17 +511,23 @@ FocalLengthResult MakeResult(const Scene& scene,
     estimate.camera_idx = camera_idx;
     estimate.prior_px = camera.params[info.focal_length_idxs.front()];
     estimate.num_pairs = num_pairs[c];
-    if (num_pairs[c] > 0) estimate.sigma = std::sqrt(variances[i]);
-    estimate.message =
-        RejectionReason(num_pairs[c], s[i], estimate.sigma, max_sigma);
+    std::optional<double> sigma;
+    if (num_pairs[c] > 0) {
+      sigma = std::sqrt(variances[i]);
+      estimate.sigma = std::hypot(*sigma, kSharedSigma);
+    }
+    LensOffset lens = ValueOf(s, static_cast<int>(c));
+    lens.tail<2>().setZero();  // bundle adjustment estimates it better
+    estimate.message = RejectionReason(num_pairs[c], lens[0], sigma, max_sigma);
     const bool is_accepted = estimate.message.empty();
     if (is_accepted) {
-      estimate.estimated_px = std::exp(s[i]) * estimate.prior_px;
-    } else if (num_pairs[c] < kMinNumPairs || IsDiverged(s[i]) ||
+      estimate.estimated_px = std::exp(lens[0]) * estimate.prior_px;
+    } else if (num_pairs[c] < kMinNumPairs || IsDiverged(lens[0]) ||
                !(*estimate.sigma < kSigmaOfGuess)) {
       continue;
     }
-    result.cameras[camera_idx] = internal::WithFocalFactor(camera, s[i]);
+    result.cameras[camera_idx] = InModelOf(
+        camera, internal::WithLens(unknowns.cameras[camera_idx], lens));
   }
   return result;
 }
@@ -419,10 +542,10 @@ FocalLengthResult CalibrateFocalLengths(const Scene& scene,
   if (unknowns.size() == 0) return {scene.cameras, {}};
   std::vector<FocalPair> pairs = InitializePairs(
       SelectPairs(scene, view_graph, unknowns, options.max_num_pairs), context);
-  Eigen::VectorXd s(static_cast<Eigen::Index>(unknowns.size()));
-  for (Eigen::Index c = 0; c < s.size(); ++c) {
-    s[c] = SearchLogFactor(pairs, unknowns, static_cast<int>(c),
-                           context.num_threads);
+  Eigen::VectorXd s(kLensSize * static_cast<Eigen::Index>(unknowns.size()));
+  for (Eigen::Index c = 0; kLensSize * c < s.size(); ++c) {
+    s.segment<kLensSize>(kLensSize * c) =
+        SearchLens(pairs, unknowns, static_cast<int>(c), context.num_threads);
   }
   Refine(unknowns, kMinStep, context, &pairs, &s);
   pairs = DropOutliers(std::move(pairs));
@@ -438,37 +561,34 @@ std::vector<FocalLengthMeasurement> MeasureFocalLengths(
   if (unknowns.size() == 0) return {};
   std::vector<FocalPair> pairs = InitializePairs(
       SelectPairs(scene, view_graph, unknowns, max_num_pairs), context);
-  Eigen::VectorXd s =
-      Eigen::VectorXd::Zero(static_cast<Eigen::Index>(unknowns.size()));
+  Eigen::VectorXd s = Eigen::VectorXd::Zero(
+      kLensSize * static_cast<Eigen::Index>(unknowns.size()));
   Refine(unknowns, kMinStepOfMeasurement, context, &pairs, &s);
   pairs = DropOutliers(std::move(pairs));
   Refine(unknowns, kMinStepOfMeasurement, context, &pairs, &s);
   if (pairs.empty()) return {};
   const Eigen::VectorXd variances =
-      EstimateVariances(pairs, unknowns, context.num_threads);
+      EstimateVariances(pairs, unknowns, s, context.num_threads);
   const std::vector<int> num_pairs = CountPairs(pairs, unknowns);
   std::vector<FocalLengthMeasurement> measured;
   for (size_t c = 0; c < unknowns.size(); ++c) {
     const auto i = static_cast<Eigen::Index>(c);
     if (num_pairs[c] < kMinNumPairs) continue;
-    measured.push_back(
-        {unknowns.camera_idxs[c], s[i], std::sqrt(variances[i]), num_pairs[c]});
+    measured.push_back({unknowns.camera_idxs[c], s[kLensSize * i],
+                        std::sqrt(variances[i]), num_pairs[c]});
   }
   return measured;
 }
 
-ViewGraph DropCalibratedGeometry(const Scene& scene,
-                                 const FocalLengthResult& focal_lengths,
-                                 const ViewGraph& view_graph) {
-  Mask is_changed(scene.cameras.size(), false);
-  for (const FocalLengthEstimate& estimate : focal_lengths.estimates) {
-    const int i = estimate.camera_idx;
-    is_changed[i] = focal_lengths.cameras[i].params != scene.cameras[i].params;
-  }
+ViewGraph DropUncalibratedGeometry(const Scene& scene,
+                                   const ViewGraph& view_graph) {
+  const auto is_calibrated = [&](int image_idx) {
+    return scene.cameras[scene.images[image_idx].camera_idx]
+        .has_prior_focal_length;
+  };
   ViewGraph kept = view_graph;
   for (ImagePair& pair : kept.pairs) {
-    if (!is_changed[scene.images[pair.image_idx1].camera_idx] &&
-        !is_changed[scene.images[pair.image_idx2].camera_idx]) {
+    if (is_calibrated(pair.image_idx1) && is_calibrated(pair.image_idx2)) {
       continue;
     }
     pair.E.reset();

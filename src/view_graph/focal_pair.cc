@@ -20,11 +20,9 @@ using Eigen::Vector3d;
 
 // Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
 constexpr size_t kMaxNumMatches = 200;
-// Steps of forward differences. Rays are smooth over a pixel; for poses and log
-// factors the steps balance truncation and rounding.
-constexpr double kStepPx = 0.5;
+// Steps of forward differences, which balance truncation and rounding.
 constexpr double kPoseStep = 1e-6;
-constexpr double kFocalStep = 1e-5;
+constexpr double kLensStep = 1e-5;
 // COLMAP's default of the two-view geometry; wide, as focal lengths are wrong.
 constexpr double kRansacErrorPx = 4.0;
 // A sample of five inliers at an inlier ratio of 0.4 is found with probability
@@ -62,6 +60,21 @@ double CostOf(const std::vector<double>& residuals) {
 
 }  // namespace
 
+Camera WithLens(const Camera& camera, const LensOffset& lens) {
+  Camera changed = WithFocalFactor(camera, lens[0]);
+  const std::vector<int>& center =
+      FindCameraModel(static_cast<int32_t>(camera.model))->principal_point_idxs;
+  for (size_t i = 0; i < center.size(); ++i) {
+    changed.params[center[i]] += lens[2 + static_cast<Eigen::Index>(i)] *
+                                 std::max(camera.width_px, camera.height_px);
+  }
+  if (camera.model != CameraModelId::kSimpleDivision) return changed;
+  const double corner =
+      0.5 * std::hypot(camera.width_px, camera.height_px) / changed.params[0];
+  changed.params[3] += lens[1] / (corner * corner);
+  return changed;
+}
+
 Camera WithFocalFactor(const Camera& camera, double s) {
   Camera scaled = camera;
   const CameraModelInfo& info =
@@ -72,8 +85,9 @@ Camera WithFocalFactor(const Camera& camera, double s) {
   return scaled;
 }
 
-FocalPair::FocalPair(const Scene& scene, const ImagePair& pair)
-    : scene_(&scene), pair_(&pair) {
+FocalPair::FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
+                     const ImagePair& pair)
+    : cameras_(&cameras), pair_(&pair) {
   const Image& image1 = scene.images[pair.image_idx1];
   const Image& image2 = scene.images[pair.image_idx2];
   camera_idx1_ = image1.camera_idx;
@@ -90,33 +104,23 @@ FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
                                           const std::vector<Vector2d>& pixels) {
   Patches patches(pixels.size());
   for (size_t i = 0; i < pixels.size(); ++i) {
-    const auto ray_at = [&](const Vector2d& pixel) {
-      return RayFromPixel(camera.model, camera.params.data(), pixel);
-    };
-    const auto ray = ray_at(pixels[i]);
-    const auto right = ray_at(pixels[i] + Vector2d(kStepPx, 0.0));
-    const auto below = ray_at(pixels[i] + Vector2d(0.0, kStepPx));
-    if (!ray || !right || !below) continue;
-    RayPatch& patch = patches[i].emplace();
-    patch.ray = *ray;
-    patch.by_pixel << (*right - *ray) / kStepPx, (*below - *ray) / kStepPx;
+    const auto ray =
+        RayFromPixel(camera.model, camera.params.data(), pixels[i]);
+    if (!ray) continue;
+    Eigen::Matrix<double, 2, 3> J;
+    if (!ProjectToPixel(camera.model, camera.params.data(), *ray, &J)) continue;
+    // J vanishes along the ray, so that its pseudoinverse is normal to it.
+    patches[i] =
+        RayPatch{*ray, J.transpose() * (J * J.transpose()).eval().inverse()};
   }
   return patches;
 }
 
-FocalPair::Patches FocalPair::MovedPatches(
-    int camera_idx, double s, const std::vector<Vector2d>& pixels) const {
-  return MakePatches(
-      WithFocalFactor(scene_->cameras[camera_idx], s + kFocalStep), pixels);
-}
-
-void FocalPair::SetRays(double s1, double s2) {
-  s1_ = s1;
-  s2_ = s2;
-  patches1_ =
-      MakePatches(WithFocalFactor(scene_->cameras[camera_idx1_], s1), pixels1_);
-  patches2_ =
-      MakePatches(WithFocalFactor(scene_->cameras[camera_idx2_], s2), pixels2_);
+void FocalPair::SetRays(const LensOffset& lens1, const LensOffset& lens2) {
+  lens1_ = lens1;
+  lens2_ = lens2;
+  patches1_ = MakePatches(WithLens(camera1(), lens1), pixels1_);
+  patches2_ = MakePatches(WithLens(camera2(), lens2), pixels2_);
 }
 
 void FocalPair::AddResiduals(const Rigid3& pose, const Patches& patches1,
@@ -162,8 +166,8 @@ bool FocalPair::Initialize(Random* random) {
     consider({relative->cam2_from_cam1, *relative->translation_direction});
   }
   if (pair_->E) consider_matrix(*pair_->E);
-  const auto K1 = CalibrationMatrix(scene_->cameras[camera_idx1_]);
-  const auto K2 = CalibrationMatrix(scene_->cameras[camera_idx2_]);
+  const auto K1 = CalibrationMatrix(camera1());
+  const auto K2 = CalibrationMatrix(camera2());
   if (pair_->F && K1 && K2) {
     consider_matrix(K2->transpose() * *pair_->F * *K1);
   }
@@ -174,7 +178,7 @@ bool FocalPair::Initialize(Random* random) {
     matches.Add(patches1_[i]->ray, patches2_[i]->ray);
   }
   RansacOptions ransac;
-  const Camera& camera = scene_->cameras[camera_idx1_];
+  const Camera& camera = camera1();
   ransac.max_error_rad =
       kRansacErrorPx / PixelsPerRadian(camera.model, camera.params.data());
   ransac.max_num_trials = kMaxNumTrials;
@@ -183,11 +187,11 @@ bool FocalPair::Initialize(Random* random) {
   return pose.has_value();
 }
 
-FocalEquations FocalPair::Linearize(bool with_focal_lengths) const {
+FocalEquations FocalPair::Linearize(bool with_lenses) const {
   std::vector<double> r0;
   AddResiduals(pose_, patches1_, patches2_, &r0);
   const auto size = static_cast<Eigen::Index>(r0.size());
-  Eigen::Matrix<double, Eigen::Dynamic, 7> J(size, 7);
+  Eigen::Matrix<double, Eigen::Dynamic, 13> J(size, 13);
   J.setZero();
   const auto set_column = [&](int column, const Rigid3& pose,
                               const Patches& patches1, const Patches& patches2,
@@ -204,14 +208,17 @@ FocalEquations FocalPair::Linearize(bool with_focal_lengths) const {
                    pose_, kPoseStep * Eigen::Matrix<double, 5, 1>::Unit(i)),
                patches1_, patches2_, kPoseStep);
   }
-  if (with_focal_lengths) {
-    const Patches moved1 = MovedPatches(camera_idx1_, s1_, pixels1_);
-    const Patches moved2 = MovedPatches(camera_idx2_, s2_, pixels2_);
+  for (int k = 0; with_lenses && k < LensOffset::SizeAtCompileTime; ++k) {
+    const LensOffset step = kLensStep * LensOffset::Unit(k);
+    const Patches moved1 =
+        MakePatches(WithLens(camera1(), lens1_ + step), pixels1_);
+    const Patches moved2 =
+        MakePatches(WithLens(camera2(), lens2_ + step), pixels2_);
     if (camera_idx1_ == camera_idx2_) {
-      set_column(5, pose_, moved1, moved2, kFocalStep);
+      set_column(5 + k, pose_, moved1, moved2, kLensStep);
     } else {
-      set_column(5, pose_, moved1, patches2_, kFocalStep);
-      set_column(6, pose_, patches1_, moved2, kFocalStep);
+      set_column(5 + k, pose_, moved1, patches2_, kLensStep);
+      set_column(9 + k, pose_, patches1_, moved2, kLensStep);
     }
   }
   FocalEquations equations;

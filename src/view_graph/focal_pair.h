@@ -18,6 +18,14 @@ namespace mgsfm::internal {
 // The error of a keypoint, up to which the loss is nearly quadratic.
 constexpr double kFocalLossScalePx = 1.0;
 
+// A lens relative to a camera: the logarithm of the factor on its focal
+// lengths; for SIMPLE_DIVISION, the distortion k r^2 at the corner of the
+// image, so that the two hardly depend on each other; and the offset of the
+// principal point in larger image sides.
+using LensOffset = Eigen::Vector4d;
+
+Camera WithLens(const Camera& camera, const LensOffset& lens);
+
 // A camera with its focal lengths multiplied by exp(s).
 Camera WithFocalFactor(const Camera& camera, double s);
 
@@ -27,33 +35,34 @@ struct RayPatch {
   Eigen::Matrix<double, 3, 2> by_pixel;
 };
 
-// Normal equations of one pair in its pose (5) and s of both cameras. If they
-// are one camera, its s is the first and the second is not used.
+// Normal equations of one pair in its pose (5) and the lenses of both cameras.
+// If they are one camera, its lens is the first and the second is not used.
 struct FocalEquations {
-  Eigen::Matrix<double, 7, 7> hessian = Eigen::Matrix<double, 7, 7>::Zero();
-  Eigen::Matrix<double, 7, 1> gradient = Eigen::Matrix<double, 7, 1>::Zero();
+  Eigen::Matrix<double, 13, 13> hessian = Eigen::Matrix<double, 13, 13>::Zero();
+  Eigen::Matrix<double, 13, 1> gradient = Eigen::Matrix<double, 13, 1>::Zero();
 };
 
 class FocalPair {
  public:
   // Uses at most 200 matches, at equal spacing.
-  FocalPair(const Scene& scene, const ImagePair& pair);
+  // `cameras` replaces those of the scene and must outlive the pair.
+  FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
+            const ImagePair& pair);
 
   int camera_idx1() const { return camera_idx1_; }
   int camera_idx2() const { return camera_idx2_; }
   int image_idx1() const { return pair_->image_idx1; }
   int image_idx2() const { return pair_->image_idx2; }
 
-  // Computes the rays for the log factors s1 and s2.
-  void SetRays(double s1, double s2);
+  void SetRays(const LensOffset& lens1, const LensOffset& lens2);
   // Initializes the pose by the geometry of the view graph or by RANSAC.
   // Returns false if both fail.
   bool Initialize(Random* random);
   // Gauss-Newton in the pose alone, up to a relative decrease of the cost of
   // 1e-4. Returns the final cost.
   double RefinePose(int num_iterations);
-  // Rows and columns of focal lengths are zero without with_focal_lengths.
-  FocalEquations Linearize(bool with_focal_lengths) const;
+  // Rows and columns of lenses are zero without with_lenses.
+  FocalEquations Linearize(bool with_lenses) const;
   void MovePose(const Eigen::Matrix<double, 5, 1>& step);
   double Cost() const;
   // Absolute residuals, in pixels.
@@ -67,17 +76,17 @@ class FocalPair {
   using Patches = std::vector<std::optional<RayPatch>>;
   static Patches MakePatches(const Camera& camera,
                              const std::vector<Eigen::Vector2d>& pixels);
-  Patches MovedPatches(int camera_idx, double s,
-                       const std::vector<Eigen::Vector2d>& pixels) const;
+  const Camera& camera1() const { return (*cameras_)[camera_idx1_]; }
+  const Camera& camera2() const { return (*cameras_)[camera_idx2_]; }
   static void AddResiduals(const Rigid3& pose, const Patches& patches1,
                            const Patches& patches2,
                            std::vector<double>* residuals);
 
-  const Scene* scene_;
+  const std::vector<Camera>* cameras_;
   const ImagePair* pair_;
   int camera_idx1_ = 0, camera_idx2_ = 0;
   std::vector<Eigen::Vector2d> pixels1_, pixels2_;
-  double s1_ = 0.0, s2_ = 0.0;
+  LensOffset lens1_ = LensOffset::Zero(), lens2_ = LensOffset::Zero();
   Patches patches1_, patches2_;
   Rigid3 pose_;
 };

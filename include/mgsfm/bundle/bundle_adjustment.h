@@ -112,8 +112,10 @@ struct BundleAdjustmentOptions {
   Option<RefineMode> refine_focal_length{
       "refine_focal_length", RefineMode::kAuto,
       "Refine focal lengths. auto: those without a prior."};
-  Option<bool> refine_principal_point{"refine_principal_point", false,
-                                      "Refine principal points."};
+  Option<RefineMode> refine_principal_point{
+      "refine_principal_point", RefineMode::kAuto,
+      "Refine principal points. auto: of cameras without a prior focal length, "
+      "near the image center."};
   Option<RefineMode> refine_extra_params{
       "refine_extra_params", RefineMode::kAuto,
       "Refine distortion parameters. auto: of cameras without a prior focal "

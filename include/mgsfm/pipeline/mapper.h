@@ -164,11 +164,24 @@ struct UnregisteredFrame {
   std::string reason;
 };
 
+// The model of a lens without calibration.
+struct LensChoice {
+  int camera_idx = 0;
+  CameraModelId model = CameraModelId::kSimpleRadial;
+  std::string reason;  // empty if the model was given
+};
+
+struct LensSummary {
+  int num_rounds = 0;  // maps before the last one, with lenses that changed
+  std::vector<LensChoice> lenses;
+};
+
 struct MapperResult {
   std::vector<MapperModel> models;  // by descending number of frames
   std::vector<UnregisteredFrame> unregistered_frames;  // in no model
   // One per camera without a prior focal length.
   std::vector<FocalLengthEstimate> focal_lengths;
+  std::optional<LensSummary> lenses;  // if some were estimated
   ViewGraphSummary view_graph;
   // Pairs of the view graph that were rejected, by reason. Empty for an
   // extended model.

@@ -12,40 +12,47 @@
 
 namespace mgsfm {
 
-// Calibrates the focal lengths of cameras without a prior jointly, from the
-// epipolar geometry of all image pairs.
+// Calibrates the lenses of cameras without a prior jointly, from the epipolar
+// geometry of all image pairs.
 //
-// Unknowns: s_c, the logarithm of the factor on the focal lengths of camera c,
-// and the essential matrix E_k of each pair k. Objective:
+// Unknowns: per camera c, the logarithm of the factor on its focal lengths, the
+// distortion of the division model if it has SIMPLE_RADIAL without distortion,
+// and its principal point (together s_c); and the essential matrix E_k of each
+// pair k. Objective:
 //
-//   min over s, E:  sum_k sum_i rho(e_ki^2 / v_ki),   e = f2^T E_k f1
+//   min over s, E:  sum_k sum_i rho(e_ki^2 / v_ki) + sum_c |s_c|^2_P,
+//                   e = f2^T E_k f1
 //
 // with f1, f2 the rays of a match, which depend on s; v the variance of e for
 // independent pixel errors of unit variance, so that residuals are Sampson
 // distances in pixels for every camera model; rho the Cauchy loss with a scale
-// of one pixel. Cameras with a prior, principal points and distortions are
-// fixed.
+// of one pixel; P a prior of distortion and principal point, so that what they
+// leave open makes focal lengths uncertain. Principal points are only nuisance
+// parameters: the result keeps them. Cameras with a prior are fixed.
 //
-// Initialization: per camera the best of 15 factors from 0.4 to 2.5, by pairs
-// within the camera or with known cameras, with E refined for each factor. Then
-// Gauss-Newton in all unknowns with the E_k eliminated. It stops if
-// max_c |ds_c| < 1e-5, if five halvings of a step do not decrease the cost, or
+// Initialization: per camera the best of 15 factors from 0.4 to 2.5 and four
+// distortions, by pairs within the camera or with known cameras, with E refined
+// for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
+// if max |ds| < 1e-5, if five halvings of a step do not decrease the cost, or
 // after 20 steps. Pairs whose median residual exceeds three times that of the
 // median pair are dropped, and the minimisation is repeated.
 //
 // Some motions do not constrain focal lengths: translation along the optical
 // axis or sideways without rotation, and a camera whose optical axis stays in a
-// plane, as on a flat road. The standard deviation of s is the larger of two
-// estimates: from the noise of the residuals, with pairs of one image taken as
-// fully dependent, and from the disagreement between pairs (sandwich). If it
-// exceeds max_sigma or s leaves the range, the estimate is not accepted, and
-// `message` gives the reason. The camera still starts at an estimate that is
-// more certain than a guess, of a lens of 30 to 120 degrees.
+// plane, as on a flat road. The standard deviation of the log factor is the
+// larger of two estimates: from the noise of the residuals, with pairs of one
+// image taken as fully dependent, and from the disagreement between pairs
+// (sandwich). If it exceeds max_sigma or the log factor leaves the range, the
+// estimate is not accepted, and `message` gives the reason. The camera still
+// starts at an estimate that is more certain than a guess, of a lens of 30 to
+// 120 degrees. The stated standard deviation adds the errors that all pairs
+// share, as measured on recorded rigs.
 //
 // Source: Sweeney, Sattler, Hollerer, Turk, Pollefeys: Optimizing the viewing
 // graph for structure-from-motion, ICCV 2015; Kanatani, Matsunaga: Closed-form
 // expression for focal lengths from the fundamental matrix, ACCV 2000
-// (degenerate motions).
+// (degenerate motions); Fitzgibbon: Simultaneous linear estimation of multiple
+// view geometry and lens distortion, CVPR 2001 (division model).
 //
 // Cost: linear in at most max_num_pairs pairs per camera and 200 matches per
 // pair.
@@ -53,19 +60,30 @@ struct FocalLengthOptions {
   Option<bool> calibrate{
       "calibrate", true,
       "Estimate focal lengths that have no prior from image pairs, before "
-      "relative poses are estimated."};
+      "relative poses are estimated, and then their lenses from maps of some "
+      "frames."};
   Option<double> max_sigma{
       "max_sigma", 0.01, GreaterThan(0.0),
       "Maximum relative standard deviation of an accepted estimate of a focal "
       "length. Less certain ones are a start, and the model names them."};
   Option<int> max_num_pairs{
-      "max_num_pairs", 300, AtLeast(1), "pairs",
+      "max_num_pairs", 100, AtLeast(1), "pairs",
       "Maximum number of image pairs per camera, selected at equal spacing. "
       "Decrease it to save time."};
+  Option<bool> select_camera_model{
+      "select_camera_model", true,
+      "Replace SIMPLE_RADIAL, the default of feature extraction, by RADIAL for "
+      "cameras without calibration whose images need a second radial "
+      "parameter. 0 keeps the models of the database."};
+  Option<int> max_num_rounds{
+      "max_num_rounds", 4, AtLeast(0), "rounds",
+      "Maximum number of maps of a part of the frames before the final one. "
+      "Each verifies the image pairs with the lenses of the one before."};
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(calibrate, max_sigma, max_num_pairs);
+    visit(calibrate, max_sigma, max_num_pairs, select_camera_model,
+          max_num_rounds);
   }
 };
 
@@ -73,7 +91,9 @@ struct FocalLengthEstimate {
   int camera_idx = 0;
   double prior_px = 0.0;               // initial value
   std::optional<double> estimated_px;  // nullopt: not accepted
-  std::optional<double> sigma;         // relative; nullopt without pairs
+  // Relative standard deviation with errors that all pairs share; nullopt
+  // without pairs.
+  std::optional<double> sigma;
   int num_pairs = 0;
   std::string message;  // reason of a rejection
 };
@@ -103,10 +123,9 @@ struct FocalLengthMeasurement {
     const Scene& scene, const ViewGraph& view_graph, int max_num_pairs,
     const Context& context);
 
-// Removes what depends on changed focal lengths: E and the relative poses of
-// pairs of cameras with accepted estimates. F and H are kept.
-[[nodiscard]] ViewGraph DropCalibratedGeometry(
-    const Scene& scene, const FocalLengthResult& focal_lengths,
-    const ViewGraph& view_graph);
+// Removes what depends on lenses that are estimated: E and the relative poses
+// of pairs with a camera without prior focal length. F and H are kept.
+[[nodiscard]] ViewGraph DropUncalibratedGeometry(const Scene& scene,
+                                                 const ViewGraph& view_graph);
 
 }  // namespace mgsfm
