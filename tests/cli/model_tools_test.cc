@@ -316,25 +316,15 @@ TEST_F(ModelTools, LengthsAreNotTakenForDegrees) {
 
 TEST_F(ModelTools, ModelsOfAnotherShapeAreNotAligned) {
   Convert(DemoTruth(), "other", "TXT");
-  std::istringstream before(ReadTextFile(Path("other/images.txt")));
-  std::ostringstream after;
   Random random(1);
-  // Images with other centres.
-  for (std::string line; std::getline(before, line);) {
-    if (line.find(".png") != std::string::npos) {
-      std::istringstream words(line);
-      std::string id, q[4], t[3], camera, name;
-      words >> id >> q[0] >> q[1] >> q[2] >> q[3] >> t[0] >> t[1] >> t[2] >>
-          camera >> name;
-      line = id + ' ' + q[0] + ' ' + q[1] + ' ' + q[2] + ' ' + q[3];
-      for (int k = 0; k < 3; ++k) {
-        line += ' ' + std::to_string(50.0 * random.Uniform());
-      }
-      line += ' ' + camera + ' ' + name;
-    }
-    after << line << '\n';
+  std::ostringstream lines;
+  for (const ModelImage& image : ReadModelPoses(DemoTruth()).images) {
+    lines << image.id.value() << " 1 0 0 0";
+    for (int k = 0; k < 3; ++k) lines << ' ' << 50.0 * random.Uniform();
+    lines << ' ' << image.camera_id.value() << ' ' << image.name << "\n\n";
   }
-  WriteTextFile(Path("other/images.txt"), after.str());
+  WriteTextFile(Path("other/images.txt"), lines.str());
+  WriteTextFile(Path("other/points3D.txt"), "");
   fs::remove(Path("other/rigs.txt"));
   fs::remove(Path("other/frames.txt"));
   ExpectRefused(
