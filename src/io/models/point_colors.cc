@@ -124,7 +124,6 @@ std::vector<UncoloredImage> ColorPoints(const Scene& scene,
     point.color =
         (sum / static_cast<float>(count)).array().round().cast<uint8_t>();
   }
-
   std::vector<UncoloredImage> unused;
   for (size_t i = 0; i < scene.images.size(); ++i) {
     if (problems[i].empty()) continue;
