@@ -236,6 +236,7 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
   const fs::path output_path = *options.output_path;
   const std::vector<ImageTask> tasks = MakeTasks(input.scene, model);
   CheckImagesExist(tasks, *options.image_path);
+  CheckMasksOf(tasks, *options.mask_path, "mask_path", context);
   ContinueOrBegin(output_path, Settings(options, input.reconstruction,
                                         views_of_camera, has_masks));
   StagedOutput output(output_path / ModelFolder(options.output_type),

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/file_reading.h"
 #include "base/option_range.h"
+#include "base/text_lines.h"
 #include "base/text_streams.h"
 #include "mgsfm/base/version.h"
 
@@ -184,7 +184,7 @@ void LoadOptions(std::istream& text, const std::string& source,
 }
 
 void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
-  TextInput file(ReadFile(path, "configuration file '" + path.string() + "'"));
+  TextInput file(ReadText(path, "configuration file '" + path.string() + "'"));
   LoadOptions(file, path.string(), options);
 }
 

@@ -11,6 +11,7 @@
 
 #include "geometry/so3.h"
 #include "io/models/model_rig_poses.h"
+#include "io/models/model_tables.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -88,6 +89,7 @@ class ModelPlacer {
 void ModelPlacer::MatchImages() {
   const std::vector<ModelImage>& images = model_.poses.images;
   if (images.empty()) ThrowModelError(folder_, "it has no image");
+  CheckModelTables(model_.poses, folder_);
   std::map<std::string, int> image_idx_of_name;
   for (size_t i = 0; i < scene_.images.size(); ++i) {
     image_idx_of_name.emplace(scene_.images[i].name, static_cast<int>(i));

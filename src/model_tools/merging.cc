@@ -242,14 +242,18 @@ void ModelMerger::Align(int min_common_images) {
                 " are needed; merge models that overlap");
   }
   summary_.first_from_second = *AlignPoses(common);
-  std::vector<double> distances;
-  for (const ImagePoses& pose : common) {
-    distances.push_back(
-        (summary_.first_from_second * pose.cam_from_model->Center() -
-         pose.cam_from_world.Center())
-            .norm());
+  const ImageAgreement agreement =
+      CompareCenters(common, summary_.first_from_second, in_a_);
+  summary_.median_distance = Median(agreement.distances);
+  const auto num_common = static_cast<double>(common.size());
+  if (agreement.num_agreeing < min_common_images ||
+      agreement.num_agreeing < kMinAgreeingShare * num_common) {
+    throw Error("the models differ in shape: after alignment, only " +
+                std::to_string(agreement.num_agreeing) + " of " +
+                std::to_string(common.size()) +
+                " common images are within a tenth of the extent of the first "
+                "model; merge models of the same images");
   }
-  summary_.median_distance = Median(distances);
   TransformWorld(summary_.first_from_second, &in_b_);
 }
 

@@ -14,6 +14,7 @@
 #include "io/files/file_operations.h"
 #include "io/files/image_encoding.h"
 #include "io/files/image_reading.h"
+#include "io/files/mask_folder.h"
 #include "io/files/place_and_time_tags.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
@@ -106,6 +107,10 @@ class ImageRun {
     renderers_[task.camera_idx].AddImage();
   }
 
+  void WarnOfEmptyMasks(const Context& context) const {
+    empty_masks_.Warn(options_.mask_path, context);
+  }
+
   void Run(const ImageTask& task) {
     try {
       WriteTask(task);
@@ -149,16 +154,16 @@ class ImageRun {
   }
 
   void WriteMasks(const ImageTask& task, const Camera& camera,
-                  const ViewRenderer& renderer,
-                  FileOperations* operations) const {
+                  const ViewRenderer& renderer, FileOperations* operations) {
     cv::Mat mask;
-    const fs::path mask_path = options_.mask_path / (task.name + ".png");
+    const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
     if (!options_.mask_path.empty() && fs::is_regular_file(mask_path)) {
       try {
         mask = Decode(ReadFile(mask_path), cv::IMREAD_GRAYSCALE, camera);
       } catch (const Error& error) {
         throw Error("has a mask that " + std::string(error.what()));
       }
+      empty_masks_.Count(cv::countNonZero(mask) == mask.rows * mask.cols);
     }
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
@@ -199,6 +204,7 @@ class ImageRun {
   const ImageRunOptions& options_;
   std::vector<SharedRenderer> renderers_;
   std::set<fs::path> folders_;  // of the files to write
+  EmptyMasks empty_masks_;
 };
 
 }  // namespace
@@ -212,6 +218,14 @@ void CheckImagesExist(const std::vector<ImageTask>& tasks,
                 image_path.string() +
                 "'; use the folder from which the model was made");
   }
+}
+
+void CheckMasksOf(const std::vector<ImageTask>& tasks,
+                  const fs::path& mask_path, const std::string& option,
+                  const Context& context) {
+  std::vector<std::string> names;
+  for (const ImageTask& task : tasks) names.push_back(task.name);
+  CheckMasks(mask_path, names, option, context);
 }
 
 void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
@@ -273,6 +287,7 @@ ImageRunSummary WriteViews(
         context.ReportProgress("undistortion: images", num_done, left.size());
       });
   if (!left.empty()) run.SyncFolders();
+  run.WarnOfEmptyMasks(context);
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

@@ -9,7 +9,7 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "geometry/so3.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_limits.h"
@@ -248,20 +248,20 @@ std::string LineOf(const std::string& folder, const Camera& pinhole) {
 }
 
 // Whether a line `folder MODEL ...` is that of a folder, which may have blanks.
-bool IsLineOf(const std::string& folder, const std::string& line) {
-  const std::string begin = (folder.empty() ? "." : folder) + " ";
-  if (line.compare(0, begin.size(), begin) != 0) return false;
-  const std::string model =
-      line.substr(begin.size(), line.find(' ', begin.size()) - begin.size());
-  return FindCameraModel(std::string_view(model)) != nullptr;
+bool IsLineOf(const std::string& folder, std::string_view line) {
+  const std::string begin = folder.empty() ? "." : folder;
+  if (line.substr(0, begin.size()) != begin) return false;
+  line.remove_prefix(begin.size());
+  return line != TrimBlanks(line) &&
+         FindCameraModel(TakeWord(&line)) != nullptr;
 }
 
 // The lines for the views and, from camera_params_path, for other folders.
 std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
   std::vector<std::string> given;
   if (!input.camera_params_path.empty()) {
-    TextInput text(ReadFile(input.camera_params_path));
-    for (std::string line; std::getline(text, line);) given.push_back(line);
+    TextLines lines(input.camera_params_path);
+    while (lines.NextContent()) given.emplace_back(lines.line());
   }
   std::string file;
   for (const ImageFolder& folder : plan.folders) {
@@ -316,6 +316,7 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
       is_panorama ? RigConfigsToJson(MakeRigs(
                         plan, ReadFolderPoses(input.rig_config_path, plan)))
                   : "";
+  CheckMasksOf(plan.tasks, input.mask_path, "mask_path", context);
   ContinueOrBegin(input.output_path, Settings(input, plan, kind, options));
   const ImageRunSummary summary =
       WriteViews(plan.tasks, cameras, views,

@@ -274,6 +274,14 @@ TEST(ModelTools, ContradictoryModelsAreNotMerged) {
   const SceneModel drive = Drive();
   const SceneModel first = Frames(drive, 0, 8), second = Frames(drive, 5, 12);
   ExpectNotMerged(Frames(drive, 8, 12), first, "0 images in common");
+  // Its frames are in another order.
+  SceneModel scrambled = drive;
+  for (size_t i = 0; i < 12; ++i) {
+    scrambled.reconstruction.rig_from_world[i] =
+        drive.reconstruction.rig_from_world[(5 * i + 1) % 12];
+  }
+  scrambled.reconstruction.points.clear();
+  ExpectNotMerged(scrambled, drive, "differ in shape");
 
   SceneModel other = second;
   for (Image& image : other.scene.images) image.keypoints_px.resize(3);

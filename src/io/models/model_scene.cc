@@ -19,62 +19,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Largest difference of two copies of a pose, in radians and model extents.
-// Six-digit text files round by 1e-6; contradictions are far larger.
-constexpr double kMaxContradiction = 1e-4;
-
-// ------------------------------------------------------------------- tables
-
-std::map<ImageId, const ModelImage*> ImagesById(const PoseModel& poses) {
-  std::map<ImageId, const ModelImage*> image_of_id;
-  for (const ModelImage& image : poses.images) {
-    image_of_id.emplace(image.id, &image);
-  }
-  return image_of_id;
-}
-
-double Extent(const PoseModel& poses) {
-  Eigen::AlignedBox3d box;
-  for (const ModelImage& image : poses.images) {
-    box.extend(image.cam_from_world.Center());
-  }
-  return box.diagonal().norm();
-}
-
-// Throws if poses of images are not those of their sensors and frames.
-void CheckTables(const PoseModel& poses, const fs::path& folder) {
-  std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig;
-  for (const ModelRig& rig : poses.rigs) {
-    for (const ModelSensor& sensor : rig.sensors) {
-      sensor_from_rig[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
-    }
-  }
-  const auto image_of_id = ImagesById(poses);
-  const double max_distance = kMaxContradiction * Extent(poses) + 1e-12;
-  for (const ModelFrame& frame : poses.frames) {
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id.find(id);
-      if (image == image_of_id.end()) continue;
-      const auto sensor =
-          sensor_from_rig.find({frame.rig_id, image->second->camera_id});
-      if (sensor == sensor_from_rig.end() || !sensor->second) continue;
-      const Rigid3 pose = *sensor->second * frame.rig_from_world;
-      const Rigid3& of_image = image->second->cam_from_world;
-      const double distance = (pose.Center() - of_image.Center()).norm();
-      if (AngleBetween(pose.rotation, of_image.rotation) > kMaxContradiction ||
-          distance > max_distance) {
-        ThrowModelError(
-            folder, "the pose of image '" + image->second->name +
-                        "' is not the one of its frame " +
-                        std::to_string(frame.id.value()) +
-                        " and sensor; write the model again with the program "
-                        "that made it, or find rigs anew with rig_name_rule "
-                        "or rig_config_path");
-      }
-    }
-  }
-}
-
 DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   DatabaseContents contents;
   contents.path = folder.string();
@@ -155,7 +99,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
   const bool has_config = options.HasKnownRig();
   if (!has_config && *options.rig_name_rule == "auto" &&
       !options.PairsFramesByTime()) {
-    CheckTables(model.poses, folder);
+    CheckModelTables(model.poses, folder);
   }
   SceneOfRows rows =
       BuildSceneOfRows("model", MakeRows(model, folder), options, context);

@@ -5,10 +5,8 @@
 #include <numeric>
 #include <optional>
 
-#include "base/file_reading.h"
 #include "base/natural_order.h"
-#include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/trajectory_io.h"
@@ -114,21 +112,12 @@ Poses PosesByTime(const Scene& scene, const std::string& path,
 }  // namespace
 
 PositionFileFormat DetectPositionFormat(const std::string& path) {
-  TextInput file(ReadFile(path, "'" + path + "' (ref_images_path)"));
-  std::string line;
-  while (std::getline(file, line)) {
-    TextInput words(line);
-    size_t num_numbers = 0;
-    bool is_numeric = true;
-    std::string word;
-    if (!(words >> word) || word.front() == '#') continue;
-    do {
-      is_numeric &= ParseDouble(word).has_value();
-      ++num_numbers;
-    } while (words >> word);
-    if (is_numeric && num_numbers == 12) return PositionFileFormat::kKitti;
-    if (is_numeric && num_numbers == 8) return PositionFileFormat::kTum;
-    break;
+  TextLines lines(path, "'" + path + "' (ref_images_path)");
+  if (lines.NextContent()) {
+    const auto numbers = ParseNumbers(lines.line());
+    const size_t num_numbers = numbers ? numbers->size() : 0;
+    if (num_numbers == 12) return PositionFileFormat::kKitti;
+    if (num_numbers == 8) return PositionFileFormat::kTum;
   }
   return PositionFileFormat::kNamed;
 }

@@ -9,7 +9,6 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "geometry/so3.h"
 #include "io/files/output_file.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
@@ -97,13 +96,7 @@ class ObjectReader {
 Rigid3 ReadPose(const ObjectReader& object) {
   const std::vector<double> q = object.Numbers(kRotation, 4);
   const std::vector<double> t = object.Numbers(kTranslation, 3);
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
-  pose.translation = Eigen::Vector3d(t[0], t[1], t[2]);
-  if (!(pose.rotation.norm() > 0.0)) {
-    object.Throw(std::string("has a '") + kRotation + "' of length zero");
-  }
-  pose.rotation = ToUnitQuaternion(pose.rotation);
+  const Rigid3 pose = PoseOfFile({q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]});
   if (const auto problem = WhyImplausible(pose)) {
     object.Throw("has a pose that " + *problem);
   }
