@@ -6,6 +6,7 @@
 #include <set>
 
 #include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_streams.h"
 #include "mgsfm/base/error.h"
@@ -193,11 +194,13 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
     }
     folders.insert(folder);
   }
+  GroupedWarnings warnings;
   for (const auto& [folder, camera] : camera_of_folder_) {
     if (folders.count(folder) > 0) continue;
-    context.Warning("'" + *options_.camera_params_path +
-                    "' names the folder '" + folder + "', which has no images");
+    warnings.Add("'" + *options_.camera_params_path + "' names the folder '" +
+                 folder + "', which has no images");
   }
+  warnings.Log(context);
 }
 
 std::string CameraAssignment::KeyOf(const std::string& image_name) const {

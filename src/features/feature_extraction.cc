@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "base/fingerprint.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
@@ -252,16 +253,18 @@ class FeatureWriter {
   // The names without keypoints or descriptors in the database.
   std::vector<std::string> NamesToExtract(
       const std::vector<std::string>& names) const;
-  // Writes in one transaction and warns of rejected images.
+  // Writes in one transaction.
   void Write(const std::vector<ExtractedImage>& images,
              FeatureExtractionSummary* summary);
+  // Warns of images that were rejected or may be damaged.
+  void LogWarnings() const { warnings_.Log(context_); }
 
  private:
   void WriteImage(const ExtractedImage& image, CameraId camera_id);
   // Returns the reason if the image is rejected.
   std::optional<std::string> TryToWrite(const ExtractedImage& image);
-  void Warn(const std::string& name, const std::string& problem) const {
-    context_.Warning("image '" + name + "' " + problem);
+  void Warn(const std::string& name, const std::string& problem) {
+    warnings_.Add("image '" + name + "' " + problem);
   }
 
   DatabaseContents structure_;
@@ -269,6 +272,7 @@ class FeatureWriter {
   FeatureDatabase* database_;
   const Context& context_;
   std::map<std::string, ImageId> id_of_name_;
+  GroupedWarnings warnings_;
 };
 
 void FeatureWriter::AddCamerasOfOthers(const std::vector<std::string>& names,
@@ -439,6 +443,7 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   summary.num_present = summary.num_images - missing.size();
   const bool has_mask =
       ExtractMissing(missing, extractor, context, &writer, &summary);
+  writer.LogWarnings();
   if (!options.reader.mask_path->empty() && !missing.empty() && !has_mask) {
     context.Warning(
         "no image has a mask in '" + *options.reader.mask_path +
