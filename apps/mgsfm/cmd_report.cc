@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/text.h"
 #include "base/text_streams.h"
+#include "base/text_tools.h"
 #include "command.h"
 #include "commands.h"
 #include "extension/model_placement.h"
@@ -127,28 +130,40 @@ RunReport FindReport(const fs::path& model_path) {
   return report;
 }
 
-// The confidence of frames in frames.csv beside the model, whose columns are
-// frame, num_images, num_observations, confidence. Frames not listed there have
-// none.
+// The columns `frame` and `confidence` of a file that the mapper writes.
+std::map<std::string, double> ReadConfidenceFile(const fs::path& path) {
+  TextInput file(ReadFile(path));
+  std::string line;
+  std::getline(file, line);
+  const std::vector<std::string> columns = SplitFields(line);
+  const auto column = [&](const char* name) {
+    return static_cast<size_t>(std::find(columns.begin(), columns.end(), name) -
+                               columns.begin());
+  };
+  std::map<std::string, double> confidence_of_name;
+  for (int number = 2; std::getline(file, line); ++number) {
+    std::vector<std::string> fields = SplitFields(line);
+    fields.resize(columns.size() + 1);
+    const auto value = ParseDouble(fields[column("confidence")]);
+    if (!value || column("frame") == columns.size()) {
+      throw Error("'" + path.string() + "', line " + std::to_string(number) +
+                  ": it needs the columns `frame` and `confidence` with a "
+                  "number; remove the file or write the model again");
+    }
+    confidence_of_name[fields[column("frame")]] = *value;
+  }
+  return confidence_of_name;
+}
+
+// The confidence of frames in frames.csv beside the model. Frames not listed
+// there have none.
 std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
                                                   const Scene& scene) {
-  std::map<std::string, double> confidence_of_name;
   const fs::path path = model_path / "frames.csv";
   std::error_code ignored;
-  TextInput file(fs::is_regular_file(path, ignored) ? ReadFile(path) : "");
-  std::string line;
-  std::getline(file, line);  // names of the columns
-  while (std::getline(file, line)) {
-    const size_t last = line.rfind(',');
-    size_t end_of_name = last;  // which may contain commas
-    for (int i = 0; i < 2 && end_of_name != std::string::npos; ++i) {
-      end_of_name = end_of_name == 0 ? std::string::npos
-                                     : line.rfind(',', end_of_name - 1);
-    }
-    if (end_of_name == std::string::npos) continue;
-    const auto value = ParseNumber(line.substr(last + 1));
-    if (value) confidence_of_name[line.substr(0, end_of_name)] = *value;
-  }
+  if (!fs::is_regular_file(path, ignored)) return {};
+  const std::map<std::string, double> confidence_of_name =
+      ReadConfidenceFile(path);
   if (confidence_of_name.empty()) return {};
   std::vector<std::optional<double>> confidence;
   for (const Frame& frame : scene.frames) {

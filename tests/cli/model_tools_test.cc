@@ -472,6 +472,26 @@ TEST_F(ModelTools, ReportsHaveFigures) {
   }
 }
 
+// The file quotes names, which may hold commas and quotes.
+TEST_F(ModelTools, ReportsShowTheConfidenceBesideAModel) {
+  const std::string model = Path("model");
+  std::filesystem::copy(DemoTruth(), model);
+  const auto page_of = [&](const std::string& rows) {
+    WriteTextFile(model + "/frames.csv",
+                  "frame,num_images,num_observations,confidence\n" + rows);
+    Run("report --input_path " + model + " --output_path " + Path("page.html"));
+    return ReadTextFile(Path("page.html"));
+  };
+  const std::string low = page_of("\"000001\",4,100,0.25\n");
+  EXPECT_EQ(low, page_of("\"000001\",4,100,0.25\r\n\"a,\"\"\",1,1,1\n"));
+  EXPECT_NE(low, page_of("\"000001\",4,100,0.75\n"));
+  WriteTextFile(model + "/frames.csv", "frame,confidence\n\"000001\",x\n");
+  const CommandOutput bad = RunMgsfm("report --input_path " + model +
+                                     " --output_path " + Path("bad.html"));
+  EXPECT_EQ(bad.exit_code, 1);
+  EXPECT_THAT(bad.err, HasSubstr("frames.csv', line 2"));
+}
+
 TEST_F(ModelTools, PartsMergeToTheWhole) {
   std::string early, late;
   for (const ModelImage& image : ReadModelPoses(DemoTruth()).images) {
