@@ -134,7 +134,10 @@ RunReport FindReport(const fs::path& model_path) {
 size_t ColumnOf(const TextLines& lines, const std::vector<std::string>& names,
                 const std::string& name) {
   const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end()) lines.Throw("expected a column '" + name + "'");
+  if (found == names.end()) {
+    lines.Throw("expected a column '" + name +
+                "'; remove the file, or map again");
+  }
   return static_cast<size_t>(found - names.begin());
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <set>
 
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "io/files/image_limits.h"
@@ -210,11 +211,13 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
     }
     folders.insert(folder);
   }
+  GroupedWarnings warnings;
   for (const auto& [folder, camera] : camera_of_folder_) {
     if (folders.count(folder) > 0) continue;
-    context.Warning("'" + *options_.camera_params_path +
-                    "' names the folder '" + folder + "', which has no images");
+    warnings.Add("'" + *options_.camera_params_path + "' names the folder '" +
+                 folder + "', which has no images");
   }
+  warnings.Log(context);
 }
 
 std::string CameraAssignment::KeyOf(const std::string& image_name) const {

@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "base/fingerprint.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
@@ -286,31 +287,30 @@ class FeatureWriter {
   // Warns if features in the database are of pixels that masks hide.
   void CheckMasksWereUsed(const std::vector<std::string>& names,
                           const ImageExtractor& extractor) const;
-  // Warns if images that share a camera were zoomed differently.
-  void WarnOfZoom() const;
-  // Writes in one transaction and warns of rejected images.
+  // Writes in one transaction.
   void Write(const std::vector<ExtractedImage>& images,
              FeatureExtractionSummary* summary);
+  // Warns of images that were rejected or may be wrong.
+  void LogWarnings() const { warnings_.Log(context_); }
 
  private:
   void WriteImage(const ExtractedImage& image, CameraId camera_id);
   // Returns the reason if the image is rejected.
   std::optional<std::string> TryToWrite(const ExtractedImage& image);
-  void Warn(const std::string& name, const std::string& problem) const {
-    context_.Warning("image '" + name + "' " + problem);
+  // Warns if an image is zoomed unlike the first one of its camera.
+  void WarnOfZoom(const ExtractedImage& image);
+  void Warn(const std::string& name, const std::string& problem) {
+    warnings_.Add("image '" + name + "' " + problem);
   }
 
   DatabaseContents structure_;
   CameraAssignment cameras_;
   FeatureDatabase* database_;
   const Context& context_;
-  void NoteFocalLength(const ExtractedImage& image);
-
   std::map<std::string, ImageId> id_of_name_;
   // By the key of a camera: the focal length in the tags of its first image.
   std::map<std::string, double> focal_length_px_of_key_;
-  size_t num_zoomed_ = 0;
-  std::string zoomed_example_;
+  GroupedWarnings warnings_;
 };
 
 void FeatureWriter::AddCamerasOfOthers(const std::vector<std::string>& names,
@@ -399,11 +399,11 @@ std::optional<std::string> FeatureWriter::TryToWrite(
     cameras_.Add(image.name, found.camera);
   }
   WriteImage(image, found.camera.id);
-  NoteFocalLength(image);
+  WarnOfZoom(image);
   return std::nullopt;
 }
 
-void FeatureWriter::NoteFocalLength(const ExtractedImage& image) {
+void FeatureWriter::WarnOfZoom(const ExtractedImage& image) {
   // Tags are rounded to 1 mm of about 28 mm.
   constexpr double kMaxRatio = 1.05;
   if (!image.tags.focal_length_px) return;
@@ -413,18 +413,10 @@ void FeatureWriter::NoteFocalLength(const ExtractedImage& image) {
           .first;
   const double ratio = *image.tags.focal_length_px / first->second;
   if (std::max(ratio, 1.0 / ratio) < kMaxRatio) return;
-  if (num_zoomed_++ == 0) zoomed_example_ = image.name;
-}
-
-void FeatureWriter::WarnOfZoom() const {
-  if (num_zoomed_ == 0) return;
-  context_.Warning(
-      std::to_string(num_zoomed_) +
-      " images share a camera with images of another focal length by their "
-      "EXIF tags, such as '" +
-      zoomed_example_ +
-      "'; set ImageReader.single_camera_per_image, or put the images of each "
-      "zoom into a folder of their own");
+  Warn(image.name,
+       "shares a camera with images of another focal length by their EXIF "
+       "tags; set ImageReader.single_camera_per_image, or put the images of "
+       "each zoom into a folder of their own");
 }
 
 void FeatureWriter::WriteImage(const ExtractedImage& image,
@@ -529,7 +521,7 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   summary.num_present = summary.num_images - missing.size();
   ExtractMissing(missing, extractor, context, &writer, &summary);
   extractor.WarnOfEmptyMasks(context);
-  writer.WarnOfZoom();
+  writer.LogWarnings();
   summary.seconds = timer.Seconds();
   return summary;
 }

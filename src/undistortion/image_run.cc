@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/parallel.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_encoding.h"
@@ -103,6 +104,8 @@ class ImageRun {
     for (const fs::path& folder : folders) operations.Sync(folder);
   }
 
+  void LogWarnings(const Context& context) const { warnings_.Log(context); }
+
   void AddTask(const ImageTask& task) {
     renderers_[task.camera_idx].AddImage();
   }
@@ -135,18 +138,26 @@ class ImageRun {
     const std::string file = ReadFile(original_path);
     ManyFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
-    const cv::Mat image = Decode(file, Colours(), camera);
+    const DecodedImage decoded = Decode(file, Colours(), camera);
+    if (decoded.is_nearly_black && !is_unchanged) {
+      const std::lock_guard<std::mutex> lock(warnings_mutex_);
+      warnings_.Add("image '" + task.name +
+                    "' has 16 bits per channel, but uses the lower 12 only, so "
+                    "that its views of 8 bits are nearly black; multiply its "
+                    "values by 16 and start again in another folder");
+    }
     std::shared_ptr<const ViewRenderer> renderer;
     if (!is_unchanged || options_.writes_masks) {
       renderer = renderers_[task.camera_idx].Get(camera, views);
     }
     if (options_.writes_masks) WriteMasks(task, camera, *renderer, &operations);
     if (is_unchanged) {
-      ReplaceFile(ImagePath(task.view_names.front()), file, &operations);
+      ReplaceFile(ImagePath(task.view_names.front()), WithoutOrientation(file),
+                  &operations);
       return;
     }
     const PlaceAndTimeTags tags(file);
-    const std::vector<cv::Mat> rendered = renderer->Render(image);
+    const std::vector<cv::Mat> rendered = renderer->Render(decoded.pixels);
     for (size_t i = 0; i < rendered.size(); ++i) {
       const fs::path path = ImagePath(task.view_names[i]);
       ReplaceFile(path, tags.AddTo(Encode(path, rendered[i])), &operations);
@@ -159,7 +170,9 @@ class ImageRun {
     const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
     if (!options_.mask_path.empty() && fs::is_regular_file(mask_path)) {
       try {
-        mask = Decode(ReadFile(mask_path), cv::IMREAD_GRAYSCALE, camera);
+        mask = Decode(ReadFile(mask_path),
+                      cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH, camera)
+                   .pixels != 0;
       } catch (const Error& error) {
         throw Error("has a mask that " + std::string(error.what()));
       }
@@ -177,13 +190,13 @@ class ImageRun {
                                 : cv::IMREAD_ANYCOLOR;
   }
 
-  static cv::Mat Decode(const std::string& file, int color,
-                        const Camera& camera) {
-    cv::Mat image = DecodeImage(file, color | cv::IMREAD_IGNORE_ORIENTATION,
-                                kDefaultMaxNumPixels)
-                        .pixels;
+  static DecodedImage Decode(const std::string& file, int color,
+                             const Camera& camera) {
+    DecodedImage decoded = DecodeImage(
+        file, color | cv::IMREAD_IGNORE_ORIENTATION, kDefaultMaxNumPixels);
+    const cv::Mat& image = decoded.pixels;
     if (image.cols == camera.width_px && image.rows == camera.height_px) {
-      return image;
+      return decoded;
     }
     const auto size = [](int width, int height) {
       return std::to_string(width) + " x " + std::to_string(height);
@@ -205,6 +218,8 @@ class ImageRun {
   std::vector<SharedRenderer> renderers_;
   std::set<fs::path> folders_;  // of the files to write
   EmptyMasks empty_masks_;
+  std::mutex warnings_mutex_;
+  GroupedWarnings warnings_;
 };
 
 }  // namespace
@@ -288,6 +303,7 @@ ImageRunSummary WriteViews(
       });
   if (!left.empty()) run.SyncFolders();
   run.WarnOfEmptyMasks(context);
+  run.LogWarnings(context);
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

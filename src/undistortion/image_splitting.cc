@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "base/text_lines.h"
 #include "geometry/so3.h"
@@ -98,11 +99,12 @@ ImageFolder PlanFolder(const std::string& path, const ImageSize& size,
 Plan MakePlan(const SplittingInput& input, CombinedImages kind,
               const SplittingOptions& options, const Context& context) {
   Plan plan;
+  GroupedWarnings warnings;
   std::map<std::string, int> folder_of_path;
   for (const std::string& name : input.names) {
     const auto size = SizeOfFile(input.image_path / name);
     if (!size) {
-      context.Warning("'" + name + "' is skipped because it is not an image");
+      warnings.Add("'" + name + "' is skipped because it is not an image");
       continue;
     }
     const auto [found, is_new] = folder_of_path.emplace(
@@ -113,9 +115,9 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
     const ImageFolder& folder = plan.folders[found->second];
     if (size->width != folder.camera.width_px ||
         size->height != folder.camera.height_px) {
-      context.Warning("image '" + name +
-                      "' is skipped because it differs in size from others of "
-                      "its folder");
+      warnings.Add("image '" + name +
+                   "' is skipped because it differs in size from others of its "
+                   "folder");
       continue;
     }
     ImageTask task{name, found->second, {}};
@@ -124,6 +126,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
     }
     plan.tasks.push_back(std::move(task));
   }
+  warnings.Log(context);
   return plan;
 }
 

@@ -494,18 +494,6 @@ TEST_F(ModelTools, FilesOfOtherProgramsAreRecognised) {
               HasSubstr("1.jpg 50 1 0 0 0 1 2 3 0 0"));
 }
 
-TEST_F(ModelTools, ReportsHaveFigures) {
-  Run("report --input_path " + DemoTruth() + " --database_path " +
-      DemoDatabase() + " --gt_path " + DemoTruth() + " --output_path " +
-      Path("report.html") + " --figures " + Path("figures"));
-  for (const char* name :
-       {"trajectory", "rig", "residuals", "view_graph", "errors"}) {
-    const std::string stem = Path("figures/") + name;
-    EXPECT_THAT(ReadTextFile(stem + ".svg"), HasSubstr("</svg>"));
-    EXPECT_EQ(ReadTextFile(stem + ".png").substr(1, 3), "PNG");
-  }
-}
-
 TEST_F(ModelTools, PartsMergeToTheWhole) {
   std::string early, late;
   for (const ModelImage& image : ReadModelPoses(DemoTruth()).images) {

@@ -238,11 +238,30 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
   return model;
 }
 
+// A table in the other format would be ignored, and with it the rigs.
+template <class File, class Other>
+void CheckOneFormat(const fs::path& folder) {
+  for (const char* stem : {"rigs", "frames"}) {
+    const std::string name = std::string(stem) + Other::kExtension;
+    if (fs::exists(folder / (std::string(stem) + File::kExtension)) ||
+        !fs::exists(folder / name)) {
+      continue;
+    }
+    throw Error("the model in '" + folder.string() + "' has images" +
+                File::kExtension + " but " + name +
+                "; write it in one format with the program that made it, or "
+                "remove " +
+                name + " if it is of another model");
+  }
+}
+
 Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
   if (fs::exists(folder / "images.bin")) {
+    CheckOneFormat<BinaryModelFile, TextModelFile>(folder);
     return ReadFiles<BinaryModelFile>(folder, poses_only);
   }
   if (fs::exists(folder / "images.txt")) {
+    CheckOneFormat<TextModelFile, BinaryModelFile>(folder);
     return ReadFiles<TextModelFile>(folder, poses_only);
   }
   throw Error("'" + folder.string() +

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -69,6 +70,36 @@ void KeepFramePoses(const PoseModel& poses, const Scene& scene,
   }
 }
 
+// Frames of several images that the model has are evidence which images were
+// taken together.
+void WarnIfFramesDiffer(const PoseModel& poses, const Scene& scene,
+                        const fs::path& folder, const Context& context) {
+  std::map<ImageId, FrameId> frame_in_model;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      frame_in_model.emplace(id, frame.id);
+    }
+  }
+  std::map<FrameId, std::set<int>> frames_in_scene;
+  for (const Image& image : scene.images) {
+    const auto found = frame_in_model.find(image.id);
+    if (found == frame_in_model.end()) return;
+    frames_in_scene[found->second].insert(image.frame_idx);
+  }
+  const auto is_split = [&](const Image& image) {
+    return frames_in_scene.at(frame_in_model.at(image.id)).size() > 1;
+  };
+  const auto first =
+      std::find_if(scene.images.begin(), scene.images.end(), is_split);
+  if (first == scene.images.end()) return;
+  context.Warning(
+      "model '" + folder.string() + "': the images of one frame, such as '" +
+      first->name + "', are in several frames by the given rigs (" +
+      std::to_string(std::count_if(first, scene.images.end(), is_split)) +
+      " of " + std::to_string(scene.images.size()) +
+      " images); check the rigs unless you want other frames");
+}
+
 // ------------------------------------------------------------------- points
 
 std::vector<Point3D> MakePoints(const Model& model) {
@@ -122,6 +153,10 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
     cam_from_world.emplace_back(image.cam_from_world);
   }
   const RigPoses poses(folder, cam_from_world, scene);
+  if (has_config) {
+    WarnIfFramesDiffer(model.poses, scene, folder, context);
+    poses.CheckKnownSensors();
+  }
   poses.EstimateSensors(&reconstruction.sensor_from_rig);
   reconstruction.rig_from_world =
       poses.PlaceFrames(reconstruction.sensor_from_rig);

@@ -107,20 +107,14 @@ void AddModelTables(const PoseModel& poses, DatabaseContents* contents) {
   for (const ModelImage& image : poses.images) {
     camera_of_image.emplace(image.id, image.camera_id);
   }
-  std::set<ImageId> in_frames;
   for (const ModelFrame& frame : poses.frames) {
     FrameRow row{frame.id, frame.rig_id, {}};
     for (const ImageId id : frame.image_ids) {
       const auto image = camera_of_image.find(id);
       if (image == camera_of_image.end()) continue;
       row.data.push_back({image->second, id});
-      in_frames.insert(id);
     }
     if (!row.data.empty()) contents->frames.push_back(std::move(row));
-  }
-  if (in_frames.size() < poses.images.size()) {
-    contents->frames.clear();
-    return;
   }
   for (const ModelRig& rig : poses.rigs) {
     RigRow row{rig.id, {}, {}};

@@ -8,8 +8,8 @@
 
 namespace mgsfm {
 
-// The tables of rigs and frames of a model, unless they lack one of its images.
-// Frames lose images that the model lacks.
+// The tables of rigs and frames of a model. Frames lose images that the model
+// lacks.
 void AddModelTables(const PoseModel& poses, DatabaseContents* contents);
 
 // Throws Error, naming `folder` and the image, unless the poses of images are

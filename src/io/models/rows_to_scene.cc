@@ -220,6 +220,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   } else if (!options.image_timestamps_path->empty()) {
     ReadImageTimestamps(*options.image_timestamps_path, &result.scene);
   }
+  SortFrames(&result.scene);
   return result;
 }
 

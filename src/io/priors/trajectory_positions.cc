@@ -2,10 +2,8 @@
 #include "io/priors/trajectory_positions.h"
 
 #include <algorithm>
-#include <numeric>
 #include <optional>
 
-#include "base/natural_order.h"
 #include "base/text_lines.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
@@ -35,11 +33,7 @@ Poses PosesByFrame(const Scene& scene, const std::string& path) {
                 " poses, but there are " + std::to_string(scene.frames.size()) +
                 " frames; give one line of 12 numbers for each frame");
   }
-  std::vector<int> order(scene.frames.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
-  });
+  const std::vector<int> order = OrderOfFrames(scene);
   Poses of_frames;
   for (size_t i = 0; i < order.size(); ++i) {
     of_frames.emplace_back(order[i], poses[i]);
