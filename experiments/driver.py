@@ -86,6 +86,8 @@ def run(plan, sequences, title):
             print(f"{sequence.name:12} {method:26} failed: {failure}",
                   flush=True)
             num_failed += 1
+            if failure.record:
+                found.append(failure.record)
     by_name = records_by_name(found, sequences)
     if found:
         write_tables(plan, by_name, found, title)

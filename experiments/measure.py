@@ -14,7 +14,15 @@ SECONDS_TO_END = 20.0  # between SIGTERM and SIGKILL
 
 class StepFailed(Exception):
     """A step failed for a reason outside the compared method: wrong options or
-    input, a full disk, a signal, a defect. It leaves no record."""
+    input, a full disk, a signal, a defect. It leaves no record.
+
+    An external method that failed has a `record`, so that tables show it, but
+    it runs again.
+    """
+
+    def __init__(self, message, record=None):
+        super().__init__(message)
+        self.record = record
 
 
 def run_logged(command, log_path, time_limit=None, environment=None):

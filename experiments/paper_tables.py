@@ -6,7 +6,7 @@ leaves its cells empty. Errors are those of model_evaluator after alignment.
 """
 import math
 
-from experiments.tables import MISSING, Table
+from experiments.tables import MISSING, Cell, Table, mean_row
 
 
 def make_tables(records, groups):
@@ -44,38 +44,71 @@ def statistic(record, kind, name):
     return values[name] if values else None
 
 
+def has_failed(record):
+    """True if a run ended without a model."""
+    return record is not None and "model" not in record and not record.get(
+        "errors")
+
+
 def accuracy(records, sequences, methods, kind, unit, name=None, what=None):
-    """Median and mean error of images; `kind` is position_m or rotation_deg."""
+    """Median and mean error of images; `kind` is position_m or rotation_deg.
+
+    The last row has the means over the sequences that all methods mapped."""
     quantity = kind.split("_")[0]
     what = what or f"{quantity.capitalize()} error of images"
     table = Table(name or f"{quantity}_error",
-                  f"{what}, median / mean ({unit})", ["sequence", *methods], 3)
-    for sequence in sequences:
-        row = [sequence]
-        for method in methods:
-            record = records.get((sequence, method))
-            values = [statistic(record, kind, n) for n in ("median", "mean")]
-            row.append(MISSING if None in values else
-                       f"{values[0]:.3f} / {values[1]:.3f}")
-        table.rows.append(row)
+                  f"{what}, median / mean ({unit})", ["sequence", *methods], 3,
+                  min)
+    values = [[statistic(records.get((sequence, method)), kind, n)
+               for method in methods for n in ("median", "mean")]
+              for sequence in sequences]
+    labels = [*sequences]
+    mean = mean_row(values)
+    if mean:
+        labels.append(f"mean of {mean[0]}")
+        values.append(mean[1])
+    for label, row in zip(labels, values):
+        pairs = zip(row[::2], row[1::2])
+        table.rows.append([label, *[
+            MISSING if None in pair else
+            Cell(f"{pair[0]:.3f} / {pair[1]:.3f}", pair[1])
+            for pair in pairs]])
     return table
+
+
+def num_images_of(records, sequence):
+    """The number of images with a true pose, from any evaluated run."""
+    numbers = [record["errors"]["num_images"]
+               for (name, _), record in records.items()
+               if name == sequence and record.get("errors")]
+    return max(numbers, default=None)
 
 
 def registered(records, sequences, methods):
     """Registered images, of all images with a true pose."""
-    table = Table("registered", "Registered images", ["sequence", *methods], 0)
+    table = Table("registered", "Registered images", ["sequence", *methods], 0,
+                  max)
     for sequence in sequences:
+        num_images = num_images_of(records, sequence)
         row = [sequence]
         for method in methods:
-            errors = records.get((sequence, method), {}).get("errors")
-            row.append(f"{errors['num_registered']} / {errors['num_images']}"
-                       if errors else MISSING)
+            record = records.get((sequence, method))
+            errors = (record or {}).get("errors")
+            if errors:
+                row.append(Cell(f"{errors['num_registered']} / "
+                                f"{errors['num_images']}",
+                                errors["num_registered"]))
+            elif has_failed(record) and num_images is not None:
+                row.append(Cell(f"0 / {num_images}", 0))
+            else:
+                row.append(MISSING)
         table.rows.append(row)
     return table
 
 
 def areas(records, sequences, methods):
-    """Areas under the curve of position errors, for each threshold (m)."""
+    """Areas under the curve of position errors, for each threshold (m). A run
+    without a model has none."""
     table = Table("position_auc",
                   "Area under the curve of position errors (%)", [], 1)
     thresholds = []
@@ -85,14 +118,21 @@ def areas(records, sequences, methods):
                 thresholds.append(area["threshold"])
     table.header = ["sequence", *[f"{m} @ {t:g} m" for m in methods
                                   for t in thresholds]]
+    rows = []
     for sequence in sequences:
-        row = [sequence]
+        row = []
         for method in methods:
-            errors = records.get((sequence, method), {}).get("errors") or {}
+            record = records.get((sequence, method))
+            errors = (record or {}).get("errors") or {}
             found = {a["threshold"]: 100.0 * a["area"]
                      for a in errors.get("position_auc", [])}
-            row += [found.get(t) for t in thresholds]
-        table.rows.append(row)
+            nothing = 0.0 if has_failed(record) else None
+            row += [found.get(t, nothing) for t in thresholds]
+        rows.append(row)
+        table.rows.append([sequence, *row])
+    mean = mean_row(rows)
+    if mean and thresholds:
+        table.rows.append([f"mean of {mean[0]}", *mean[1]])
     return table
 
 
@@ -134,7 +174,7 @@ def runtime(records, sequences, methods, kind):
     what = "Processor seconds" if kind == "processor_seconds" else "Seconds"
     table = Table(f"runtime_{kind}",
                   f"{what} without reading, view-graph construction and "
-                  "writing", ["sequence", *methods], 2)
+                  "writing", ["sequence", *methods], 2, min)
     for sequence in sequences:
         table.rows.append([sequence, *[
             records.get((sequence, m), {}).get(f"{kind}_counted")

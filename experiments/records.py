@@ -20,9 +20,9 @@ def write_json(path, value):
 
 def is_result(record):
     """True if a record is the outcome of its method: a model, no model, or the
-    time limit. The exit codes of peers have no known meaning."""
+    time limit. No model of a peer may be a mistake in its command."""
     if record["method"] not in methods.BUILT_IN:
-        return not measure.was_killed(record)
+        return record["is_stopped"] or "model" in record
     return record["is_stopped"] or record["exit_code"] in RESULTS
 
 

@@ -75,6 +75,8 @@ class Runner:
         if not record:
             record = run_method(settings, sequence, method, database)
             records.write_json(path, record)
+            if not records.is_result(record):
+                raise StepFailed(record["failure"], record)
         is_evaluated = record.get("errors") or not sequence.truth
         if "model" not in record or is_evaluated or settings.only_done:
             return record
@@ -97,10 +99,10 @@ def find_record(settings, sequence, method):
     other options."""
     path = settings.work / sequence.name / f"{method}.json"
     record = json.loads(path.read_text()) if path.exists() else None
+    if record and settings.only_done:
+        return record
     if not record or not records.is_result(record):
         return None
-    if settings.only_done:
-        return record
     if record["is_stopped"] and record["seconds"] < settings.time_limit:
         return None
     if "options" in record and record["options"] != options_of(
@@ -119,17 +121,26 @@ def run_method(settings, sequence, method, database):
     record = run(settings, sequence, method, database, model, log)
     record.update({"sequence": sequence.name, "method": method,
                    "options": options_of(settings, sequence, method)})
-    if not records.is_result(record):
-        what = ("killed" if measure.was_killed(record)
-                else measure.last_line(log))
-        raise StepFailed(f"{what} ({log})")
     chosen = (colmap_model.largest_model(model)
               if record["exit_code"] == 0 and model.is_dir() else None)
     if chosen:
         record["model"] = str(chosen.relative_to(settings.work))
-    if not chosen or not sequence.truth:
+    if not records.is_result(record):
+        record["failure"] = failure_of(record, model, log)
+        if method not in settings.peers or measure.was_killed(record):
+            raise StepFailed(record["failure"])
+    elif not chosen or not sequence.truth:
         records.print_record(record)
     return record
+
+
+def failure_of(record, model, log):
+    """Why a run has no result, in one line."""
+    if measure.was_killed(record):
+        return f"killed ({log})"
+    if record["exit_code"] == 0:
+        return f"it wrote no images.bin or images.txt into {model} ({log})"
+    return f"exit code {record['exit_code']}: {measure.last_line(log)} ({log})"
 
 
 def run_mapper(settings, sequence, method, database, model, log):

@@ -36,6 +36,6 @@ def png_size(path):
     """(width, height) of a PNG in pixels."""
     with open(path, "rb") as file:
         header = file.read(24)
-    if header[:8] != b"\x89PNG\r\n\x1a\n":
+    if header[:8] != b"\x89PNG\r\n\x1a\n" or len(header) < 24:
         raise SystemExit(f"{path} is not a PNG file")
     return struct.unpack(">II", header[16:24])

@@ -7,12 +7,25 @@ import json
 MISSING = "-"
 
 
-class Table:
-    """Rows of cells that are text, numbers with `digits` decimals, or None."""
+class Cell(str):
+    """Text with the value by which it is compared with others of its row."""
 
-    def __init__(self, name, title, header, digits):
+    def __new__(cls, text, value):
+        cell = super().__new__(cls, text)
+        cell.value = value
+        return cell
+
+
+class Table:
+    """Rows of cells that are text, numbers with `digits` decimals, or None.
+
+    best: min or max, which chooses the values of a row that Markdown and LaTeX
+    show in bold; None: no value.
+    """
+
+    def __init__(self, name, title, header, digits, best=None):
         self.name, self.title, self.header = name, title, header
-        self.digits = digits
+        self.digits, self.best = digits, best
         self.rows = []
 
     def cell(self, value):
@@ -23,9 +36,23 @@ class Table:
             return value
         return f"{value:.{self.digits}f}"
 
-    def cells(self):
-        """All rows as text."""
-        return [[self.cell(v) for v in row] for row in self.rows]
+    def cells(self, bold="{}"):
+        """All rows as text; `bold` is the format of the best cells."""
+        rows = []
+        for row in self.rows:
+            cells = [self.cell(v) for v in row]
+            values = [getattr(v, "value", v) for v in row[1:]]
+            known = [self.rounded(v) for v in values if is_number(v)]
+            for i, value in enumerate(values, 1):
+                if (self.best and len(known) > 1 and is_number(value)
+                        and self.rounded(value) == self.best(known)):
+                    cells[i] = bold.format(cells[i])
+            rows.append(cells)
+        return rows
+
+    def rounded(self, value):
+        """A value as its cell shows it: equal cells are equally good."""
+        return round(value, self.digits)
 
     def text(self):
         """Aligned columns for a terminal."""
@@ -39,7 +66,7 @@ class Table:
     def markdown(self):
         """The title in bold, and the table."""
         return f"**{self.title}**\n\n" + markdown_table(
-            self.header, self.cells(), "---:")
+            self.header, self.cells("**{}**"), "---:")
 
     def csv(self):
         """Rows that start with the name of the table."""
@@ -50,22 +77,41 @@ class Table:
         return out.getvalue()
 
     def latex(self):
-        """A table environment with a caption."""
+        """A table of the width of the page, with a caption."""
         def escape(text):
             return text.replace("_", r"\_").replace("%", r"\%")
         lines = [" & ".join(map(escape, row)) + r" \\"
-                 for row in [self.header, *self.cells()]]
+                 for row in [self.header, *self.cells(r"\textbf{{{}}}")]]
         lines.insert(1, r"\hline")
         return "\n".join([
-            r"\begin{table}", r"\centering",
-            r"\begin{tabular}{l" + "r" * (len(self.header) - 1) + "}",
-            *lines, r"\end{tabular}", rf"\caption{{{escape(self.title)}}}",
-            r"\end{table}"]) + "\n"
+            r"\begin{table*}", r"\centering",
+            r"\begin{tabular*}{\textwidth}{@{\extracolsep{\fill}}l"
+            + "r" * (len(self.header) - 1) + "}",
+            *lines, r"\end{tabular*}", rf"\caption{{{escape(self.title)}}}",
+            r"\end{table*}"]) + "\n"
 
     def json(self):
         """The values with all digits."""
         return {"name": self.name, "title": self.title,
                 "header": self.header, "rows": self.rows}
+
+
+def is_number(value):
+    """True for values that can be compared."""
+    return isinstance(value, (int, float))
+
+
+def mean_row(rows):
+    """The mean of each column over the rows that have all values, or None if
+    these are fewer than two.
+
+    rows: their values, each with the same number of columns.
+    """
+    complete = [row for row in rows if None not in row]
+    if len(complete) < 2:
+        return None
+    return len(complete), [sum(column) / len(complete)
+                           for column in zip(*complete)]
 
 
 def markdown_table(header, rows, alignment="---"):

@@ -7,10 +7,12 @@
 
 #include "command.h"
 #include "commands.h"
+#include "early_checks.h"
 #include "exif_times.h"
 #include "extraction_run.h"
 #include "geometry/so3.h"
 #include "image_run_summary.h"
+#include "io/files/staged_output.h"
 #include "live_view.h"
 #include "mapper_run.h"
 #include "matching/lens_check.h"
@@ -196,6 +198,20 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
   }
 }
 
+// What is read after the extraction of features, which takes long.
+void CheckPaths(const AutomaticReconstructorOptions& options) {
+  const ImageReaderOptions& reader = options.extraction.reader;
+  const SceneLoadingOptions& loading = options.loading;
+  const PosePriorOptions& priors = options.priors;
+  CheckPathsExist({{"rig_config_path", loading.rig_config_path},
+                   {"calibration_path", loading.calibration_path},
+                   {"image_timestamps_path", loading.image_timestamps_path},
+                   {"ref_images_path", priors.ref_images_path},
+                   {"gravity_path", priors.gravity_path},
+                   {"ImageReader.mask_path", reader.mask_path},
+                   {"ImageReader.camera_mask_path", reader.camera_mask_path}});
+}
+
 // The options of all that follows refer to the extracted images.
 void UseVideos(const fs::path& output_path, const Context& context,
                AutomaticReconstructorOptions* options) {
@@ -210,6 +226,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
       WithoutRepetitions(live ? live->Watch(terminal) : terminal);
   AutomaticReconstructorOptions options = given;
   CheckSource(options);
+  CheckPaths(options);
   const fs::path workspace = *options.workspace_path;
   if (!options.video_path->empty()) {
     UseVideos(workspace / "videos", context, &options);
@@ -227,6 +244,10 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
                  : CombinedImages::kDualFisheye,
              context, &options);
   }
+  CheckRigsOfImages(
+      options.image_path,
+      ListImages(options.image_path, options.extraction.image_list_path),
+      options.loading);
   std::error_code error;
   fs::create_directories(workspace, error);
   if (!fs::is_directory(workspace)) {
@@ -236,6 +257,7 @@ int RunAutomaticReconstructor(const AutomaticReconstructorOptions& given,
   const std::string database_path = (workspace / "database.db").string();
   UseExifTimes(options.image_path, names, workspace / "timestamps.txt", context,
                &options.loading);
+  { const StagedOutput sparse(workspace / "sparse"); }  // may be written
   ExtractInto(database_path, options.image_path, options.extraction,
               std::nullopt, context);
   Match(database_path, options, context);

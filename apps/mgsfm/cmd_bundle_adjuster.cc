@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "base/grouped_warnings.h"
 #include "command.h"
 #include "commands.h"
 #include "io/files/output_file.h"
@@ -169,10 +170,12 @@ void LogInput(const ModelScene& input, const Context& context) {
 
 void WarnOfLosses(const ModelScene& input, const BundleSummary& summary,
                   const Context& context) {
+  GroupedWarnings warnings;
   for (const DroppedFrame& dropped : summary.dropped_frames) {
-    context.Warning("frame '" + input.scene.frames[dropped.frame_idx].name +
-                    "' is dropped: " + dropped.reason);
+    warnings.Add("frame '" + input.scene.frames[dropped.frame_idx].name +
+                 "' is dropped: " + dropped.reason);
   }
+  warnings.Log(context);
   if (summary.num_invisible_observations > 0) {
     context.Warning(std::to_string(summary.num_invisible_observations) +
                     " observations are ignored, as their points do not "
@@ -228,11 +231,13 @@ CommandResult RunBundleAdjuster(const BundleAdjusterOptions& options,
   if (!last.IsUsable()) return give_up("the solve failed, " + last.message);
   if (result.estimate.points.empty()) return give_up("all points are outliers");
   WarnOfLosses(input, result.summary, context);
+  GroupedWarnings warnings;
   for (const FocalLengthCheck& check : CheckFocalLengths(
            input.scene, result.estimate, options.bundle_adjustment, context)) {
     if (check.message.empty()) continue;
-    context.Warning(check.message + "; provide a prior focal length");
+    warnings.Add(check.message + "; provide a prior focal length");
   }
+  warnings.Log(context);
   WriteResult(input, result.estimate, options, context, &output);
   CommandResult done(kExitSuccess);
   done.text = Describe(input, result);

@@ -3,7 +3,7 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
+#include "base/text_lines.h"
 #include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
@@ -58,16 +58,11 @@ std::vector<std::string> Split(const std::string& text, char separator) {
 
 std::vector<MergeInput> ReadList(const std::string& path) {
   std::vector<MergeInput> inputs;
-  TextInput file(ReadFile(path));
-  int number = 0;
-  for (std::string line; std::getline(file, line);) {
-    ++number;
-    if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (line.empty() || line.front() == '#') continue;
-    std::vector<std::string> words = Split(line, '\t');
+  TextLines lines(path);
+  while (lines.NextContent()) {
+    std::vector<std::string> words = SplitFields(lines.line(), '\t');
     if (words.size() > 3) {
-      throw Error("'" + path + "', line " + std::to_string(number) + ": has " +
-                  std::to_string(words.size()) +
+      lines.Throw("has " + std::to_string(words.size()) +
                   " columns; expected a path and optionally a prefix and a "
                   "vehicle, separated by tabs");
     }

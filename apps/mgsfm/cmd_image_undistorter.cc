@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "base/grouped_warnings.h"
 #include "base/parallel.h"
 #include "command.h"
 #include "commands.h"
@@ -197,6 +198,25 @@ std::vector<ImageTask> MakeTasks(const Scene& original,
   return list;
 }
 
+// Their poses follow from other images of their frames, so that no point tells
+// whether they show the scene.
+void WarnOfImagesWithoutPoints(const SceneModel& model,
+                               const Context& context) {
+  Mask has_point(model.scene.images.size(), false);
+  for (const Point3D& point : model.reconstruction.points) {
+    for (const Observation& o : point.track) has_point[o.image_idx] = true;
+  }
+  GroupedWarnings warnings;
+  for (size_t i = 0; i < has_point.size(); ++i) {
+    if (has_point[i] || model.reconstruction.points.empty()) continue;
+    warnings.Add("image '" + model.scene.images[i].name +
+                 "' sees no point of the model, so that it may be black or "
+                 "show something else; look at it before a training, or remove "
+                 "it with image_deleter");
+  }
+  warnings.Log(context);
+}
+
 void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
                       const UndistortedModel& model) {
   const fs::path output_path = *options.output_path;
@@ -230,12 +250,14 @@ int RunImageUndistorter(const ImageUndistorterOptions& options,
           : ViewNaming::kFolders,
       context);
   LogViews(input.scene, views_of_camera, context);
+  WarnOfImagesWithoutPoints(input, context);
   const bool has_masks =
       NeedsMasks(options, input.reconstruction, views_of_camera);
 
   const fs::path output_path = *options.output_path;
   const std::vector<ImageTask> tasks = MakeTasks(input.scene, model);
   CheckImagesExist(tasks, *options.image_path);
+  CheckMasksOf(tasks, *options.mask_path, "mask_path", context);
   ContinueOrBegin(output_path, Settings(options, input.reconstruction,
                                         views_of_camera, has_masks));
   StagedOutput output(output_path / ModelFolder(options.output_type),

@@ -9,10 +9,12 @@
 #include "command.h"
 #include "commands.h"
 #include "geometry/geodetic.h"
+#include "geometry/so3.h"
 #include "io/files/file_operations.h"
 #include "io/files/staged_output.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "priors/gravity_levelling.h"
 #include "priors/position_registration.h"
 #include "reference_positions.h"
@@ -64,10 +66,8 @@ struct ModelAlignerOptions {
       "centre of the points; enu-plane-unscaled, the same in the unit of the "
       "model. plane: needs no reference; z is up and the trajectory lies in "
       "the plane z = 0."};
-  Option<bool> ref_is_gps{
-      "ref_is_gps", true,
-      "Whether positions in the file, or in a database without coordinate "
-      "system, are latitude, longitude (deg) and altitude (m)."};
+  Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
+                                  kPositionKindHelp};
   Option<int> min_common_images{
       "min_common_images", 3, AtLeast(3), "images",
       "Minimum number of images that have a reference."};
@@ -77,10 +77,17 @@ struct ModelAlignerOptions {
   Option<bool> robust_alignment{
       "robust_alignment", true,
       "Whether to find the positions that fit the model (RANSAC). 0 aligns to "
-      "all positions by least squares."};
+      "all positions by least squares, and accepts any distances."};
   Option<double> alignment_max_error{
       "alignment_max_error", 4.0, GreaterThan(0.0), "units of the reference",
-      "Positions farther than this from the aligned model are outliers."};
+      "Positions, or images of the other model, farther than this from the "
+      "aligned model are outliers. So are images farther than a tenth of the "
+      "extent of the other model."};
+  Option<double> min_inlier_ratio{
+      "min_inlier_ratio", kMinAgreeingShare, Between(0.0, 1.0),
+      "Minimum share of the positions, or of the common images of a model, "
+      "that "
+      "are not outliers. With fewer, nothing is written."};
   Option<bool> merge_image_and_ref_origins{
       "merge_image_and_ref_origins", false,
       "Whether to shift the aligned model such that its first image is exactly "
@@ -101,8 +108,8 @@ struct ModelAlignerOptions {
     visit(input_path, output_path, ref_images_path, database_path,
           ref_model_path, alignment_type, ref_is_gps, min_common_images,
           estimate_scale, robust_alignment, alignment_max_error,
-          merge_image_and_ref_origins, use_prior_gravity, transform_path,
-          output_format, rigs);
+          min_inlier_ratio, merge_image_and_ref_origins, use_prior_gravity,
+          transform_path, output_format, rigs);
   }
 };
 
@@ -190,12 +197,24 @@ ReferenceSource SourceOf(const ModelAlignerOptions& options) {
   return source;
 }
 
+// Throws Error if the directions contradict the orientations of the images.
 std::optional<Eigen::Vector3d> MeasuredUp(const ReferencePositions& reference,
                                           const SceneModel& model) {
-  const std::optional<Eigen::Vector3d> down =
-      GravityInWorld(model.scene, reference.gravity, model.reconstruction);
-  if (!down) return std::nullopt;
-  return -*down;
+  // Inertial sensors, and those of phones, are better by far.
+  constexpr double kMaxSigmaDeg = 10.0;
+  const auto gravity = EstimateGravity(model.scene, reference.gravity, 0.0,
+                                       model.reconstruction);
+  if (!gravity) return std::nullopt;
+  if (gravity->sigma_rad > DegToRad(kMaxSigmaDeg)) {
+    throw Error(
+        "the directions of gravity contradict the orientations of the images "
+        "by " +
+        FormatDouble(RadToDeg(gravity->sigma_rad), std::chars_format::general,
+                     3) +
+        " deg; give them in the camera frame, x right, y down, z forward, or "
+        "drop --use_prior_gravity");
+  }
+  return -gravity->down_in_world;
 }
 
 // Distances of the images with a position, in the order of their names.
@@ -212,33 +231,49 @@ std::vector<double> DistancesFrom(const PositionPriors& positions,
   return distances;
 }
 
-void LogDistances(const ModelAlignerOptions& options,
-                  const std::string& reference,
-                  const std::vector<double>& distances,
-                  const Context& context) {
-  int num_used = 0;
+// What the model is aligned to, for messages.
+struct Reference {
+  std::string path;
+  std::string items;  // "positions"
+  double max_error = 0.0;
+};
+
+// Throws Error unless enough of the reference agrees with the aligned model.
+void CheckAgreement(const ModelAlignerOptions& options,
+                    const Reference& reference,
+                    const std::vector<double>& distances,
+                    const Context& context) {
+  size_t num_used = 0;
   double squared_sum = 0.0;
   for (const double distance : distances) {
     const bool is_used =
-        !options.robust_alignment || distance <= options.alignment_max_error;
+        !options.robust_alignment || distance <= reference.max_error;
     if (!is_used) continue;
     ++num_used;
     squared_sum += distance * distance;
   }
-  if (num_used < options.min_common_images) {
-    throw Error("'" + *options.input_path + "' differs in shape from the " +
-                std::to_string(distances.size()) + " positions in '" +
-                reference +
-                "', of which no similarity brings --min_common_images within "
-                "--alignment_max_error; check --ref_is_gps and the positions");
+  const double min_num_used = std::max<double>(
+      options.min_common_images,
+      options.min_inlier_ratio * static_cast<double>(distances.size()));
+  const std::string found = std::to_string(num_used) + " of " +
+                            std::to_string(distances.size()) + ' ' +
+                            reference.items;
+  if (static_cast<double>(num_used) < min_num_used) {
+    throw Error(
+        "'" + *options.input_path + "' differs in shape from '" +
+        reference.path + "': only " + found + " are within " +
+        FormatDouble(reference.max_error, std::chars_format::general, 4) +
+        " of the aligned model, median distance " +
+        FormatDouble(Median(distances), std::chars_format::general, 4) +
+        "; check --ref_is_gps and the images, or set "
+        "--alignment_max_error, --min_inlier_ratio and "
+        "--min_common_images");
   }
-  char numbers[120];
-  std::snprintf(
-      numbers, sizeof(numbers),
-      "aligned to %d of %zu positions, RMS distance %.4g, median %.4g",
-      num_used, distances.size(), std::sqrt(squared_sum / num_used),
-      Median(distances));
-  context.Info(numbers);
+  char numbers[80];
+  std::snprintf(numbers, sizeof(numbers), ", RMS distance %.4g, median %.4g",
+                std::sqrt(squared_sum / static_cast<double>(num_used)),
+                Median(distances));
+  context.Info("aligned to " + found + numbers);
 }
 
 // The shift that brings the first image with a position to it.
@@ -309,10 +344,15 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
                 "' are Cartesian; --alignment_type " +
                 std::string(EnumName(*options.alignment_type)) + " needs GPS");
   }
-  CheckCount(static_cast<size_t>(
-                 std::count_if(positions.images.begin(), positions.images.end(),
-                               [](const auto& p) { return p.has_value(); })),
-             reference_path, options);
+  const auto num_positions = static_cast<size_t>(
+      std::count_if(positions.images.begin(), positions.images.end(),
+                    [](const auto& p) { return p.has_value(); }));
+  context.Info("'" + reference_path + "' has " +
+               (positions.origin_wgs84 ? "latitudes and longitudes"
+                                       : "Cartesian positions") +
+               " of " + std::to_string(num_positions) + " of " +
+               std::to_string(scene.images.size()) + " images");
+  CheckCount(num_positions, reference_path, options);
   const Reconstruction before = input->model.reconstruction;
   const PositionRegistration registration = RegisterToPriors(
       scene, positions, MeasuredUp(reference, input->model),
@@ -321,10 +361,12 @@ Sim3 AlignToPositions(const ModelAlignerOptions& options, ToolModel* input,
       options.robust_alignment ? OutlierRule::kFixedBound : OutlierRule::kNone);
   if (!registration.summary.is_registered) {
     throw Error("'" + *options.input_path + "' cannot be aligned to '" +
-                reference_path + "': " + registration.summary.message);
+                reference_path + "': " + registration.summary.message +
+                " Set --alignment_max_error to the accuracy of the positions.");
   }
-  LogDistances(options, reference_path, DistancesFrom(positions, input->model),
-               context);
+  CheckAgreement(options,
+                 {reference_path, "positions", options.alignment_max_error},
+                 DistancesFrom(positions, input->model), context);
   if (!registration.summary.message.empty()) {
     context.Warning(registration.summary.message);
   }
@@ -349,19 +391,14 @@ Sim3 AlignToModel(const ModelAlignerOptions& options, ToolModel* input,
   Sim3 transform =
       *AlignPoses(pairs, options.estimate_scale ? Alignment::kSimilarity
                                                 : Alignment::kRigid);
-  std::vector<double> distances;
-  for (const ImagePoses& pair : pairs) {
-    distances.push_back((transform * pair.cam_from_model->Center() -
-                         pair.cam_from_world.Center())
-                            .norm());
-  }
+  const ImageAgreement agreement =
+      CompareCenters(pairs, transform, reference.model.reconstruction);
+  const double max_error =
+      std::min<double>(options.alignment_max_error, agreement.max_distance);
+  CheckAgreement(options, {options.ref_model_path, "common images", max_error},
+                 agreement.distances, context);
   TransformWorld(transform, &input->model.reconstruction);
   input->origin_wgs84 = reference.origin_wgs84;
-  char numbers[120];
-  std::snprintf(numbers, sizeof(numbers),
-                "aligned by %zu common images, median distance %.4g",
-                pairs.size(), Median(distances));
-  context.Info(numbers);
   return transform;
 }
 

@@ -5,18 +5,21 @@
 #include "base/text_streams.h"
 #include "command.h"
 #include "commands.h"
+#include "mgsfm/base/error.h"
 #include "tool_model.h"
 
 namespace mgsfm {
 namespace {
 
 struct ModelAnalyzerOptions {
-  Option<std::string> path{"path", "", Required(), "Folder of the model."};
+  Option<std::string> path{"path", "", "Folder of the model, as in COLMAP."};
+  Option<std::string> input_path{"input_path", "",
+                                 "The same, as in all other commands."};
   ToolRigOptions rigs;
 
   template <class Visitor>
   void Describe(Visitor& visit) {
-    visit(path, rigs);
+    visit(path, input_path, rigs);
   }
 };
 
@@ -77,7 +80,12 @@ void DescribeRigs(const SceneModel& model, std::ostream& text) {
 
 CommandResult RunModelAnalyzer(const ModelAnalyzerOptions& options,
                                const Context& context) {
-  const ToolModel input = ReadToolModel(options.path, options.rigs, context);
+  if (options.path->empty() == options.input_path->empty()) {
+    throw Error("set either --path or --input_path, the folder of the model");
+  }
+  const ToolModel input =
+      ReadToolModel(options.path->empty() ? options.input_path : options.path,
+                    options.rigs, context);
   TextOutput text;
   Describe(AnalyzeModel(input.model), text);
   DescribeRigs(input.model, text);

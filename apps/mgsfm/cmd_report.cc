@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <filesystem>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "base/file_reading.h"
-#include "base/text_streams.h"
+#include "base/text.h"
+#include "base/text_lines.h"
 #include "command.h"
 #include "commands.h"
 #include "extension/model_placement.h"
@@ -127,37 +130,89 @@ RunReport FindReport(const fs::path& model_path) {
   return report;
 }
 
-// The confidence of frames in frames.csv beside the model, whose columns are
-// frame, num_images, num_observations, confidence. Frames not listed there have
-// none.
-std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
-                                                  const Scene& scene) {
+// The column of a table, by the name in its first line.
+size_t ColumnOf(const TextLines& lines, const std::vector<std::string>& names,
+                const std::string& name) {
+  const auto found = std::find(names.begin(), names.end(), name);
+  if (found == names.end()) {
+    lines.Throw("expected a column '" + name +
+                "'; remove the file, or map again");
+  }
+  return static_cast<size_t>(found - names.begin());
+}
+
+// The confidence by the name of a frame; frames without one are left out.
+std::map<std::string, double> ReadConfidenceTable(const fs::path& path) {
+  TextLines lines(path);
+  lines.Next();
+  const auto names =
+      SplitCsv(lines.line()).value_or(std::vector<std::string>());
+  const size_t frame = ColumnOf(lines, names, "frame");
+  const size_t confidence = ColumnOf(lines, names, "confidence");
   std::map<std::string, double> confidence_of_name;
+  while (lines.Next()) {
+    if (lines.line().empty()) continue;
+    const auto fields = SplitCsv(lines.line());
+    if (!fields || fields->size() != names.size()) {
+      lines.Throw("expected " + std::to_string(names.size()) +
+                  " fields; remove the file, or map again");
+    }
+    if ((*fields)[confidence].empty()) continue;
+    const auto value = ParseDouble((*fields)[confidence]);
+    if (!value) {
+      lines.Throw("has '" + Printable((*fields)[confidence]) +
+                  "' as a confidence; remove the file, or map again");
+    }
+    confidence_of_name[(*fields)[frame]] = *value;
+  }
+  return confidence_of_name;
+}
+
+// The confidence of frames in frames.csv beside the model. Frames that are not
+// listed there have none.
+std::vector<std::optional<double>> ReadConfidence(const fs::path& model_path,
+                                                  const Scene& scene,
+                                                  const Context& context) {
   const fs::path path = model_path / "frames.csv";
   std::error_code ignored;
-  TextInput file(fs::is_regular_file(path, ignored) ? ReadFile(path) : "");
-  std::string line;
-  std::getline(file, line);  // names of the columns
-  while (std::getline(file, line)) {
-    const size_t last = line.rfind(',');
-    size_t end_of_name = last;  // which may contain commas
-    for (int i = 0; i < 2 && end_of_name != std::string::npos; ++i) {
-      end_of_name = end_of_name == 0 ? std::string::npos
-                                     : line.rfind(',', end_of_name - 1);
-    }
-    if (end_of_name == std::string::npos) continue;
-    const auto value = ParseNumber(line.substr(last + 1));
-    if (value) confidence_of_name[line.substr(0, end_of_name)] = *value;
-  }
+  if (!fs::is_regular_file(path, ignored)) return {};
+  const auto confidence_of_name = ReadConfidenceTable(path);
   if (confidence_of_name.empty()) return {};
   std::vector<std::optional<double>> confidence;
+  size_t num_found = 0;
   for (const Frame& frame : scene.frames) {
     const auto found = confidence_of_name.find(frame.name);
-    confidence.push_back(found == confidence_of_name.end()
-                             ? std::nullopt
-                             : std::optional<double>(found->second));
+    const bool is_found = found != confidence_of_name.end();
+    num_found += is_found ? 1 : 0;
+    confidence.push_back(is_found ? std::optional(found->second)
+                                  : std::nullopt);
+  }
+  if (num_found < confidence_of_name.size()) {
+    context.Warning(
+        "'" + path.string() + "' has " +
+        std::to_string(confidence_of_name.size() - num_found) + " of " +
+        std::to_string(confidence_of_name.size()) +
+        " frames that the model does not have; it is of another model");
   }
   return confidence;
+}
+
+// The report beside or above a model may be of an earlier run.
+void WarnOfOtherReport(const RunReport& report, const Scene& scene,
+                       const Context& context) {
+  const auto json = nlohmann::json::parse(report.json, nullptr, false);
+  if (!json.is_object() || !json.contains("models")) return;
+  const nlohmann::json& models = json["models"];
+  if (!models.is_array() || report.model_idx >= models.size()) return;
+  const nlohmann::json& model = models[report.model_idx];
+  if (!model.is_object()) return;
+  const auto num_images = model.find("num_images");
+  if (num_images == model.end() || !num_images->is_number_unsigned()) return;
+  if (num_images->get<size_t>() == scene.images.size()) return;
+  context.Warning("report.json tells of " + num_images->dump() +
+                  " images, but the model has " +
+                  std::to_string(scene.images.size()) +
+                  "; it is of another run");
 }
 
 PoseComparison Compare(const std::string& label, const TruthSource& source) {
@@ -185,12 +240,14 @@ int RunReportCommand(const ReportCommandOptions& options,
   CheckUsage(options);
   const ShownModel model = LoadShownModel(options, context);
   const RunReport report = FindReport(*options.input_path);
+  if (!model.view_graph) WarnOfOtherReport(report, model.scene, context);
   ReportPageInput page{options.input_path, model.scene, model.reconstruction};
   if (model.view_graph) page.view_graph = &*model.view_graph;
   page.report_json = report.json;
   page.model_idx = report.model_idx;
   page.image_path = options.image_path;
-  page.frame_confidence = ReadConfidence(*options.input_path, model.scene);
+  page.frame_confidence =
+      ReadConfidence(*options.input_path, model.scene, context);
   if (!options.gt_path->empty()) {
     TruthSource source{options.input_path, options.gt_path, options.gt_format,
                        options.calib_path, options.database_path};

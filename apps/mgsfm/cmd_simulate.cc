@@ -128,9 +128,10 @@ std::vector<SimulatedCamera> ReadRig(const std::string& path) {
   }
   std::vector<SimulatedCamera> rig;
   for (const RigConfigCamera& camera : rigs.front().cameras) {
-    if (!camera.cam_from_rig || !camera.camera_model) {
-      throw Error(problem + "camera '" + camera.image_prefix +
-                  "' needs a pose and a camera model");
+    if (!camera.cam_from_rig || !camera.camera_model ||
+        !camera.image_pattern.empty()) {
+      throw Error(problem + "camera '" + camera.NameRule() +
+                  "' needs a prefix, a pose and a camera model");
     }
     const auto [width, height] =
         ImageSize(*camera.camera_model, camera.camera_params);

@@ -91,24 +91,27 @@ bool IsBool(const OptionEntry* option) {
          std::holds_alternative<bool>(option->default_value);
 }
 
+OptionAdvice AdviceFor(const OptionList& options) {
+  return [&options](const std::string& name) {
+    return AdviceOnOption(name, options);
+  };
+}
+
 void SetFlags(const std::vector<Flag>& flags, const OptionList& options) {
-  std::set<std::string> names;
+  std::vector<std::string> names;
+  for (const Flag& flag : flags) names.push_back(flag.name);
+  // An unknown name is a likelier mistake than a missing value.
+  CheckOptionNames(options, names, AdviceFor(options));
+  std::set<std::string> known;
   for (const Flag& flag : flags) {
-    if (!names.insert(flag.name).second) {
+    if (!known.insert(flag.name).second) {
       throw Error("--" + flag.name + " is given twice");
-    }
-    const OptionEntry* option = FindOption(options, flag.name);
-    const auto advice = AdviceOnOption(flag.name, options);
-    if (option == nullptr && advice) {
-      throw Error("unknown option " + flag.name + ": " + *advice);
     }
     if (flag.value) {
       SetOption(options, flag.name, *flag.value);
-    } else if (IsBool(option)) {
+    } else if (IsBool(FindOption(options, flag.name))) {
       SetOption(options, flag.name, "true");
     } else {
-      // An unknown name is the likelier mistake, so it is reported first.
-      SetOption(options, flag.name, "");
       throw Error("--" + flag.name + " needs a value");
     }
   }
@@ -127,7 +130,8 @@ Switches SetOptions(const std::vector<std::string>& arguments,
   if (const auto config = TakeFlag("config_path", &flags)) {
     if (!config->value) throw Error("--config_path needs a value");
     switches.config_path = *config->value;
-    LoadOptions(std::filesystem::path(switches.config_path), options);
+    LoadOptions(std::filesystem::path(switches.config_path), options,
+                AdviceFor(options));
   }
   SetFlags(flags, options);
   return switches;

@@ -45,6 +45,14 @@ void LogInput(const LoadedInput& input, const Context& context) {
                " pairs; rigs: " + input.rig_source);
 }
 
+void LogPositions(const PositionPriors& positions, const Context& context) {
+  if (positions.IsEmpty()) return;
+  context.Info(std::string("positions are ") +
+               (positions.origin_wgs84 ? "latitudes, longitudes and altitudes"
+                                       : "Cartesian") +
+               " (ref_is_gps)");
+}
+
 // The names of the images to use; empty: all.
 std::set<std::string> ListImages(const std::string& list_path,
                                  const std::optional<Model>& model) {
@@ -169,12 +177,13 @@ void ColorModels(const Scene& scene, const std::string& image_path,
                  const Context& context, MapperResult* result) {
   if (image_path.empty()) return;
   for (MapperModel& model : result->models) {
-    const std::vector<std::string> missing =
+    const std::vector<UncoloredImage> unused =
         ColorPoints(scene, image_path, context, &model.reconstruction);
-    if (missing.empty()) continue;
-    context.Warning(std::to_string(missing.size()) +
-                    " images could not be read for colours; the first is " +
-                    missing.front());
+    if (unused.empty()) continue;
+    context.Warning(std::to_string(unused.size()) +
+                    " images give no colours: image '" + unused.front().name +
+                    "' " + unused.front().problem +
+                    "; points that only such images see stay black");
   }
 }
 
@@ -247,6 +256,7 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   description.times.push_back(reading.Stop("reading"));
   input.mapper.position_priors =
       ReadPositionPriors(scene, run.database_path, run.priors);
+  LogPositions(input.mapper.position_priors, context);
   input.mapper.gravity_priors =
       ReadGravity(scene, run.database_path, run.priors);
   LogInput(input, context);

@@ -7,6 +7,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/grouped_warnings.h"
 #include "command.h"
 #include "io/models/rows_to_scene.h"
 #include "matching/lens_check.h"
@@ -65,10 +66,12 @@ MatchingInput OpenMatchingInput(const MatchingInputOptions& options,
 void WarnOfFisheyes(const MatchingInput& input,
                     const PairMatchingOptions& options,
                     const Context& context) {
+  GroupedWarnings warnings;
   for (const FisheyeFinding& finding : FindFisheyes(
            input.database, input.scene, options.two_view_geometry, context)) {
-    context.Warning(Describe(finding));
+    warnings.Add(Describe(finding));
   }
+  warnings.Log(context);
 }
 
 int RunMatcher(

@@ -92,6 +92,7 @@ NamedModel ReadNamedModel(const std::string& path,
                           const std::string& reference,
                           const SceneLoadingOptions& naming) {
   PoseModel poses = ReadModelPoses(path);
+  if (*naming.rig_name_rule == "auto") CheckModelTables(poses, path);
   KeepPrefix(path, image_prefix, &poses);
   NamedModel model;
   model.scene = LoadScene(ToContents(poses, path), naming, Context()).scene;

@@ -159,9 +159,10 @@ bool EndsWith(const std::string& text, const std::string& end) {
 }
 
 // The files behind an input path. A folder stands for the files of the model in
-// it; outputs never replace images.
+// it; outputs never replace images, nor pipes.
 std::vector<fs::path> FilesOf(const fs::path& path) {
   std::error_code ignored;
+  if (fs::is_fifo(path, ignored)) return {};
   if (!fs::is_directory(path, ignored)) return {path};
   std::vector<fs::path> files;
   for (const std::string& name : ListFolder(path).model_files) {

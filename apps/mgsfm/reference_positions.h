@@ -6,6 +6,7 @@
 #include <string>
 
 #include "mgsfm/base/context.h"
+#include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 
@@ -20,7 +21,7 @@ struct ReferencePositions {
 struct ReferenceSource {
   std::string ref_images_path;  // or
   std::string database_path;
-  bool ref_is_gps = true;
+  PositionKind ref_is_gps = PositionKind::kAuto;
   double position_std_m = 1.0;
   bool uses_positions = true;
   bool uses_gravity = false;

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/grouped_warnings.h"
 #include "base/memory.h"
 #include "command.h"
 #include "io/files/model_files.h"
@@ -352,10 +353,12 @@ void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
 }
 
 void LogMissing(const SubMapFiles& files, const Context& context) {
+  GroupedWarnings warnings;
   for (const std::string& folder : files.missing) {
-    context.Warning("there is no model in '" + folder +
-                    "'; frames of this cluster that no other has are missing");
+    warnings.Add("there is no model in '" + folder +
+                 "'; frames of this cluster that no other has are missing");
   }
+  warnings.Log(context);
 }
 
 // Adjusts a joined model and writes it into the folder. Returns its entry in
@@ -393,6 +396,20 @@ BundleAdjustmentOptions AdjustmentOptions(const SubMapRun& run,
   return options;
 }
 
+// Models do not tell which poses of their cameras were known.
+void LogIfRigsAreRefined(const SubMapRun& run,
+                         const std::vector<SceneModel>& models,
+                         const Context& context) {
+  const bool have_rigs =
+      std::any_of(models.begin(), models.end(), [](const SceneModel& model) {
+        return model.scene.sensors.size() > model.scene.rigs.size();
+      });
+  if (!run.adjusts || !run.rigs.rig_config_path->empty() || !have_rigs) return;
+  context.Info(
+      "bundle adjustment refines the poses of the cameras in their rigs; set "
+      "--rig_config_path to keep known ones");
+}
+
 // "12 frames, 48 images and 3600 points of 3 sub-maps".
 std::string DescribeEntry(const Json& model) {
   ModelStatistics statistics;
@@ -425,6 +442,7 @@ int JoinClusters(const SubMapRun& run, const Context& context) {
   LogEdges(files, joined, context);
   Json report = DescribeSubMaps(files, joined);
   report["models"] = Json::array();
+  LogIfRigsAreRefined(run, joined.models, context);
   const BundleAdjustmentOptions options =
       AdjustmentOptions(run, joined.models, context);
   for (size_t i = 0; i < joined.models.size(); ++i) {

@@ -4,10 +4,12 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
 
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "command.h"
 #include "interruption.h"
@@ -22,6 +24,9 @@ namespace {
 constexpr double kTerminalInterval_s = 0.1;
 // Elsewhere (nohup, CI), a log must not look dead, nor grow long.
 constexpr double kLogInterval_s = 60.0;
+
+// One for each camera of a large rig.
+constexpr size_t kMaxWarningsOfAKind = 10;
 
 // Cuts a line that would wrap, which could not be overwritten.
 std::string FitToTerminal(std::string line) {
@@ -52,9 +57,9 @@ class Terminal {
         progress_(is_terminal_ ? kTerminalInterval_s : kLogInterval_s) {}
 
   void Log(LogLevel level, const std::string& message) {
+    if (level == LogLevel::kWarning && !IsShown(message)) return;
     ClearProgress();
-    std::fprintf(stderr, "%8.2f %s %s\n", since_start_.Seconds(),
-                 NameOf(level).c_str(), Printable(message).c_str());
+    Print(level, message);
     if (!is_terminal_) progress_.Postpone(since_start_.Seconds());
   }
 
@@ -70,11 +75,36 @@ class Terminal {
     }
   }
 
-  ~Terminal() { ClearProgress(); }
+  ~Terminal() {
+    ClearProgress();
+    for (const auto& [kind, repeated] : repeated_) {
+      if (repeated.count <= kMaxWarningsOfAKind) continue;
+      Print(LogLevel::kWarning,
+            std::to_string(repeated.count - kMaxWarningsOfAKind) +
+                " more warnings are like this: " + repeated.last);
+    }
+  }
   Terminal(const Terminal&) = delete;
   Terminal& operator=(const Terminal&) = delete;
 
  private:
+  struct Repeated {
+    size_t count = 0;
+    std::string last;
+  };
+
+  void Print(LogLevel level, const std::string& message) const {
+    std::fprintf(stderr, "%8.2f %s %s\n", since_start_.Seconds(),
+                 NameOf(level).c_str(), Printable(message).c_str());
+  }
+
+  // Many warnings of one kind would hide the others.
+  bool IsShown(const std::string& message) {
+    Repeated& repeated = repeated_[KindOfMessage(message)];
+    repeated.last = message;
+    return ++repeated.count <= kMaxWarningsOfAKind;
+  }
+
   void ShowLine(const std::string& text) {
     constexpr int kBarWidth = 20;  // characters: 5 % each
     const std::string line =
@@ -94,6 +124,7 @@ class Terminal {
   bool progress_is_shown_ = false;
   Timer since_start_;
   ProgressText progress_;
+  std::map<std::string, Repeated> repeated_;  // warnings, by their kind
 };
 
 }  // namespace

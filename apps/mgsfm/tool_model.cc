@@ -13,16 +13,13 @@ namespace {
 
 // Whether the tables of rigs and frames say more than the images do.
 bool HasRigs(const PoseModel& poses) {
-  size_t num_images = 0;
-  bool has_frames = false;
-  for (const ModelFrame& frame : poses.frames) {
-    num_images += frame.image_ids.size();
-    has_frames |= frame.image_ids.size() > 1;
-  }
-  const bool has_rigs =
-      std::any_of(poses.rigs.begin(), poses.rigs.end(),
-                  [](const ModelRig& rig) { return rig.sensors.size() > 1; });
-  return num_images >= poses.images.size() && (has_frames || has_rigs);
+  return std::any_of(poses.frames.begin(), poses.frames.end(),
+                     [](const ModelFrame& frame) {
+                       return frame.image_ids.size() > 1;
+                     }) ||
+         std::any_of(
+             poses.rigs.begin(), poses.rigs.end(),
+             [](const ModelRig& rig) { return rig.sensors.size() > 1; });
 }
 
 }  // namespace

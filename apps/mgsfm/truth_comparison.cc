@@ -80,10 +80,6 @@ const Rigid3& CameraOf(const std::string& sensor_name, size_t order,
   return cameras[k];
 }
 
-bool StartsWith(const std::string& name, const std::string& prefix) {
-  return name.compare(0, prefix.size(), prefix) == 0;
-}
-
 // The cameras of a rig configuration that images of the sensor have.
 std::vector<const RigConfigCamera*> FindCameras(const NamedModel& model,
                                                 int sensor_idx,
@@ -94,7 +90,7 @@ std::vector<const RigConfigCamera*> FindCameras(const NamedModel& model,
         std::any_of(model.scene.images.begin(), model.scene.images.end(),
                     [&](const Image& image) {
                       return image.sensor_idx == sensor_idx &&
-                             StartsWith(image.name, camera.image_prefix);
+                             FrameKeyOf(camera, image.name).has_value();
                     });
     if (has_image) cameras.push_back(&camera);
   }
@@ -113,8 +109,8 @@ std::optional<std::map<int, std::optional<Rigid3>>> PosesInConfig(
     if (cameras.size() > 1) {
       throw Error("'" + path + "' has two cameras for the images of '" +
                   model.scene.sensors[sensor_idx].name + "', '" +
-                  cameras[0]->image_prefix + "' and '" +
-                  cameras[1]->image_prefix + "'; keep one of them");
+                  cameras[0]->NameRule() + "' and '" + cameras[1]->NameRule() +
+                  "'; keep one of them");
     }
     poses[sensor_idx] = cameras.front()->cam_from_rig;
   }

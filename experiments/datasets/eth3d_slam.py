@@ -5,6 +5,7 @@ import pathlib
 
 from experiments import driver, options
 from experiments.sequence import FIXED_INTRINSICS, Sequence, png_size
+from experiments.text_files import names_its_file, numbers_of
 
 CAMERAS = {"rgb": "calibration.txt", "rgb2": "calibration2.txt"}
 DESCRIPTION = """\
@@ -55,11 +56,11 @@ def make_sequence(folder, step, work):
     names, lines = [], []
     for camera, calibration in CAMERAS.items():
         width, height = png_size(folder / camera / common[0])
-        params = " ".join(map(repr, read_numbers(folder / calibration)))
+        params = " ".join(map(repr, read_numbers(folder / calibration, 4)))
         lines.append(f"{camera} PINHOLE {width} {height} {params}")
         names += [f"{camera}/{name}" for name in common]
     rig = work / folder.name / "rig"
-    write_rig(rig, read_numbers(folder / "extrinsics_1_2.txt"))
+    write_rig(rig, read_numbers(folder / "extrinsics_1_2.txt", 12))
     truth = folder / "groundtruth.txt"
     left = [n for n in names if n.startswith("rgb/")]
     return Sequence(
@@ -70,9 +71,13 @@ def make_sequence(folder, step, work):
         truth_positions=functools.partial(read_tum, truth, left))
 
 
-def read_numbers(path):
-    """All numbers of a file."""
-    return [float(w) for w in path.read_text().split()]
+@names_its_file
+def read_numbers(path, count):
+    """The first numbers of a file."""
+    numbers = numbers_of(path.read_text())
+    if len(numbers) < count:
+        raise ValueError(f"it has {len(numbers)} numbers, not {count}")
+    return numbers[:count]
 
 
 def write_rig(folder, cam1_from_cam2):
@@ -83,7 +88,7 @@ def write_rig(folder, cam1_from_cam2):
     folder.mkdir(parents=True, exist_ok=True)
     write_sensor(folder / "rgb.yaml", [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
                                        0.0, 0.0, 1.0, 0.0])
-    write_sensor(folder / "rgb2.yaml", cam1_from_cam2[:12])
+    write_sensor(folder / "rgb2.yaml", cam1_from_cam2)
 
 
 def write_sensor(path, body_from_cam):
@@ -93,6 +98,7 @@ def write_sensor(path, body_from_cam):
                     f"  data: [{numbers}, 0.0, 0.0, 0.0, 1.0]\n")
 
 
+@names_its_file
 def read_tum(path, names):
     """{image name: position, metres} at the time that the name says.
 

@@ -3,11 +3,13 @@
 import numpy as np
 
 from experiments.datasets import mei_camera
+from experiments.text_files import names_its_file
 
 
-def read_matrices(path, num_rows):
+@names_its_file
+def read_matrices(path, num_rows, names=()):
     """{first word without colon: matrix with `num_rows` rows}; 3 x 4 matrices
-    become 4 x 4. Lines of other sizes are skipped."""
+    become 4 x 4. Lines of other sizes are skipped; `names` must be there."""
     matrices = {}
     for line in path.read_text().splitlines():
         words = line.split()
@@ -21,6 +23,9 @@ def read_matrices(path, num_rows):
         if matrix.shape == (3, 4):
             matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
         matrices[words[0].rstrip(":")] = matrix
+    for name in names:
+        if not np.isfinite(matrices[name]).all():
+            raise ValueError(f"{name} has a number that is not finite")
     return matrices
 
 
@@ -35,8 +40,13 @@ class Calibration:
     """
 
     def __init__(self, folder, perspective_cameras, fisheye_cameras):
-        pose_from_cam = read_matrices(folder / "calib_cam_to_pose.txt", 3)
-        perspective = read_matrices(folder / "perspective.txt", 3)
+        pose_from_cam = read_matrices(
+            folder / "calib_cam_to_pose.txt", 3,
+            [*perspective_cameras, *fisheye_cameras])
+        perspective = read_matrices(
+            folder / "perspective.txt", 3,
+            [f"{kind}_rect_{k:02}" for k in range(len(perspective_cameras))
+             for kind in "RP"])
         pose_from, self.params = {}, {}
         for k, camera in enumerate(perspective_cameras):
             rectified = np.eye(4)

@@ -6,6 +6,7 @@ import pathlib
 from experiments import driver, options
 from experiments.datasets import simulated_drives
 from experiments.sequence import FIXED_INTRINSICS, Sequence, png_size
+from experiments.text_files import names_its_file, numbers_of
 
 CAMERAS = ("image_0", "image_1")
 DESCRIPTION = """\
@@ -83,22 +84,27 @@ def recorded(folder, poses_path):
         truth=truth, truth_positions=truth_positions)
 
 
+@names_its_file
 def read_projections(path):
     """{name: 12 numbers of a 3 x 4 matrix, row by row} of calib.txt."""
     projections = {}
     for line in path.read_text().splitlines():
         name, _, numbers = line.partition(":")
-        values = [float(v) for v in numbers.split()]
-        if len(values) == 12:
-            projections[name.strip()] = values
+        if name.strip() not in ("P0", "P1"):
+            continue
+        values = numbers_of(numbers)
+        if len(values) != 12:
+            raise ValueError(f"{name} has {len(values)} numbers, not 12")
+        projections[name.strip()] = values
     return projections
 
 
+@names_its_file
 def positions_by_name(poses_path, names):
     """{name: position of the left camera, metres}; the number in an image name
     is the row of the file of poses."""
-    rows = [list(map(float, line.split()))
-            for line in poses_path.read_text().splitlines() if line.strip()]
+    rows = [numbers_of(line) for line in poses_path.read_text().splitlines()
+            if line.strip()]
     positions = {}
     for name in names:
         number = int("".join(c for c in pathlib.PurePath(name).stem

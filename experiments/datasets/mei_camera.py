@@ -8,7 +8,12 @@ import re
 
 import numpy as np
 
+from experiments.text_files import names_its_file
 
+NAMES = ("xi", "k1", "k2", "p1", "p2", "gamma1", "gamma2", "u0", "v0")
+
+
+@names_its_file
 def read_mei(path):
     """{name: number} of a calibration file in OpenCV's YAML."""
     numbers = {}
@@ -16,7 +21,7 @@ def read_mei(path):
         found = re.match(r"\s*(\w+)\s*:\s*([-+.\deE]+)\s*$", line)
         if found:
             numbers[found[1]] = float(found[2])
-    return numbers
+    return {name: numbers[name] for name in NAMES}
 
 
 def project_mei(mei, rays):

@@ -28,10 +28,6 @@ Command FindCommand(const std::string& name) {
   throw Error("unknown command '" + name + "'" + SuggestName(name, names));
 }
 
-void SetAll(const OptionList& options, const std::vector<NamedText>& values) {
-  for (const auto& [name, text] : values) SetOption(options, name, text);
-}
-
 // Returns (exit code, JSON or "", text or "", last error message or "").
 py::tuple RunCommand(const std::string& name,
                      const std::vector<NamedText>& values,
@@ -40,7 +36,8 @@ py::tuple RunCommand(const std::string& name,
   Caller caller(log, progress);
   const CommandResult result = caller.Run([&](const Context& context) {
     return command.call(
-        [&](const OptionList& options) { SetAll(options, values); }, context);
+        [&](const OptionList& options) { SetNamedOptions(options, values); },
+        context);
   });
   return py::make_tuple(result.exit_code, result.json, result.text,
                         caller.last_error());

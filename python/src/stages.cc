@@ -207,7 +207,7 @@ template <class Options>
 Options ReadOptions(const std::vector<NamedText>& values, Context* context) {
   AllOptions<Options> options;
   const OptionList list = ListOptions(&options);
-  for (const auto& [name, text] : values) SetOption(list, name, text);
+  SetNamedOptions(list, values);
   CheckOptions(list);
   *context = ApplyCommonOptions(options.common, std::move(*context));
   return options.command;

@@ -7,6 +7,9 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <map>
+#include <mutex>
+#include <optional>
 #include <system_error>
 
 #include "mgsfm/base/error.h"
@@ -47,17 +50,36 @@ class Descriptor {
   int fd_;
 };
 
-}  // namespace
-
-std::string ReadFile(const std::filesystem::path& path, const std::string& what,
-                     size_t max_size) {
-  const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat status {};
-  if (file.get() < 0 || fstat(file.get(), &status) != 0) {
-    ThrowReadError(path, what, errno);
+// The contents of pipes, as of a process substitution, which can be read once
+// only, while some inputs are read by several steps. By path.
+class PipeContents {
+ public:
+  std::optional<std::string> Find(const std::string& path) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto found = contents_.find(path);
+    if (found == contents_.end()) return std::nullopt;
+    return found->second;
   }
-  // The size is a hint only: pipes have none, and files may grow. A Linux pipe
-  // holds 64 KiB, the most that one call can read from it.
+  void Add(const std::string& path, const std::string& content) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    contents_[path] = content;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::map<std::string, std::string> contents_;
+};
+
+PipeContents& ReadPipes() {
+  static PipeContents pipes;
+  return pipes;
+}
+
+// The size is a hint only: pipes have none, and files may grow. A Linux pipe
+// holds 64 KiB, the most that one call can read from it.
+std::string ReadDescriptor(int file, const struct stat& status,
+                           const std::filesystem::path& path,
+                           const std::string& what, size_t max_size) {
   constexpr size_t kMinChunk = 1 << 16;
   std::string content;
   size_t num_read = 0;
@@ -68,7 +90,7 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
           max_size, std::max({size + 1, num_read + kMinChunk, 2 * num_read})));
     }
     const ssize_t result =
-        read(file.get(), content.data() + num_read, content.size() - num_read);
+        read(file, content.data() + num_read, content.size() - num_read);
     if (result == 0) break;
     if (result < 0 && errno == EINTR) continue;
     if (result < 0) ThrowReadError(path, what, errno);
@@ -80,6 +102,27 @@ std::string ReadFile(const std::filesystem::path& path, const std::string& what,
   }
   content.resize(num_read);
   return content;
+}
+
+}  // namespace
+
+std::string ReadFile(const std::filesystem::path& path, const std::string& what,
+                     size_t max_size) {
+  if (const auto content = ReadPipes().Find(path)) {
+    return content->substr(0, max_size);
+  }
+  const Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat status {};
+  if (file.get() < 0 || fstat(file.get(), &status) != 0) {
+    ThrowReadError(path, what, errno);
+  }
+  if (!S_ISFIFO(status.st_mode)) {
+    return ReadDescriptor(file.get(), status, path, what, max_size);
+  }
+  const std::string content = ReadDescriptor(
+      file.get(), status, path, what, std::numeric_limits<size_t>::max());
+  ReadPipes().Add(path, content);
+  return content.substr(0, max_size);
 }
 
 }  // namespace mgsfm

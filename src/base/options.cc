@@ -202,15 +202,48 @@ OptionValue ParseOptionValue(const OptionEntry& entry,
 
 void SetOption(const OptionList& options, const std::string& name,
                const std::string& text) {
+  CheckOptionNames(options, {name});
+  for (const OptionEntry& entry : options) {
+    if (entry.name == name) entry.set(ParseOptionValue(entry, text));
+  }
+}
+
+std::optional<std::string> DescribeUnknownOption(const OptionList& options,
+                                                 const std::string& name,
+                                                 const OptionAdvice& advice) {
   std::vector<std::string> known_names;
   for (const OptionEntry& entry : options) {
-    if (entry.name == name) {
-      entry.set(ParseOptionValue(entry, text));
-      return;
-    }
+    if (entry.name == name) return std::nullopt;
     known_names.push_back(entry.name);
   }
-  throw Error("unknown option " + name + SuggestName(name, known_names));
+  const auto advised = advice ? advice(name) : std::nullopt;
+  return name + (advised ? ": " + *advised : SuggestName(name, known_names));
+}
+
+void CheckOptionNames(const OptionList& options,
+                      const std::vector<std::string>& names,
+                      const OptionAdvice& advice) {
+  std::string unknown;
+  size_t num_unknown = 0;
+  for (const std::string& name : names) {
+    const auto described = DescribeUnknownOption(options, name, advice);
+    if (!described) continue;
+    unknown += (num_unknown++ == 0 ? "" : "; ") + *described;
+  }
+  if (num_unknown == 0) return;
+  throw Error((num_unknown == 1
+                   ? "unknown option "
+                   : std::to_string(num_unknown) + " unknown options: ") +
+              unknown);
+}
+
+void SetNamedOptions(
+    const OptionList& options,
+    const std::vector<std::pair<std::string, std::string>>& values) {
+  std::vector<std::string> names;
+  for (const auto& [name, text] : values) names.push_back(name);
+  CheckOptionNames(options, names);
+  for (const auto& [name, text] : values) SetOption(options, name, text);
 }
 
 void CheckOptions(const OptionList& options) {

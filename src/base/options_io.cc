@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "base/file_reading.h"
 #include "base/option_range.h"
+#include "base/text_lines.h"
 #include "base/text_streams.h"
 #include "mgsfm/base/version.h"
 
@@ -50,7 +50,13 @@ struct FileState {
   std::string section;
   std::set<std::string> names;
   std::string version;  // that wrote the file; may be empty
+  std::string unknown;  // options, with their lines
 };
+
+// The place of a message.
+std::string Place(const std::string& source, int line_number) {
+  return source + ":" + std::to_string(line_number) + ": ";
+}
 
 void CheckFileVersion(const std::string& version) {
   if (!IsNewerVersion(version)) return;
@@ -60,13 +66,16 @@ void CheckFileVersion(const std::string& version) {
 }
 
 // Parses one line of a configuration file, which sets a section or an option.
-void LoadLine(const std::string& line, const OptionList& options,
-              FileState* state) {
-  if (line.empty() || line[0] == '#' || line[0] == ';') return;
+// Returns a description of the option if it is unknown.
+std::optional<std::string> LoadLine(const std::string& line,
+                                    const OptionList& options,
+                                    const OptionAdvice& advice,
+                                    FileState* state) {
+  if (line.empty() || line[0] == '#' || line[0] == ';') return std::nullopt;
   if (line[0] == '[') {
     if (line.back() != ']') throw Error("']' is missing after '" + line + "'");
     state->section = Trim(line.substr(1, line.size() - 2));
-    return;
+    return std::nullopt;
   }
   const size_t equals = line.find('=');
   if (equals == std::string::npos) {
@@ -82,9 +91,11 @@ void LoadLine(const std::string& line, const OptionList& options,
   if (name == kVersionKey) {
     CheckFileVersion(value);
     state->version = value;
-  } else {
-    SetOption(options, name, value);
+    return std::nullopt;
   }
+  auto unknown = DescribeUnknownOption(options, name, advice);
+  if (!unknown) SetOption(options, name, value);
+  return unknown;
 }
 
 // Describes the valid values, e.g. "int in [2, inf)" or "a|b".
@@ -164,28 +175,35 @@ std::string KeyInSection(const OptionEntry& entry) {
 }  // namespace
 
 void LoadOptions(std::istream& text, const std::string& source,
-                 const OptionList& options) {
+                 const OptionList& options, const OptionAdvice& advice) {
   std::string line;
   FileState state;
+  const auto fail = [&](const std::string& problem) {
+    const bool is_older = !state.version.empty() && state.version != Version();
+    throw Error(problem + (is_older
+                               ? "; mgsfm " + state.version +
+                                     " wrote the file, this is " + Version()
+                               : ""));
+  };
   for (int line_number = 1; std::getline(text, line); ++line_number) {
     try {
-      LoadLine(Trim(line), options, &state);
+      const auto unknown = LoadLine(Trim(line), options, advice, &state);
+      if (!unknown) continue;
+      state.unknown += (state.unknown.empty() ? "" : "; ") +
+                       Place(source, line_number) + "unknown option " +
+                       *unknown;
     } catch (const Error& error) {
-      const bool is_older =
-          !state.version.empty() && state.version != Version();
-      throw Error(source + ":" + std::to_string(line_number) + ": " +
-                  error.what() +
-                  (is_older ? "; mgsfm " + state.version + " wrote the file" +
-                                  ", this is " + Version()
-                            : ""));
+      fail(Place(source, line_number) + error.what());
     }
   }
   if (text.bad()) throw Error(source + ": read error");
+  if (!state.unknown.empty()) fail(state.unknown);
 }
 
-void LoadOptions(const std::filesystem::path& path, const OptionList& options) {
-  TextInput file(ReadFile(path, "configuration file '" + path.string() + "'"));
-  LoadOptions(file, path.string(), options);
+void LoadOptions(const std::filesystem::path& path, const OptionList& options,
+                 const OptionAdvice& advice) {
+  TextInput file(ReadText(path, "configuration file '" + path.string() + "'"));
+  LoadOptions(file, path.string(), options, advice);
 }
 
 std::string DumpOptions(const OptionList& options) {

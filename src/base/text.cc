@@ -82,7 +82,16 @@ std::optional<double> ParseDouble(std::string_view word) {
   }
   double value = 0.0;
   const char* end = word.data() + word.size();
-  const auto [parsed_end, error] = std::from_chars(word.data(), end, value);
+  auto [parsed_end, error] = std::from_chars(word.data(), end, value);
+  if (error == std::errc::result_out_of_range) {
+    // A number such as 1e-320 is zero up to rounding.
+    long double wide = 0.0L;
+    const std::from_chars_result again =
+        std::from_chars(word.data(), end, wide);
+    parsed_end = again.ptr;
+    error = again.ec;
+    value = static_cast<double>(wide);
+  }
   if (error != std::errc() || parsed_end != end || !std::isfinite(value)) {
     return std::nullopt;
   }

@@ -31,6 +31,12 @@ std::string EscapeMarkup(std::string_view text) {
   return escaped;
 }
 
+std::string QuoteCsv(std::string_view field) {
+  std::string quoted = "\"";
+  for (const char c : field) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + '"';
+}
+
 std::vector<std::string> SplitList(const std::string& list) {
   std::vector<std::string> items;
   TextInput stream(list);

@@ -10,6 +10,9 @@ namespace mgsfm {
 // The text for HTML, XML or SVG, with entities for & < > " and '.
 std::string EscapeMarkup(std::string_view text);
 
+// A field of CSV (RFC 4180) in quotes.
+std::string QuoteCsv(std::string_view field);
+
 // The items of a list separated by commas, without empty ones.
 std::vector<std::string> SplitList(const std::string& list);
 

@@ -3,7 +3,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <cstdio>
 #include <map>
 #include <optional>
 #include <utility>
@@ -11,6 +10,7 @@
 
 #include "geometry/so3.h"
 #include "io/models/model_rig_poses.h"
+#include "io/models/model_tables.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
@@ -21,10 +21,6 @@ namespace fs = std::filesystem;
 // Extracting the features of an image twice gives equal keypoints but for
 // rounding. A match with features of another image is off by many pixels.
 constexpr double kMaxKeypointDistancePx = 1.0;
-// Calibrations of one rig differ less: a camera that turned by half of this is
-// reported as moved. The shift is relative to the size of the rig.
-constexpr double kMaxKnownRotationDeg = 1.0;
-constexpr double kMaxKnownShift = 0.05;
 // Rounding in double precision.
 constexpr double kRigidTolerance = 1e-6;
 
@@ -50,7 +46,8 @@ class ModelPlacer {
     CheckFrames();
     ChooseReferences();
     PlaceSensors();
-    CheckKnownSensors();
+    RigPoses(folder_, cam_from_world_, scene_)
+        .CheckKnownSensors(placed_.reconstruction.sensor_from_rig);
     placed_.reconstruction.cameras = scene_.cameras;
     placed_.reconstruction.rig_from_world =
         RigPoses(folder_, cam_from_world_, scene_)
@@ -66,7 +63,6 @@ class ModelPlacer {
   void CheckFrames() const;
   void ChooseReferences();
   void PlaceSensors();
-  void CheckKnownSensors() const;
   void TakePoints();
   void CheckObservation(const ModelObservation& observation, size_t image,
                         int image_idx) const;
@@ -88,6 +84,7 @@ class ModelPlacer {
 void ModelPlacer::MatchImages() {
   const std::vector<ModelImage>& images = model_.poses.images;
   if (images.empty()) ThrowModelError(folder_, "it has no image");
+  CheckModelTables(model_.poses, folder_);
   std::map<std::string, int> image_idx_of_name;
   for (size_t i = 0; i < scene_.images.size(); ++i) {
     image_idx_of_name.emplace(scene_.images[i].name, static_cast<int>(i));
@@ -233,40 +230,6 @@ void ModelPlacer::PlaceSensors() {
     }
   }
   RigPoses(folder_, cam_from_world_, scene_).EstimateSensors(&poses);
-}
-
-void ModelPlacer::CheckKnownSensors() const {
-  std::vector<double> size(scene_.rigs.size(), 0.0);
-  for (const Sensor& sensor : scene_.sensors) {
-    if (!sensor.sensor_from_rig) continue;
-    size[sensor.rig_idx] = std::max(size[sensor.rig_idx],
-                                    sensor.sensor_from_rig->translation.norm());
-  }
-  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
-    const Sensor& sensor = scene_.sensors[i];
-    const auto& pose = placed_.reconstruction.sensor_from_rig[i];
-    if (!sensor.sensor_from_rig || !pose) continue;
-    const double turn_deg = RadToDeg(
-        AngleBetween(pose->rotation, sensor.sensor_from_rig->rotation));
-    const double shift =
-        (pose->translation - sensor.sensor_from_rig->translation).norm();
-    if (turn_deg <= kMaxKnownRotationDeg &&
-        shift <= kMaxKnownShift * size[sensor.rig_idx]) {
-      continue;
-    }
-    char numbers[96];
-    std::snprintf(
-        numbers, sizeof(numbers),
-        "%.2f deg and a shift of %.4g (known: %.4g, in the model: %.4g)",
-        turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
-        pose->translation.norm());
-    ThrowModelError(folder_,
-                    "the known pose of camera '" + sensor.name +
-                        "' in its rig differs from that of the model by " +
-                        numbers +
-                        "; make the model again with the known rig, or omit "
-                        "the pose");
-  }
 }
 
 void ModelPlacer::CheckObservation(const ModelObservation& observation,

@@ -5,11 +5,14 @@
 #include <cmath>
 #include <set>
 
-#include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
+#include "io/files/image_limits.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/geometry/camera_models.h"
+#include "scene/intrinsics_check.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -46,7 +49,28 @@ void SetParams(const std::vector<std::string>& texts, const std::string& what,
   for (const std::string& text : texts) {
     camera->params.push_back(ParseNumber(text, what));
   }
+  for (const int i : model.focal_length_idxs) {
+    if (camera->params[i] > 0.0) continue;
+    throw Error(what + ": the focal length " + texts[static_cast<size_t>(i)] +
+                " is not positive; correct it");
+  }
   camera->has_prior_focal_length = true;
+}
+
+// Also refuses what is doubtful only: the user gives the parameters and knows
+// the size of the images.
+void CheckParams(const Camera& camera, const std::string& what) {
+  auto problem = WhyImplausible(camera);
+  if (!problem) {
+    const auto found = FindIntrinsicsProblem(camera);
+    if (found && (found->is_certain || found->is_of_other_size)) {
+      problem = found->text;
+    }
+  }
+  if (problem) {
+    throw Error(what + ": the camera " + *problem +
+                "; give the intrinsics of images of this size");
+  }
 }
 
 Camera ParseTemplate(const ImageReaderOptions& options) {
@@ -61,64 +85,58 @@ Camera ParseTemplate(const ImageReaderOptions& options) {
   }
   Camera camera{CameraId(0), model->id, 0, 0, {}, false};
   if (options.camera_params->empty()) return camera;
-  std::vector<std::string> texts;
-  TextInput stream(options.camera_params);
-  for (std::string text; std::getline(stream, text, ',');) {
-    text.erase(0, text.find_first_not_of(' '));
-    text.erase(text.find_last_not_of(' ') + 1);
-    texts.push_back(text);
-  }
-  SetParams(texts, "ImageReader.camera_params", &camera);
+  SetParams(SplitFields(*options.camera_params, ','),
+            "ImageReader.camera_params", &camera);
   return camera;
 }
 
-// `folder MODEL width height params...`; the folder may contain blanks.
-std::pair<std::string, Camera> ParseCameraLine(const std::string& line,
-                                               const std::string& what) {
-  TextInput stream(line);
-  std::vector<std::string> words;
-  for (std::string word; stream >> word;) words.push_back(word);
-  const auto is_model = [](const std::string& word) {
-    return FindCameraModel(std::string_view(word)) != nullptr;
-  };
-  const auto model = std::find_if(words.begin(), words.end(), is_model);
-  if (model == words.begin() || words.end() - model < 3) {
-    throw Error(what +
-                ": expected `folder MODEL width height params...` with one of "
-                "COLMAP's camera models");
+int ParseSize(const std::string& text, const std::string& what) {
+  const double size_px = ParseNumber(text, what);
+  if (!(size_px >= 1.0 && size_px <= kMaxImageSide_px) ||
+      size_px != std::floor(size_px)) {
+    throw Error(what + ": '" + text + "' is not the size of an image; give " +
+                "pixels from 1 to " + std::to_string(kMaxImageSide_px));
   }
-  std::string folder = line.substr(0, line.find(" " + *model));
-  folder.erase(0, folder.find_first_not_of(" \t"));
-  folder.erase(folder.find_last_not_of(" \t/") + 1);
-  Camera camera{CameraId(0),
-                FindCameraModel(std::string_view(*model))->id,
-                static_cast<int>(ParseNumber(model[1], what)),
-                static_cast<int>(ParseNumber(model[2], what)),
-                {},
-                false};
-  SetParams(std::vector<std::string>(model + 3, words.end()), what, &camera);
-  return {folder, camera};
+  return static_cast<int>(size_px);
 }
 
-[[noreturn]] void ThrowDuplicateFolder(const std::string& what,
-                                       const std::string& folder) {
-  throw Error(what + ": duplicate folder '" + folder + "'");
+// `folder MODEL width height params...`; the folder may contain blanks.
+std::pair<std::string, Camera> ParseCameraLine(const TextLines& lines) {
+  const std::string what = lines.Place();
+  const std::vector<std::string_view> found = SplitWords(lines.line());
+  const auto model = std::find_if(
+      found.begin(), found.end(),
+      [](std::string_view word) { return FindCameraModel(word) != nullptr; });
+  if (model == found.begin() || found.end() - model < 3) {
+    lines.Throw(
+        "expected `folder MODEL width height params...` with one of COLMAP's "
+        "camera models");
+  }
+  const auto folder_size =
+      static_cast<size_t>(model->data() - lines.line().data());
+  std::string folder(TrimBlanks(lines.line().substr(0, folder_size)));
+  folder.erase(folder.find_last_not_of('/') + 1);
+  const std::vector<std::string> words(model + 1, found.end());
+  Camera camera{CameraId(0),
+                FindCameraModel(*model)->id,
+                ParseSize(words[0], what),
+                ParseSize(words[1], what),
+                {},
+                false};
+  SetParams(std::vector<std::string>(words.begin() + 2, words.end()), what,
+            &camera);
+  CheckParams(camera, what);
+  return {folder, camera};
 }
 
 std::map<std::string, Camera> ReadCameraFile(const std::string& path) {
   std::map<std::string, Camera> cameras;
   if (path.empty()) return cameras;
-  TextInput file(
-      ReadFile(path, "'" + path + "' (ImageReader.camera_params_path)"));
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    std::replace(line.begin(), line.end(), '\t', ' ');
-    const size_t begin = line.find_first_not_of(" \r");
-    if (begin == std::string::npos || line[begin] == '#') continue;
-    const std::string what = path + ", line " + std::to_string(number);
-    auto [folder, camera] = ParseCameraLine(line, what);
+  TextLines lines(path, "'" + path + "' (ImageReader.camera_params_path)");
+  while (lines.NextContent()) {
+    auto [folder, camera] = ParseCameraLine(lines);
     if (!cameras.emplace(folder, std::move(camera)).second) {
-      ThrowDuplicateFolder(what, folder);
+      lines.Throw("duplicate folder '" + folder + "'");
     }
   }
   return cameras;
@@ -193,11 +211,13 @@ void CameraAssignment::CheckFolders(const std::vector<std::string>& image_names,
     }
     folders.insert(folder);
   }
+  GroupedWarnings warnings;
   for (const auto& [folder, camera] : camera_of_folder_) {
     if (folders.count(folder) > 0) continue;
-    context.Warning("'" + *options_.camera_params_path +
-                    "' names the folder '" + folder + "', which has no images");
+    warnings.Add("'" + *options_.camera_params_path + "' names the folder '" +
+                 folder + "', which has no images");
   }
+  warnings.Log(context);
 }
 
 std::string CameraAssignment::KeyOf(const std::string& image_name) const {
@@ -219,13 +239,21 @@ Camera CameraAssignment::MakeCamera(
   Camera camera = template_;
   camera.width_px = width;
   camera.height_px = height;
-  if (!camera.params.empty()) return camera;
+  if (!camera.params.empty()) {
+    CheckParams(camera, "ImageReader.camera_params, for image '" + image_name +
+                            "' of " + SizeText(width, height) + " pixels");
+    return camera;
+  }
   const double default_focal_length_px =
       options_.default_focal_length_factor * std::max(width, height);
   camera.params =
       DefaultParams(ModelOf(camera), width, height,
                     focal_length_px.value_or(default_focal_length_px));
   camera.has_prior_focal_length = focal_length_px.has_value();
+  // Tags of some adapters and editors are wrong by orders of magnitude.
+  if (focal_length_px && FindIntrinsicsProblem(camera)) {
+    return MakeCamera(image_name, width, height, std::nullopt);
+  }
   return camera;
 }
 

@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "base/fingerprint.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
 #include "features/camera_assignment.h"
 #include "features/image_file.h"
@@ -19,6 +20,7 @@
 #include "io/database/database_shard.h"
 #include "io/database/image_list.h"
 #include "io/files/image_reading.h"
+#include "io/files/mask_folder.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/options_io.h"
 #include "mgsfm/base/timer.h"
@@ -45,7 +47,6 @@ struct ExtractedImage {
   int height = 0;
   ImageTags tags;
   Features features;
-  bool has_mask = false;
 };
 
 [[noreturn]] void ThrowFolderError(const std::string& image_path) {
@@ -131,20 +132,31 @@ class ImageExtractor {
     return Read(name, [](const auto&...) {});
   }
 
+  // Whether masks hide any of the keypoints of an image.
+  bool HidesAny(const std::string& name,
+                const std::vector<FeatureKeypoint>& keypoints) const;
+
+  void WarnOfEmptyMasks(const Context& context) const {
+    empty_masks_.Warn(*options_.reader.mask_path, context);
+  }
+
  private:
   template <class Function>
   ExtractedImage Read(const std::string& name, const Function& use) const;
-  // Sets `has_mask` if mask_path has a mask of the image, valid or not.
   std::vector<GrayImage> MasksOf(const GrayImage& image,
-                                 const std::string& name, bool* has_mask) const;
+                                 const std::string& name) const;
+  // The mask in mask_path; nullopt if there is none.
+  std::optional<GrayImage> MaskInFolder(const std::string& name) const;
   static void CheckSize(const GrayImage& image, const GrayImage& mask,
                         const std::string& path);
+  static bool Hides(const GrayImage& mask, const FeatureKeypoint& keypoint);
   static void ApplyMask(const GrayImage& mask, Features* features);
 
   const std::string image_path_;
   const FeatureExtractionOptions options_;
   std::optional<GrayImage> camera_mask_;
   mutable MemoryBudget memory_budget_;
+  mutable EmptyMasks empty_masks_;
 };
 
 // Calls `use` with the pixels and masks of an image that can be used.
@@ -167,9 +179,7 @@ ExtractedImage ImageExtractor::Read(const std::string& name,
     image.width = static_cast<int>(file.gray.cols());
     image.height = static_cast<int>(file.gray.rows());
     image.tags = file.tags;
-    const std::vector<GrayImage> masks =
-        MasksOf(file.gray, name, &image.has_mask);
-    use(file.gray, masks, &image);
+    use(file.gray, MasksOf(file.gray, name), &image);
   } catch (const Error& error) {
     image.problem = error.what();
   }
@@ -186,25 +196,24 @@ void ImageExtractor::CheckSize(const GrayImage& image, const GrayImage& mask,
               "; use a mask of the size of the image");
 }
 
+std::optional<GrayImage> ImageExtractor::MaskInFolder(
+    const std::string& name) const {
+  if (options_.reader.mask_path->empty()) return std::nullopt;
+  const fs::path path = MaskPathOf(*options_.reader.mask_path, name);
+  try {
+    return ReadMask(path, options_.reader.max_num_pixels);
+  } catch (const Error& error) {
+    throw Error("has a mask '" + path.string() + "' that " + error.what());
+  }
+}
+
 std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
-                                               const std::string& name,
-                                               bool* has_mask) const {
+                                               const std::string& name) const {
   std::vector<GrayImage> masks;
-  if (!options_.reader.mask_path->empty()) {
-    const std::string path =
-        (fs::path(*options_.reader.mask_path) / (name + ".png")).string();
-    std::error_code ignored;
-    *has_mask = fs::exists(path, ignored);
-    std::optional<GrayImage> mask;
-    try {
-      mask = ReadMask(path, options_.reader.max_num_pixels);
-    } catch (const Error& error) {
-      throw Error("has a mask '" + path + "' that " + error.what());
-    }
-    if (mask) {
-      CheckSize(image, *mask, path);
-      masks.push_back(*std::move(mask));
-    }
+  if (std::optional<GrayImage> mask = MaskInFolder(name)) {
+    CheckSize(image, *mask, MaskPathOf(*options_.reader.mask_path, name));
+    empty_masks_.Count(mask->minCoeff() > 0);
+    masks.push_back(*std::move(mask));
   }
   if (camera_mask_) {
     CheckSize(image, *camera_mask_, options_.reader.camera_mask_path);
@@ -213,15 +222,38 @@ std::vector<GrayImage> ImageExtractor::MasksOf(const GrayImage& image,
   return masks;
 }
 
+bool ImageExtractor::Hides(const GrayImage& mask,
+                           const FeatureKeypoint& keypoint) {
+  const auto x = std::clamp<Eigen::Index>(
+      static_cast<Eigen::Index>(keypoint.x_px), 0, mask.cols() - 1);
+  const auto y = std::clamp<Eigen::Index>(
+      static_cast<Eigen::Index>(keypoint.y_px), 0, mask.rows() - 1);
+  return mask(y, x) == 0;
+}
+
+bool ImageExtractor::HidesAny(
+    const std::string& name,
+    const std::vector<FeatureKeypoint>& keypoints) const {
+  std::vector<GrayImage> masks;
+  try {
+    if (auto mask = MaskInFolder(name)) masks.push_back(*std::move(mask));
+  } catch (const Error&) {
+    return false;  // the image was extracted without it
+  }
+  if (camera_mask_) masks.push_back(*camera_mask_);
+  for (const GrayImage& mask : masks) {
+    for (const FeatureKeypoint& keypoint : keypoints) {
+      if (Hides(mask, keypoint)) return true;
+    }
+  }
+  return false;
+}
+
 void ImageExtractor::ApplyMask(const GrayImage& mask, Features* features) {
   Eigen::Index num_kept = 0;
   for (size_t i = 0; i < features->keypoints.size(); ++i) {
     const FeatureKeypoint keypoint = features->keypoints[i];
-    const auto x = std::clamp<Eigen::Index>(
-        static_cast<Eigen::Index>(keypoint.x_px), 0, mask.cols() - 1);
-    const auto y = std::clamp<Eigen::Index>(
-        static_cast<Eigen::Index>(keypoint.y_px), 0, mask.rows() - 1);
-    if (mask(y, x) == 0) continue;
+    if (Hides(mask, keypoint)) continue;
     features->keypoints[num_kept] = keypoint;
     features->descriptors.row(num_kept) =
         features->descriptors.row(static_cast<Eigen::Index>(i)).eval();
@@ -252,16 +284,23 @@ class FeatureWriter {
   // The names without keypoints or descriptors in the database.
   std::vector<std::string> NamesToExtract(
       const std::vector<std::string>& names) const;
-  // Writes in one transaction and warns of rejected images.
+  // Warns if features in the database are of pixels that masks hide.
+  void CheckMasksWereUsed(const std::vector<std::string>& names,
+                          const ImageExtractor& extractor) const;
+  // Writes in one transaction.
   void Write(const std::vector<ExtractedImage>& images,
              FeatureExtractionSummary* summary);
+  // Warns of images that were rejected or may be wrong.
+  void LogWarnings() const { warnings_.Log(context_); }
 
  private:
   void WriteImage(const ExtractedImage& image, CameraId camera_id);
   // Returns the reason if the image is rejected.
   std::optional<std::string> TryToWrite(const ExtractedImage& image);
-  void Warn(const std::string& name, const std::string& problem) const {
-    context_.Warning("image '" + name + "' " + problem);
+  // Warns if an image is zoomed unlike the first one of its camera.
+  void WarnOfZoom(const ExtractedImage& image);
+  void Warn(const std::string& name, const std::string& problem) {
+    warnings_.Add("image '" + name + "' " + problem);
   }
 
   DatabaseContents structure_;
@@ -269,6 +308,9 @@ class FeatureWriter {
   FeatureDatabase* database_;
   const Context& context_;
   std::map<std::string, ImageId> id_of_name_;
+  // By the key of a camera: the focal length in the tags of its first image.
+  std::map<std::string, double> focal_length_px_of_key_;
+  GroupedWarnings warnings_;
 };
 
 void FeatureWriter::AddCamerasOfOthers(const std::vector<std::string>& names,
@@ -322,6 +364,30 @@ std::vector<std::string> FeatureWriter::NamesToExtract(
   return missing;
 }
 
+void FeatureWriter::CheckMasksWereUsed(const std::vector<std::string>& names,
+                                       const ImageExtractor& extractor) const {
+  // Images of one run have masks or have none, so that a few tell.
+  constexpr size_t kMaxNumChecked = 20;
+  std::vector<std::string> present;
+  for (const std::string& name : names) {
+    if (id_of_name_.count(name) > 0) present.push_back(name);
+  }
+  const size_t num_checked = std::min(present.size(), kMaxNumChecked);
+  size_t num_unmasked = 0;
+  std::string example;
+  for (size_t i = 0; i < num_checked; ++i) {
+    const std::string& name = present[i * present.size() / num_checked];
+    const auto keypoints = database_->ReadKeypoints(id_of_name_.at(name));
+    if (!extractor.HidesAny(name, keypoints)) continue;
+    if (num_unmasked++ == 0) example = name;
+  }
+  if (num_unmasked == 0) return;
+  context_.Warning("features of " + std::to_string(num_unmasked) + " of " +
+                   std::to_string(num_checked) +
+                   " images were made without their masks, such as those of '" +
+                   example + "'; extract all features into a new database");
+}
+
 std::optional<std::string> FeatureWriter::TryToWrite(
     const ExtractedImage& image) {
   if (image.problem) return image.problem;
@@ -333,7 +399,24 @@ std::optional<std::string> FeatureWriter::TryToWrite(
     cameras_.Add(image.name, found.camera);
   }
   WriteImage(image, found.camera.id);
+  WarnOfZoom(image);
   return std::nullopt;
+}
+
+void FeatureWriter::WarnOfZoom(const ExtractedImage& image) {
+  // Tags are rounded to 1 mm of about 28 mm.
+  constexpr double kMaxRatio = 1.05;
+  if (!image.tags.focal_length_px) return;
+  const auto first =
+      focal_length_px_of_key_
+          .emplace(cameras_.KeyOf(image.name), *image.tags.focal_length_px)
+          .first;
+  const double ratio = *image.tags.focal_length_px / first->second;
+  if (std::max(ratio, 1.0 / ratio) < kMaxRatio) return;
+  Warn(image.name,
+       "shares a camera with images of another focal length by their EXIF "
+       "tags; set ImageReader.single_camera_per_image, or put the images of "
+       "each zoom into a folder of their own");
 }
 
 void FeatureWriter::WriteImage(const ExtractedImage& image,
@@ -398,12 +481,10 @@ std::vector<std::string> ListImages(const std::string& image_path,
 
 namespace {
 
-// Extracts the images that the database lacks; returns whether one has a mask
-// in mask_path.
-bool ExtractMissing(const std::vector<std::string>& missing,
+// Extracts the images that the database lacks.
+void ExtractMissing(const std::vector<std::string>& missing,
                     const ImageExtractor& extractor, const Context& context,
                     FeatureWriter* writer, FeatureExtractionSummary* summary) {
-  bool has_mask = false;
   const auto num_threads = static_cast<size_t>(context.num_threads);
   OrderedPipeline<ExtractedImage> pipeline(
       missing.size(), context.num_threads,
@@ -414,10 +495,8 @@ bool ExtractMissing(const std::vector<std::string>& missing,
     context.ReportProgress("extracting features", num_done, missing.size());
     const std::vector<ExtractedImage> images = pipeline.Take();
     if (!images.empty()) writer->Write(images, summary);
-    for (const ExtractedImage& image : images) has_mask |= image.has_mask;
     num_done += images.size();
   }
-  return has_mask;
 }
 
 FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
@@ -429,7 +508,10 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   const Timer timer;
   const QuietImageLibraries quiet;
   const ImageExtractor extractor(image_path, options);
+  CheckMasks(*options.reader.mask_path, names, "ImageReader.mask_path",
+             context);
   FeatureWriter writer(options.reader, names, database, context);
+  writer.CheckMasksWereUsed(names, extractor);
   if (begin > 0) writer.AddCamerasOfOthers(names, begin, end, extractor);
   const std::vector<std::string> missing =
       writer.NamesToExtract({names.begin() + static_cast<std::ptrdiff_t>(begin),
@@ -437,14 +519,9 @@ FeatureExtractionSummary ExtractRange(const std::vector<std::string>& names,
   FeatureExtractionSummary summary;
   summary.num_images = end - begin;
   summary.num_present = summary.num_images - missing.size();
-  const bool has_mask =
-      ExtractMissing(missing, extractor, context, &writer, &summary);
-  if (!options.reader.mask_path->empty() && !missing.empty() && !has_mask) {
-    context.Warning(
-        "no image has a mask in '" + *options.reader.mask_path +
-        "' (ImageReader.mask_path); the mask of a/b.jpg must be named "
-        "a/b.jpg.png");
-  }
+  ExtractMissing(missing, extractor, context, &writer, &summary);
+  extractor.WarnOfEmptyMasks(context);
+  writer.LogWarnings();
   summary.seconds = timer.Seconds();
   return summary;
 }

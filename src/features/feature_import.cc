@@ -53,6 +53,11 @@ class FeatureImporter {
                 problem);
   }
   void ImportImage(const std::string& name);
+  // Throws Error if the file has another size of the image than `size_px`,
+  // which `owner` has, or keypoints outside of it.
+  void CheckSize(const std::string& name, const HlocFeatures& features,
+                 const std::pair<int, int>& size_px,
+                 const std::string& owner) const;
   ImageId AddImage(const std::string& name, const HlocFeatures& features);
   void ImportMatches();
 
@@ -81,6 +86,11 @@ void FeatureImporter::ImportImage(const std::string& name) {
     ++summary_.num_present;
     return;
   }
+  if (known != id_of_name_.end()) {
+    const Camera& camera = cameras_.Find(name, 0, 0, std::nullopt).camera;
+    CheckSize(name, features, {camera.width_px, camera.height_px},
+              "the database");
+  }
   const ImageId id =
       known != id_of_name_.end() ? known->second : AddImage(name, features);
   database_.WriteKeypoints(id, features.keypoints);
@@ -88,6 +98,31 @@ void FeatureImporter::ImportImage(const std::string& name) {
     database_.WriteDescriptors(id, features.descriptors);
   }
   summary_.num_features += features.keypoints.size();
+}
+
+void FeatureImporter::CheckSize(const std::string& name,
+                                const HlocFeatures& features,
+                                const std::pair<int, int>& size_px,
+                                const std::string& owner) const {
+  constexpr float kMargin_px = 1.0f;
+  const auto text = [](const std::pair<int, int>& size) {
+    return std::to_string(size.first) + " x " + std::to_string(size.second) +
+           " px";
+  };
+  if (features.size_px && *features.size_px != size_px) {
+    Throw(name, "has the image_size " + text(*features.size_px) + ", but " +
+                    owner + " has " + text(size_px) +
+                    "; extract its features from the images that you use");
+  }
+  for (const FeatureKeypoint& keypoint : features.keypoints) {
+    if (keypoint.x_px >= -kMargin_px && keypoint.y_px >= -kMargin_px &&
+        keypoint.x_px <= static_cast<float>(size_px.first) + kMargin_px &&
+        keypoint.y_px <= static_cast<float>(size_px.second) + kMargin_px) {
+      continue;
+    }
+    Throw(name, "has a keypoint outside of its " + text(size_px) +
+                    "; scale the keypoints to the size of the images");
+  }
 }
 
 ImageId FeatureImporter::AddImage(const std::string& name,
@@ -106,12 +141,14 @@ ImageId FeatureImporter::AddImage(const std::string& name,
     if (const auto size = ReadImageSize(bytes)) {
       size_px.emplace(static_cast<int>(size->width),
                       static_cast<int>(size->height));
+      CheckSize(name, features, *size_px, "its file");
       tags = ReadTags(bytes, size_px->first, size_px->second);
     }
   }
   if (!size_px) {
     Throw(name, "has no image_size; set image_path to the folder of images");
   }
+  CheckSize(name, features, *size_px, "the file");
   CameraAssignment::Result found = cameras_.Find(
       name, size_px->first, size_px->second, tags.focal_length_px);
   if (found.problem) Throw(name, *found.problem);

@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "geometry/rigid_matrix.h"
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 namespace mgsfm {
+namespace {
+
+// Matrices in text files with four digits deviate by at most 4e-4.
+constexpr double kTolerance = 1e-3;
+
+}  // namespace
 
 std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a) {
-  // Matrices in text files with four digits deviate by at most 4e-4.
-  constexpr double kTolerance = 1e-3;
   const Eigen::Matrix3d rotation = b_from_a.leftCols<3>();
   const bool is_rotation =
       b_from_a.allFinite() && rotation.determinant() > 0.0 &&
@@ -15,6 +20,17 @@ std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a) {
           kTolerance;
   if (!is_rotation) return std::nullopt;
   return Rigid3{Eigen::Quaterniond(rotation).normalized(), b_from_a.col(3)};
+}
+
+std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a) {
+  if (b_from_a.size() != 12 && b_from_a.size() != 16) return std::nullopt;
+  if (b_from_a.size() == 16) {
+    const Eigen::Map<const Eigen::RowVector4d> last(b_from_a.data() + 12);
+    if ((last - Eigen::RowVector4d::UnitW()).norm() > kTolerance) {
+      return std::nullopt;
+    }
+  }
+  return RigidFromMatrix(Eigen::Map<const RigidMatrix>(b_from_a.data()));
 }
 
 }  // namespace mgsfm

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <vector>
 
 #include "mgsfm/geometry/rigid3.h"
 
@@ -14,5 +15,9 @@ using RigidMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 // R is made orthogonal. nullopt if it is no rotation: R R^T deviates from the
 // identity by more than 1e-3, which files with four digits stay below.
 std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a);
+
+// The same for the numbers of a matrix of 3 or 4 rows, row by row. nullopt also
+// if the fourth row is not 0 0 0 1, as in a transposed matrix.
+std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a);
 
 }  // namespace mgsfm

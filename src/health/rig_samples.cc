@@ -4,11 +4,9 @@
 #include <algorithm>
 #include <limits>
 #include <map>
-#include <numeric>
 #include <tuple>
 #include <utility>
 
-#include "base/natural_order.h"
 #include "geometry/mean_direction.h"
 #include "geometry/so3.h"
 #include "rotation/geodesic_median.h"
@@ -135,14 +133,7 @@ RigSample SelectSample(const std::vector<RigSample>& samples) {
 }  // namespace
 
 std::vector<int> RankFrames(const Scene& scene) {
-  std::vector<int> order(scene.frames.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    const Frame& x = scene.frames[a];
-    const Frame& y = scene.frames[b];
-    return x.rig_idx != y.rig_idx ? x.rig_idx < y.rig_idx
-                                  : IsNaturallyBefore(x.name, y.name);
-  });
+  const std::vector<int> order = OrderOfFrames(scene);
   std::vector<int> rank(order.size());
   std::vector<int> num_of_rig(scene.rigs.size(), 0);
   for (const int frame_idx : order) {

@@ -7,44 +7,11 @@
 #include <optional>
 
 #include "matching/pair_lists.h"
-#include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr const char* kBlanks = " \t\r";
-
-std::string Trim(const std::string& line) {
-  const size_t begin = line.find_first_not_of(kBlanks);
-  if (begin == std::string::npos) return "";
-  return line.substr(begin, line.find_last_not_of(kBlanks) - begin + 1);
-}
-
-// Reads trimmed lines and skips comments.
-class LineReader {
- public:
-  LineReader(std::istream& text, const std::string& source)
-      : text_(text), source_(source) {}
-
-  bool Next(std::string* line) {
-    while (std::getline(text_, *line)) {
-      ++number_;
-      *line = Trim(*line);
-      if (line->empty() || line->front() != '#') return true;
-    }
-    if (text_.bad()) throw Error(source_ + ": read error");
-    return false;
-  }
-
-  [[noreturn]] void Fail(const std::string& problem) const {
-    throw Error(source_ + ", line " + std::to_string(number_) + ": " + problem);
-  }
-
- private:
-  std::istream& text_;
-  const std::string& source_;
-  int number_ = 0;
-};
+constexpr const char* kBlanks = " \t";
 
 class ImageNames {
  public:
@@ -55,8 +22,8 @@ class ImageNames {
   }
 
   // The image indices in the order of the line.
-  std::pair<int, int> Split(const std::string& line,
-                            const LineReader& reader) const {
+  std::pair<int, int> Split(const TextLines& lines) const {
+    const std::string line(lines.line());
     std::optional<std::pair<int, int>> found;
     for (size_t blank = line.find_first_of(kBlanks); blank != std::string::npos;
          blank = line.find_first_of(kBlanks, blank + 1)) {
@@ -66,25 +33,25 @@ class ImageNames {
         continue;
       }
       if (found) {
-        reader.Fail("'" + line +
+        lines.Throw("'" + line +
                     "' is ambiguous: it names two different pairs");
       }
       found = {*first, *second};
     }
     if (!found) {
-      reader.Fail("'" + line +
+      lines.Throw("'" + line +
                   "' does not name two images of the database; names are "
                   "relative to the image folder");
     }
     if (found->first == found->second) {
-      reader.Fail("'" + line + "' pairs an image with itself");
+      lines.Throw("'" + line + "' pairs an image with itself");
     }
     return *found;
   }
 
  private:
   std::optional<int> Find(const std::string& name) const {
-    const auto found = positions_.find(Trim(name));
+    const auto found = positions_.find(std::string(TrimBlanks(name)));
     if (found == positions_.end()) return std::nullopt;
     return found->second;
   }
@@ -92,7 +59,8 @@ class ImageNames {
   std::map<std::string, int> positions_;
 };
 
-Match ParseMatch(const std::string& line, const LineReader& reader) {
+Match ParseMatch(const TextLines& lines) {
+  const std::string line(lines.line());
   const size_t blank = std::min(line.find_first_of(kBlanks), line.size());
   const size_t second =
       std::min(line.find_first_not_of(kBlanks, blank), line.size());
@@ -105,22 +73,19 @@ Match ParseMatch(const std::string& line, const LineReader& reader) {
   if (first_result.ec != std::errc() ||
       first_result.ptr != line.data() + blank ||
       second_result.ec != std::errc() || second_result.ptr != end) {
-    reader.Fail("'" + line + "' is not a match, that is, two keypoint indices");
+    lines.Throw("'" + line + "' is not a match, that is, two keypoint indices");
   }
   return match;
 }
 
 }  // namespace
 
-ImagePairList ReadPairList(std::istream& text, const std::string& source,
+ImagePairList ReadPairList(TextLines lines,
                            const std::vector<std::string>& image_names) {
-  LineReader reader(text, source);
   const ImageNames names(image_names);
   ImagePairList pairs;
-  std::string line;
-  while (reader.Next(&line)) {
-    if (line.empty()) continue;
-    const auto [image1, image2] = names.Split(line, reader);
+  while (lines.NextContent()) {
+    const auto [image1, image2] = names.Split(lines);
     pairs.push_back(internal::MakePair(image1, image2));
   }
   internal::SortUnique(&pairs);
@@ -128,20 +93,19 @@ ImagePairList ReadPairList(std::istream& text, const std::string& source,
 }
 
 std::vector<ListedMatches> ReadMatchList(
-    std::istream& text, const std::string& source,
-    const std::vector<std::string>& image_names) {
-  LineReader reader(text, source);
+    TextLines lines, const std::vector<std::string>& image_names) {
   const ImageNames names(image_names);
   std::map<ImageIdxPair, std::vector<Match>> matches_of_pair;
-  std::string line;
-  while (reader.Next(&line)) {
-    if (line.empty()) continue;
-    const auto [image1, image2] = names.Split(line, reader);
+  while (lines.NextContent()) {
+    const auto [image1, image2] = names.Split(lines);
     const auto [entry, is_new] =
         matches_of_pair.try_emplace(internal::MakePair(image1, image2));
-    if (!is_new) reader.Fail("duplicate pair '" + line + "'");
-    while (reader.Next(&line) && !line.empty()) {
-      Match match = ParseMatch(line, reader);
+    if (!is_new) {
+      lines.Throw("duplicate pair '" + std::string(lines.line()) + "'");
+    }
+    while (lines.Next() && !lines.line().empty()) {
+      if (lines.line().front() == '#') continue;
+      Match match = ParseMatch(lines);
       if (image1 > image2) std::swap(match.keypoint_idx1, match.keypoint_idx2);
       entry->second.push_back(match);
     }

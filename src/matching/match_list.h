@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #pragma once
 
-#include <istream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/text_lines.h"
 #include "matching/pair_selection.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
@@ -15,10 +15,10 @@ namespace mgsfm {
 // COLMAP's text files of image pairs and matches. Image names may contain
 // blanks if a line splits into two known names in one way only. Empty lines
 // between pairs and lines that start with '#' are skipped. All readers throw
-// Error, naming `source` and the line, for anything else.
+// Error, naming the file and the line, for anything else.
 
 // One line `name1 name2` per pair. Image indices are those of `image_names`.
-ImagePairList ReadPairList(std::istream& text, const std::string& source,
+ImagePairList ReadPairList(TextLines lines,
                            const std::vector<std::string>& image_names);
 
 struct ListedMatches {
@@ -30,7 +30,6 @@ struct ListedMatches {
 // (zero-based) and an empty line. The result is sorted by images; a duplicate
 // pair is an Error.
 std::vector<ListedMatches> ReadMatchList(
-    std::istream& text, const std::string& source,
-    const std::vector<std::string>& image_names);
+    TextLines lines, const std::vector<std::string>& image_names);
 
 }  // namespace mgsfm

@@ -235,10 +235,9 @@ PairMatchingSummary ImportMatches(FeatureDatabase* database, const Scene& scene,
   if (type == MatchListType::kPairs) {
     pairs = SelectListed(scene, match_list_path);
   } else {
-    TextInput file(ReadFile(match_list_path));
     std::vector<std::string> names;
     for (const Image& image : scene.images) names.push_back(image.name);
-    const auto lists = ReadMatchList(file, match_list_path, names);
+    const auto lists = ReadMatchList(TextLines(match_list_path), names);
     CheckListedMatches(*database, scene, lists);
     WriteListedMatches(scene, lists, type, database);
     for (const ListedMatches& list : lists) pairs.push_back(list.images);

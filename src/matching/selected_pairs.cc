@@ -5,8 +5,6 @@
 #include <optional>
 #include <vector>
 
-#include "base/file_reading.h"
-#include "base/text_streams.h"
 #include "geometry/geodetic.h"
 #include "io/database/sqlite_snapshot.h"
 #include "io/files/file_operations.h"
@@ -16,6 +14,7 @@
 #include "matching/pair_matching.h"
 #include "matching/scene_pairs.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/io/priors/pose_priors.h"
 
 namespace mgsfm {
 namespace {
@@ -35,12 +34,21 @@ ImagePairList RetrievedPairs(const FeatureDatabase& database,
 
 // Positions in metres if they are WGS84, otherwise in the unit of the database.
 std::vector<std::optional<Eigen::Vector3d>> ReadPositions(
-    const FeatureDatabase& database, const Scene& scene, bool is_gps) {
+    const FeatureDatabase& database, const Scene& scene, PositionKind kind) {
   using CoordinateSystem = PosePriorRow::CoordinateSystem;
   const internal::ImageIdxs image_idxs(scene);
   std::vector<std::optional<Eigen::Vector3d>> positions(scene.images.size());
   std::optional<Eigen::Vector3d> origin;
-  for (const PosePriorRow& prior : database.ReadPosePriors()) {
+  const std::vector<PosePriorRow> priors = database.ReadPosePriors();
+  std::vector<Eigen::Vector3d> undefined;
+  for (const PosePriorRow& prior : priors) {
+    if (prior.coordinate_system == CoordinateSystem::kUndefined) {
+      undefined.push_back(prior.position);
+    }
+  }
+  const bool is_gps =
+      AreGps(undefined, kind, "database '" + database.path() + "'");
+  for (const PosePriorRow& prior : priors) {
     const auto image_idx = image_idxs.Find(prior.image_id);
     if (!image_idx) continue;
     const bool is_wgs84 =
@@ -137,10 +145,9 @@ ImagePairList SelectSpatially(const FeatureDatabase& database,
 }
 
 ImagePairList SelectListed(const Scene& scene, const std::string& list_path) {
-  TextInput file(ReadFile(list_path));
   std::vector<std::string> names;
   for (const Image& image : scene.images) names.push_back(image.name);
-  return ReadPairList(file, list_path, names);
+  return ReadPairList(TextLines(list_path), names);
 }
 
 void WritePairList(const ImagePairList& pairs, const Scene& scene,

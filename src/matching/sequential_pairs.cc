@@ -105,19 +105,16 @@ std::vector<FrameSequence> MakeFrameSequences(const Scene& scene) {
   // The key is the rig for rigs of several sensors, otherwise the folder.
   using Key = std::pair<std::optional<int>, std::string>;
   std::map<Key, std::vector<int>> frames_of_key;
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const Frame& frame = scene.frames[i];
+  for (const int frame_idx : OrderOfFrames(scene)) {
+    const Frame& frame = scene.frames[frame_idx];
     const bool is_single = scene.rigs[frame.rig_idx].sensor_idxs.size() == 1;
     const std::string& image_name = scene.images[frame.image_idxs.front()].name;
     frames_of_key[is_single ? Key(std::nullopt, Folder(image_name))
                             : Key(frame.rig_idx, "")]
-        .push_back(static_cast<int>(i));
+        .push_back(frame_idx);
   }
   std::vector<FrameSequence> sequences;
   for (auto& [key, frame_idxs] : frames_of_key) {
-    std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
-      return scene.frames[a].name < scene.frames[b].name;
-    });
     FrameSequence sequence;
     if (key.first) {
       sequence.num_slots =

@@ -45,6 +45,29 @@ std::vector<ImagePoses> PairImages(const SceneModel& model,
   return pairs;
 }
 
+ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,
+                              const Sim3& reference_from_model,
+                              const Reconstruction& reference) {
+  constexpr double kMaxShareOfExtent = 0.1;
+  Eigen::AlignedBox3d box;
+  for (const auto& pose : reference.rig_from_world) {
+    if (pose) box.extend(pose->Center());
+  }
+  ImageAgreement agreement;
+  for (const ImagePoses& image : images) {
+    const Eigen::Vector3d center = image.cam_from_world.Center();
+    box.extend(center);
+    agreement.distances.push_back(
+        (reference_from_model * image.cam_from_model->Center() - center)
+            .norm());
+  }
+  agreement.max_distance = kMaxShareOfExtent * box.diagonal().norm() + 1e-12;
+  agreement.num_agreeing = static_cast<int>(
+      std::count_if(agreement.distances.begin(), agreement.distances.end(),
+                    [&](double d) { return d <= agreement.max_distance; }));
+  return agreement;
+}
+
 std::optional<Sim3> AlignToGroundPlane(
     const SceneModel& model,
     const std::optional<Eigen::Vector3d>& measured_up) {

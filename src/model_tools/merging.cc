@@ -53,7 +53,9 @@ class RigMerger {
   void AddRig(int rig_idx);
   int AddCamera(int camera_idx);
   void AddSensors(int rig_idx);
-  void AddSensor(int sensor_idx, const std::optional<Rigid3>& pose);
+  // A pose that is known in the second model stays known.
+  void AddSensor(int sensor_idx, const std::optional<Rigid3>& pose,
+                 bool is_known);
   void CheckSensor(int sensor_idx, int common_idx) const;
 
   ModelUnion* union_;
@@ -75,13 +77,14 @@ int RigMerger::AddCamera(int camera_idx) {
   return known->second;
 }
 
-void RigMerger::AddSensor(int sensor_idx, const std::optional<Rigid3>& pose) {
+void RigMerger::AddSensor(int sensor_idx, const std::optional<Rigid3>& pose,
+                          bool is_known) {
   Sensor sensor = b_.sensors[sensor_idx];
   const auto new_idx = static_cast<int>(a_->sensors.size());
   const int rig_idx = *union_->first_rig[sensor.rig_idx];
   sensor.rig_idx = rig_idx;
   sensor.camera_idx = AddCamera(sensor.camera_idx);
-  sensor.sensor_from_rig.reset();
+  sensor.sensor_from_rig = is_known ? pose : std::nullopt;
   a_->rigs[rig_idx].sensor_idxs.push_back(new_idx);
   a_->sensors.push_back(sensor);
   in_a_->sensor_from_rig.push_back(pose);
@@ -93,7 +96,8 @@ void RigMerger::AddRig(int rig_idx) {
   union_->first_rig[rig_idx] = static_cast<int>(a_->rigs.size());
   a_->rigs.push_back({FreeIds<RigId>(a_->rigs).Take(rig.id), 0, {}});
   for (const int sensor_idx : rig.sensor_idxs) {
-    AddSensor(sensor_idx, in_b_.sensor_from_rig[sensor_idx]);
+    AddSensor(sensor_idx, in_b_.sensor_from_rig[sensor_idx],
+              b_.sensors[sensor_idx].sensor_from_rig.has_value());
   }
   const int ref_sensor_idx = *union_->first_sensor[rig.ref_sensor_idx];
   a_->rigs.back().ref_sensor_idx = ref_sensor_idx;
@@ -138,13 +142,18 @@ void RigMerger::AddSensors(int rig_idx) {
   const Rigid3 rig_a_from_rig_b =
       in_a_->sensor_from_rig[*union_->first_sensor[*common]]->Inverse() *
       *in_b_.sensor_from_rig[*common];
+  const bool common_is_known =
+      b_.sensors[*common].sensor_from_rig.has_value() &&
+      a_->sensors[*union_->first_sensor[*common]].sensor_from_rig.has_value();
   for (const int sensor_idx : sensor_idxs) {
     const std::optional<Rigid3>& in_b = in_b_.sensor_from_rig[sensor_idx];
     std::optional<Rigid3> pose;
     if (in_b) pose = *in_b * rig_a_from_rig_b.Inverse();
     const auto first = union_->first_sensor[sensor_idx];
     if (!first) {
-      AddSensor(sensor_idx, pose);
+      AddSensor(sensor_idx, pose,
+                common_is_known &&
+                    b_.sensors[sensor_idx].sensor_from_rig.has_value());
     } else if (!in_a_->sensor_from_rig[*first]) {
       in_a_->sensor_from_rig[*first] = pose;
     } else {
@@ -242,14 +251,18 @@ void ModelMerger::Align(int min_common_images) {
                 " are needed; merge models that overlap");
   }
   summary_.first_from_second = *AlignPoses(common);
-  std::vector<double> distances;
-  for (const ImagePoses& pose : common) {
-    distances.push_back(
-        (summary_.first_from_second * pose.cam_from_model->Center() -
-         pose.cam_from_world.Center())
-            .norm());
+  const ImageAgreement agreement =
+      CompareCenters(common, summary_.first_from_second, in_a_);
+  summary_.median_distance = Median(agreement.distances);
+  const auto num_common = static_cast<double>(common.size());
+  if (agreement.num_agreeing < min_common_images ||
+      agreement.num_agreeing < kMinAgreeingShare * num_common) {
+    throw Error("the models differ in shape: after alignment, only " +
+                std::to_string(agreement.num_agreeing) + " of " +
+                std::to_string(common.size()) +
+                " common images are within a tenth of the extent of the first "
+                "model; merge models of the same images");
   }
-  summary_.median_distance = Median(distances);
   TransformWorld(summary_.first_from_second, &in_b_);
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/text.h"
+#include "base/text_tools.h"
 #include "geometry/so3.h"
 
 namespace mgsfm {
@@ -12,12 +13,6 @@ namespace {
 
 std::string Number(double value) {
   return ',' + FormatDouble(value, std::chars_format::general, 9);
-}
-
-std::string Quoted(const std::string& name) {
-  std::string quoted = "\"";
-  for (const char c : name) quoted += c == '"' ? "\"\"" : std::string(1, c);
-  return quoted + "\"";
 }
 
 int CountUnobservable(const CovarianceResult& covariances, bool is_sensor,
@@ -34,7 +29,7 @@ std::string Line(const CovarianceResult& covariances, bool is_sensor, int idx,
                  const std::string& name) {
   const PoseMatrix& c =
       *(is_sensor ? covariances.sensors : covariances.frames)[idx];
-  std::string line = (is_sensor ? "sensor," : "frame,") + Quoted(name);
+  std::string line = (is_sensor ? "sensor," : "frame,") + QuoteCsv(name);
   for (int i = 0; i < 6; ++i) {
     const double sigma = std::sqrt(std::max(0.0, c(i, i)));
     line += Number(i < 3 ? RadToDeg(sigma) : sigma);

@@ -188,6 +188,17 @@ std::optional<Scene> AdaptKnownLengths(const Scene& scene,
   return adapted;
 }
 
+// Known poses replace those of the model, which differ little.
+Reconstruction AtKnownPoses(const Scene& scene, Reconstruction model) {
+  for (size_t i = 0; i < scene.sensors.size(); ++i) {
+    auto& pose = model.sensor_from_rig[i];
+    if (pose && scene.sensors[i].sensor_from_rig) {
+      pose = scene.sensors[i].sensor_from_rig;
+    }
+  }
+  return model;
+}
+
 bool HasNewKnownRig(const Scene& scene, const Reconstruction& start) {
   return std::any_of(
       scene.sensors.begin(), scene.sensors.end(), [&](const Sensor& sensor) {
@@ -283,10 +294,10 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
       rotation.message = "reference sensor";
     } else if (num_frames[i] > 0) {
       rotation.message = "estimated by resection of single images";
+    } else if (scene.sensors[i].sensor_from_rig && rotation.is_observable) {
+      rotation.message = "known";
     } else if (start.sensor_from_rig[i]) {
       rotation.message = "taken from the existing model";
-    } else if (rotation.is_observable) {
-      rotation.message = "known";
     } else {
       rotation.message = "no image sees enough points of the model";
     }
@@ -299,18 +310,20 @@ void DescribeSensors(const Scene& scene, const Reconstruction& start,
 }
 
 void ExtendModel(const Scene& input_scene, const Bearings& bearings,
-                 const ViewGraph& view_graph, const Reconstruction& start,
+                 const ViewGraph& view_graph, const Reconstruction& existing,
                  const MapperOptions& options, const Context& context,
                  const PositionPriors& priors, const GravityPriors& gravity,
                  const ModelObserver& observer, MapperResult* result) {
   CheckExtensionOptions(options, priors);
+  const bool are_fixed = options.extension.fix_existing_frames;
+  const Reconstruction start =
+      are_fixed ? existing : AtKnownPoses(input_scene, existing);
   std::optional<Scene> adapted;
   if (HasNewKnownRig(input_scene, start)) {
     adapted = AdaptKnownLengths(input_scene, bearings, view_graph, start,
                                 options.extension.resection, context);
   }
   const Scene& scene = adapted ? *adapted : input_scene;
-  const bool are_fixed = options.extension.fix_existing_frames;
   MapperModel model;
   AdjustmentInput input{scene, view_graph, view_graph, priors, gravity};
   input.pair_is_used.assign(view_graph.pairs.size(), true);

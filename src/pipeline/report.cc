@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "base/text_streams.h"
+#include "base/text_tools.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "pipeline/covariance_report.h"
@@ -586,7 +587,7 @@ std::string FramesToCsv(const Scene& scene, const MapperModel& model) {
   csv << "frame,num_images,num_observations,confidence\n";
   for (size_t i = 0; i < scene.frames.size(); ++i) {
     if (!model.confidence.of_frame[i]) continue;
-    csv << '"' << scene.frames[i].name << "\"," << num_images[i] << ','
+    csv << QuoteCsv(scene.frames[i].name) << ',' << num_images[i] << ','
         << num_observations[i] << ',' << *model.confidence.of_frame[i] << '\n';
   }
   return csv.str();

@@ -85,6 +85,35 @@ int FindRigToSplit(const Scene& scene, const std::string& frame_name) {
   return found->rig_idx;
 }
 
+bool IsSingle(const Scene& scene, const Frame& frame) {
+  return scene.rigs[frame.rig_idx].sensor_idxs.size() == 1;
+}
+
+// Cameras of single images may have frames of one name.
+const std::string& NameInSequence(const Scene& scene, int frame_idx) {
+  const Frame& frame = scene.frames[frame_idx];
+  return IsSingle(scene, frame) ? scene.images[frame.image_idxs.front()].name
+                                : frame.name;
+}
+
+// Numbers the sequences of OrderOfFrames.
+std::vector<int> SequenceOfFrames(const Scene& scene) {
+  std::vector<int> sequences(scene.frames.size());
+  std::map<std::pair<int, std::string>, int> numbers;
+  for (const Image& image : scene.images) {
+    const Frame& frame = scene.frames[image.frame_idx];
+    const size_t slash = image.name.rfind('/');
+    const auto key =
+        IsSingle(scene, frame)
+            ? std::make_pair(-1, image.name.substr(
+                                     0, slash == std::string::npos ? 0 : slash))
+            : std::make_pair(frame.rig_idx, std::string());
+    sequences[image.frame_idx] =
+        numbers.emplace(key, static_cast<int>(numbers.size())).first->second;
+  }
+  return sequences;
+}
+
 RigId UnusedRigId(const Scene& scene) {
   uint32_t max_id = 0;
   for (const Rig& rig : scene.rigs) max_id = std::max(max_id, rig.id.value());
@@ -118,6 +147,40 @@ double TimeOfFrame(const Scene& scene, int frame_idx) {
     sum_s += *image.timestamp_s;
   }
   return sum_s / static_cast<double>(image_idxs.size());
+}
+
+std::vector<int> OrderOfFrames(const Scene& scene) {
+  const std::vector<int> sequences = SequenceOfFrames(scene);
+  Mask has_times(scene.frames.size(), true);  // per sequence
+  for (const Image& image : scene.images) {
+    if (!image.timestamp_s) has_times[sequences[image.frame_idx]] = false;
+  }
+  std::vector<double> times_s(scene.frames.size(), 0.0);
+  std::vector<int> order(scene.frames.size());
+  for (size_t i = 0; i < order.size(); ++i) {
+    order[i] = static_cast<int>(i);
+    if (has_times[sequences[i]]) times_s[i] = TimeOfFrame(scene, order[i]);
+  }
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    if (sequences[a] != sequences[b]) return sequences[a] < sequences[b];
+    if (times_s[a] != times_s[b]) return times_s[a] < times_s[b];
+    return IsNaturallyBefore(NameInSequence(scene, a),
+                             NameInSequence(scene, b));
+  });
+  return order;
+}
+
+std::vector<int> SortFrames(Scene* scene) {
+  std::vector<int> order = OrderOfFrames(*scene);
+  std::vector<Frame> frames;
+  for (const int frame_idx : order) {
+    for (const int image_idx : scene->frames[frame_idx].image_idxs) {
+      scene->images[image_idx].frame_idx = static_cast<int>(frames.size());
+    }
+    frames.push_back(std::move(scene->frames[frame_idx]));
+  }
+  scene->frames = std::move(frames);
+  return order;
 }
 
 std::string CameraLabel(const Scene& scene, int camera_idx) {

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "scene/value_check.h"
 
+#include <algorithm>
 #include <cmath>
 
+#include "base/text.h"
+#include "geometry/so3.h"
 #include "mgsfm/geometry/camera_models.h"
 
 namespace mgsfm {
@@ -10,9 +13,12 @@ namespace {
 
 // Beyond it, neighbouring numbers in double precision are more than 0.1 apart.
 constexpr double kMaxCoordinate = 1e15;
-// Tolerance of the norm of a quaternion that was normalised before it was
-// rounded.
-constexpr double kUnitTolerance = 1e-3;
+
+bool IsUnit(const Eigen::Quaterniond& rotation) {
+  // Quaternions with four digits stay below it.
+  constexpr double kTolerance = 1e-3;
+  return std::abs(rotation.norm() - 1.0) < kTolerance;
+}
 
 }  // namespace
 
@@ -26,10 +32,38 @@ std::optional<std::string> WhyImplausible(
 }
 
 std::optional<std::string> WhyImplausible(const Rigid3& pose) {
-  if (!(std::abs(pose.rotation.norm() - 1.0) < kUnitTolerance)) {
-    return "has no unit quaternion";
+  if (!IsUnit(pose.rotation)) {
+    return "has a quaternion of length " +
+           FormatDouble(pose.rotation.norm(), std::chars_format::general, 4) +
+           " in place of 1";
   }
   return WhyImplausible(pose.translation);
+}
+
+Rigid3 PoseOfFile(const Eigen::Quaterniond& rotation,
+                  const Eigen::Vector3d& translation) {
+  return {IsUnit(rotation) ? ToUnitQuaternion(rotation) : rotation,
+          translation};
+}
+
+std::optional<std::string> WhyDifferent(const Rigid3& pose,
+                                        const Rigid3& expected) {
+  // Ten roundings to three digits.
+  constexpr double kTolerance = 5e-3;
+  const double angle_rad = AngleBetween(pose.rotation, expected.rotation);
+  const double distance = (pose.translation - expected.translation).norm();
+  const double max_distance =
+      kTolerance * std::max(1.0, pose.translation.norm());
+  if (angle_rad <= kTolerance && distance <= max_distance) return std::nullopt;
+  const auto text = [](double value) {
+    return FormatDouble(value, std::chars_format::general, 3);
+  };
+  const auto vector = [&](const Eigen::Vector3d& v) {
+    return text(v.x()) + " " + text(v.y()) + " " + text(v.z());
+  };
+  return "by " + text(RadToDeg(angle_rad)) + " deg and " + text(distance) +
+         " (translation " + vector(pose.translation) + ", not " +
+         vector(expected.translation) + ")";
 }
 
 std::optional<std::string> WhyImplausible(const Camera& camera) {

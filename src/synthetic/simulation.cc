@@ -246,6 +246,11 @@ void Simulator::AddImages() {
       simulation_.cam_from_world.push_back(exposure.cam_from_world);
     }
   }
+  std::vector<int> drive_frames;
+  for (const int frame_idx : SortFrames(&scene)) {
+    drive_frames.push_back(drive_frames_[frame_idx]);
+  }
+  drive_frames_ = std::move(drive_frames);
 }
 
 int Simulator::NumDuplicates() const {

@@ -10,10 +10,12 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/parallel.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_encoding.h"
 #include "io/files/image_reading.h"
+#include "io/files/mask_folder.h"
 #include "io/files/place_and_time_tags.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/timer.h"
@@ -102,8 +104,14 @@ class ImageRun {
     for (const fs::path& folder : folders) operations.Sync(folder);
   }
 
+  void LogWarnings(const Context& context) const { warnings_.Log(context); }
+
   void AddTask(const ImageTask& task) {
     renderers_[task.camera_idx].AddImage();
+  }
+
+  void WarnOfEmptyMasks(const Context& context) const {
+    empty_masks_.Warn(options_.mask_path, context);
   }
 
   void Run(const ImageTask& task) {
@@ -130,18 +138,26 @@ class ImageRun {
     const std::string file = ReadFile(original_path);
     ManyFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
-    const cv::Mat image = Decode(file, Colours(), camera);
+    const DecodedImage decoded = Decode(file, Colours(), camera);
+    if (decoded.is_nearly_black && !is_unchanged) {
+      const std::lock_guard<std::mutex> lock(warnings_mutex_);
+      warnings_.Add("image '" + task.name +
+                    "' has 16 bits per channel, but uses the lower 12 only, so "
+                    "that its views of 8 bits are nearly black; multiply its "
+                    "values by 16 and start again in another folder");
+    }
     std::shared_ptr<const ViewRenderer> renderer;
     if (!is_unchanged || options_.writes_masks) {
       renderer = renderers_[task.camera_idx].Get(camera, views);
     }
     if (options_.writes_masks) WriteMasks(task, camera, *renderer, &operations);
     if (is_unchanged) {
-      ReplaceFile(ImagePath(task.view_names.front()), file, &operations);
+      ReplaceFile(ImagePath(task.view_names.front()), WithoutOrientation(file),
+                  &operations);
       return;
     }
     const PlaceAndTimeTags tags(file);
-    const std::vector<cv::Mat> rendered = renderer->Render(image);
+    const std::vector<cv::Mat> rendered = renderer->Render(decoded.pixels);
     for (size_t i = 0; i < rendered.size(); ++i) {
       const fs::path path = ImagePath(task.view_names[i]);
       ReplaceFile(path, tags.AddTo(Encode(path, rendered[i])), &operations);
@@ -149,16 +165,18 @@ class ImageRun {
   }
 
   void WriteMasks(const ImageTask& task, const Camera& camera,
-                  const ViewRenderer& renderer,
-                  FileOperations* operations) const {
+                  const ViewRenderer& renderer, FileOperations* operations) {
     cv::Mat mask;
-    const fs::path mask_path = options_.mask_path / (task.name + ".png");
+    const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
     if (!options_.mask_path.empty() && fs::is_regular_file(mask_path)) {
       try {
-        mask = Decode(ReadFile(mask_path), cv::IMREAD_GRAYSCALE, camera);
+        mask = Decode(ReadFile(mask_path),
+                      cv::IMREAD_GRAYSCALE | cv::IMREAD_ANYDEPTH, camera)
+                   .pixels != 0;
       } catch (const Error& error) {
         throw Error("has a mask that " + std::string(error.what()));
       }
+      empty_masks_.Count(cv::countNonZero(mask) == mask.rows * mask.cols);
     }
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
@@ -172,13 +190,13 @@ class ImageRun {
                                 : cv::IMREAD_ANYCOLOR;
   }
 
-  static cv::Mat Decode(const std::string& file, int color,
-                        const Camera& camera) {
-    cv::Mat image = DecodeImage(file, color | cv::IMREAD_IGNORE_ORIENTATION,
-                                kDefaultMaxNumPixels)
-                        .pixels;
+  static DecodedImage Decode(const std::string& file, int color,
+                             const Camera& camera) {
+    DecodedImage decoded = DecodeImage(
+        file, color | cv::IMREAD_IGNORE_ORIENTATION, kDefaultMaxNumPixels);
+    const cv::Mat& image = decoded.pixels;
     if (image.cols == camera.width_px && image.rows == camera.height_px) {
-      return image;
+      return decoded;
     }
     const auto size = [](int width, int height) {
       return std::to_string(width) + " x " + std::to_string(height);
@@ -199,6 +217,9 @@ class ImageRun {
   const ImageRunOptions& options_;
   std::vector<SharedRenderer> renderers_;
   std::set<fs::path> folders_;  // of the files to write
+  EmptyMasks empty_masks_;
+  std::mutex warnings_mutex_;
+  GroupedWarnings warnings_;
 };
 
 }  // namespace
@@ -212,6 +233,14 @@ void CheckImagesExist(const std::vector<ImageTask>& tasks,
                 image_path.string() +
                 "'; use the folder from which the model was made");
   }
+}
+
+void CheckMasksOf(const std::vector<ImageTask>& tasks,
+                  const fs::path& mask_path, const std::string& option,
+                  const Context& context) {
+  std::vector<std::string> names;
+  for (const ImageTask& task : tasks) names.push_back(task.name);
+  CheckMasks(mask_path, names, option, context);
 }
 
 void CheckIsApart(const fs::path& output_path, const fs::path& image_path) {
@@ -273,6 +302,8 @@ ImageRunSummary WriteViews(
         context.ReportProgress("undistortion: images", num_done, left.size());
       });
   if (!left.empty()) run.SyncFolders();
+  run.WarnOfEmptyMasks(context);
+  run.LogWarnings(context);
   return {left.size(), tasks.size() - left.size(), timer.Seconds()};
 }
 

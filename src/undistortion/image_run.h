@@ -55,6 +55,11 @@ ImageRunSummary WriteViews(
 void CheckImagesExist(const std::vector<ImageTask>& tasks,
                       const std::filesystem::path& image_path);
 
+// As CheckMasks, for the images of the tasks.
+void CheckMasksOf(const std::vector<ImageTask>& tasks,
+                  const std::filesystem::path& mask_path,
+                  const std::string& option, const Context& context);
+
 // Throws Error if the outputs would lie among images (or masks) that are read.
 // An empty path is no folder.
 void CheckIsApart(const std::filesystem::path& output_path,

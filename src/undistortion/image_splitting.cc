@@ -8,8 +8,9 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/grouped_warnings.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "geometry/so3.h"
 #include "io/files/file_operations.h"
 #include "io/files/image_limits.h"
@@ -98,11 +99,12 @@ ImageFolder PlanFolder(const std::string& path, const ImageSize& size,
 Plan MakePlan(const SplittingInput& input, CombinedImages kind,
               const SplittingOptions& options, const Context& context) {
   Plan plan;
+  GroupedWarnings warnings;
   std::map<std::string, int> folder_of_path;
   for (const std::string& name : input.names) {
     const auto size = SizeOfFile(input.image_path / name);
     if (!size) {
-      context.Warning("'" + name + "' is skipped because it is not an image");
+      warnings.Add("'" + name + "' is skipped because it is not an image");
       continue;
     }
     const auto [found, is_new] = folder_of_path.emplace(
@@ -113,9 +115,9 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
     const ImageFolder& folder = plan.folders[found->second];
     if (size->width != folder.camera.width_px ||
         size->height != folder.camera.height_px) {
-      context.Warning("image '" + name +
-                      "' is skipped because it differs in size from others of "
-                      "its folder");
+      warnings.Add("image '" + name +
+                   "' is skipped because it differs in size from others of its "
+                   "folder");
       continue;
     }
     ImageTask task{name, found->second, {}};
@@ -124,6 +126,7 @@ Plan MakePlan(const SplittingInput& input, CombinedImages kind,
     }
     plan.tasks.push_back(std::move(task));
   }
+  warnings.Log(context);
   return plan;
 }
 
@@ -248,20 +251,20 @@ std::string LineOf(const std::string& folder, const Camera& pinhole) {
 }
 
 // Whether a line `folder MODEL ...` is that of a folder, which may have blanks.
-bool IsLineOf(const std::string& folder, const std::string& line) {
-  const std::string begin = (folder.empty() ? "." : folder) + " ";
-  if (line.compare(0, begin.size(), begin) != 0) return false;
-  const std::string model =
-      line.substr(begin.size(), line.find(' ', begin.size()) - begin.size());
-  return FindCameraModel(std::string_view(model)) != nullptr;
+bool IsLineOf(const std::string& folder, std::string_view line) {
+  const std::string begin = folder.empty() ? "." : folder;
+  if (line.substr(0, begin.size()) != begin) return false;
+  line.remove_prefix(begin.size());
+  return line != TrimBlanks(line) &&
+         FindCameraModel(TakeWord(&line)) != nullptr;
 }
 
 // The lines for the views and, from camera_params_path, for other folders.
 std::string MakeCameraFile(const SplittingInput& input, const Plan& plan) {
   std::vector<std::string> given;
   if (!input.camera_params_path.empty()) {
-    TextInput text(ReadFile(input.camera_params_path));
-    for (std::string line; std::getline(text, line);) given.push_back(line);
+    TextLines lines(input.camera_params_path);
+    while (lines.NextContent()) given.emplace_back(lines.line());
   }
   std::string file;
   for (const ImageFolder& folder : plan.folders) {
@@ -316,6 +319,7 @@ ImageRunSummary SplitImages(const SplittingInput& input, CombinedImages kind,
       is_panorama ? RigConfigsToJson(MakeRigs(
                         plan, ReadFolderPoses(input.rig_config_path, plan)))
                   : "";
+  CheckMasksOf(plan.tasks, input.mask_path, "mask_path", context);
   ContinueOrBegin(input.output_path, Settings(input, plan, kind, options));
   const ImageRunSummary summary =
       WriteViews(plan.tasks, cameras, views,

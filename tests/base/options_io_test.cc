@@ -118,6 +118,24 @@ TEST(LoadOptions, ErrorsNameFileLineAndKey) {
   }
 }
 
+TEST(LoadOptions, AllUnknownOptionsAreNamedAtOnce) {
+  const std::string error =
+      LoadError("verbos = 1\ntitle = t\n[Other]\nkey = 1\n");
+  EXPECT_THAT(error, AllOf(HasSubstr("test.ini:1: unknown option verbos"),
+                           HasSubstr("test.ini:4: unknown option Other.key")));
+  SampleOptions options;
+  const OptionAdvice advice = [](const std::string& name) {
+    return name == "verbos" ? std::optional<std::string>("use --verbose")
+                            : std::nullopt;
+  };
+  try {
+    CheckOptionNames(ListOptions(&options), {"verbos", "title", "x_y"}, advice);
+    ADD_FAILURE() << "no error";
+  } catch (const Error& named) {
+    EXPECT_STREQ(named.what(), "2 unknown options: verbos: use --verbose; x_y");
+  }
+}
+
 TEST(LoadOptions, FilesStateTheVersionThatWroteThem) {
   const std::string version = Version();
   EXPECT_THAT(SampleDump(SampleOptions()),

@@ -66,6 +66,23 @@ class FeatureCommandsTest : public testing::Test {
   TempDir dir_;
 };
 
+// One line for one cause, whatever the number of images.
+TEST_F(FeatureCommandsTest, MissingImagesOfAListAreCounted) {
+  WriteDrive(1);
+  std::string list = "left/1000.pgm\n";
+  for (int i = 0; i < 300; ++i) {
+    list += "left/none" + std::to_string(i) + ".pgm\n";
+  }
+  const std::string path = (dir_.path() / "list.txt").string();
+  WriteTextFile(path, list);
+  const CommandOutput output =
+      RunMgsfm(ExtractorLine("--image_list_path " + path));
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  EXPECT_THAT(output.err, HasSubstr("does not exist"));
+  EXPECT_THAT(output.err, HasSubstr("the first of 300 such"));
+  EXPECT_LT(std::count(output.err.begin(), output.err.end(), '\n'), 10);
+}
+
 TEST_F(FeatureCommandsTest, ExtractAndConfigure) {
   WriteDrive(3);
   const CommandOutput extracted =

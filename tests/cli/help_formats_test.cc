@@ -148,10 +148,27 @@ TEST(ColmapNames, HabitsOfColmapGetAnAnswer) {
       {"mapper --Mapper.num_threads 2", "use --num_threads"},
       {"mapper --project_path x", "use --config_path"},
       {"mapper --output x", "did you mean 'output_path'?"},
+      {"mapper --split_rig_at x", "did you mean 'Mapper.split_rig_at'?"},
+      {"exhaustive_matcher --SiftMatching.guided_matching 1", "leave it out"},
+      {"automatic_reconstructor --camera_model x",
+       "use --ImageReader.camera_model"},
       {"feature_extractor --SiftExtraction.use_gpu 0", "leave it out"},
       {"exhaustive_matcher --use_gpu 0", "leave it out"},
       {"mapper --Mapper.ba_refine_focal_length 0",
        "use --BundleAdjustment.refine_focal_length"}};
+  const std::vector<std::string> several = {
+      "use --ViewGraph.min_num_inliers", "Mapper.init_num_trials: leave it out",
+      "SiftExtraction.use_gpu: leave it out", "quality: leave it out",
+      "databse_path (did you mean 'database_path'?)"};
+  const std::string all = RunMgsfm(
+                              "mapper --Mapper.min_num_matches 15 "
+                              "--Mapper.init_num_trials 3 --quality high "
+                              "--SiftExtraction.use_gpu 0 --databse_path x")
+                              .err;
+  EXPECT_THAT(all, HasSubstr("5 unknown options: "));
+  for (const std::string& answer : several) {
+    EXPECT_THAT(all, HasSubstr(answer));
+  }
   for (const auto& [arguments, answer] : answers) {
     EXPECT_THAT(RunMgsfm(arguments).err, HasSubstr(answer)) << arguments;
   }

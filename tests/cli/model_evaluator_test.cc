@@ -172,6 +172,31 @@ TEST_F(ModelEvaluator, KittiFramesInGapsAreNotRegistered) {
   EXPECT_NEAR(evaluation["position_auc"][0]["area"], 12.0 / 15.0, 1e-4);
 }
 
+// Programs that know no rigs write images beside rigs of an earlier model.
+TEST_F(ModelEvaluator, PosesMustBeThoseOfFramesAndRigs) {
+  WriteModel("truth", Stereo({0, 1, 2, 3}), 2);
+  WriteModel("model", Stereo({0, 1, 2, 3}), 2);
+  EXPECT_LT(Evaluate("--gt_path " + Path("truth"))["position_m"]["max"], 1e-9);
+  fs::remove(Path("out.json"));
+  std::vector<NamedPose> moved = Stereo({0, 1, 2, 3});
+  moved[3].cam_from_world = TruePose(7);
+  const std::string rigs = ReadTextFile(Path("model/rigs.txt"));
+  const std::string frames = ReadTextFile(Path("model/frames.txt"));
+  WriteModel("model", moved);
+  const auto message = AllOf(HasSubstr("'cam1/000001.png'"),
+                             HasSubstr("frame 3"), HasSubstr("remove"));
+  WriteTextFile(Path("model/rigs.txt"), rigs);
+  WriteTextFile(Path("model/frames.txt"), frames);
+  ExpectRefused("--gt_path " + Path("truth"), message);
+  fs::rename(Path("model"), Path("bad"));
+  WriteModel("model", Stereo({0, 1, 2, 3}), 2);
+  ExpectRefused("--gt_path " + Path("bad"), message);
+  // The remedy.
+  fs::remove(Path("bad/rigs.txt"));
+  fs::remove(Path("bad/frames.txt"));
+  Evaluate("--gt_path " + Path("bad"));
+}
+
 TEST_F(ModelEvaluator, EverySecondFrameIsNoGap) {
   WriteModel("model", Mono({2, 4, 6, 8, 14, 16, 18}));
   ExpectCounts(Evaluate(WriteKitti(40)), 7, 9);

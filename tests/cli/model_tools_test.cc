@@ -166,8 +166,11 @@ TEST_F(ModelTools, AlignsToPositionsAndToModels) {
       Path("again"));
   EXPECT_LT(MaxError(Path("again"), Path("placed"), "--alignment none"), 1e-6);
   // Without a change of the unit, the model does not fit.
-  Run(call + "--ref_model_path " + Path("placed") +
-      " --estimate_scale 0 --output_path " + Path("rigid"));
+  const std::string rigid = call + "--ref_model_path " + Path("placed") +
+                            " --estimate_scale 0 --output_path ";
+  ExpectRefused(rigid + Path("x"), AllOf(HasSubstr("differs in shape"),
+                                         HasSubstr("of 96 common")));
+  Run(rigid + Path("rigid") + " --robust_alignment 0");
   EXPECT_GT(MaxError(Path("rigid"), Path("placed"), "--alignment none"), 1.0);
 
   ExpectRefused(call + "--output_path " + Path("x"), HasSubstr("give one of"));
@@ -295,8 +298,39 @@ TEST_F(ModelTools, MostPositionsMayBeWrong) {
   ExpectRefused(call + "--min_common_images 30 --output_path " + Path("x"),
                 HasSubstr("--min_common_images"));
   ExpectRefused(
+      call + "--min_inlier_ratio 0.5 --output_path " + Path("x"),
+      AllOf(HasSubstr("of 48 positions"), HasSubstr("--min_inlier_ratio")));
+  ExpectRefused(
       call + "--robust_alignment_max_error 1 --output_path " + Path("x"),
       HasSubstr("--alignment_max_error"));
+}
+
+// Degrees would be 100 km each.
+TEST_F(ModelTools, LengthsAreNotTakenForDegrees) {
+  WritePositions("ref.txt", 30.0);
+  Run("model_aligner --input_path " + DemoTruth() + " --ref_images_path " +
+      Path("ref.txt") + " --transform_path " + Path("sim3.txt") +
+      " --output_path " + Path("placed"));
+  EXPECT_NEAR(std::stod(ReadTextFile(Path("sim3.txt"))), 30.0, 1e-6);
+}
+
+TEST_F(ModelTools, ModelsOfAnotherShapeAreNotAligned) {
+  Convert(DemoTruth(), "other", "TXT");
+  Random random(1);
+  std::ostringstream lines;
+  for (const ModelImage& image : ReadModelPoses(DemoTruth()).images) {
+    lines << image.id.value() << " 1 0 0 0";
+    for (int k = 0; k < 3; ++k) lines << ' ' << 50.0 * random.Uniform();
+    lines << ' ' << image.camera_id.value() << ' ' << image.name << "\n\n";
+  }
+  WriteTextFile(Path("other/images.txt"), lines.str());
+  WriteTextFile(Path("other/points3D.txt"), "");
+  fs::remove(Path("other/rigs.txt"));
+  fs::remove(Path("other/frames.txt"));
+  ExpectRefused(
+      "model_aligner --input_path " + DemoTruth() + " --ref_model_path " +
+          Path("other") + " --output_path " + Path("x"),
+      AllOf(HasSubstr("differs in shape"), HasSubstr("of 96 common")));
 }
 
 TEST_F(ModelTools, OriginsOfImageAndPositionAreMerged) {
@@ -458,18 +492,6 @@ TEST_F(ModelTools, FilesOfOtherProgramsAreRecognised) {
   Run(call + Path("again.nvm") + " --output_type nvm");
   EXPECT_THAT(ReadTextFile(Path("again.nvm")),
               HasSubstr("1.jpg 50 1 0 0 0 1 2 3 0 0"));
-}
-
-TEST_F(ModelTools, ReportsHaveFigures) {
-  Run("report --input_path " + DemoTruth() + " --database_path " +
-      DemoDatabase() + " --gt_path " + DemoTruth() + " --output_path " +
-      Path("report.html") + " --figures " + Path("figures"));
-  for (const char* name :
-       {"trajectory", "rig", "residuals", "view_graph", "errors"}) {
-    const std::string stem = Path("figures/") + name;
-    EXPECT_THAT(ReadTextFile(stem + ".svg"), HasSubstr("</svg>"));
-    EXPECT_EQ(ReadTextFile(stem + ".png").substr(1, 3), "PNG");
-  }
 }
 
 TEST_F(ModelTools, PartsMergeToTheWhole) {

@@ -58,6 +58,33 @@ TEST_F(ReconstructionTest, ImagesGiveTheRigAndItsPath) {
   EXPECT_THAT(again.err, HasSubstr("16 images already had features"));
 }
 
+// What names of files and options tell is said before features are extracted.
+TEST_F(ReconstructionTest, ErrorsComeBeforeTheWork) {
+  const std::string config = Path("rig.json").string();
+  WriteTextFile(config, R"([{"cameras": [
+      {"image_prefix": "front_left/", "ref_sensor": true},
+      {"image_prefix": "front_rigt/"}]}])");
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {"--rig_config_path " + config, "'front_rigt/'"},
+      {"--rig_config_path none.json", "'none.json' (--rig_config_path)"},
+      {"--rig_name_rule '(?<camera>a.*)/.*'", "does not match the image name"},
+      {"--calibration_path a.yaml,b.yaml", "'a.yaml' (--calibration_path)"},
+      {"--gravity_path none.txt", "'none.txt' (--gravity_path)"},
+      {"--ImageReader.mask_path masks", "'masks' (--ImageReader.mask_path)"}};
+  for (const auto& [option, message] : cases) {
+    const CommandOutput output = RunMgsfm(line_ + option);
+    EXPECT_EQ(output.exit_code, 1) << option;
+    EXPECT_THAT(output.err, HasSubstr(message)) << option;
+    EXPECT_FALSE(std::filesystem::exists(Path("work"))) << option;
+  }
+  // A folder that is no output of a mapper is named, too.
+  std::filesystem::create_directory(Path("work"));
+  WriteTextFile(Path("work") / "sparse", "");
+  const CommandOutput output = RunMgsfm(line_);
+  EXPECT_EQ(output.exit_code, 1);
+  EXPECT_FALSE(std::filesystem::exists(Path("work") / "database.db"));
+}
+
 TEST_F(ReconstructionTest, BadUseIsNamed) {
   std::filesystem::remove_all(Path("images"));
   const CommandOutput output = RunMgsfm(line_);

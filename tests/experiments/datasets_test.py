@@ -138,6 +138,36 @@ def test_a_stereo_set_of_eth3d(tmp_path):
     assert found.truth_positions() == {}
 
 
+@pytest.mark.parametrize("reader, text, what", [
+    (kitti_odometry.read_projections, "P0: 1 2 x\n", "'x'"),
+    (kitti_odometry.read_projections, "P1: 1 2\n", "2 numbers, not 12"),
+    (kitti_odometry.read_projections, "P0:" + " nan" * 12, "not finite"),
+    (lambda path: kitti_odometry.positions_by_name(path, ["0.png"]),
+     "1 2 3\n", "index"),
+    (lambda path: eth3d_slam.read_numbers(path, 4), "700 701", "2 numbers"),
+    (lambda path: eth3d_slam.read_tum(path, ["rgb/a.png"]),
+     "1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n", "'a'")])
+def test_malformed_files_are_named(tmp_path, reader, text, what):
+    path = tmp_path / "file.txt"
+    path.write_text(text)
+    with pytest.raises(SystemExit) as error:
+        reader(path)
+    assert str(path) in str(error.value) and what in str(error.value)
+
+
+def test_malformed_calibrations_of_kitti360_are_named(tmp_path):
+    pytest.importorskip("numpy")
+    from experiments.datasets import kitti360_calibration, mei_camera
+    for reader, what in ((lambda p: mei_camera.read_mei(p), "xi"),
+                         (lambda p: kitti360_calibration.read_matrices(
+                             p, 3, ["image_00"]), "image_00")):
+        path = tmp_path / "file.txt"
+        path.write_text("gamma1: 700.0\n")
+        with pytest.raises(SystemExit) as error:
+            reader(path)
+        assert str(path) in str(error.value) and what in str(error.value)
+
+
 def test_drives_of_kitti360_by_number():
     drives = ["2013_05_28_drive_0000_sync", "2013_05_28_drive_0002_sync"]
     assert kitti360.choose_drives(drives, "0002") == [drives[1]]

@@ -132,21 +132,31 @@ def test_external_methods(call, simulate, tmp_path):
     script.chmod(0o755)
     own = f"copy={script} {{database}} {{output}} {work}/00/mma/0"
     failing = "failing=/bin/false {database} {output}"
-    out = succeeded(call(tmp_path / "tree", work, "--methods", "mma",
-                         "--external", own, "--external", failing))
-    assert "copy: given by --external" in out
+    silent = "silent=/bin/true {database} {output}"
+
+    def run_all():
+        return call(tmp_path / "tree", work, "--methods", "mma", "--external",
+                    own, "--external", failing, "--external", silent)
+    done = run_all()
+    assert done.returncode == 1
+    assert "2 of the runs failed" in done.stderr
+    assert "copy: given by --external" in done.stdout
+    assert "failed: exit code 1" in done.stdout
+    assert "failed: it wrote no images.bin" in done.stdout
+    # Failed methods run again.
+    assert run_all().stdout.count("failed: ") == 2
     tables = json.loads((work / "tables.json").read_text())
-    mma, copy, failed = tables["records"]
+    mma, copy, failed, _ = tables["records"]
     assert (copy["method"], failed["method"]) == ("copy", "failing")
     assert copy["errors"] == mma["errors"]
     assert copy["seconds_counted"] == copy["seconds"]
     assert not (work / "00/copy/database.db").exists()
-    # A failure of a peer is a result, unless a signal ended it.
     assert failed["exit_code"] == 1 and "model" not in failed
     rows = {t["name"]: dict(zip(t["header"], t["rows"][0]))
             for t in tables["tables"]}
     assert rows["registered"]["copy"] == "24 / 24"
-    assert rows["registered"]["failing"] == "-"
+    assert rows["registered"]["failing"] == "0 / 24"
+    assert rows["registered"]["silent"] == "0 / 24"
     other = call(tmp_path / "tree", work, "--methods", "mma", "--external",
                  own + " again")
     assert other.returncode == 1

@@ -78,6 +78,25 @@ def test_cells_of_the_paper():
     assert rows["translation_averaging"][0]["averaged"] == "0.25"
 
 
+def test_means_and_the_best_of_a_row():
+    records = {("00", "ours"): record_of(0.2), ("00", "other"): record_of(0.4),
+               ("01", "ours"): record_of(0.3), ("01", "other"): record_of(0.1),
+               ("02", "ours"): record_of(0.9),
+               ("02", "other"): {"exit_code": 1, "is_stopped": False}}
+    found = {table.name: table for table in paper_tables.make_tables(
+        records, [["ours", "other"], [], []])}
+    errors = found["position_error"]
+    assert errors.cells()[-1] == ["mean of 2", "0.125 / 0.250", "0.125 / 0.250"]
+    lines = errors.latex().splitlines()
+    assert r"00 & \textbf{0.100 / 0.200} & 0.200 / 0.400 \\" in lines
+    assert r"01 & 0.150 / 0.300 & \textbf{0.050 / 0.100} \\" in lines
+    assert "| 02 | 0.450 / 0.900 | - |" in errors.markdown()
+    assert r"\textwidth" in errors.latex()
+    # A method without a model has registered nothing.
+    assert found["registered"].cells()[2] == ["02", "9 / 10", "0 / 10"]
+    assert found["position_auc"].cells()[2][2] == "0.0"
+
+
 def test_seeds_are_compared_run_by_run():
     found = {"ours": (1.0, 2.0, 4.0, 5.0), "other": (2.0, 2.0, 8.0, None)}
     records = {

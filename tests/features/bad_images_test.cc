@@ -4,6 +4,7 @@
 #include "features/extraction_fixture.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "support/error_of.h"
 
 namespace mgsfm {
 namespace {
@@ -145,6 +146,15 @@ class BadImagesTest : public ExtractionTest {
     EXPECT_EQ(images.count("good.png"), 1u);
     EXPECT_EQ(Structure().cameras.size(), 1u);
   }
+  // Writes a mask that hides the last row of good.png.
+  std::string WriteSoundMask() const {
+    const std::filesystem::path folder = dir_.path() / "masks";
+    std::filesystem::create_directories(folder);
+    cv::Mat mask(90, 120, CV_8U, cv::Scalar(255));
+    mask.row(89).setTo(0);
+    EXPECT_TRUE(cv::imwrite((folder / "good.png.png").string(), mask));
+    return folder.string();
+  }
   // Truncates the file.
   void Truncate(const std::string& name, double part) const {
     const auto size = std::filesystem::file_size(ImagePath(name));
@@ -197,29 +207,26 @@ TEST_F(BadImagesTest, SizeDiffersFromCamera) {
 
 TEST_F(BadImagesTest, MaskOfDifferentSize) {
   WriteBlobs("later.png", 2);
-  std::filesystem::create_directories(dir_.path() / "masks");
+  FeatureExtractionOptions options;
+  options.reader.mask_path = WriteSoundMask();
   cv::imwrite((dir_.path() / "masks/later.png.png").string(),
               cv::Mat(90, 100, CV_8U, cv::Scalar(255)));
-  FeatureExtractionOptions options;
-  options.reader.mask_path = (dir_.path() / "masks").string();
   ExpectRejected("later.png", "100 x 90", options);
 }
 
 TEST_F(BadImagesTest, MaskIsNotAnImage) {
   WriteBlobs("later.png", 2);
-  std::filesystem::create_directories(dir_.path() / "masks");
-  WriteTextFile(dir_.path() / "masks/later.png.png", "no image");
   FeatureExtractionOptions options;
-  options.reader.mask_path = (dir_.path() / "masks").string();
+  options.reader.mask_path = WriteSoundMask();
+  WriteTextFile(dir_.path() / "masks/later.png.png", "no image");
   ExpectRejected("later.png", "has a mask", options);
 }
 
 TEST_F(BadImagesTest, NoMaskAtAll) {
   FeatureExtractionOptions options;
   options.reader.mask_path = (dir_.path() / "nowhere").string();
-  Extract(options);
-  ASSERT_EQ(warnings_.size(), 1u);
-  EXPECT_THAT(warnings_[0], HasSubstr("no image has a mask"));
+  EXPECT_THAT(ErrorOf([&] { Extract(options); }),
+              HasSubstr("no image has a mask"));
 }
 
 // Such images are kept, as in COLMAP, with a warning.

@@ -106,6 +106,15 @@ TEST_F(FeatureExtractionTest, UsesCameraParams) {
   EXPECT_THAT(Problem(options), HasSubstr("PINHOLE has 4 parameters, not 3"));
   options.reader.camera_params = "100,x,60,45";
   EXPECT_THAT(Problem(options), HasSubstr("'x' is not a number"));
+  const auto expect_impossible = [&](const char* params, const char* text) {
+    options.reader.camera_params = params;
+    EXPECT_THAT(Problem(options), HasSubstr(text)) << params;
+  };
+  expect_impossible("-100,101,60,45", "focal length -100 is not positive");
+  expect_impossible("100,0,60,45", "focal length 0 is not positive");
+  expect_impossible("9000,9000,60,45", "focal length of 9000 px");
+  expect_impossible("100,100,-1,45", "principal point");
+  expect_impossible("50,50,30,22.5", "60 x 45 px");
   options.reader.camera_model = "PINHOLES";
   EXPECT_THAT(Problem(options), HasSubstr("no camera model 'PINHOLES'"));
 }
@@ -129,8 +138,15 @@ TEST_F(FeatureExtractionTest, ReadsCameraParamsPerFolderFromFile) {
   WriteTextFile(*options.reader.camera_params_path,
                 "left SIMPLE_PINHOLE 120 90 99 61 44\n");
   EXPECT_THAT(Problem(options), HasSubstr("no line for the folder 'right'"));
-  WriteTextFile(*options.reader.camera_params_path, "left 120 90 99 61 44\n");
-  EXPECT_THAT(Problem(options), HasSubstr("line 1"));
+  for (const char* line :
+       {"left 120 90 99 61 44", "left SIMPLE_PINHOLE 1e12 90 99 61 44",
+        "left SIMPLE_PINHOLE 120.5 90 99 61 44",
+        "left SIMPLE_PINHOLE 120 90 99 61 44 0.1",
+        "left SIMPLE_PINHOLE 120 90 99 961 44"}) {
+    WriteTextFile(*options.reader.camera_params_path,
+                  std::string("# a comment\r\n") + line + "\r\n");
+    EXPECT_THAT(Problem(options), HasSubstr("line 2")) << line;
+  }
 }
 
 TEST_F(FeatureExtractionTest, ReadsFocalLengthAndPositionFromExif) {
@@ -228,6 +244,57 @@ TEST_F(FeatureExtractionTest, DropsFeaturesWhereMasksAreBlack) {
   for (const auto& [name, image] : Images("camera.db")) {
     for (const FeatureKeypoint& k : image.keypoints) EXPECT_GE(k.x_px, 70.0f);
   }
+}
+
+TEST_F(FeatureExtractionTest, CountsImagesThatMasksDoNotFit) {
+  WriteFolders();
+  Extract({}, "unmasked.db");
+  cv::Mat mask(90, 120, CV_8U, cv::Scalar(255));
+  const auto write = [&](const std::string& name) {
+    const auto path = dir_.path() / "masks" / (name + ".png");
+    std::filesystem::create_directories(path.parent_path());
+    ASSERT_TRUE(cv::imwrite(path.string(), mask));
+  };
+  FeatureExtractionOptions options;
+  options.reader.mask_path = (dir_.path() / "masks").string();
+  EXPECT_THAT(Problem(options), HasSubstr("no image has a mask in"));
+  warnings_.clear();
+  write("left/1.png");
+  Extract(options, "white.db");
+  EXPECT_THAT(warnings_,
+              testing::ElementsAre(
+                  testing::AllOf(HasSubstr("2 of 3 images have no mask"),
+                                 HasSubstr("'left/2.png.png'")),
+                  HasSubstr("1 of 1 masks in")));
+  warnings_.clear();
+  mask.colRange(0, 70).setTo(0);
+  for (const char* name : {"left/1.png", "left/2.png", "right/1.png"}) {
+    write(name);
+  }
+  Extract(options, "masked.db");
+  Extract(options, "masked.db");
+  EXPECT_THAT(warnings_, testing::IsEmpty());
+  Extract(options, "unmasked.db");
+  EXPECT_THAT(warnings_, testing::ElementsAre(HasSubstr(
+                             "features of 3 of 3 images were made without")));
+}
+
+// The first image of a folder defines its camera.
+TEST_F(FeatureExtractionTest, WarnsOfZoom) {
+  for (const int number : {1, 2, 3}) {
+    const std::string name = "left/" + std::to_string(number) + ".jpg";
+    WriteBlobs(name, 1);
+    const auto image = Exiv2::ImageFactory::open(ImagePath(name).string());
+    // 28 mm, the same but for rounding, and 50 mm.
+    const uint16_t lengths_mm[] = {28, 29, 50};
+    image->exifData()["Exif.Photo.FocalLengthIn35mmFilm"] =
+        lengths_mm[number - 1];
+    image->writeMetadata();
+  }
+  Extract();
+  ASSERT_EQ(warnings_.size(), 1u);
+  EXPECT_THAT(warnings_[0], testing::AllOf(HasSubstr("shares a camera"),
+                                           HasSubstr("'left/3.jpg'")));
 }
 
 TEST_F(FeatureExtractionTest, SkipsImagesWithFeatures) {

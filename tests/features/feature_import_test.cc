@@ -178,6 +178,34 @@ TEST_F(FeatureImportTest, BadFilesAreRefused) {
   EXPECT_THAT(ImportError(), HasSubstr("no image with keypoints"));
 }
 
+TEST_F(FeatureImportTest, SizesMustAgree) {
+  options_.matches_path = "";
+  const auto write = [&](const std::vector<int32_t>& size) {
+    Hdf5Writer file(Path("features.h5"));
+    file.Floats("a.png/keypoints", {1, 2}, {300, 2}, H5T_IEEE_F32LE);
+    file.Ints("a.png/image_size", {2}, size);
+  };
+  write({200, 100});
+  EXPECT_THAT(ImportError(), HasSubstr("keypoint outside of its 200 x 100 px"));
+  // An image of the database without features.
+  {
+    FeatureDatabase database(Path("a.db"),
+                             FeatureDatabase::OpenMode::kOrCreate);
+    const CameraId camera = database.AddCamera({CameraId(0),
+                                                CameraModelId::kSimplePinhole,
+                                                640,
+                                                480,
+                                                {500, 320, 240},
+                                                false});
+    database.AddImage("a.png", camera);
+  }
+  write({320, 240});
+  EXPECT_THAT(ImportError(), AllOf(HasSubstr("image_size 320 x 240 px"),
+                                   HasSubstr("the database has 640 x 480")));
+  write({640, 480});
+  EXPECT_EQ(Import().num_features, 1u);
+}
+
 // Datasets of other shapes, types and values. Nothing of the file is kept, not
 // even its sound images.
 TEST_F(FeatureImportTest, DatasetsThatAreNoFeaturesAreNamed) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <sstream>
 
 #include "fuzz/fuzz_target.h"
 #include "io/database/image_list.h"
@@ -24,23 +23,26 @@ void FuzzImageList(const std::string& text) {
 }
 
 void FuzzPairList(const std::string& text) {
-  std::istringstream stream(text);
   ImagePairList pairs;
-  if (!Accepts([&] { pairs = ReadPairList(stream, "list", kNames); })) return;
+  if (!Accepts(
+          [&] { pairs = ReadPairList(TextLines::Of(text, "list"), kNames); }))
+    return;
   std::string list;
   for (const auto& [image1, image2] : pairs) {
     FUZZ_CHECK(0 <= image1 && image1 < image2);
     list += kNames.at(image1) + " " + kNames.at(image2) + "\n";
   }
-  std::istringstream again(list);
   // A list of ours may be ambiguous: "a b.jpg" "c d" and "a" "b.jpg c d".
-  Accepts([&] { FUZZ_CHECK(ReadPairList(again, "list", kNames) == pairs); });
+  Accepts([&] {
+    FUZZ_CHECK(ReadPairList(TextLines::Of(list, "list"), kNames) == pairs);
+  });
 }
 
 void FuzzMatchList(const std::string& text) {
-  std::istringstream stream(text);
   std::vector<ListedMatches> lists;
-  if (!Accepts([&] { lists = ReadMatchList(stream, "list", kNames); })) return;
+  if (!Accepts(
+          [&] { lists = ReadMatchList(TextLines::Of(text, "list"), kNames); }))
+    return;
   std::string list;
   for (const ListedMatches& matches : lists) {
     list += kNames.at(matches.images.image_idx1) + " " +
@@ -51,10 +53,9 @@ void FuzzMatchList(const std::string& text) {
     }
     list += "\n";
   }
-  std::istringstream again(list);
   Accepts([&] {
     const std::vector<ListedMatches> copy =
-        ReadMatchList(again, "list", kNames);
+        ReadMatchList(TextLines::Of(list, "list"), kNames);
     FUZZ_CHECK(std::equal(
         lists.begin(), lists.end(), copy.begin(), copy.end(),
         [](const ListedMatches& a, const ListedMatches& b) {

@@ -31,7 +31,7 @@ Scene MakeScene() {
 void FuzzPositions(const Scene& scene, const std::string& path, bool is_gps) {
   PosePriorOptions options;
   options.ref_images_path = path;
-  options.ref_is_gps = is_gps;
+  options.ref_is_gps = is_gps ? PositionKind::kGps : PositionKind::kCartesian;
   PositionPriors priors;
   if (!Accepts([&] { priors = ReadPositionPriors(scene, "", options); })) {
     return;

@@ -54,6 +54,50 @@ TEST_F(CalibrationTest, MalformedChainsNameLineAndRemedy) {
               AllOf(HasSubstr("line 7"), HasSubstr("positive integer")));
 }
 
+constexpr char kLens[] =
+    "  camera_model: pinhole\n  distortion_model: none\n"
+    "  intrinsics: [300, 300, 319.5, 119.5]\n  resolution: [640, 240]\n";
+
+// Two cameras with both statements of their poses; `imu` and `chain` are the
+// x coordinates of cam1_from_imu and cam1_from_cam0.
+std::string WithBothPoses(const std::string& imu, const std::string& chain) {
+  const auto matrix = [](const std::string& x) {
+    return "[[1,0,0," + x + "],[0,1,0,0],[0,0,1,0],[0,0,0,1]]\n";
+  };
+  return std::string("cam0:\n") + kLens + "  T_cam_imu: " + matrix("0.3") +
+         "cam1:\n" + kLens + "  T_cam_imu: " + matrix(imu) +
+         "  T_cn_cnm1: " + matrix(chain);
+}
+
+TEST_F(CalibrationTest, BothPosesOfKalibrMustAgree) {
+  const Cameras cameras =
+      ReadCalibration(Write("a.yaml", WithBothPoses("-0.2", "-0.501")));
+  ExpectPose(CamFromFirst(cameras, 1), Eigen::Matrix3d::Identity(),
+             {-0.501, 0.0, 0.0});
+  EXPECT_THAT(ErrorOfFile("a.yaml", WithBothPoses("-0.2", "0.5")),
+              AllOf(HasSubstr("line 8"), HasSubstr("T_cam_imu"),
+                    HasSubstr("-0.5 0 0, not 0.5 0 0")));
+}
+
+TEST_F(CalibrationTest, TransposedMatricesAreRefused) {
+  EXPECT_THAT(ErrorOfChange("a.yaml", kKalibr, "- [0.0, 0.0, 0.0, 1.0]",
+                            "- [-0.11, 0.0, 0.0, 1.0]"),
+              AllOf(HasSubstr("line 11"), HasSubstr("0 0 0 1")));
+}
+
+TEST_F(CalibrationTest, IntrinsicsThatNoLensHasAreRefused) {
+  const auto expect = [&](const char* before, const char* after,
+                          const char* problem) {
+    EXPECT_THAT(ErrorOfChange("a.yaml", kKalibr, before, after),
+                AllOf(HasSubstr("a.yaml', line"), HasSubstr("'cam0'"),
+                      HasSubstr(problem)));
+  };
+  expect("458.6, 457.3", "0.36, 3.6e7", "focal length");
+  expect("367.2, 248.4", "-6000, 248.4", "principal point");
+  expect("[-0.28, 0.07,", "[-44.9, 1017,", "cannot be inverted");
+  expect("367.2, 248.4", "183.6, 124.2", "368 x 249");
+}
+
 TEST_F(CalibrationTest, LensesWithoutModelHaveAReason) {
   const auto reason = [&](const std::string& before, const std::string& after) {
     std::string text = kKalibr;

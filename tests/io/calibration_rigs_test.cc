@@ -39,6 +39,16 @@ class CalibrationRigsTest : public CalibrationTest {
   std::string log_;
 };
 
+TEST_F(CalibrationRigsTest, WarnsOfTimeShifts) {
+  std::string text = kKalibr;
+  text.insert(text.find("cam1:"), "  timeshift_cam_imu: 0.1\n");
+  text.insert(text.find("cam2:"), "  timeshift_cam_imu: 0.1004\n");
+  Write("camchain.yaml", text + "  timeshift_cam_imu: 0.45\n");
+  Load({"cam0/1.png", "cam1/1.png", "cam2/1.png"});
+  EXPECT_THAT(log_, HasSubstr("camera 'cam2' is 0.35 s late relative to"));
+  EXPECT_THAT(log_, testing::Not(HasSubstr("camera 'cam1' is")));
+}
+
 TEST_F(CalibrationRigsTest, SetsIntrinsicsAndPoses) {
   const Scene scene = Load({"cam0/1.png", "cam1/1.png", "cam2/1.png"});
   ASSERT_EQ(scene.rigs.size(), 1u);

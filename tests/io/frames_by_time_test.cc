@@ -30,6 +30,7 @@ TEST(TimeInName, UnixTimesOfAllUnits) {
   EXPECT_EQ(TimeInName("cam0/data/1403636579763555584.png"), time_ns);
   EXPECT_EQ(TimeInName("1403636579.763555584.png"), time_ns);
   EXPECT_EQ(TimeInName("left_1403636579_763555584.jpg"), time_ns);
+  EXPECT_EQ(TimeInName("1403636579-763555584.jpg"), time_ns);
   EXPECT_EQ(TimeInName("1403636579763555.png"), time_ns / 1000 * 1000);
   EXPECT_EQ(TimeInName("1403636579763.png"), time_ns / 1000000 * 1000000);
   EXPECT_EQ(TimeInName("1403636579.png"), 1403636579 * kSecond);
@@ -50,6 +51,14 @@ TEST(TimeInName, DatesAndSeconds) {
   EXPECT_EQ(TimeInName("2023-05-01T12-34-56.25.jpg"), time_ns + 250000000);
   EXPECT_EQ(TimeInName("2024-02-29_00-00-00.jpg"), 1709164800 * kSecond);
   EXPECT_EQ(TimeInName("12.345.png"), 12345000000);
+}
+
+// 1403636579-5 is 5 ns after the second in file names of ROS, or image 5.
+TEST(TimeInName, DoubtfulFractionsAreNone) {
+  for (const char* name : {"1403636579-5.png", "1403636579-63555584.png",
+                           "1403636579_12.png", "1403636579-763.png"}) {
+    EXPECT_EQ(TimeInName(name), std::nullopt) << name;
+  }
 }
 
 TEST(TimeInName, CountersAreNone) {

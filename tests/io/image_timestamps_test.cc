@@ -86,6 +86,16 @@ TEST_F(ImageTimestampsTest, ErrorsNameLineOrImage) {
                     HasSubstr("add a line")));
 }
 
+// The magnitude of UNIX times shows their unit.
+TEST_F(ImageTimestampsTest, OtherUnitsThanSecondsAreRefused) {
+  for (const char* time :
+       {"1403715273262", "1403715273262143", "1403715273262142976"}) {
+    EXPECT_THAT(ErrorOfText("a b/2.png " + std::string(time) + "\n"),
+                AllOf(HasSubstr("line 1"), HasSubstr("year 2200"),
+                      HasSubstr("seconds")));
+  }
+}
+
 TEST_F(ImageTimestampsTest, TimesIncreaseInTheOrderOfNames) {
   for (const char* time : {"2", "2.5"}) {
     EXPECT_THAT(ErrorOfText("a b/9.png 2\na b/10.png 3\na b/2.png " +

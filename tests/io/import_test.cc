@@ -316,6 +316,61 @@ TEST_F(Import, FocalLengthsMayBeAngles) {
                           testing::DoubleNear(100, 1e-9), 100, 50));
 }
 
+TEST_F(Import, FisheyesOfInstantNgp) {
+  const std::string size = R"("fl_x": 370, "w": 640, "h": 200,)";
+  const Model model = ReadText(
+      "t.json", Transforms(size + R"("is_fisheye": true, "k1": 0.01,)", ""));
+  EXPECT_EQ(model.cameras[0].model, CameraModelId::kOpenCVFisheye);
+  EXPECT_THAT(model.cameras[0].params,
+              ElementsAre(370, 370, 320, 100, 0.01, 0, 0, 0));
+  ExpectRefused("t.json",
+                Transforms(size + R"("is_fisheye": true,
+                                     "camera_model": "OPENCV",)",
+                           ""),
+                HasSubstr("contradicts"));
+  // The angle of a fisheye does not define its focal length.
+  ExpectRefused("t.json",
+                Transforms(R"("is_fisheye": true, "camera_angle_x": 1.0,
+                              "w": 640, "h": 200,)",
+                           ""),
+                HasSubstr("fl_x is missing"));
+}
+
+TEST_F(Import, ContradictionsOfTransformsAreNamed) {
+  std::string warning;
+  Context context;
+  context.log = [&](LogLevel, const std::string& text) { warning += text; };
+  const auto read = [&](const std::string& all) {
+    warning.clear();
+    WriteTextFile(Path("t.json"), Transforms(all, ""));
+    return ReadNerfstudio({Path("t.json"), "", ""}, context);
+  };
+  const std::string size = R"("w": 640, "h": 200,)";
+  // 2 atan(320 / 370)
+  read(size + R"("fl_x": 370, "camera_angle_x": 1.4262,)");
+  EXPECT_EQ(warning, "");
+  const Model model = read(size + R"("fl_x": 370, "camera_angle_x": 0.5,)");
+  EXPECT_EQ(model.cameras[0].params[0], 370);
+  EXPECT_THAT(warning, AllOf(HasSubstr("370"), HasSubstr("1253.2")));
+  WriteImage("images/a.jpg", 640, 200);
+  read(size + R"("fl_x": 370,)");
+  WriteImage("images/a.jpg", 320, 100);
+  ExpectRefused("t.json", Transforms(size + R"("fl_x": 370,)", ""),
+                AllOf(HasSubstr("640 x 200"), HasSubstr("320 x 100")));
+}
+
+TEST_F(Import, AnglesAreRadians) {
+  ExpectRefused("t.json",
+                Transforms(R"("camera_angle_x": 70, "w": 640, "h": 200,)", ""),
+                AllOf(HasSubstr("camera_angle_x is 70"), HasSubstr("radians")));
+}
+
+TEST_F(Import, TransposedTransformsAreRefused) {
+  std::string text = Transforms(R"("fl_x": 370, "w": 640, "h": 200,)", "");
+  text.replace(text.find("[0, 0, 0, 1]"), 12, "[3, 4, 5, 1]");
+  ExpectRefused("t.json", text, HasSubstr("0 0 0 1"));
+}
+
 TEST_F(Import, DamagedTransformsAreRefused) {
   const std::string size = R"("fl_x": 300, "w": 1000, "h": 800,)";
   ExpectRefused("t.json", "{", HasSubstr("transforms.json"));

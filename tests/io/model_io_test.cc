@@ -349,7 +349,7 @@ TEST(ModelReader, ReadsTextOfOtherWriters) {
   const TempDir dir;
   WriteTextFile(dir.path() / "images.txt",
                 "# Image list\r\n2 1 0 0 0 1 2 3 4 b/x.jpg\r\n\r\n"
-                "1 2 0 0 0 4 5 6 4 a/x.jpg\r\n1.5 2.5 -1 3 4 7\r\n");
+                "1 1.0004 0 0 0 4 5 6 4 a/x.jpg\r\n1.5 2.5 -1 3 4 7\r\n");
   const PoseModel model = ReadModelPoses(dir.path());
   ASSERT_EQ(model.images.size(), 2u);
   EXPECT_EQ(model.images[0].name, "a/x.jpg");

@@ -155,10 +155,78 @@ TEST(ModelSceneTest, FewWrongImagesDoNotMoveTheRig) {
   }
 }
 
-TEST(ModelSceneTest, TablesThatLeaveOutAnImageAreNotUsed) {
+// Rigs of a model are never dropped without a word.
+TEST(ModelSceneTest, TablesThatLeaveOutImagesAreNamed) {
   Model model = Written(SmallDrive());
+  const std::vector<ImageId> left_out = model.poses.frames.back().image_ids;
   model.poses.frames.pop_back();
-  EXPECT_EQ(Load(model).rig_source, "image names");
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr(std::to_string(left_out.size()) + " of its"),
+                    HasSubstr("000005"), HasSubstr("rig_name_rule none")));
+  model.poses.frames.clear();
+  EXPECT_THAT(ErrorOfLoading(model), HasSubstr("in no frame"));
+  EXPECT_EQ(Load(model, "none").scene.frames.size(), model.poses.images.size());
+  EXPECT_EQ(Load(WithoutTables(model)).rig_source, "image names");
+}
+
+TEST(ModelSceneTest, TablesOfTheOtherFormatAreNamed) {
+  const Simulation simulation = SmallDrive();
+  for (const auto& [format, other, stem] :
+       {std::make_tuple(ModelFormat::kBinary, ModelFormat::kText, "rigs.txt"),
+        std::make_tuple(ModelFormat::kText, ModelFormat::kBinary,
+                        "frames.bin")}) {
+    const TempDir dir, other_dir;
+    WriteModel(dir.path(), simulation.scene, simulation.ground_truth, format);
+    WriteModel(other_dir.path(), simulation.scene, simulation.ground_truth,
+               other);
+    const std::string name = stem;
+    const std::string extension =
+        format == ModelFormat::kBinary ? ".bin" : ".txt";
+    std::filesystem::remove(dir.path() /
+                            (name.substr(0, name.find('.')) + extension));
+    std::filesystem::copy(other_dir.path() / name, dir.path() / name);
+    EXPECT_THAT(ErrorOf([&] { (void)ReadModel(dir.path()); }),
+                AllOf(HasSubstr("images" + extension), HasSubstr(name)));
+  }
+}
+
+// A given rig must be that of the images, which it would move otherwise.
+TEST(ModelSceneTest, KnownPosesThatContradictImagesAreNamed) {
+  const Simulation simulation = SmallDrive();
+  const Model model = Written(simulation);
+  const TempDir dir;
+  SceneLoadingOptions options;
+  options.rig_config_path = (dir.path() / "rig_config.json").string();
+  const auto error_of = [&](const Rigid3& error, int sensor_idx) {
+    Reconstruction changed = simulation.ground_truth;
+    auto& pose = changed.sensor_from_rig[sensor_idx];
+    pose = error * *pose;
+    WriteRigConfig(*options.rig_config_path, simulation.scene, changed);
+    return ErrorOf(
+        [&] { (void)MakeModelScene(model, "folder", options, Context()); });
+  };
+  double size = 0.0;
+  int sensor_idx = -1;
+  for (size_t i = 0; i < simulation.scene.sensors.size(); ++i) {
+    const auto& pose = *simulation.ground_truth.sensor_from_rig[i];
+    size = std::max(size, pose.translation.norm());
+    if (!simulation.scene.IsReference(static_cast<int>(i))) {
+      sensor_idx = static_cast<int>(i);
+    }
+  }
+  const Eigen::Vector3d axis = Eigen::Vector3d(1.0, -2.0, 3.0).normalized();
+  const auto turned_by = [&](double angle_deg) {
+    return Rigid3{ExpSO3(DegToRad(angle_deg) * axis), {0.0, 0.0, 0.0}};
+  };
+  const auto shifted_by = [&](double shift) {
+    return Rigid3{Eigen::Quaterniond::Identity(), shift * size * axis};
+  };
+  EXPECT_EQ(error_of(turned_by(0.5), sensor_idx), "no error");
+  EXPECT_EQ(error_of(shifted_by(0.03), sensor_idx), "no error");
+  const std::string& name = simulation.scene.sensors[sensor_idx].name;
+  EXPECT_THAT(error_of(turned_by(2.0), sensor_idx),
+              AllOf(HasSubstr("'" + name + "'"), HasSubstr("2.00 deg")));
+  EXPECT_THAT(error_of(shifted_by(0.1), sensor_idx), HasSubstr("shift"));
 }
 
 TEST(ModelSceneTest, FramesMayNameImagesThatTheModelLacks) {

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
@@ -32,11 +33,21 @@ class PointColors : public testing::Test {
  protected:
   int AddImage(const std::string& name,
                const std::vector<Eigen::Vector2f>& keypoints_px) {
+    const auto size = size_of_image_.find(name);
+    const cv::Size known =
+        size == size_of_image_.end() ? cv::Size(1, 1) : size->second;
+    scene_.cameras.push_back({CameraId(1),
+                              CameraModelId::kSimplePinhole,
+                              known.width,
+                              known.height,
+                              {}});
     Image image{ImageId(1), name, 0, 0, 0, keypoints_px};
+    image.camera_idx = static_cast<int>(scene_.cameras.size()) - 1;
     scene_.images.push_back(image);
     return static_cast<int>(scene_.images.size()) - 1;
   }
-  void WriteImage(const std::string& name, const cv::Mat& image) const {
+  void WriteImage(const std::string& name, const cv::Mat& image) {
+    size_of_image_[name] = image.size();
     fs::create_directories((dir_.path() / name).parent_path());
     ASSERT_TRUE(cv::imwrite((dir_.path() / name).string(), image));
   }
@@ -45,15 +56,21 @@ class PointColors : public testing::Test {
     point.track = track;
     model_.points.push_back(point);
   }
+  // The names of images that give no colours.
   std::vector<std::string> Color(int num_threads = 1) {
     Context context;
     context.num_threads = num_threads;
-    return ColorPoints(scene_, dir_.path(), context, &model_);
+    uncolored_ = ColorPoints(scene_, dir_.path(), context, &model_);
+    std::vector<std::string> names;
+    for (const UncoloredImage& image : uncolored_) names.push_back(image.name);
+    return names;
   }
 
   const TempDir dir_;
   Scene scene_;
   Reconstruction model_;
+  std::map<std::string, cv::Size> size_of_image_;
+  std::vector<UncoloredImage> uncolored_;
 };
 
 TEST_F(PointColors, InterpolatesBetweenPixelCentres) {
@@ -93,6 +110,17 @@ TEST_F(PointColors, TakesTheMeanOfTheImagesThatCanBeRead) {
   EXPECT_EQ(model_.points[0].color, Rgb(50, 45, 45));
   EXPECT_EQ(model_.points[1].color, Rgb(10, 0, 0));
   EXPECT_EQ(model_.points[2].color, Rgb(0, 0, 0));
+}
+
+// Keypoints would be looked up at wrong places, or beyond the border.
+TEST_F(PointColors, ImagesOfAnotherSizeGiveNone) {
+  WriteImage("half.png", cv::Mat(4, 8, CV_8UC3, cv::Scalar(200, 200, 200)));
+  size_of_image_["half.png"] = {16, 8};
+  AddImage("half.png", {{2.0f, 2.0f}});
+  AddPoint({{0, 0}});
+  EXPECT_THAT(Color(), ElementsAre("half.png"));
+  EXPECT_EQ(uncolored_[0].problem, "has 8 x 4 px, its camera 16 x 8");
+  EXPECT_EQ(model_.points[0].color, Rgb(0, 0, 0));
 }
 
 // Keypoints refer to the picture as it is stored, regardless of its EXIF

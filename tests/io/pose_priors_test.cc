@@ -134,14 +134,39 @@ TEST_F(PosePriorsTest, ReadsFiles) {
   EXPECT_EQ(priors.images[2]->position, Eigen::Vector3d(1.5, -2.0, 30.0));
   EXPECT_EQ(priors.images[0]->position, Eigen::Vector3d::Ones());
   EXPECT_FALSE(priors.images[1].has_value());
-  options_.ref_is_gps = true;
+  options_.ref_is_gps = PositionKind::kGps;
   EXPECT_EQ(*Make({}).origin_wgs84, Eigen::Vector3d::Ones());
+}
+
+// A degree is 100 km, and recordings are far from (0, 0).
+TEST_F(PosePriorsTest, RangeTellsDegreesFromLengths) {
+  const auto are_gps = [](const std::vector<Eigen::Vector3d>& positions) {
+    return AreGps(positions, PositionKind::kAuto, "'a.txt'");
+  };
+  EXPECT_TRUE(are_gps({{48.1, 11.5, 500.0}, {48.1001, 11.5002, 501.0}}));
+  EXPECT_TRUE(are_gps({{-33.9, 151.2, 5.0}, {0.0, 0.0, 0.0}}));
+  EXPECT_TRUE(are_gps({{48.1, 11.5, 500.0}, {48.4, 11.6, 560.0}}));
+  // An object of 0.3 m: 30 km without a difference in height are improbable.
+  EXPECT_THAT(ErrorOf([&] {
+                are_gps({{48.1, 11.5, 0.0}, {48.4, 11.6, 0.1}});
+              }),
+              HasSubstr("ref_is_gps"));
+  EXPECT_FALSE(are_gps({{0.0, 0.0, 0.0}, {0.3, 0.0, 0.1}, {0.6, 0.1, 0.0}}));
+  EXPECT_FALSE(are_gps({{-30.0, 0.0, 0.0}, {50.0, 80.0, 1.0}}));
+  EXPECT_FALSE(
+      are_gps({{691607.2, 5334760.1, 515.0}, {691608.0, 5334761.0, 5}}));
+  EXPECT_THAT(ErrorOf([&] {
+                are_gps({{50.0, 60.0, 0.0}, {52.0, 61.0, 0.0}});
+              }),
+              AllOf(HasSubstr("'a.txt'"), HasSubstr("ref_is_gps")));
+  EXPECT_TRUE(
+      AreGps({{50.0, 60.0, 0.0}, {52.0, 61.0, 0.0}}, PositionKind::kGps, ""));
 }
 
 TEST_F(PosePriorsTest, NamesTheLineThatIsWrong) {
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2\n"), HasSubstr("line 1"));
   EXPECT_THAT(ErrorOfFile("a.png 1 2\n"),
-              HasSubstr("line 1 is not 'image_name X Y Z'"));
+              HasSubstr("line 1: expected 'image_name X Y Z'"));
   EXPECT_THAT(ErrorOfFile("\n c.png 1 2 3\n"),
               AllOf(HasSubstr("line 2"), HasSubstr("'c.png'")));
   EXPECT_THAT(ErrorOfFile("a b/0.png 1 2 3\na b/0.png 1 2 3\n"),

@@ -35,7 +35,7 @@ TEST_F(RigConfigTest, ReadsAllKeys) {
     {"cameras": [
       {"image_prefix": "a/", "ref_sensor": true},
       {"image_prefix": "b/", "ref_sensor": false,
-       "cam_from_rig_rotation": [0, 2, 0, 0],
+       "cam_from_rig_rotation": [0, 0.9996, 0, 0],
        "cam_from_rig_translation": [1, 2.5, -3],
        "camera_model_name": "PINHOLE", "camera_params": [1, 2, 3, 4]},
       {"image_prefix": "c/"}]},
@@ -79,7 +79,10 @@ TEST_F(RigConfigTest, NamesWhatIsWrong) {
        "array of 4 numbers"},
       {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [0, 0, 0, 0],
               "cam_from_rig_translation": [0, 0, 0])"),
-       "length zero"},
+       "length 0 in place of 1"},
+      {rig(R"("image_prefix": "b", "cam_from_rig_rotation": [0, 2, 0, 0],
+              "cam_from_rig_translation": [0, 0, 0])"),
+       "length 2 in place of 1"},
       {rig(R"("image_prefix": "b", "camera_model_name": "PINHOLE",
               "camera_params": [1, 2, 3])"),
        "array of 4 numbers"},
@@ -270,6 +273,80 @@ TEST_F(RigConfigTest, RigsWithoutTellingPrefixAreLeftOut) {
   const std::vector<RigConfig> rigs = ReadRigConfig(Path());
   ASSERT_EQ(rigs.size(), 1u);
   EXPECT_EQ(rigs[0].cameras[0].image_prefix, "cam0/");
+}
+
+// The part of the names that tells the cameras is at the end or between others.
+TEST_F(RigConfigTest, CamerasThatNoPrefixTellsHavePatterns) {
+  struct Case {
+    std::string rule;
+    std::vector<std::string> cameras;
+    std::string (*name)(const std::string& camera, int frame);
+  };
+  static const auto kNumber = [](int frame) {
+    return std::to_string(1000 + 7 * frame);
+  };
+  const std::vector<Case> cases = {
+      {R"(IMG_\d+_(?<camera>.*)\.jpg)",
+       {"cam1", "cam2"},
+       [](const std::string& c, int f) {
+         return "IMG_" + kNumber(f) + "_" + c + ".jpg";
+       }},
+      {R"(\d+(?<camera>[LR])\.png)",
+       {"L", "R"},
+       [](const std::string& c, int f) { return kNumber(f) + c + ".png"; }},
+      {R"(day\d/f\d+_(?<camera>[a-z]+)_x\d+\.png)",
+       {"left", "right", "rear"},
+       [](const std::string& c, int f) {
+         return "day" + std::to_string(f % 2) + "/f" + kNumber(f) + "_" + c +
+                "_x" + std::to_string(f) + ".png";
+       }},
+      {R"((?<camera>[AB])_\d+_(?<camera>front|back)\.png)",
+       {"A/front", "A/back", "B/front"},
+       [](const std::string& c, int f) {
+         return c.substr(0, 1) + "_" + kNumber(f) + "_" + c.substr(2) + ".png";
+       }}};
+  for (const Case& c : cases) {
+    std::vector<std::string> names;
+    for (const std::string& camera : c.cameras) {
+      for (int frame = 0; frame < 5; ++frame) {
+        names.push_back(c.name(camera, frame));
+      }
+    }
+    names.pop_back();
+    const Scene scene =
+        LoadScene(MakeContents(names), LoadingBy(c.rule), Context()).scene;
+    ASSERT_EQ(scene.frames.size(), 5u) << c.rule;
+    WriteRigConfig(Path(), scene, MakeModel(scene));
+    const Scene loaded = Load(names).scene;
+    ExpectSameRigs(loaded, scene);
+    for (size_t i = 0; i < scene.sensors.size(); ++i) {
+      EXPECT_EQ(loaded.sensors[i].name, scene.sensors[i].name);
+      EXPECT_TRUE(loaded.sensors[i].sensor_from_rig.has_value());
+    }
+    // Tables of a model have no names; exports name cameras all the same.
+    const Scene from_tables =
+        LoadScene(MakeDatabaseContents(scene, ViewGraph()), {}, Context())
+            .scene;
+    for (size_t i = 0; i < scene.sensors.size(); ++i) {
+      EXPECT_EQ(from_tables.sensors[i].name, scene.sensors[i].name);
+    }
+  }
+}
+
+TEST_F(RigConfigTest, PatternsThatCannotBeUsed) {
+  EXPECT_THAT(ErrorOf([&] {
+                (void)Parse(R"([{"cameras": [{"image_prefix": "a",
+                    "image_pattern": "*a", "ref_sensor": true}]}])");
+              }),
+              HasSubstr("a prefix and a pattern"));
+  WriteTextFile(Path(), R"([{"cameras": [
+      {"image_pattern": "*_a.png", "ref_sensor": true},
+      {"image_pattern": "*_b.png"}]}])");
+  EXPECT_THAT(ErrorOf([&] {
+                (void)Load({"0_a.png", "1_a.png"});
+              }),
+              HasSubstr("fits the pattern '*_b.png'"));
+  EXPECT_EQ(Load({"0_a.png", "0_b.png", "1_b.png"}).scene.frames.size(), 2u);
 }
 
 TEST_F(RigConfigTest, PrefixesThatDoNotFitTheImages) {

@@ -393,7 +393,7 @@ TEST(TableRigsTest, AReferenceWithoutImagesIsReplaced) {
 TEST(TableRigsTest, NamesWhatIsWrong) {
   DatabaseContents contents = StereoWithTables();
   contents.frames[2].data.clear();
-  EXPECT_THAT(LoadError(contents), HasSubstr("'cam1/1.png' is in no frame"));
+  EXPECT_THAT(LoadError(contents), HasSubstr("rigs, such as 'cam1/1.png'"));
   contents = StereoWithTables();
   contents.frames[2].data.push_back(contents.frames[0].data[1]);
   EXPECT_THAT(LoadError(contents), HasSubstr("'cam0/0.png' is in two frames"));
@@ -435,7 +435,7 @@ TEST(TableRigsTest, SensorNamesTellThemApart) {
       sensor_names({"s/a/0.png", "t/a/0.png", "s/b/0.png", "t/b/0.png"}),
       ElementsAre(Names{"a", "b"}));
   EXPECT_THAT(sensor_names({"l_0.png", "l_1.png", "r_0.png", "r_1.png"}),
-              ElementsAre(Names{"l_", "r_"}));
+              ElementsAre(Names{"l", "r"}));
   EXPECT_THAT(sensor_names({"0.png", "1.png", "2.png", "3.png"}),
               ElementsAre(Names{"sensor1", "sensor2"}));
 }

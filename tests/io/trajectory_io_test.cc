@@ -84,6 +84,31 @@ TEST_F(TrajectoryIo, NamesFileAndLineOfBadTumPoses) {
   }
 }
 
+TEST_F(TrajectoryIo, TimesOfTumAreSeconds) {
+  EXPECT_THAT(
+      ErrorOf([&] { ReadTumPoses(Put("1403636579763 0 0 0 0 0 0 1\n")); }),
+      AllOf(HasSubstr("line 1"), HasSubstr("seconds")));
+}
+
+// An empty field must not shift the others.
+TEST_F(TrajectoryIo, FieldsOfEurocMayNotBeEmpty) {
+  const std::string pose = "1403636579763555584,1,2,3,1,0,0,0";
+  const std::string rest = ",0.1,0.2,0.3,0.4,0.5\n";
+  const auto poses = ReadEurocPoses(Put("#timestamp\r\n" + pose + rest));
+  ASSERT_EQ(poses.size(), 1u);
+  EXPECT_NEAR(poses[0].timestamp_s, 1403636579.763555584, 1e-6);
+  EXPECT_LT(
+      (poses[0].cam_from_world.Center() - Eigen::Vector3d(1, 2, 3)).norm(),
+      1e-12);
+  for (const char* bad :
+       {"1403636579763555584,,2,3,1,0,0,0", "1403636579.7,1,2,3,1,0,0,0",
+        "1403636579763555584,1,2,3,0.9,0,0,0", "1403636579763555584,1,2,3,1"}) {
+    EXPECT_THAT(ErrorOf([&] { ReadEurocPoses(Put(bad + rest)); }),
+                HasSubstr("line 1"))
+        << bad;
+  }
+}
+
 TEST_F(TrajectoryIo, ReadsKittiCalibration) {
   const std::vector<Rigid3> cameras =
       ReadKittiCalibration(Put("calib_time: 09-Jan-2012 13:57:47\n"

@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <sstream>
-
 #include "support/error_of.h"
 
 namespace mgsfm {
@@ -14,13 +12,11 @@ const std::vector<std::string> kNames = {"a/1.png", "a/2.png", "b c/1.png",
                                          "b c/2.png"};
 
 ImagePairList Pairs(const std::string& text) {
-  std::istringstream stream(text);
-  return ReadPairList(stream, "pairs.txt", kNames);
+  return ReadPairList(TextLines::Of(text, "pairs.txt"), kNames);
 }
 
 std::vector<ListedMatches> Matches(const std::string& text) {
-  std::istringstream stream(text);
-  return ReadMatchList(stream, "matches.txt", kNames);
+  return ReadMatchList(TextLines::Of(text, "matches.txt"), kNames);
 }
 
 TEST(PairList, IsSortedAndWithoutRepetition) {
@@ -40,8 +36,7 @@ TEST(PairList, ErrorsNameTheLine) {
             "the database; names are relative to the image folder");
   EXPECT_THROW(Pairs("a/1.png"), Error);
   EXPECT_THROW(Pairs("a/1.png a/1.png"), Error);
-  std::istringstream ambiguous("x x x");
-  EXPECT_THROW(ReadPairList(ambiguous, "", {"x", "x x"}), Error);
+  EXPECT_THROW(ReadPairList(TextLines::Of("x x x", ""), {"x", "x x"}), Error);
 }
 
 TEST(MatchList, MatchesFollowTheOrderOfImages) {

@@ -11,6 +11,7 @@
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/synthetic/simulation.h"
+#include "support/partial_model.h"
 
 namespace mgsfm {
 namespace {
@@ -246,6 +247,35 @@ TEST(ModelTools, CommonFramesMergeModelsWithoutCommonImages) {
   EXPECT_EQ(first.scene.frames.size(), 12u);
 }
 
+// The second model has a rig that the first one lacks.
+TEST(ModelTools, KnownPosesStayKnownInMergedModels) {
+  SimulationInput input;
+  input.rig = MakeRig(RigPreset::kStereo);
+  for (const char* name : {"other0/", "other1/"}) {
+    SimulatedCamera camera = input.rig[input.rig.size() - 2];
+    camera.image_prefix = name;
+    input.rig.push_back(camera);
+  }
+  SimulationOptions options;
+  options.num_frames = 12;
+  options.extrinsics_are_known = true;
+  Simulation simulation = Simulate(options, input);
+  SplitRig(2, &simulation);
+  simulation.scene.sensors[3].sensor_from_rig =
+      simulation.ground_truth.sensor_from_rig[3];
+  const SceneModel drive{simulation.scene, simulation.ground_truth};
+  const SceneModel first = Part(drive, [&](const Image& image) {
+    return drive.scene.frames[image.frame_idx].rig_idx == 0;
+  });
+  SceneModel merged = first;
+  MergeModels(drive, {}, &merged);
+  ASSERT_EQ(merged.scene.sensors.size(), drive.scene.sensors.size());
+  for (const Sensor& sensor : merged.scene.sensors) {
+    ASSERT_TRUE(sensor.sensor_from_rig.has_value()) << sensor.name;
+  }
+  ExpectSamePoses(merged, drive);
+}
+
 TEST(ModelTools, IdsStayUniqueInMergedModels) {
   const SceneModel drive = Drive();
   SceneModel first = Frames(drive, 0, 8), second = Frames(drive, 5, 12);
@@ -274,6 +304,14 @@ TEST(ModelTools, ContradictoryModelsAreNotMerged) {
   const SceneModel drive = Drive();
   const SceneModel first = Frames(drive, 0, 8), second = Frames(drive, 5, 12);
   ExpectNotMerged(Frames(drive, 8, 12), first, "0 images in common");
+  // Its frames are in another order.
+  SceneModel scrambled = drive;
+  for (size_t i = 0; i < 12; ++i) {
+    scrambled.reconstruction.rig_from_world[i] =
+        drive.reconstruction.rig_from_world[(5 * i + 1) % 12];
+  }
+  scrambled.reconstruction.points.clear();
+  ExpectNotMerged(scrambled, drive, "differ in shape");
 
   SceneModel other = second;
   for (Image& image : other.scene.images) image.keypoints_px.resize(3);

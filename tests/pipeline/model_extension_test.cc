@@ -263,6 +263,21 @@ TEST(ModelExtension, KnownRigsKeepTheModelMetric) {
               1.0, 0.005);
 }
 
+// The existing model has other poses, within the limits of PlaceModel.
+TEST(ModelExtension, KnownRigsStayAsTheyAre) {
+  SimulationOptions options = NoisyDrive(RigPreset::kStereo);
+  options.extrinsics_are_known = true;
+  const Simulation simulation = Simulate(options);
+  Reconstruction start = MapExistingModel(simulation);
+  start.sensor_from_rig[1]->translation *= 1.02;
+  const MapperResult result = Extend(simulation, start);
+  ASSERT_EQ(result.models.size(), 1u);
+  const Rigid3& pose = *result.models[0].reconstruction.sensor_from_rig[1];
+  const Rigid3& known = *simulation.scene.sensors[1].sensor_from_rig;
+  EXPECT_EQ(pose.translation, known.translation);
+  EXPECT_EQ(pose.rotation.coeffs(), known.rotation.coeffs());
+}
+
 TEST(ModelExtension, FramesThatCannotBeAddedAreNamed) {
   Simulation simulation = Simulate(NoisyDrive(RigPreset::kStereo));
   const Reconstruction start = MapExistingModel(simulation);

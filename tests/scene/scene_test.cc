@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <limits>
+#include <numeric>
 
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
@@ -138,6 +140,55 @@ TEST(SplitRig, RefusesFramesThatSplitNothing) {
   const Scene scene = MakeScene();
   EXPECT_THROW((void)SplitRig(scene, "no frame"), Error);
   EXPECT_THROW((void)SplitRig(scene, scene.frames[0].name), Error);
+}
+
+// Frames without an image of the reference sensor are not behind all others.
+TEST(OrderOfFrames, FollowsTheCommonPartOfNamesOrTheTimes) {
+  SimulationOptions options;
+  options.rig = RigPreset::kKitti360;
+  options.num_frames = 12;
+  options.missing_image_ratio = 0.5;
+  Scene scene = Simulate(options).scene;
+  const auto expect_ordered = [&] {
+    for (size_t f = 1; f < scene.frames.size(); ++f) {
+      EXPECT_LT(scene.frames[f - 1].name, scene.frames[f].name);
+    }
+    EXPECT_NO_THROW(CheckConsistent(scene));
+  };
+  std::reverse(scene.frames.begin(), scene.frames.end());
+  for (Image& image : scene.images) {
+    image.frame_idx =
+        static_cast<int>(scene.frames.size()) - 1 - image.frame_idx;
+  }
+  const Scene reversed = scene;
+  const std::vector<int> order = SortFrames(&scene);
+  expect_ordered();
+  for (size_t f = 0; f < order.size(); ++f) {
+    EXPECT_EQ(reversed.frames[order[f]].name, scene.frames[f].name);
+  }
+  // Without times, names decide; numbers of fewer digits are smaller.
+  scene = reversed;
+  for (Image& image : scene.images) image.timestamp_s.reset();
+  SortFrames(&scene);
+  expect_ordered();
+  scene.frames[0].name = "x10";
+  scene.frames[1].name = "x9";
+  const std::vector<int> by_number = OrderOfFrames(scene);
+  EXPECT_EQ(by_number.back(), 0);
+  EXPECT_EQ(by_number[by_number.size() - 2], 1);
+}
+
+// Two cameras took the photographs of one folder, by turns.
+TEST(OrderOfFrames, SingleImagesOfAFolderAreOneSequence) {
+  Scene scene = SeparateImages(MakeScene());
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    scene.images[i].name = "photos/" + std::to_string(i) + ".jpg";
+    scene.images[i].timestamp_s.reset();
+  }
+  std::vector<int> expected(scene.images.size());
+  std::iota(expected.begin(), expected.end(), 0);
+  ASSERT_GT(expected.size(), 10u);
+  EXPECT_EQ(OrderOfFrames(scene), expected);
 }
 
 TEST(CameraLabel, NamesTheSensorsThatUseACamera) {

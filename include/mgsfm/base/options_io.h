@@ -4,9 +4,11 @@
 #include <filesystem>
 #include <functional>
 #include <istream>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -117,6 +119,25 @@ OptionValue ParseOptionValue(const OptionEntry& entry, const std::string& text);
 void SetOption(const OptionList& options, const std::string& name,
                const std::string& text);
 
+// What to do instead of setting an option that another program has, "use --x".
+using OptionAdvice =
+    std::function<std::optional<std::string>(const std::string& name)>;
+
+// "x: use --y" or "x (did you mean 'z'?)"; nullopt if the option is known.
+std::optional<std::string> DescribeUnknownOption(const OptionList& options,
+                                                 const std::string& name,
+                                                 const OptionAdvice& advice);
+
+// Throws one Error for all names that are unknown.
+void CheckOptionNames(const OptionList& options,
+                      const std::vector<std::string>& names,
+                      const OptionAdvice& advice = {});
+
+// Sets all named options after checking their names.
+void SetNamedOptions(
+    const OptionList& options,
+    const std::vector<std::pair<std::string, std::string>>& values);
+
 // Throws Error unless all values are finite and within their ranges.
 void CheckOptions(const OptionList& options);
 template <class Options>
@@ -143,8 +164,9 @@ std::string SuggestName(const std::string& name,
 
 // Sets the options listed in the text. `source` identifies the text in errors.
 void LoadOptions(std::istream& text, const std::string& source,
-                 const OptionList& options);
-void LoadOptions(const std::filesystem::path& path, const OptionList& options);
+                 const OptionList& options, const OptionAdvice& advice = {});
+void LoadOptions(const std::filesystem::path& path, const OptionList& options,
+                 const OptionAdvice& advice = {});
 
 // All options with their current values, in the format of LoadOptions.
 std::string DumpOptions(const OptionList& options);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "mgsfm/base/options.h"
+#include "mgsfm/io/priors/pose_priors.h"
 
 namespace mgsfm {
 
@@ -239,10 +240,7 @@ struct VocabTreeMatchingOptions {
 };
 
 struct SpatialMatchingOptions {
-  Option<bool> is_gps{
-      "is_gps", true,
-      "Whether position priors without a coordinate system, as in databases of "
-      "COLMAP 3.8, are latitude, longitude and altitude."};
+  Option<PositionKind> is_gps{"is_gps", PositionKind::kAuto, kPositionKindHelp};
   Option<bool> ignore_z{
       "ignore_z", true,
       "Whether to ignore the altitude. Unset it if cameras move vertically and "

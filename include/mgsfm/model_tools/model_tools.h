@@ -44,6 +44,23 @@ Eigen::AlignedBox3d BoxOfQuantiles(const SceneModel& model, double lower,
 std::vector<ImagePoses> PairImages(const SceneModel& model,
                                    const SceneModel& reference);
 
+// How well images of two models agree after an alignment.
+struct ImageAgreement {
+  // Of the centres of images, in the unit of the reference.
+  std::vector<double> distances;
+  // Models have any unit, but a distance of a tenth of the extent of the
+  // reference is no agreement.
+  double max_distance = 0.0;
+  // Of the images that are within it.
+  int num_agreeing = 0;
+};
+ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,
+                              const Sim3& reference_from_model,
+                              const Reconstruction& reference);
+// The least share of the images that must agree. RANSAC finds it in a mixture
+// with anything.
+constexpr double kMinAgreeingShare = 0.25;
+
 // The rigid transform to a world with z up, whose plane z = 0 is that of the
 // path: through the mean centre of the frames, with x along their principal
 // axis. The normal n minimises

@@ -17,8 +17,9 @@ namespace mgsfm {
 // modify. Arrays refer to each other by dense indices (`_idx`). Ids identify
 // items in input and output files only.
 //
-// All arrays are in canonical order: images by name, everything else by its
-// first image. Results therefore do not depend on ids.
+// All arrays are in canonical order: images by name, frames as OrderOfFrames
+// says, everything else by its first image. Results therefore do not depend on
+// ids.
 
 // Intrinsics, shared by all images that refer to them.
 struct Camera {
@@ -87,6 +88,15 @@ void CheckConsistent(const Scene& scene);
 // The capture time of a frame: that of the image of the reference sensor, or
 // the mean over its images if there is none. All images must have a timestamp.
 double TimeOfFrame(const Scene& scene, int frame_idx);
+
+// The frames of one sequence after the other. A sequence is a rig of several
+// sensors, or the single images of a folder; its first image by name tells its
+// place. Its frames are in the order of their times if all images have one,
+// else of their names, in which "9" comes before "10".
+std::vector<int> OrderOfFrames(const Scene& scene);
+
+// Puts the frames into that order. Returns the former index of each.
+std::vector<int> SortFrames(Scene* scene);
 
 // The id of a camera and the sensors that use it, for messages.
 std::string CameraLabel(const Scene& scene, int camera_idx);

@@ -9,6 +9,7 @@
 #include "io/calibration/formats.h"
 #include "io/calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
+#include "scene/intrinsics_check.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -73,6 +74,11 @@ void CheckValues(const CalibratedCamera& camera) {
     const Camera intrinsics{CameraId(1), *camera.model, width,
                             height,      camera.params, true};
     if (const auto problem = WhyImplausible(intrinsics)) fail(*problem);
+    const auto found =
+        camera.size_px ? FindIntrinsicsProblem(intrinsics) : std::nullopt;
+    if (found && (found->is_certain || found->is_of_other_size)) {
+      fail(found->text);
+    }
   }
   if (!camera.cam_from_base) return;
   if (const auto problem = WhyImplausible(*camera.cam_from_base)) {

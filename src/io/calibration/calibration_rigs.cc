@@ -231,6 +231,29 @@ std::vector<RigConfig> MakeRigs(const RigInput& input,
   return configs;
 }
 
+// Images that were not taken at the times of their names or stamps.
+void WarnOfTimeShifts(const std::vector<CalibratedCamera>& cameras,
+                      const CameraMatcher& matcher, const Context& context) {
+  // Cameras with a common trigger agree within it.
+  constexpr double kMaxDifference_s = 1e-3;
+  const CalibratedCamera* first = nullptr;
+  for (size_t c = 0; c < cameras.size(); ++c) {
+    const CalibratedCamera& camera = cameras[c];
+    if (matcher.PrefixesOf(c).empty() || !camera.time_shift_s) continue;
+    if (first == nullptr) first = &camera;
+    const double late_s = *camera.time_shift_s - *first->time_shift_s;
+    if (std::abs(late_s) <= kMaxDifference_s) continue;
+    char text[160];
+    std::snprintf(text, sizeof(text),
+                  "' is %.4g s %s relative to camera '%s' by "
+                  "timeshift_cam_imu; set SoftRig.method time_offset and "
+                  "image_timestamps_path",
+                  std::abs(late_s), late_s > 0.0 ? "late" : "early",
+                  first->names.back().c_str());
+    context.Warning(camera.place + ": camera '" + camera.names.back() + text);
+  }
+}
+
 void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
             const CameraMatcher& matcher, const Context& context) {
   for (size_t c = 0; c < cameras.size(); ++c) {
@@ -292,6 +315,7 @@ std::vector<RigConfig> ReadCalibrationRigs(const RigInput& input,
   }
   std::vector<RigConfig> rigs = MakeRigs(input, cameras, matcher);
   Report(input, cameras, matcher, context);
+  WarnOfTimeShifts(cameras, matcher, context);
   return rigs;
 }
 

@@ -5,6 +5,7 @@
 #include "base/natural_order.h"
 #include "io/calibration/formats.h"
 #include "io/calibration/lens_models.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -80,6 +81,53 @@ bool IsKalibr(const YamlValue& file) {
   });
 }
 
+namespace {
+
+// The pose by T_cam_imu relative to that by T_cn_cnm1. Kalibr writes both from
+// one estimate.
+void CheckPosesAgree(const YamlValue& value, const Rigid3& by_imu,
+                     const Rigid3& by_chain) {
+  const std::optional<std::string> difference = WhyDifferent(by_imu, by_chain);
+  if (!difference) return;
+  value.Throw(
+      "has a pose by T_cam_imu that differs from the one by T_cn_cnm1 " +
+      *difference + "; remove the wrong one");
+}
+
+// nullopt where the chain of T_cn_cnm1 is broken.
+using Poses = std::vector<std::optional<Rigid3>>;
+
+// The base is the first camera; without a whole chain of T_cn_cnm1, it is the
+// inertial sensor if all cameras have T_cam_imu.
+Poses ReadPoses(const std::vector<YamlValue>& values) {
+  Poses by_chain, by_imu;
+  bool has_imu = true;
+  for (const YamlValue& value : values) {
+    const auto from_imu = value.Find("T_cam_imu");
+    const auto from_before = value.Find("T_cn_cnm1");
+    by_imu.push_back(from_imu ? std::make_optional(from_imu->Pose())
+                              : std::nullopt);
+    has_imu &= from_imu.has_value();
+    const size_t i = by_chain.size();
+    if (i == 0) {
+      by_chain.emplace_back(Rigid3());
+      continue;
+    }
+    by_chain.push_back(
+        from_before && by_chain[i - 1]
+            ? std::make_optional(from_before->Pose() * *by_chain[i - 1])
+            : std::nullopt);
+    if (from_before && by_imu[i] && by_imu[i - 1]) {
+      CheckPosesAgree(value, *by_imu[i] * by_imu[i - 1]->Inverse(),
+                      from_before->Pose());
+    }
+  }
+  const bool has_chain = !by_chain.empty() && by_chain.back().has_value();
+  return has_imu && !has_chain ? by_imu : by_chain;
+}
+
+}  // namespace
+
 std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
   auto items = file.Items();
   std::stable_sort(items.begin(), items.end(),
@@ -87,11 +135,7 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
                      return IsNaturallyBefore(a.first, b.first);
                    });
   std::vector<CalibratedCamera> cameras;
-  std::optional<Rigid3> cam_from_first = Rigid3();
-  bool has_imu = true;
-  for (const auto& [name, value] : items) {
-    if (value.IsMap()) has_imu &= value.Has("T_cam_imu");
-  }
+  std::vector<YamlValue> values;
   for (const auto& [name, value] : items) {
     if (!value.IsMap()) continue;
     CalibratedCamera camera;
@@ -106,15 +150,15 @@ std::vector<CalibratedCamera> ReadKalibr(const YamlValue& file) {
       camera.size_px = size->ImageSize();
     }
     ReadLens(value, &camera);
-    const auto from_before = value.Find("T_cn_cnm1");
-    if (!cameras.empty()) {
-      cam_from_first =
-          from_before && cam_from_first
-              ? std::make_optional(from_before->Pose() * *cam_from_first)
-              : std::nullopt;
+    if (const auto shift = value.Find("timeshift_cam_imu")) {
+      camera.time_shift_s = shift->Number();
     }
-    camera.cam_from_base = has_imu ? value["T_cam_imu"].Pose() : cam_from_first;
+    values.push_back(value);
     cameras.push_back(std::move(camera));
+  }
+  const Poses poses = ReadPoses(values);
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    cameras[i].cam_from_base = poses[i];
   }
   return cameras;
 }

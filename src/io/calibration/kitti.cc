@@ -6,7 +6,7 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "geometry/rigid_matrix.h"
 #include "io/calibration/formats.h"
 #include "io/calibration/lens_models.h"
@@ -26,19 +26,21 @@ using Lines = std::map<std::string, Line>;
 
 Lines ParseLines(const std::string& text, const std::string& path) {
   Lines lines;
-  TextInput stream(text);
-  std::string line;
+  TextLines text_lines = TextLines::Of(text, "'" + path + "'");
   size_t num_unnamed = 0;
-  for (int number = 1; std::getline(stream, line); ++number) {
+  while (text_lines.NextContent()) {
+    const std::string_view line = text_lines.line();
     const size_t colon = line.find(": ");
-    TextInput words(colon == std::string::npos ? line : line.substr(colon + 1));
-    Line parsed{"'" + path + "', line " + std::to_string(number), {}};
-    for (std::string word; words >> word;) parsed.words.push_back(word);
-    if (parsed.words.empty()) continue;
-    const std::string name = colon == std::string::npos
-                                 ? "P" + std::to_string(num_unnamed++)
-                                 : line.substr(0, colon);
-    lines.emplace(name, std::move(parsed));
+    const bool has_name = colon != std::string_view::npos;
+    Line parsed{text_lines.Place(), {}};
+    for (const auto word : SplitWords(has_name ? line.substr(colon + 1) : line))
+      parsed.words.emplace_back(word);
+    const std::string name(has_name ? line.substr(0, colon)
+                                    : "P" + std::to_string(num_unnamed++));
+    if (!lines.emplace(name, std::move(parsed)).second) {
+      text_lines.Throw("has '" + Printable(name) +
+                       "' again; delete one of the lines");
+    }
   }
   return lines;
 }

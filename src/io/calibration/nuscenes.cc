@@ -3,9 +3,9 @@
 #include <map>
 
 #include "base/file_reading.h"
-#include "geometry/so3.h"
 #include "io/calibration/formats.h"
 #include "io/calibration/lens_models.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -22,8 +22,11 @@ Rigid3 PoseOf(const YamlValue& rotation, const YamlValue& translation) {
   const std::vector<double> q = rotation.Numbers(4);
   const std::vector<double> t = translation.Numbers(3);
   const Eigen::Quaterniond quaternion(q[0], q[1], q[2], q[3]);
-  if (!(quaternion.norm() > 0.0)) rotation.Throw("has length zero; correct it");
-  return {ToUnitQuaternion(quaternion), {t[0], t[1], t[2]}};
+  const Rigid3 pose = PoseOfFile(quaternion, {t[0], t[1], t[2]});
+  if (const auto problem = WhyImplausible(pose)) {
+    rotation.Throw(*problem + "; correct it");
+  }
+  return pose;
 }
 
 // Names of sensors by their token.

@@ -2,6 +2,7 @@
 #include "io/calibration/yaml_value.h"
 
 #include <Eigen/Core>
+#include <cmath>
 
 #include "base/text.h"
 #include "geometry/rigid_matrix.h"
@@ -123,6 +124,14 @@ std::vector<double> YamlValue::Numbers() const {
   std::vector<double> numbers;
   if (const auto data = Find("data")) {
     AppendNumbers(data->node_, 0, &numbers);
+    const auto rows = Find("rows"), cols = Find("cols");
+    if (rows && cols &&
+        rows->Number() * cols->Number() !=
+            static_cast<double>(numbers.size())) {
+      Throw("has " + std::to_string(numbers.size()) + " numbers; give " +
+            std::to_string(std::lround(rows->Number() * cols->Number())) +
+            ", the product of rows and cols");
+    }
   } else {
     AppendNumbers(node_, 0, &numbers);
   }
@@ -144,9 +153,12 @@ Rigid3 YamlValue::Pose() const {
     Throw("has " + std::to_string(numbers.size()) +
           " numbers; give a matrix of 4 rows and 4 columns");
   }
-  const auto pose =
-      RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers.data()));
-  if (!pose) Throw("is not a rigid transform; correct its rotation");
+  const auto pose = RigidFromNumbers(numbers);
+  if (!pose) {
+    Throw(
+        "is not a rigid transform, that is, a rotation, a translation and, in "
+        "a fourth row, 0 0 0 1; correct it");
+  }
   return *pose;
 }
 

@@ -9,8 +9,8 @@
 #include <limits>
 #include <set>
 
-#include "geometry/so3.h"
 #include "io/database/database_pair_id.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -74,6 +74,10 @@ std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
                                  " bytes instead of 32 and 24" + kMatchAgain);
   }
   const auto pose = PoseFromNumbers(qvec->data(), tvec->data());
+  if (const auto problem = pose ? WhyImplausible(*pose) : std::nullopt) {
+    ThrowDatabaseError(
+        path, "the relative pose of " + name + ' ' + *problem + kMatchAgain);
+  }
   const bool is_default =
       pose && pose->translation.isZero(0.0) && pose->rotation.vec().isZero(0.0);
   return is_default ? std::nullopt : pose;
@@ -82,15 +86,11 @@ std::optional<Rigid3> DecodeRelativePose(const SqliteStatement& row,
 }  // namespace
 
 std::optional<Rigid3> PoseFromNumbers(const double* qvec, const double* tvec) {
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(qvec[0], qvec[1], qvec[2], qvec[3]);
-  pose.translation = Eigen::Vector3d(tvec[0], tvec[1], tvec[2]);
-  if (!AllFinite(qvec, 4) || !AllFinite(tvec, 3) ||
-      !(pose.rotation.norm() > 0.0)) {
+  const Eigen::Quaterniond rotation(qvec[0], qvec[1], qvec[2], qvec[3]);
+  if (!AllFinite(qvec, 4) || !AllFinite(tvec, 3) || !(rotation.norm() > 0.0)) {
     return std::nullopt;
   }
-  pose.rotation = ToUnitQuaternion(pose.rotation);
-  return pose;
+  return PoseOfFile(rotation, {tvec[0], tvec[1], tvec[2]});
 }
 
 std::string PosePriorQuery(const SqliteDatabase& database) {

@@ -3,8 +3,7 @@
 
 #include <algorithm>
 
-#include "base/file_reading.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -20,11 +19,10 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 }  // namespace
 
 std::vector<std::string> ReadImageList(const std::string& path) {
-  TextInput file(ReadFile(path, "'" + path + "' (image_list_path)"));
+  TextLines lines(path, "'" + path + "' (image_list_path)");
   std::vector<std::string> names;
-  for (std::string line; std::getline(file, line);) {
-    line.erase(line.find_last_not_of(" \t\r") + 1);
-    if (!line.empty()) names.push_back(line);
+  while (lines.Next()) {
+    if (!lines.line().empty()) names.emplace_back(lines.line());
   }
   return names;
 }

@@ -6,7 +6,6 @@
 #include <charconv>
 #include <set>
 
-#include "base/natural_order.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -54,17 +53,14 @@ std::string ImageStem(const std::string& image_name) {
 std::vector<int> RegisteredFrames(const ExportInput& input) {
   const Scene& scene = input.scene;
   std::vector<int> frame_idxs;
-  for (size_t i = 0; i < scene.frames.size(); ++i) {
-    const std::vector<int>& images = scene.frames[i].image_idxs;
+  for (const int frame_idx : OrderOfFrames(scene)) {
+    const std::vector<int>& images = scene.frames[frame_idx].image_idxs;
     if (std::any_of(images.begin(), images.end(), [&](int image_idx) {
           return input.model.IsRegistered(scene, image_idx);
         })) {
-      frame_idxs.push_back(static_cast<int>(i));
+      frame_idxs.push_back(frame_idx);
     }
   }
-  std::stable_sort(frame_idxs.begin(), frame_idxs.end(), [&](int a, int b) {
-    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
-  });
   return frame_idxs;
 }
 

@@ -6,26 +6,20 @@
 #include <limits>
 #include <optional>
 
-#include "base/file_reading.h"
 #include "base/text.h"
+#include "base/text_lines.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
 
-constexpr std::string_view kBlanks = " \t\r\n\v\f";
+constexpr std::string_view kBlanks = " \t\n\v\f";
 constexpr size_t kMaxQuoted = 40;  // half of a line of a terminal
-
-std::string_view Trim(std::string_view text) {
-  const size_t first = text.find_first_not_of(kBlanks);
-  if (first == std::string_view::npos) return {};
-  return text.substr(first, text.find_last_not_of(kBlanks) + 1 - first);
-}
 
 }  // namespace
 
 ImportText::ImportText(const std::filesystem::path& path)
-    : path_(path), text_(ReadFile(path)) {}
+    : path_(path), text_(ReadText(path)) {}
 
 void ImportText::Throw(const std::string& problem) const {
   throw Error("'" + path_.string() + "', line " + std::to_string(line_) + ": " +
@@ -84,7 +78,7 @@ std::string_view ImportText::RestOfLine() {
   const size_t end = std::min(text.find('\n', position_), text.size());
   const std::string_view rest = text.substr(position_, end - position_);
   position_ = end;
-  return Trim(rest);
+  return TrimBlanks(rest);
 }
 
 std::string_view ImportText::NextLine() {

@@ -144,6 +144,16 @@ ImportedPoint ReadPositionAndColor(ImportText* text) {
   return point;
 }
 
+std::optional<Eigen::Vector2i> FindSizeOfImage(const fs::path& file) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) return std::nullopt;
+  const std::optional<ImageSize> size =
+      ReadImageSize(ReadFile(file, "", kMaxImageHeaderBytes));
+  if (!size) return std::nullopt;
+  return Eigen::Vector2i(static_cast<int>(size->width),
+                         static_cast<int>(size->height));
+}
+
 Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                                 const std::string& image_name,
                                 const fs::path& path) {
@@ -159,13 +169,12 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                 "'; give the folder that the names of images start from "
                 "(image_path)");
   }
-  const std::optional<ImageSize> size =
-      ReadImageSize(ReadFile(file, "", kMaxImageHeaderBytes));
+  const auto size = FindSizeOfImage(file);
   if (!size) {
     throw Error("image '" + file.string() +
                 "' is damaged or of an unknown format; replace it");
   }
-  return {static_cast<int>(size->width), static_cast<int>(size->height)};
+  return *size;
 }
 
 }  // namespace mgsfm

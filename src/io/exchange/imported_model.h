@@ -53,7 +53,11 @@ Camera MakeRadialCamera(double focal_length_px,
 // still empty.
 ImportedPoint ReadPositionAndColor(ImportText* text);
 
-// The size of an image from its file. Throws Error, naming the image and
+// The size of an image from its file; nullopt if it cannot be read.
+std::optional<Eigen::Vector2i> FindSizeOfImage(
+    const std::filesystem::path& file);
+
+// The same of an image in a folder. Throws Error, naming the image and
 // `path`, the file that lacks the size, if image_path is empty or has no such
 // image.
 Eigen::Vector2i ReadSizeOfImage(const std::filesystem::path& image_path,

@@ -1,14 +1,17 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/file_reading.h"
 #include "base/text.h"
 #include "geometry/rigid_matrix.h"
+#include "geometry/so3.h"
 #include "io/exchange/import_formats.h"
 #include "io/exchange/imported_model.h"
 #include "io/exchange/ply.h"
@@ -24,8 +27,12 @@ using Json = nlohmann::json;
 class TransformsFrame {
  public:
   TransformsFrame(const Json& all, const Json& frame, size_t number,
-                  const fs::path& path)
-      : all_(all), frame_(frame), number_(number), path_(path) {
+                  const fs::path& path, std::string* contradiction)
+      : all_(all),
+        frame_(frame),
+        number_(number),
+        path_(path),
+        contradiction_(contradiction) {
     if (!frame.is_object()) Throw("is not an object");
   }
 
@@ -56,50 +63,68 @@ class TransformsFrame {
     return nullptr;
   }
   [[noreturn]] void Throw(const std::string& problem) const {
+    throw Error(Place() + ": " + problem +
+                "; correct the file, or write it again");
+  }
+  // Two fields contradict each other, of which one has precedence. Only the
+  // first contradiction of a file is kept.
+  void Contradict(const std::string& problem) const {
+    if (contradiction_->empty()) *contradiction_ = Place() + ": " + problem;
+  }
+
+ private:
+  std::string Place() const {
     const auto name =
         frame_.is_object() ? frame_.find("file_path") : frame_.end();
     std::string label = "frame " + std::to_string(number_);
     if (name != frame_.end() && name->is_string()) {
       label += " ('" + Printable(name->get<std::string>()) + "')";
     }
-    throw Error("'" + path_.string() + "', " + label + ": " + problem +
-                "; correct the file, or write it again");
+    return "'" + path_.string() + "', " + label;
   }
 
- private:
   const Json& all_;
   const Json& frame_;
   size_t number_;  // from 0
   const fs::path& path_;
+  std::string* contradiction_;
 };
 
 Rigid3 ReadPose(const TransformsFrame& frame) {
   const Json* rows = frame.Find("transform_matrix");
-  RigidMatrix world_from_gl;
-  const bool has_rows =
-      rows != nullptr && rows->is_array() && rows->size() >= 3;
-  if (!has_rows) frame.Throw("transform_matrix has no three rows");
-  for (int i = 0; i < 3; ++i) {
-    const Json& row = (*rows)[static_cast<size_t>(i)];
+  const bool has_rows = rows != nullptr && rows->is_array() &&
+                        (rows->size() == 3 || rows->size() == 4);
+  if (!has_rows) frame.Throw("transform_matrix has no three or four rows");
+  std::vector<double> numbers;
+  for (const Json& row : *rows) {
     if (!row.is_array() || row.size() != 4) {
       frame.Throw("a row of transform_matrix has no four numbers");
     }
-    for (int k = 0; k < 4; ++k) {
-      const Json& value = row[static_cast<size_t>(k)];
+    for (const Json& value : row) {
       if (!value.is_number()) {
         frame.Throw("an element of transform_matrix is not a number");
       }
-      world_from_gl(i, k) = value.get<double>();
+      numbers.push_back(value.get<double>());
     }
   }
-  // OpenGL: y up, z backward.
-  world_from_gl.col(1) *= -1.0;
-  world_from_gl.col(2) *= -1.0;
-  const std::optional<Rigid3> world_from_cam = RigidFromMatrix(world_from_gl);
-  if (!world_from_cam) {
-    frame.Throw("transform_matrix has no rotation matrix");
+  const std::optional<Rigid3> world_from_gl = RigidFromNumbers(numbers);
+  if (!world_from_gl) {
+    frame.Throw(
+        "transform_matrix has no rotation matrix, or its fourth row is not "
+        "0 0 0 1, as in a transposed matrix");
   }
-  return world_from_cam->Inverse();
+  // OpenGL: y up, z backward.
+  const Rigid3 gl_from_cam{Eigen::Quaterniond(0.0, 1.0, 0.0, 0.0),
+                           Eigen::Vector3d::Zero()};
+  return (*world_from_gl * gl_from_cam).Inverse();
+}
+
+std::string Text(double value) {
+  return FormatDouble(value, std::chars_format::general, 6);
+}
+
+std::string SizeText(const Eigen::Vector2i& size) {
+  return std::to_string(size.x()) + " x " + std::to_string(size.y());
 }
 
 int Pixels(const TransformsFrame& frame, const char* field, double value) {
@@ -110,22 +135,96 @@ int Pixels(const TransformsFrame& frame, const char* field, double value) {
   return static_cast<int>(value);
 }
 
+// nerfstudio names images from the folder of the file, COLMAP from the folder
+// of images.
+constexpr std::string_view kImageFolder = "images/";
+
+std::vector<fs::path> PossibleFiles(const ImportInput& input,
+                                    const std::string& name) {
+  std::vector<fs::path> files;
+  if (!input.image_path.empty()) {
+    files.push_back(input.image_path / name);
+    if (name.rfind(kImageFolder, 0) == 0) {
+      files.push_back(input.image_path / name.substr(kImageFolder.size()));
+    }
+  }
+  files.push_back(input.path.parent_path() / name);
+  return files;
+}
+
 Eigen::Vector2i ReadSize(const TransformsFrame& frame, const std::string& name,
                          const ImportInput& input) {
   const auto width = frame.FindNumber("w"), height = frame.FindNumber("h");
   if (!width || !height) {
     return ReadSizeOfImage(input.image_path, name, input.path);
   }
-  return {Pixels(frame, "w", *width), Pixels(frame, "h", *height)};
+  const Eigen::Vector2i size(Pixels(frame, "w", *width),
+                             Pixels(frame, "h", *height));
+  for (const fs::path& file : PossibleFiles(input, name)) {
+    const auto of_file = FindSizeOfImage(file);
+    if (!of_file) continue;
+    if (*of_file != size) {
+      frame.Throw("w and h are " + SizeText(size) + ", but the image '" +
+                  file.string() + "' has " + SizeText(*of_file) + " pixels");
+    }
+    break;
+  }
+  return size;
 }
 
-double ReadFocalLength(const TransformsFrame& frame, int width_px) {
-  if (const auto focal_length_px = frame.FindNumber("fl_x")) {
-    return *focal_length_px;
+// The focal length in pixels by the field of view; nullopt without one.
+std::optional<double> FocalLengthOfAngle(const TransformsFrame& frame,
+                                         const char* field, int side_px) {
+  const auto angle_rad = frame.FindNumber(field);
+  if (!angle_rad) return std::nullopt;
+  if (!(*angle_rad > 0.0) || !(*angle_rad < kPi)) {
+    frame.Throw(std::string(field) + " is " + Text(*angle_rad) +
+                ", no field of view in radians; give a number from 0 to pi");
   }
-  const auto angle_rad = frame.FindNumber("camera_angle_x");
-  if (!angle_rad) frame.Throw("fl_x and camera_angle_x are missing");
-  return 0.5 * width_px / std::tan(0.5 * *angle_rad);
+  return 0.5 * side_px / std::tan(0.5 * *angle_rad);
+}
+
+// Of two statements of one focal length, that in pixels counts. Angles are of
+// perspective images.
+double ReadFocalLength(const TransformsFrame& frame, char axis, int side_px,
+                       bool is_fisheye, std::optional<double> otherwise) {
+  constexpr double kMaxMismatch = 1.01;
+  const std::string in_pixels = std::string("fl_") + axis;
+  const std::string as_angle = std::string("camera_angle_") + axis;
+  const auto focal_length_px = frame.FindNumber(in_pixels.c_str());
+  const auto by_angle =
+      is_fisheye ? std::nullopt
+                 : FocalLengthOfAngle(frame, as_angle.c_str(), side_px);
+  if (focal_length_px && by_angle) {
+    const double ratio = *focal_length_px / *by_angle;
+    if (std::max(ratio, 1.0 / ratio) > kMaxMismatch) {
+      frame.Contradict(in_pixels + " is " + Text(*focal_length_px) + ", but " +
+                       as_angle + " is that of " + Text(*by_angle) +
+                       " pixels; the former is used");
+    }
+  }
+  for (const auto& value : {focal_length_px, by_angle, otherwise}) {
+    if (value) return *value;
+  }
+  frame.Throw(in_pixels + (is_fisheye ? " is missing, which fisheyes need"
+                                      : " and " + as_angle + " are missing"));
+}
+
+// nerfstudio names the model, instant-ngp has a flag. Without either, images
+// are perspective.
+std::string ReadModel(const TransformsFrame& frame) {
+  const Json* flag = frame.Find("is_fisheye");
+  if (flag != nullptr && !flag->is_boolean()) {
+    frame.Throw("is_fisheye is not true or false");
+  }
+  const bool is_fisheye = flag != nullptr && flag->get<bool>();
+  const std::string model =
+      frame.Text("camera_model", is_fisheye ? "OPENCV_FISHEYE" : "OPENCV");
+  if (is_fisheye && model != "OPENCV_FISHEYE") {
+    frame.Throw("is_fisheye contradicts the camera_model '" + Printable(model) +
+                "'; remove the wrong one");
+  }
+  return model;
 }
 
 // Appends the distortion of perspective images to fx, fy, cx, cy.
@@ -153,18 +252,20 @@ void SetDistortion(const TransformsFrame& frame, Camera* camera) {
 
 Camera ReadCamera(const TransformsFrame& frame, const Eigen::Vector2i& size) {
   Camera camera{kUnnumbered, CameraModelId::kPinhole, size.x(), size.y(), {}};
-  const std::string model = frame.Text("camera_model", "OPENCV");
+  const std::string model = ReadModel(frame);
   if (model == "EQUIRECTANGULAR") {
     camera.model = CameraModelId::kEquirectangular;
     camera.params = {static_cast<double>(size.x()),
                      static_cast<double>(size.y())};
     return camera;
   }
-  const double fx = ReadFocalLength(frame, size.x());
-  camera.params = {fx, frame.Number("fl_y", fx),
-                   frame.Number("cx", 0.5 * size.x()),
+  const bool is_fisheye = model == "OPENCV_FISHEYE";
+  const double fx =
+      ReadFocalLength(frame, 'x', size.x(), is_fisheye, std::nullopt);
+  const double fy = ReadFocalLength(frame, 'y', size.y(), is_fisheye, fx);
+  camera.params = {fx, fy, frame.Number("cx", 0.5 * size.x()),
                    frame.Number("cy", 0.5 * size.y())};
-  if (model == "OPENCV_FISHEYE") {
+  if (is_fisheye) {
     camera.model = CameraModelId::kOpenCVFisheye;
     for (const char* name : {"k1", "k2", "k3", "k4"}) {
       camera.params.push_back(frame.Number(name, 0.0));
@@ -192,14 +293,13 @@ Json ReadJson(const fs::path& path) {
   return json;
 }
 
-// nerfstudio names images from the folder of the file, COLMAP from the folder
-// of images.
 void RemoveCommonFolder(std::vector<ImportedImage>* images) {
-  constexpr char kFolder[] = "images/";
   for (const ImportedImage& image : *images) {
-    if (image.name.rfind(kFolder, 0) != 0) return;
+    if (image.name.rfind(kImageFolder, 0) != 0) return;
   }
-  for (ImportedImage& image : *images) image.name.erase(0, sizeof(kFolder) - 1);
+  for (ImportedImage& image : *images) {
+    image.name.erase(0, kImageFolder.size());
+  }
 }
 
 }  // namespace
@@ -207,15 +307,18 @@ void RemoveCommonFolder(std::vector<ImportedImage>* images) {
 Model ReadNerfstudio(const ImportInput& input, const Context& context) {
   const Json json = ReadJson(input.path);
   ImportedModel model;
+  std::string contradiction;
   for (const Json& item : json["frames"]) {
     context.CheckInterrupted();
-    const TransformsFrame frame(json, item, model.images.size(), input.path);
+    const TransformsFrame frame(json, item, model.images.size(), input.path,
+                                &contradiction);
     std::string name = frame.Text("file_path", nullptr);
     if (name.rfind("./", 0) == 0) name.erase(0, 2);
     const Rigid3 pose = ReadPose(frame);
     model.images.push_back(
         {name, pose, ReadCamera(frame, ReadSize(frame, name, input))});
   }
+  if (!contradiction.empty()) context.Warning(contradiction);
   RemoveCommonFolder(&model.images);
   const auto points = json.find("ply_file_path");
   if (points != json.end() && points->is_string()) {

@@ -5,12 +5,12 @@
 #include <vector>
 
 #include "base/text.h"
-#include "base/text_streams.h"
-#include "geometry/so3.h"
+#include "base/text_lines.h"
 #include "io/exchange/import_formats.h"
 #include "io/exchange/import_text.h"
 #include "io/exchange/imported_model.h"
 #include "mgsfm/base/error.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -31,20 +31,15 @@ struct NamedNumbers {
 
 std::optional<NamedNumbers> SplitNamedNumbers(std::string_view line,
                                               size_t num_numbers) {
-  NamedNumbers split;
-  split.numbers.resize(num_numbers);
-  for (size_t k = num_numbers; k-- > 0;) {
-    const size_t blank = line.find_last_of(" \t");
-    if (blank == std::string_view::npos) return std::nullopt;
-    const std::optional<double> number = ParseDouble(line.substr(blank + 1));
+  const auto split = SplitNamedWords(line, num_numbers);
+  if (!split) return std::nullopt;
+  NamedNumbers named{split->name, {}};
+  for (const std::string_view word : split->words) {
+    const std::optional<double> number = ParseDouble(word);
     if (!number) return std::nullopt;
-    split.numbers[k] = *number;
-    const size_t end = line.find_last_not_of(" \t", blank);
-    if (end == std::string_view::npos) return std::nullopt;
-    line = line.substr(0, end + 1);
+    named.numbers.push_back(*number);
   }
-  split.name = line;
-  return split;
+  return named;
 }
 
 std::optional<FixedCalibration> ReadHeader(ImportText* text) {
@@ -52,10 +47,9 @@ std::optional<FixedCalibration> ReadHeader(ImportText* text) {
   if (header.substr(0, 6) != "NVM_V3") {
     text->ThrowUnexpected("NVM_V3", header);
   }
-  TextInput words{std::string(header)};
-  std::string word;
-  words >> word;
-  if (!(words >> word) || word != "FixedK") return std::nullopt;
+  const std::vector<std::string_view> words = SplitWords(header);
+  if (words.size() == 1) return std::nullopt;
+  if (words[1] != "FixedK") text->ThrowUnexpected("NVM_V3 FixedK", header);
   const auto split = SplitNamedNumbers(header, 4);
   if (!split) text->ThrowUnexpected("FixedK fx cx fy cy", header);
   const std::vector<double>& k = split->numbers;
@@ -97,12 +91,13 @@ ImportedImage ReadImage(const std::optional<FixedCalibration>& fixed,
   if (!split) text->ThrowUnexpected(kImageLine, line);
   const std::vector<double>& n = split->numbers;
   const Eigen::Quaterniond rotation(n[1], n[2], n[3], n[4]);
-  if (!(rotation.norm() > 0.0)) {
-    text->Throw("the rotation of image '" + Printable(split->name) +
-                "' is zero; remove the image, or export the file again");
-  }
-  const Eigen::Quaterniond unit = ToUnitQuaternion(rotation);
   const Eigen::Vector3d center(n[5], n[6], n[7]);
+  const Rigid3 read = PoseOfFile(rotation, center);
+  if (const auto problem = WhyImplausible(read)) {
+    text->Throw("the pose of image '" + Printable(split->name) + "' " +
+                *problem + "; remove the image, or export the file again");
+  }
+  const Eigen::Quaterniond unit = read.rotation;
   return {
       split->name,
       {unit, -(unit * center)},

@@ -257,6 +257,57 @@ class MessageCapture {
   std::string messages_;
 };
 
+// PNG and TIFF are the formats of 16 bits that cameras write.
+bool MayHaveSixteenBits(const Bytes& file) {
+  return IsPng(file) ? file[24] == 16 : file.Has(0, "II") || file.Has(0, "MM");
+}
+
+// The position of the tag Orientation in the first directory of a TIFF file: of
+// the lower byte of its value.
+std::optional<size_t> FindTiffOrientation(const Bytes& file) {
+  const bool is_little = file.Has(0, std::string_view("II*\0", 4));
+  if (!is_little && !file.Has(0, std::string_view("MM\0*", 4))) {
+    return std::nullopt;
+  }
+  const auto number = [&](size_t begin, size_t num_bytes) {
+    return is_little ? file.LittleEndian(begin, num_bytes)
+                     : file.BigEndian(begin, num_bytes);
+  };
+  constexpr uint64_t kOrientation = 274;
+  const size_t directory = number(4, 4);
+  const size_t num_entries = number(directory, 2);
+  for (size_t k = 0; k < num_entries; ++k) {
+    const size_t entry = directory + 2 + 12 * k;
+    if (number(entry, 2) != kOrientation) continue;
+    const size_t position = entry + 8 + (is_little ? 0 : 1);
+    if (position < file.size()) return position;
+  }
+  return std::nullopt;
+}
+
+cv::Mat Decode(const std::string& file, int imread_flags) {
+  // The decoder of TIFF turns images, whatever the flags say.
+  const auto orientation = FindTiffOrientation(Bytes(file));
+  const bool ignores = (imread_flags & cv::IMREAD_IGNORE_ORIENTATION) != 0;
+  constexpr char kAsStored = 1;
+  if (orientation && ignores && file[*orientation] != kAsStored) {
+    std::string as_stored = file;
+    as_stored[*orientation] = kAsStored;
+    return Decode(as_stored, imread_flags);
+  }
+  const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
+                     const_cast<char*>(file.data()));
+  return MgsfmImageCodecs()->decode(view, imread_flags);
+}
+
+bool UsesTwelveBits(const cv::Mat& pixels) {
+  constexpr double kMaxOfTwelveBits = 4095.0;
+  double max = 0.0;
+  if (pixels.depth() != CV_16U) return false;
+  cv::minMaxLoc(pixels.reshape(1), nullptr, &max);
+  return max > 0.0 && max <= kMaxOfTwelveBits;
+}
+
 }  // namespace
 
 std::optional<ImageSize> ReadImageSize(const std::string& file) {
@@ -286,9 +337,10 @@ DecodedImage DecodeImage(const std::string& file, int imread_flags,
   const MessageCapture capture;
   try {
     if (size) {
-      const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
-                         const_cast<char*>(file.data()));
-      image.pixels = MgsfmImageCodecs()->decode(view, imread_flags);
+      image.pixels = Decode(file, imread_flags);
+      image.is_nearly_black =
+          image.pixels.depth() == CV_8U && MayHaveSixteenBits(bytes) &&
+          UsesTwelveBits(Decode(file, imread_flags | cv::IMREAD_ANYDEPTH));
     }
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);

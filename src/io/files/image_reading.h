@@ -33,6 +33,9 @@ constexpr int kDefaultMaxNumPixels = 200'000'000;
 struct DecodedImage {
   cv::Mat pixels;
   std::string warning;  // what the decoder says, in one line; empty if nothing
+  // Pixels of 8 bits are the upper halves of 16 bits, of which the file uses
+  // the lower 12 only, as the cameras of some machines do.
+  bool is_nearly_black = false;
 };
 
 // `imread_flags` are those of cv::imread. Throws Error; its message is to

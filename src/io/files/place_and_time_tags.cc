@@ -16,6 +16,14 @@ Exiv2::Image::AutoPtr OpenImage(const std::string& file) {
   return image;
 }
 
+std::string BytesOf(Exiv2::Image* image) {
+  Exiv2::BasicIo& io = image->io();
+  io.open();
+  const Exiv2::DataBuf bytes = io.read(static_cast<long>(io.size()));
+  return {reinterpret_cast<const char*>(bytes.pData_),
+          static_cast<size_t>(bytes.size_)};
+}
+
 bool IsPlaceOrTime(const std::string& key) {
   return key.compare(0, 13, "Exif.GPSInfo.") == 0 ||
          key == "Exif.Photo.DateTimeOriginal" ||
@@ -58,15 +66,33 @@ std::string PlaceAndTimeTags::AddTo(const std::string& file) const {
     const auto image = OpenImage(file);
     image->setExifData(tags_->data);
     image->writeMetadata();
-    Exiv2::BasicIo& io = image->io();
-    io.open();
-    const Exiv2::DataBuf bytes = io.read(static_cast<long>(io.size()));
-    return {reinterpret_cast<const char*>(bytes.pData_),
-            static_cast<size_t>(bytes.size_)};
+    return BytesOf(image.get());
   } catch (const std::bad_alloc&) {
     throw;
   } catch (const std::exception&) {
     return file;  // a format without tags
+  }
+}
+
+std::string WithoutOrientation(const std::string& file) {
+  constexpr uint16_t kAsStored = 1;
+  const std::lock_guard<std::mutex> lock(Exiv2Mutex());
+  try {
+    const auto image = OpenImage(file);
+    Exiv2::ExifData& tags = image->exifData();
+    const auto tag = tags.findKey(Exiv2::ExifKey("Exif.Image.Orientation"));
+    const auto xmp =
+        image->xmpData().findKey(Exiv2::XmpKey("Xmp.tiff.Orientation"));
+    const bool has_xmp = xmp != image->xmpData().end();
+    if (tag == tags.end() && !has_xmp) return file;
+    if (tag != tags.end()) *tag = kAsStored;
+    if (has_xmp) image->xmpData().erase(xmp);
+    image->writeMetadata();
+    return BytesOf(image.get());
+  } catch (const std::bad_alloc&) {
+    throw;
+  } catch (const std::exception&) {
+    return file;  // a format without tags, or damaged tags
   }
 }
 

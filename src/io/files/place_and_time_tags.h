@@ -30,4 +30,8 @@ class PlaceAndTimeTags {
   std::unique_ptr<Tags> tags_;
 };
 
+// An image file whose pixels are shown as they are stored: without the tag by
+// which viewers would turn them. Thread-safe.
+std::string WithoutOrientation(const std::string& file);
+
 }  // namespace mgsfm

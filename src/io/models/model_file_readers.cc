@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/models/model_file_readers.h"
 
-#include <cmath>
+#include <charconv>
 #include <limits>
-#include <locale>
+#include <system_error>
 
 #include "base/file_reading.h"
-#include "geometry/so3.h"
+#include "base/text.h"
 #include "io/models/model_format.h"
 #include "mgsfm/base/error.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
@@ -16,18 +17,13 @@ namespace {
 // x and y as doubles, and the id of the point.
 constexpr uint64_t kBytesPerKeypoint = 24;
 
-// Seven numbers: a quaternion w, x, y, z of any length, and a translation.
+// Seven numbers: a quaternion w, x, y, z and a translation.
 template <class File>
 Rigid3 ReadPoseOf(File* file) {
   double v[7];
   for (double& value : v) value = file->ReadNumber();
   const Eigen::Quaterniond rotation(v[0], v[1], v[2], v[3]);
-  const Eigen::Vector3d translation(v[4], v[5], v[6]);
-  if (!(rotation.norm() > 0.0) || !std::isfinite(rotation.norm()) ||
-      !translation.allFinite()) {
-    file->ThrowBad("a pose is not a rotation and a translation");
-  }
-  return {ToUnitQuaternion(rotation), translation};
+  return PoseOfFile(rotation, {v[4], v[5], v[6]});
 }
 
 }  // namespace
@@ -49,9 +45,16 @@ void BinaryModelFile::ThrowBad(const std::string& what) const {
 }
 
 bool BinaryModelFile::NextRecord() {
-  if (num_records_left_ == 0) return false;
-  --num_records_left_;
-  return true;
+  if (num_records_left_ > 0) {
+    --num_records_left_;
+    return true;
+  }
+  if (position_ < data_.size()) {
+    ThrowBad(std::to_string(data_.size() - position_) +
+             " bytes follow the last record; write the model again with the "
+             "program that made it");
+  }
+  return false;
 }
 
 bool BinaryModelFile::NextItem() {
@@ -89,7 +92,11 @@ const CameraModelInfo& BinaryModelFile::ReadCameraModel() {
 }
 
 bool BinaryModelFile::ReadSensorIsCamera() {
-  return Read<int32_t>() == kModelCameraType;
+  const auto type = Read<int32_t>();
+  if (type != kModelCameraType && type != kModelImuType) {
+    ThrowBad(std::to_string(type) + " is not the type of a sensor");
+  }
+  return type == kModelCameraType;
 }
 
 void BinaryModelFile::SkipKeypoints() {
@@ -101,41 +108,40 @@ void BinaryModelFile::SkipKeypoints() {
 
 TextModelFile::TextModelFile(const std::filesystem::path& folder,
                              const std::string& stem)
-    : path_(folder / (stem + kExtension)), file_(ReadFile(path_)) {
-  line_.imbue(std::locale::classic());
-}
+    : lines_(folder / (stem + kExtension)) {}
 
 void TextModelFile::ThrowBad(const std::string& what) const {
-  throw Error("'" + path_.string() + "', line " + std::to_string(line_number_) +
-              ": " + what);
-}
-
-bool TextModelFile::NextLine(std::string* text) {
-  ++line_number_;
-  return static_cast<bool>(std::getline(file_, *text));
+  lines_.Throw(what);
 }
 
 bool TextModelFile::NextRecord() {
-  std::string text;
-  while (NextLine(&text)) {
-    const size_t first = text.find_first_not_of(" \t\r");
-    if (first == std::string::npos || text[first] == '#') continue;
-    line_.clear();
-    line_.str(text);
-    return true;
-  }
-  return false;
+  const bool has_record = lines_.NextContent();
+  rest_ = lines_.line();
+  return has_record;
 }
 
-bool TextModelFile::NextItem() {
-  line_ >> std::ws;
-  return line_.peek() != std::istream::traits_type::eof();
+void TextModelFile::EndRecord() const {
+  if (TrimBlanks(rest_).empty()) return;
+  ThrowBad("'" + Printable(TrimBlanks(rest_)) +
+           "' follows what the line should hold");
 }
 
-int64_t TextModelFile::ReadInteger(int64_t max) {
-  const auto value = Read<int64_t>();
-  if (value < 0 || value > max) {
-    ThrowBad(std::to_string(value) + " is out of range");
+bool TextModelFile::NextItem() { return !TrimBlanks(rest_).empty(); }
+
+std::string_view TextModelFile::ReadWord() {
+  const std::string_view word = TakeWord(&rest_);
+  if (word.empty()) ThrowBad("the line ends early");
+  return word;
+}
+
+int64_t TextModelFile::ReadInteger(int64_t max, int64_t min) {
+  const std::string_view word = ReadWord();
+  int64_t value = 0;
+  const char* end = word.data() + word.size();
+  const auto [parsed_end, error] = std::from_chars(word.data(), end, value);
+  if (error != std::errc() || parsed_end != end || value < min || value > max) {
+    ThrowBad("'" + Printable(word) + "' is not an integer from " +
+             std::to_string(min) + " to " + std::to_string(max));
   }
   return value;
 }
@@ -151,9 +157,8 @@ uint64_t TextModelFile::ReadLongId() {
 }
 
 std::optional<uint64_t> TextModelFile::ReadOptionalLongId() {
-  const auto id = Read<int64_t>();
-  if (id == -1) return std::nullopt;
-  if (id < 0) ThrowBad(std::to_string(id) + " is not an id");
+  const int64_t id = ReadInteger(std::numeric_limits<int64_t>::max(), -1);
+  if (id < 0) return std::nullopt;
   return static_cast<uint64_t>(id);
 }
 
@@ -161,26 +166,74 @@ uint8_t TextModelFile::ReadByte() {
   return static_cast<uint8_t>(ReadInteger(255));
 }
 
+double TextModelFile::ReadNumber() {
+  const std::string_view word = ReadWord();
+  const std::optional<double> number = ParseDouble(word);
+  if (!number) ThrowBad("'" + Printable(word) + "' is not a finite number");
+  return *number;
+}
+
+double TextModelFile::ReadErrorPx() {
+  const std::string_view next = TrimBlanks(rest_);
+  for (const std::string_view word : {"nan", "-nan", "inf"}) {
+    if (next.substr(0, next.find_first_of(" \t")) != word) continue;
+    ReadWord();
+    return -1.0;
+  }
+  return ReadNumber();
+}
+
+std::string TextModelFile::ReadName() {
+  const std::string_view name = TrimBlanks(rest_);
+  if (name.empty()) ThrowBad("the line ends before the name of an image");
+  rest_ = {};
+  return std::string(name);
+}
+
 Rigid3 TextModelFile::ReadPose() { return ReadPoseOf(this); }
 
 const CameraModelInfo& TextModelFile::ReadCameraModel() {
-  const auto name = Read<std::string>();
+  const std::string_view name = ReadWord();
   const CameraModelInfo* info = FindCameraModel(name);
-  if (info == nullptr) ThrowBad("camera model '" + name + "' is not known");
+  if (info == nullptr) {
+    ThrowBad("camera model '" + Printable(name) + "' is not known");
+  }
   return *info;
 }
 
+void TextModelFile::CheckNumParams(const CameraModelInfo& info) const {
+  const size_t num_words = SplitWords(rest_).size();
+  if (num_words == static_cast<size_t>(info.num_params)) return;
+  ThrowBad(std::string(info.name) + " has " + std::to_string(info.num_params) +
+           " parameters, not " + std::to_string(num_words));
+}
+
 bool TextModelFile::ReadSensorIsCamera() {
-  return Read<std::string>() == "CAMERA";
+  const std::string_view type = ReadWord();
+  if (type != "CAMERA" && type != "IMU") {
+    ThrowBad("'" + Printable(type) + "' is not the type of a sensor");
+  }
+  return type == "CAMERA";
 }
 
 void TextModelFile::BeginKeypoints() {
-  std::string text;
-  NextLine(&text);  // the last line of a file may lack
-  line_.clear();
-  line_.str(text);
+  lines_.Next();  // the last line of a file may lack
+  rest_ = lines_.line();
+  constexpr size_t kWordsPerKeypoint = 3;
+  if (SplitWords(rest_).size() % kWordsPerKeypoint != 0) {
+    ThrowBad(
+        "expected the keypoints of the image above, 'x y point_id' each; leave "
+        "a line empty for an image without keypoints");
+  }
 }
 
-void TextModelFile::SkipKeypoints() { BeginKeypoints(); }
+void TextModelFile::SkipKeypoints() {
+  BeginKeypoints();
+  while (NextItem()) {
+    ReadNumber();
+    ReadNumber();
+    ReadOptionalLongId();
+  }
+}
 
 }  // namespace mgsfm

@@ -6,8 +6,9 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/geometry/rigid3.h"
 
@@ -16,14 +17,15 @@ namespace mgsfm {
 // Two readers of one file of a COLMAP model with the same functions, so that
 // each kind of record is parsed by one template. A file is read as
 //
-//   while (file.NextRecord()) { file.ReadId(); ... }
+//   while (file.NextRecord()) { file.ReadId(); ...; file.EndRecord(); }
 //
 // and a list within a record, whose length only binary files give, as
 //
 //   file.BeginList();
 //   while (file.NextItem()) { ... }
 //
-// All functions throw Error, naming the file, for missing or impossible values.
+// All functions throw Error, naming the file, for missing, superfluous or
+// impossible values.
 
 class BinaryModelFile {
  public:
@@ -33,6 +35,7 @@ class BinaryModelFile {
   BinaryModelFile(const std::filesystem::path& folder, const std::string& stem);
 
   bool NextRecord();
+  void EndRecord() {}
   uint32_t ReadId() { return Read<uint32_t>(); }
   uint32_t ReadCount() { return Read<uint32_t>(); }
   uint64_t ReadLongId() { return Read<uint64_t>(); }
@@ -41,9 +44,12 @@ class BinaryModelFile {
   uint8_t ReadByte() { return Read<uint8_t>(); }
   bool ReadFlag() { return Read<uint8_t>() != 0; }
   double ReadNumber() { return Read<double>(); }
+  double ReadErrorPx() { return ReadNumber(); }
   std::string ReadName();
   Rigid3 ReadPose();
   const CameraModelInfo& ReadCameraModel();
+  // Width, height and parameters follow.
+  void CheckNumParams(const CameraModelInfo&) const {}
   bool ReadSensorIsCamera();
   void BeginList() { num_items_left_ = Read<uint64_t>(); }
   bool NextItem();
@@ -78,17 +84,22 @@ class TextModelFile {
   TextModelFile(const std::filesystem::path& folder, const std::string& stem);
 
   bool NextRecord();
+  void EndRecord() const;
   uint32_t ReadId();
   uint32_t ReadCount() { return ReadId(); }
   uint64_t ReadLongId();
   uint64_t ReadSize() { return ReadLongId(); }
   std::optional<uint64_t> ReadOptionalLongId();
   uint8_t ReadByte();
-  bool ReadFlag() { return Read<int64_t>() != 0; }
-  double ReadNumber() { return Read<double>(); }
-  std::string ReadName() { return Read<std::string>(); }
+  bool ReadFlag() { return ReadInteger(1) != 0; }
+  double ReadNumber();
+  // COLMAP writes -1 or nan for an unknown error.
+  double ReadErrorPx();
+  // The rest of the line, as names may have blanks.
+  std::string ReadName();
   Rigid3 ReadPose();
   const CameraModelInfo& ReadCameraModel();
+  void CheckNumParams(const CameraModelInfo& info) const;
   bool ReadSensorIsCamera();
   void BeginList() {}
   bool NextItem();
@@ -98,19 +109,12 @@ class TextModelFile {
   [[noreturn]] void ThrowBad(const std::string& what) const;
 
  private:
-  template <class T>
-  T Read() {
-    T value{};
-    if (!(line_ >> value)) ThrowBad("the line is not as expected");
-    return value;
-  }
-  int64_t ReadInteger(int64_t max);
-  bool NextLine(std::string* text);
+  std::string_view ReadWord();
+  // An integer from `min` to `max`.
+  int64_t ReadInteger(int64_t max, int64_t min = 0);
 
-  std::filesystem::path path_;
-  TextInput file_;
-  TextInput line_;
-  int line_number_ = 0;
+  TextLines lines_;
+  std::string_view rest_;  // of the current line
 };
 
 }  // namespace mgsfm

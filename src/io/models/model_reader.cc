@@ -19,6 +19,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr char kStaleTables[] =
+    "; if another program wrote the images, remove the files rigs and frames";
+
 template <class File>
 void ThrowIf(const std::optional<std::string>& problem, const File& file,
              const std::string& element) {
@@ -38,11 +41,13 @@ std::vector<Camera> ReadCameras(File file) {
     }
     Camera camera{
         id, info.id, static_cast<int>(width), static_cast<int>(height), {}};
+    file.CheckNumParams(info);
     for (int i = 0; i < info.num_params; ++i) {
       camera.params.push_back(file.ReadNumber());
     }
     ThrowIf(WhyImplausible(camera), file,
             "camera " + std::to_string(id.value()));
+    file.EndRecord();
     cameras.push_back(std::move(camera));
   }
   return cameras;
@@ -95,8 +100,7 @@ std::vector<ModelPoint> ReadPoints(File file) {
     ThrowIf(WhyImplausible(point.point_in_world), file,
             "point " + std::to_string(point.id));
     for (uint8_t& value : point.color) value = file.ReadByte();
-    // COLMAP writes -1 for an unknown error.
-    const double error_px = file.ReadNumber();
+    const double error_px = file.ReadErrorPx();
     if (error_px >= 0.0 && std::isfinite(error_px)) point.error_px = error_px;
     file.BeginList();
     while (file.NextItem()) {
@@ -127,13 +131,19 @@ std::vector<ModelRig> ReadRigs(File file) {
       }
       if (is_camera) rig.sensors.push_back(sensor);
     }
+    file.EndRecord();
     rigs.push_back(std::move(rig));
   }
   return rigs;
 }
 
 template <class File>
-std::vector<ModelFrame> ReadFrames(File file) {
+std::vector<ModelFrame> ReadFrames(File file,
+                                   const std::vector<ModelImage>& images) {
+  std::map<ImageId, CameraId> camera_of_image;
+  for (const ModelImage& image : images) {
+    camera_of_image.emplace(image.id, image.camera_id);
+  }
   std::vector<ModelFrame> frames;
   while (file.NextRecord()) {
     const FrameId id(file.ReadId());
@@ -144,14 +154,24 @@ std::vector<ModelFrame> ReadFrames(File file) {
     const uint32_t num_data = file.ReadCount();
     for (uint32_t k = 0; k < num_data; ++k) {
       const bool is_camera = file.ReadSensorIsCamera();
-      file.ReadId();
+      const CameraId camera_id(file.ReadId());
       const uint64_t data_id = file.ReadLongId();
       if (!is_camera) continue;
       if (data_id > std::numeric_limits<uint32_t>::max()) {
         file.ThrowBad("the id of an image is out of range");
       }
       frame.image_ids.emplace_back(static_cast<uint32_t>(data_id));
+      const auto camera = camera_of_image.find(frame.image_ids.back());
+      if (camera != camera_of_image.end() && camera->second != camera_id) {
+        file.ThrowBad("frame " + std::to_string(id.value()) + " has image " +
+                      std::to_string(data_id) + " of camera " +
+                      std::to_string(camera_id.value()) +
+                      ", which is of camera " +
+                      std::to_string(camera->second.value()) +
+                      " in the file of images" + kStaleTables);
+      }
     }
+    file.EndRecord();
     frames.push_back(std::move(frame));
   }
   return frames;
@@ -177,6 +197,20 @@ void CheckIdsDiffer(const fs::path& folder, const std::string& kind,
               " twice; write the model again with the program that made it");
 }
 
+// Images are sorted by name.
+void CheckNamesDiffer(const fs::path& folder,
+                      const std::vector<ModelImage>& images) {
+  const auto twice =
+      std::adjacent_find(images.begin(), images.end(),
+                         [](const ModelImage& a, const ModelImage& b) {
+                           return a.name == b.name;
+                         });
+  if (twice == images.end()) return;
+  throw Error("the model in '" + folder.string() + "' has two images '" +
+              twice->name +
+              "'; write the model again with the program that made it");
+}
+
 template <class File>
 Model ReadFiles(const fs::path& folder, bool poses_only) {
   const auto exists = [&](const std::string& stem) {
@@ -188,11 +222,14 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
     model.keypoints.push_back(std::move(record.keypoints));
   }
   if (exists("rigs")) model.poses.rigs = ReadRigs(File(folder, "rigs"));
-  if (exists("frames")) model.poses.frames = ReadFrames(File(folder, "frames"));
+  if (exists("frames")) {
+    model.poses.frames = ReadFrames(File(folder, "frames"), model.poses.images);
+  }
   if (!poses_only) {
     model.cameras = ReadCameras(File(folder, "cameras"));
     model.points = ReadPoints(File(folder, "points3D"));
   }
+  CheckNamesDiffer(folder, model.poses.images);
   CheckIdsDiffer(folder, "image", model.poses.images);
   CheckIdsDiffer(folder, "rig", model.poses.rigs);
   CheckIdsDiffer(folder, "frame", model.poses.frames);
@@ -201,11 +238,30 @@ Model ReadFiles(const fs::path& folder, bool poses_only) {
   return model;
 }
 
+// A table in the other format would be ignored, and with it the rigs.
+template <class File, class Other>
+void CheckOneFormat(const fs::path& folder) {
+  for (const char* stem : {"rigs", "frames"}) {
+    const std::string name = std::string(stem) + Other::kExtension;
+    if (fs::exists(folder / (std::string(stem) + File::kExtension)) ||
+        !fs::exists(folder / name)) {
+      continue;
+    }
+    throw Error("the model in '" + folder.string() + "' has images" +
+                File::kExtension + " but " + name +
+                "; write it in one format with the program that made it, or "
+                "remove " +
+                name + " if it is of another model");
+  }
+}
+
 Model ReadEitherFormat(const fs::path& folder, bool poses_only) {
   if (fs::exists(folder / "images.bin")) {
+    CheckOneFormat<BinaryModelFile, TextModelFile>(folder);
     return ReadFiles<BinaryModelFile>(folder, poses_only);
   }
   if (fs::exists(folder / "images.txt")) {
+    CheckOneFormat<TextModelFile, BinaryModelFile>(folder);
     return ReadFiles<TextModelFile>(folder, poses_only);
   }
   throw Error("'" + folder.string() +

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "io/models/model_rig_poses.h"
 
+#include <algorithm>
+#include <cstdio>
+
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
@@ -12,6 +15,10 @@ namespace {
 // A rigidly mounted camera rotates by noise only, far below this; cameras that
 // move independently of each other exceed it in most frames.
 constexpr double kMaxRigRotationDeg = 5.0;
+// Calibrations of one rig differ less: a camera that turned by half of this is
+// reported as moved. The shift is relative to the size of the rig.
+constexpr double kMaxKnownRotationDeg = 1.0;
+constexpr double kMaxKnownShift = 0.05;
 
 }  // namespace
 
@@ -22,6 +29,52 @@ void ThrowModelError(const std::filesystem::path& folder,
 
 void RigPoses::EstimateSensors(
     std::vector<std::optional<Rigid3>>* poses) const {
+  FillMissing(poses);
+  CheckAllAreKnown(*poses);
+}
+
+void RigPoses::CheckKnownSensors() const {
+  std::vector<std::optional<Rigid3>> poses(scene_.sensors.size());
+  for (const Rig& rig : scene_.rigs) poses[rig.ref_sensor_idx] = Rigid3();
+  FillMissing(&poses);
+  CheckKnownSensors(poses);
+}
+
+void RigPoses::CheckKnownSensors(
+    const std::vector<std::optional<Rigid3>>& poses) const {
+  std::vector<double> size(scene_.rigs.size(), 0.0);
+  for (const Sensor& sensor : scene_.sensors) {
+    if (!sensor.sensor_from_rig) continue;
+    size[sensor.rig_idx] = std::max(size[sensor.rig_idx],
+                                    sensor.sensor_from_rig->translation.norm());
+  }
+  for (size_t i = 0; i < scene_.sensors.size(); ++i) {
+    const Sensor& sensor = scene_.sensors[i];
+    if (!sensor.sensor_from_rig || !poses[i]) continue;
+    const double turn_deg = RadToDeg(
+        AngleBetween(poses[i]->rotation, sensor.sensor_from_rig->rotation));
+    const double shift =
+        (poses[i]->translation - sensor.sensor_from_rig->translation).norm();
+    if (turn_deg <= kMaxKnownRotationDeg &&
+        shift <= kMaxKnownShift * size[sensor.rig_idx]) {
+      continue;
+    }
+    char numbers[96];
+    std::snprintf(
+        numbers, sizeof(numbers),
+        "%.2f deg and a shift of %.4g (known: %.4g, in the model: %.4g)",
+        turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
+        poses[i]->translation.norm());
+    ThrowModelError(folder_,
+                    "the known pose of camera '" + sensor.name +
+                        "' in its rig differs from that of the model by " +
+                        numbers +
+                        "; make the model again with the known rig, or omit "
+                        "the pose");
+  }
+}
+
+void RigPoses::FillMissing(std::vector<std::optional<Rigid3>>* poses) const {
   for (size_t num_left = scene_.sensors.size(); num_left > 0; --num_left) {
     for (size_t i = 0; i < scene_.sensors.size(); ++i) {
       if ((*poses)[i]) continue;
@@ -32,7 +85,6 @@ void RigPoses::EstimateSensors(
       CheckMovesLikeRig(sensor_idx, candidates, *(*poses)[i]);
     }
   }
-  CheckAllAreKnown(*poses);
 }
 
 void RigPoses::CheckAllAreKnown(

@@ -27,11 +27,18 @@ class RigPoses {
   // Estimates missing sensor poses relative to sensors of the same frames.
   // Known poses are kept; sensors without a posed image stay nullopt.
   void EstimateSensors(std::vector<std::optional<Rigid3>>* poses) const;
+  // Throws Error if images contradict the known pose of a sensor of the scene.
+  // `poses` are estimated from images. The limits are 1 degree, and 5 % of the
+  // largest known distance from the reference.
+  void CheckKnownSensors(const std::vector<std::optional<Rigid3>>& poses) const;
+  // The same for poses that follow from the images alone.
+  void CheckKnownSensors() const;
   // Frames without a posed image are nullopt.
   std::vector<std::optional<Rigid3>> PlaceFrames(
       const std::vector<std::optional<Rigid3>>& sensor_from_rig) const;
 
  private:
+  void FillMissing(std::vector<std::optional<Rigid3>>* poses) const;
   std::vector<Rigid3> Candidates(
       int sensor_idx, const std::vector<std::optional<Rigid3>>& poses) const;
   void CheckMovesLikeRig(int sensor_idx, const std::vector<Rigid3>& candidates,

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -18,62 +19,6 @@ namespace mgsfm {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Largest difference of two copies of a pose, in radians and model extents.
-// Six-digit text files round by 1e-6; contradictions are far larger.
-constexpr double kMaxContradiction = 1e-4;
-
-// ------------------------------------------------------------------- tables
-
-std::map<ImageId, const ModelImage*> ImagesById(const PoseModel& poses) {
-  std::map<ImageId, const ModelImage*> image_of_id;
-  for (const ModelImage& image : poses.images) {
-    image_of_id.emplace(image.id, &image);
-  }
-  return image_of_id;
-}
-
-double Extent(const PoseModel& poses) {
-  Eigen::AlignedBox3d box;
-  for (const ModelImage& image : poses.images) {
-    box.extend(image.cam_from_world.Center());
-  }
-  return box.diagonal().norm();
-}
-
-// Throws if poses of images are not those of their sensors and frames.
-void CheckTables(const PoseModel& poses, const fs::path& folder) {
-  std::map<std::pair<RigId, CameraId>, std::optional<Rigid3>> sensor_from_rig;
-  for (const ModelRig& rig : poses.rigs) {
-    for (const ModelSensor& sensor : rig.sensors) {
-      sensor_from_rig[{rig.id, sensor.camera_id}] = sensor.sensor_from_rig;
-    }
-  }
-  const auto image_of_id = ImagesById(poses);
-  const double max_distance = kMaxContradiction * Extent(poses) + 1e-12;
-  for (const ModelFrame& frame : poses.frames) {
-    for (const ImageId id : frame.image_ids) {
-      const auto image = image_of_id.find(id);
-      if (image == image_of_id.end()) continue;
-      const auto sensor =
-          sensor_from_rig.find({frame.rig_id, image->second->camera_id});
-      if (sensor == sensor_from_rig.end() || !sensor->second) continue;
-      const Rigid3 pose = *sensor->second * frame.rig_from_world;
-      const Rigid3& of_image = image->second->cam_from_world;
-      const double distance = (pose.Center() - of_image.Center()).norm();
-      if (AngleBetween(pose.rotation, of_image.rotation) > kMaxContradiction ||
-          distance > max_distance) {
-        ThrowModelError(
-            folder, "the pose of image '" + image->second->name +
-                        "' is not the one of its frame " +
-                        std::to_string(frame.id.value()) +
-                        " and sensor; write the model again with the program "
-                        "that made it, or find rigs anew with rig_name_rule "
-                        "or rig_config_path");
-      }
-    }
-  }
-}
 
 DatabaseContents MakeRows(const Model& model, const fs::path& folder) {
   DatabaseContents contents;
@@ -125,6 +70,36 @@ void KeepFramePoses(const PoseModel& poses, const Scene& scene,
   }
 }
 
+// Frames of several images that the model has are evidence which images were
+// taken together.
+void WarnIfFramesDiffer(const PoseModel& poses, const Scene& scene,
+                        const fs::path& folder, const Context& context) {
+  std::map<ImageId, FrameId> frame_in_model;
+  for (const ModelFrame& frame : poses.frames) {
+    for (const ImageId id : frame.image_ids) {
+      frame_in_model.emplace(id, frame.id);
+    }
+  }
+  std::map<FrameId, std::set<int>> frames_in_scene;
+  for (const Image& image : scene.images) {
+    const auto found = frame_in_model.find(image.id);
+    if (found == frame_in_model.end()) return;
+    frames_in_scene[found->second].insert(image.frame_idx);
+  }
+  const auto is_split = [&](const Image& image) {
+    return frames_in_scene.at(frame_in_model.at(image.id)).size() > 1;
+  };
+  const auto first =
+      std::find_if(scene.images.begin(), scene.images.end(), is_split);
+  if (first == scene.images.end()) return;
+  context.Warning(
+      "model '" + folder.string() + "': the images of one frame, such as '" +
+      first->name + "', are in several frames by the given rigs (" +
+      std::to_string(std::count_if(first, scene.images.end(), is_split)) +
+      " of " + std::to_string(scene.images.size()) +
+      " images); check the rigs unless you want other frames");
+}
+
 // ------------------------------------------------------------------- points
 
 std::vector<Point3D> MakePoints(const Model& model) {
@@ -155,7 +130,7 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
   const bool has_config = options.HasKnownRig();
   if (!has_config && *options.rig_name_rule == "auto" &&
       !options.PairsFramesByTime()) {
-    CheckTables(model.poses, folder);
+    CheckModelTables(model.poses, folder);
   }
   SceneOfRows rows =
       BuildSceneOfRows("model", MakeRows(model, folder), options, context);
@@ -178,6 +153,10 @@ ModelScene MakeModelScene(const Model& model, const fs::path& folder,
     cam_from_world.emplace_back(image.cam_from_world);
   }
   const RigPoses poses(folder, cam_from_world, scene);
+  if (has_config) {
+    WarnIfFramesDiffer(model.poses, scene, folder, context);
+    poses.CheckKnownSensors();
+  }
   poses.EstimateSensors(&reconstruction.sensor_from_rig);
   reconstruction.rig_from_world =
       poses.PlaceFrames(reconstruction.sensor_from_rig);

@@ -10,7 +10,6 @@
 #include "base/parallel.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
-#include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
@@ -30,6 +29,18 @@ cv::Mat ReadImage(const std::filesystem::path& path) {
   } catch (const Error&) {
     return {};
   }
+}
+
+// Empty if the pixels are those of the camera.
+std::string WhyUnusable(const cv::Mat& image, const Camera& camera) {
+  if (image.empty()) return "cannot be read";
+  if (image.cols == camera.width_px && image.rows == camera.height_px) {
+    return "";
+  }
+  return "has " + std::to_string(image.cols) + " x " +
+         std::to_string(image.rows) + " px, its camera " +
+         std::to_string(camera.width_px) + " x " +
+         std::to_string(camera.height_px);
 }
 
 // An observation of one image and where its colour goes.
@@ -64,10 +75,10 @@ Rgb Interpolate(const cv::Mat& bgr, const Eigen::Vector2f& keypoint_px) {
 
 }  // namespace
 
-std::vector<std::string> ColorPoints(const Scene& scene,
-                                     const std::filesystem::path& image_path,
-                                     const Context& context,
-                                     Reconstruction* reconstruction) {
+std::vector<UncoloredImage> ColorPoints(const Scene& scene,
+                                        const std::filesystem::path& image_path,
+                                        const Context& context,
+                                        Reconstruction* reconstruction) {
   std::vector<std::vector<Sample>> samples(scene.images.size());
   size_t num_samples = 0;
   for (const Point3D& point : reconstruction->points) {
@@ -78,7 +89,7 @@ std::vector<std::string> ColorPoints(const Scene& scene,
 
   const QuietImageLibraries quiet;
   std::vector<Rgb> colors(num_samples, Rgb::Zero());
-  Mask image_was_read(scene.images.size(), true);
+  std::vector<std::string> problems(scene.images.size());
   ParallelFor(
       scene.images.size(), context.num_threads,
       [&](size_t image_idx) {
@@ -87,8 +98,8 @@ std::vector<std::string> ColorPoints(const Scene& scene,
         const cv::Mat bgr = StaysInFolder(image.name)
                                 ? ReadImage(image_path / image.name)
                                 : cv::Mat();
-        image_was_read[image_idx] = !bgr.empty();
-        if (bgr.empty()) return;
+        problems[image_idx] = WhyUnusable(bgr, scene.cameras[image.camera_idx]);
+        if (!problems[image_idx].empty()) return;
         for (const Sample& sample : samples[image_idx]) {
           colors[sample.sample_idx] =
               Interpolate(bgr, image.keypoints_px[sample.keypoint_idx]);
@@ -105,7 +116,7 @@ std::vector<std::string> ColorPoints(const Scene& scene,
     int count = 0;
     for (const Observation& o : point.track) {
       const Rgb& color = colors[sample_idx++];
-      if (!image_was_read[o.image_idx]) continue;
+      if (!problems[o.image_idx].empty()) continue;
       sum += color;
       ++count;
     }
@@ -113,13 +124,16 @@ std::vector<std::string> ColorPoints(const Scene& scene,
     point.color =
         (sum / static_cast<float>(count)).array().round().cast<uint8_t>();
   }
-
-  std::vector<std::string> missing;
+  std::vector<UncoloredImage> unused;
   for (size_t i = 0; i < scene.images.size(); ++i) {
-    if (!image_was_read[i]) missing.push_back(scene.images[i].name);
+    if (problems[i].empty()) continue;
+    unused.push_back({scene.images[i].name, problems[i]});
   }
-  std::sort(missing.begin(), missing.end());
-  return missing;
+  std::sort(unused.begin(), unused.end(),
+            [](const UncoloredImage& a, const UncoloredImage& b) {
+              return a.name < b.name;
+            });
+  return unused;
 }
 
 }  // namespace mgsfm

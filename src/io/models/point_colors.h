@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <vector>
 
 #include "mgsfm/base/context.h"
@@ -10,14 +11,21 @@
 
 namespace mgsfm {
 
+// An image that gives no colours, and why: "cannot be read".
+struct UncoloredImage {
+  std::string name;
+  std::string problem;
+};
+
 // Colours every point with the mean, over its observations, of the bilinearly
 // interpolated image at the keypoint. Points seen in none of the images found
 // stay black. Each image file is read once, in parallel over images; at most
-// num_threads images are in memory. Returns the names of the images that could
-// not be read, sorted.
-std::vector<std::string> ColorPoints(const Scene& scene,
-                                     const std::filesystem::path& image_path,
-                                     const Context& context,
-                                     Reconstruction* reconstruction);
+// num_threads images are in memory. Returns the images that could not be used,
+// sorted by name: files that cannot be read, or of another size than the
+// camera.
+std::vector<UncoloredImage> ColorPoints(const Scene& scene,
+                                        const std::filesystem::path& image_path,
+                                        const Context& context,
+                                        Reconstruction* reconstruction);
 
 }  // namespace mgsfm

@@ -17,13 +17,13 @@
 #include "io/rigs/rig_inference.h"
 #include "io/rigs/scene_builder.h"
 #include "mgsfm/base/error.h"
+#include "mgsfm/base/mask.h"
 #include "mgsfm/io/models/model_scene.h"
 #include "mgsfm/io/rigs/rig_config.h"
+#include "scene/intrinsics_check.h"
 
 namespace mgsfm {
 namespace {
-
-constexpr double kMaxTime_s = 9e9;  // 64 bits of nanoseconds
 
 // Reads the rigs of a file or of a folder: of its rig_config.json or, if it has
 // none, of the sparse model there, which any program may have written.
@@ -88,10 +88,6 @@ std::vector<int64_t> ReadTimes(const RigInput& input, const std::string& path) {
     names.push_back(image.name);
   }
   for (const double time_s : ReadImageTimes(path, names)) {
-    if (!(std::abs(time_s) < kMaxTime_s)) {
-      throw Error("'" + path +
-                  "' has times beyond the year 2200; give them in seconds");
-    }
     times_ns.push_back(std::llround(time_s * kNsPerSecond));
   }
   return times_ns;
@@ -134,6 +130,73 @@ RigAssignment AssignRigs(const RigInput& input,
   return AssignByFolders(input, times, context);
 }
 
+// Intrinsics that no lens has are an error in a database and in what sets its
+// rigs. Those of a finished model can be the result of bundle adjustment.
+void CheckIntrinsics(const Scene& scene, const std::string& input_name,
+                     bool is_model, const Context& context) {
+  size_t num_more = 0;
+  std::string warning;
+  Mask is_checked(scene.cameras.size(), false);
+  for (const Image& image : scene.images) {
+    if (is_checked[image.camera_idx]) continue;
+    is_checked[image.camera_idx] = true;
+    const auto problem = FindIntrinsicsProblem(scene.cameras[image.camera_idx]);
+    if (!problem) continue;
+    const std::string text = input_name + ": the camera of image '" +
+                             image.name + "' " + problem->text;
+    if (problem->is_certain && !is_model) {
+      throw Error(text + "; correct its intrinsics");
+    }
+    if (warning.empty()) {
+      warning = text;
+    } else {
+      ++num_more;
+    }
+  }
+  if (warning.empty()) return;
+  context.Warning(warning + "; check the intrinsics" +
+                  (num_more > 0 ? " of this and of " +
+                                      std::to_string(num_more) + " more cameras"
+                                : ""));
+}
+
+// Whether more keypoints are outside of the camera's image than noise moves
+// across its border.
+bool HasKeypointsOutside(const Image& image, const Camera& camera) {
+  constexpr float kMargin_px = 1.0f;
+  constexpr double kMaxShare = 0.05;
+  const float max_x = static_cast<float>(camera.width_px) + kMargin_px;
+  const float max_y = static_cast<float>(camera.height_px) + kMargin_px;
+  const auto num_outside =
+      std::count_if(image.keypoints_px.begin(), image.keypoints_px.end(),
+                    [&](const Eigen::Vector2f& pixel) {
+                      return pixel.minCoeff() < -kMargin_px ||
+                             pixel.x() > max_x || pixel.y() > max_y;
+                    });
+  return static_cast<double>(num_outside) >
+         kMaxShare * static_cast<double>(image.keypoints_px.size());
+}
+
+// Features of images of another size than the camera has.
+void CheckKeypoints(const Scene& scene, const std::string& input_name,
+                    const Context& context) {
+  size_t num_images = 0;
+  const Image* example = nullptr;
+  for (const Image& image : scene.images) {
+    if (!HasKeypointsOutside(image, scene.cameras[image.camera_idx])) continue;
+    ++num_images;
+    if (example == nullptr) example = &image;
+  }
+  if (example == nullptr) return;
+  const Camera& camera = scene.cameras[example->camera_idx];
+  context.Warning(input_name + ": " + std::to_string(num_images) +
+                  " images have keypoints outside of the size of their "
+                  "camera, such as '" +
+                  example->name + "' of " + std::to_string(camera.width_px) +
+                  " x " + std::to_string(camera.height_px) +
+                  " px; correct the size of the camera");
+}
+
 }  // namespace
 
 SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
@@ -143,9 +206,12 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   const std::optional<FrameTimes> times = ReadFrameTimes(input, options);
   RigAssignment assignment =
       AssignRigs(input, options, times ? &*times : nullptr, context);
+  const std::string input_name = input.Name();
   SceneOfRows result;
   result.rig_source = assignment.source;
   result.scene = BuildScene(std::move(input), std::move(assignment), context);
+  CheckIntrinsics(result.scene, input_name, kind == "model", context);
+  CheckKeypoints(result.scene, input_name, context);
   if (times) {
     for (size_t i = 0; i < times->times_ns.size(); ++i) {
       result.scene.images[i].timestamp_s =
@@ -154,6 +220,7 @@ SceneOfRows BuildSceneOfRows(const std::string& kind, DatabaseContents contents,
   } else if (!options.image_timestamps_path->empty()) {
     ReadImageTimestamps(*options.image_timestamps_path, &result.scene);
   }
+  SortFrames(&result.scene);
   return result;
 }
 

@@ -2,71 +2,47 @@
 #include "mgsfm/io/models/trajectory_io.h"
 
 #include <Eigen/LU>
-#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <string>
 
-#include "base/file_reading.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "geometry/rigid_matrix.h"
+#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
+#include "scene/value_check.h"
 
 namespace mgsfm {
 namespace {
 
-// Deviation of the norm of a quaternion from 1; files with four digits stay
-// below it.
-constexpr double kQuaternionTolerance = 1e-3;
-
-// The finite numbers a text consists of; none if there is any other word.
-std::vector<double> ParseNumbers(const std::string& text) {
-  TextInput words(text);
-  std::vector<double> numbers;
-  for (std::string word; words >> word;) {
-    const std::optional<double> number = ParseDouble(word);
-    if (!number) return {};
-    numbers.push_back(*number);
-  }
-  return numbers;
-}
-
-[[noreturn]] void ThrowBadLine(const std::filesystem::path& path, int line,
-                               const std::string& expected) {
-  throw Error("'" + path.string() + "', line " + std::to_string(line) +
-              ": expected " + expected);
-}
-
 // nullopt unless the quaternion has unit length.
 std::optional<Rigid3> CamFromWorld(const Eigen::Vector3d& center,
                                    const Eigen::Quaterniond& world_from_cam) {
-  if (!(std::abs(world_from_cam.norm() - 1.0) < kQuaternionTolerance)) {
-    return std::nullopt;
-  }
-  return Rigid3{world_from_cam.normalized(), center}.Inverse();
+  const Rigid3 pose = PoseOfFile(world_from_cam, center);
+  if (WhyImplausible(pose)) return std::nullopt;
+  return pose.Inverse();
 }
 
-bool IsBlank(const std::string& line) {
-  return line.find_first_not_of(" \t\r") == std::string::npos;
+bool IsProjection(const Eigen::Matrix3d& K) {
+  return std::abs(K.determinant()) > 1e-12 &&
+         K.bottomLeftCorner<1, 2>().isZero();
 }
 
 }  // namespace
 
 std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
-  TextInput file(ReadFile(path));
+  TextLines lines(path);
   std::vector<Rigid3> poses;
-  std::string line;
-  for (int line_number = 1; std::getline(file, line); ++line_number) {
-    if (IsBlank(line)) continue;
-    const std::vector<double> numbers = ParseNumbers(line);
+  while (lines.NextContent()) {
+    const auto numbers = ParseNumbers(lines.line());
     std::optional<Rigid3> world_from_cam;
-    if (numbers.size() == 12) {
+    if (numbers && numbers->size() == 12) {
       world_from_cam =
-          RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers.data()));
+          RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers->data()));
     }
     if (!world_from_cam) {
-      ThrowBadLine(path, line_number, "a 3x4 pose matrix (12 numbers)");
+      lines.Throw("expected a 3x4 pose matrix (12 numbers)");
     }
     poses.push_back(world_from_cam->Inverse());
   }
@@ -74,37 +50,41 @@ std::vector<Rigid3> ReadKittiPoses(const std::filesystem::path& path) {
 }
 
 std::vector<TimedPose> ReadTumPoses(const std::filesystem::path& path) {
-  TextInput file(ReadFile(path));
+  TextLines lines(path);
   std::vector<TimedPose> poses;
-  std::string line;
-  for (int line_number = 1; std::getline(file, line); ++line_number) {
-    if (IsBlank(line) || line[0] == '#') continue;
-    const std::vector<double> n = ParseNumbers(line);
+  while (lines.NextContent()) {
+    const auto n = ParseNumbers(lines.line());
     std::optional<Rigid3> pose;
-    if (n.size() == 8) {
-      pose = CamFromWorld({n[1], n[2], n[3]}, {n[7], n[4], n[5], n[6]});
+    if (n && n->size() == 8) {
+      const double* v = n->data();
+      pose = CamFromWorld({v[1], v[2], v[3]}, {v[7], v[4], v[5], v[6]});
     }
-    if (!pose)
-      ThrowBadLine(path, line_number, "timestamp tx ty tz qx qy qz qw");
-    poses.push_back({n[0], *pose});
+    if (!pose) lines.Throw("expected timestamp tx ty tz qx qy qz qw");
+    if (const auto problem = WhyNoTime(n->front())) {
+      lines.Throw("the time " + *problem);
+    }
+    poses.push_back({n->front(), *pose});
   }
   return poses;
 }
 
 std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
-  TextInput file(ReadFile(path));
+  constexpr size_t kNumFields = 8;  // velocities and biases follow
+  TextLines lines(path);
   std::vector<TimedPose> poses;
-  std::string line;
-  for (int line_number = 1; std::getline(file, line); ++line_number) {
-    if (IsBlank(line) || line[0] == '#') continue;
-    std::replace(line.begin(), line.end(), ',', ' ');
-    const std::vector<double> n = ParseNumbers(line);
+  while (lines.NextContent()) {
+    std::vector<double> n;
+    for (const std::string& field : SplitFields(lines.line(), ',')) {
+      const std::optional<double> number = ParseDouble(field);
+      if (!number) break;
+      n.push_back(*number);
+    }
     std::optional<Rigid3> pose;
-    if (n.size() >= 8) {
+    if (n.size() >= kNumFields) {
       pose = CamFromWorld({n[1], n[2], n[3]}, {n[4], n[5], n[6], n[7]});
     }
-    if (!pose) {
-      ThrowBadLine(path, line_number, "timestamp [ns],px,py,pz,qw,qx,qy,qz");
+    if (!pose || n[0] != std::floor(n[0])) {
+      lines.Throw("expected timestamp [ns],px,py,pz,qw,qx,qy,qz");
     }
     poses.push_back({1e-9 * n[0], *pose});
   }
@@ -112,22 +92,19 @@ std::vector<TimedPose> ReadEurocPoses(const std::filesystem::path& path) {
 }
 
 std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
-  TextInput file(ReadFile(path));
+  TextLines lines(path);
   std::vector<Rigid3> cameras;
-  std::string line;
-  for (int line_number = 1; std::getline(file, line); ++line_number) {
+  while (lines.NextContent()) {
+    const std::string_view line = lines.line();
     const size_t colon = line.find(':');
-    const std::vector<double> numbers = ParseNumbers(
-        colon == std::string::npos ? line : line.substr(colon + 1));
-    if (numbers.size() != 12) {
-      const bool is_camera = colon != std::string::npos && line[0] == 'P';
-      if (is_camera) ThrowBadLine(path, line_number, "12 numbers");
-      continue;
-    }
-    const Eigen::Map<const RigidMatrix> projection(numbers.data());
+    const bool has_name = colon != std::string_view::npos;
+    if (has_name && line.front() != 'P') continue;
+    const auto numbers = ParseNumbers(has_name ? line.substr(colon + 1) : line);
+    if (!numbers || numbers->size() != 12) lines.Throw("expected 12 numbers");
+    const Eigen::Map<const RigidMatrix> projection(numbers->data());
     const Eigen::Matrix3d intrinsics = projection.leftCols<3>();
-    if (std::abs(intrinsics.determinant()) < 1e-12) {
-      ThrowBadLine(path, line_number, "a projection matrix K [I | t]");
+    if (!IsProjection(intrinsics)) {
+      lines.Throw("expected a projection matrix K [I | t]");
     }
     Rigid3 cam_from_cam0;
     cam_from_cam0.translation = intrinsics.inverse() * projection.col(3);
@@ -140,7 +117,7 @@ std::vector<Rigid3> ReadKittiCalibration(const std::filesystem::path& path) {
 }
 
 Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
-  const std::string text = ReadFile(path);
+  const std::string text = ReadText(path);
   size_t begin = text.find("T_BS");
   if (begin != std::string::npos) begin = text.find("data:", begin);
   if (begin != std::string::npos) begin = text.find('[', begin);
@@ -150,14 +127,11 @@ Rigid3 ReadEurocCalibration(const std::filesystem::path& path) {
   }
   std::string data = text.substr(begin + 1, end - begin - 1);
   for (char& c : data) {
-    if (c == ',') c = ' ';
+    if (c == ',' || c == '\n') c = ' ';
   }
-  const std::vector<double> numbers = ParseNumbers(data);
-  std::optional<Rigid3> body_from_sensor;
-  if (numbers.size() == 16) {
-    body_from_sensor =
-        RigidFromMatrix(Eigen::Map<const RigidMatrix>(numbers.data()));
-  }
+  const auto numbers = ParseNumbers(data);
+  const auto body_from_sensor =
+      numbers ? RigidFromNumbers(*numbers) : std::nullopt;
   if (!body_from_sensor) {
     throw Error("'" + path.string() + "': T_BS is not a 4x4 rigid transform");
   }

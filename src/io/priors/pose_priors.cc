@@ -2,6 +2,7 @@
 #include "mgsfm/io/priors/pose_priors.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -65,6 +66,7 @@ class PriorMaker {
   PositionPriors Make() {
     PositionPriors priors;
     priors.images.resize(scene_.images.size());
+    undefined_are_gps_ = AreUndefinedGps();
     std::optional<bool> are_gps;
     for (size_t i = 0; i < rows_.size(); ++i) {
       if (!rows_[i]) continue;
@@ -114,14 +116,26 @@ class PriorMaker {
   bool IsGps(const PosePriorRow& row) const {
     return row.coordinate_system == CoordinateSystem::kWgs84 ||
            (row.coordinate_system == CoordinateSystem::kUndefined &&
-            options_.ref_is_gps);
+            undefined_are_gps_);
   }
+  bool AreUndefinedGps() const;
 
   const Scene& scene_;
   const PosePriorOptions& options_;
   std::string source_;
   std::vector<std::optional<PosePriorRow>> rows_;  // per image
+  bool undefined_are_gps_ = false;
 };
+
+bool PriorMaker::AreUndefinedGps() const {
+  std::vector<Eigen::Vector3d> positions;
+  for (const auto& row : rows_) {
+    if (row && row->coordinate_system == CoordinateSystem::kUndefined) {
+      positions.push_back(row->position);
+    }
+  }
+  return AreGps(positions, options_.ref_is_gps, source_);
+}
 
 void PriorMaker::Check(const PosePriorRow& row, int image_idx) const {
   const std::string of_image =
@@ -208,6 +222,32 @@ GravityPriors ReadGravityColumn(const Scene& scene,
 }
 
 }  // namespace
+
+bool AreGps(const std::vector<Eigen::Vector3d>& positions, PositionKind kind,
+            const std::string& source) {
+  if (kind != PositionKind::kAuto) return kind == PositionKind::kGps;
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& position : positions) {
+    // Receivers without a fix write zeros.
+    if (!position.head<2>().isZero(0.0)) box.extend(position);
+  }
+  if (box.isEmpty()) return false;
+  constexpr double kMinDistanceRatio = 10.0;  // from zero, in extents
+  constexpr double kSmallExtentDeg = 0.01;    // 1 km
+  constexpr double kMaxExtentDeg = 1.0;       // 100 km
+  const double extent = box.sizes().head<2>().maxCoeff();
+  const bool is_in_range = box.min().x() >= -90.0 && box.max().x() <= 90.0 &&
+                           box.min().y() >= -360.0 && box.max().y() <= 360.0;
+  const bool is_far =
+      box.center().head<2>().norm() > kMinDistanceRatio * extent;
+  if (!is_in_range || !is_far) return false;
+  // Heights in metres differ by more than degrees do, lengths by less.
+  const bool is_flat = box.sizes().z() <= extent;
+  if (extent <= (is_flat ? kSmallExtentDeg : kMaxExtentDeg)) return true;
+  throw Error(source +
+              ": positions may be degrees or lengths; set ref_is_gps to 1 if "
+              "they are latitude, longitude and altitude, else to 0");
+}
 
 PositionPriors MakePositionPriors(const Scene& scene,
                                   const std::vector<PosePriorRow>& rows,

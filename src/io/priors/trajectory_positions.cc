@@ -2,13 +2,9 @@
 #include "io/priors/trajectory_positions.h"
 
 #include <algorithm>
-#include <numeric>
 #include <optional>
 
-#include "base/file_reading.h"
-#include "base/natural_order.h"
-#include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/trajectory_io.h"
@@ -37,11 +33,7 @@ Poses PosesByFrame(const Scene& scene, const std::string& path) {
                 " poses, but there are " + std::to_string(scene.frames.size()) +
                 " frames; give one line of 12 numbers for each frame");
   }
-  std::vector<int> order(scene.frames.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
-    return IsNaturallyBefore(scene.frames[a].name, scene.frames[b].name);
-  });
+  const std::vector<int> order = OrderOfFrames(scene);
   Poses of_frames;
   for (size_t i = 0; i < order.size(); ++i) {
     of_frames.emplace_back(order[i], poses[i]);
@@ -114,21 +106,12 @@ Poses PosesByTime(const Scene& scene, const std::string& path,
 }  // namespace
 
 PositionFileFormat DetectPositionFormat(const std::string& path) {
-  TextInput file(ReadFile(path, "'" + path + "' (ref_images_path)"));
-  std::string line;
-  while (std::getline(file, line)) {
-    TextInput words(line);
-    size_t num_numbers = 0;
-    bool is_numeric = true;
-    std::string word;
-    if (!(words >> word) || word.front() == '#') continue;
-    do {
-      is_numeric &= ParseDouble(word).has_value();
-      ++num_numbers;
-    } while (words >> word);
-    if (is_numeric && num_numbers == 12) return PositionFileFormat::kKitti;
-    if (is_numeric && num_numbers == 8) return PositionFileFormat::kTum;
-    break;
+  TextLines lines(path, "'" + path + "' (ref_images_path)");
+  if (lines.NextContent()) {
+    const auto numbers = ParseNumbers(lines.line());
+    const size_t num_numbers = numbers ? numbers->size() : 0;
+    if (num_numbers == 12) return PositionFileFormat::kKitti;
+    if (num_numbers == 8) return PositionFileFormat::kTum;
   }
   return PositionFileFormat::kNamed;
 }

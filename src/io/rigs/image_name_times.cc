@@ -43,10 +43,18 @@ std::string_view DecimalsAt(std::string_view text, size_t begin) {
   if (begin >= text.size()) return {};
   const std::string_view digits = DigitsAt(text, begin + 1);
   const size_t size = digits.size();
-  const bool fits = text[begin] == '.' ? size <= kMaxFractionDigits
-                                       : text[begin] == '_' && size % 3 == 0 &&
-                                             size <= kMaxFractionDigits;
+  if (size > kMaxFractionDigits) return {};
+  const bool fits = text[begin] == '.' ||
+                    (text[begin] == '_' && size % 3 == 0) ||
+                    (text[begin] == '-' && size == kMaxFractionDigits);
   return fits ? digits : std::string_view();
+}
+
+// Whether a number follows that may be a fraction without leading zeros, or a
+// counter: ROS's tools write 5 ns after second 7 as 7-5.
+bool IsFollowedByNumber(std::string_view text, size_t begin) {
+  return begin < text.size() && (text[begin] == '_' || text[begin] == '-') &&
+         !DigitsAt(text, begin + 1).empty();
 }
 
 // Nanoseconds per unit of a UNIX time; nullopt if it is none.
@@ -77,6 +85,7 @@ std::optional<int64_t> FindUnixTime(std::string_view stem) {
     time_ns = ToInt(digits) * *unit_ns;
     if (*unit_ns != kNsPerSecond) continue;
     const std::string_view decimals = DecimalsAt(stem, i);
+    if (decimals.empty() && IsFollowedByNumber(stem, i)) return std::nullopt;
     if (decimals.empty()) continue;
     *time_ns += FractionNs(decimals);
     i += decimals.size();
@@ -134,6 +143,14 @@ std::optional<int64_t> TimeInName(const std::string& image_name) {
   if (const auto time_ns = FindUnixTime(stem)) return time_ns;
   if (const auto time_ns = FindDate(stem)) return time_ns;
   return FindSeconds(stem);
+}
+
+std::optional<std::string> WhyNoTime(double time_s) {
+  // Milliseconds of a UNIX time are beyond it. Nanoseconds up to it fit into 64
+  // bits.
+  constexpr double kMaxTime_s = 7.3e9;
+  if (std::abs(time_s) < kMaxTime_s) return std::nullopt;
+  return "is beyond the year 2200; give times in seconds";
 }
 
 std::optional<int64_t> TimeOrNumberInStem(const std::string& stem) {

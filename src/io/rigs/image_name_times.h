@@ -11,14 +11,19 @@ namespace mgsfm {
 // are ignored. The first of these that the name has:
 // 1. The last number that is a UNIX time between 1973 (2001 for seconds) and
 //    2103 in s, ms, us or ns; its magnitude shows the unit. A fraction may
-//    follow the seconds, after
-//    '.', or after '_' with 3, 6 or 9 digits: 1403636579.763555584,
-//    n015__CAM_FRONT__1532402927612460.
+//    follow the seconds, after '.', after '_' with 3, 6 or 9 digits, or after
+//    '-' with 9 digits: 1403636579.763555584, 1403636579-763555584,
+//    n015__CAM_FRONT__1532402927612460. If other digits follow the seconds
+//    after '_' or '-', the name has no time: they may be a fraction or a
+//    counter.
 // 2. A date with a time of day, and a fraction as above: 20230501_123456_789,
 //    2013-05-28T08-46-02.904626944. It is taken for UTC.
 // 3. Seconds with at least three decimals that are the whole name: 12.345.
 // Counters such as 0000000250 are no times.
 std::optional<int64_t> TimeInName(const std::string& image_name);
+
+// Why a time cannot be in seconds; nullopt if it can.
+std::optional<std::string> WhyNoTime(double time_s);
 
 // The same for a name without folder and extension. If it has no time and is a
 // number, its value is taken for seconds.

@@ -7,17 +7,15 @@
 #include <utility>
 #include <vector>
 
-#include "base/file_reading.h"
 #include "base/natural_order.h"
 #include "base/text.h"
-#include "base/text_streams.h"
+#include "base/text_lines.h"
 #include "io/files/output_file.h"
+#include "io/rigs/image_name_times.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
 namespace {
-
-constexpr char kBlanks[] = " \t\r";
 
 [[noreturn]] void Throw(const std::filesystem::path& path,
                         const std::string& problem) {
@@ -28,71 +26,60 @@ class TimestampReader {
  public:
   TimestampReader(const std::filesystem::path& path, OtherImages others,
                   const std::vector<std::string>& names)
-      : path_(path), others_(others), names_(names), times_s_(names.size()) {
+      : lines_(path, "'" + path.string() + "' (image_timestamps_path)"),
+        others_(others),
+        times_s_(names.size()) {
     for (size_t i = 0; i < names.size(); ++i) {
       idx_of_name_[names[i]] = static_cast<int>(i);
     }
   }
 
-  std::vector<double> Read() {
-    TextInput file(
-        ReadFile(path_, "'" + path_.string() + "' (image_timestamps_path)"));
-    std::string line;
-    for (int number = 1; std::getline(file, line); ++number) {
-      const size_t begin = line.find_first_not_of(kBlanks);
-      if (begin == std::string::npos || line[begin] == '#') continue;
-      line = line.substr(begin, line.find_last_not_of(kBlanks) + 1 - begin);
-      TakeLine(line, "line " + std::to_string(number));
-    }
-    std::vector<double> times_s;
-    for (size_t i = 0; i < names_.size(); ++i) {
-      if (!times_s_[i]) {
-        Throw(path_, "has no time for image '" + names_[i] +
-                         "'; add a line 'image_name SECONDS'");
-      }
-      times_s.push_back(*times_s_[i]);
-    }
-    return times_s;
+  // Per image.
+  std::vector<std::optional<double>> Read() {
+    while (lines_.NextContent()) TakeLine();
+    return times_s_;
   }
 
  private:
-  void TakeLine(const std::string& line, const std::string& where);
+  void TakeLine();
+  double TimeOf(const NamedWords& line) const;
 
-  const std::filesystem::path path_;
+  TextLines lines_;
   const OtherImages others_;
-  const std::vector<std::string>& names_;
   std::vector<std::optional<double>> times_s_;
   std::map<std::string, int> idx_of_name_;
 };
 
-// Names may have blanks: the last word is the time.
-void TimestampReader::TakeLine(const std::string& line,
-                               const std::string& where) {
-  const size_t blank = line.find_last_of(kBlanks);
-  if (blank == std::string::npos) {
-    Throw(path_, where + " is not 'image_name SECONDS'");
-  }
-  const std::string word = line.substr(blank + 1);
-  const std::string name =
-      line.substr(0, line.find_last_not_of(kBlanks, blank) + 1);
+double TimestampReader::TimeOf(const NamedWords& line) const {
+  const std::string_view word = line.words.front();
   const std::optional<double> time_s = ParseDouble(word);
   if (!time_s) {
-    Throw(path_, where + " has '" + word + "' as the time of '" + name +
-                     "'; give a finite number of seconds");
+    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
+                 "'; give a finite number of seconds");
   }
-  const auto found = idx_of_name_.find(name);
+  if (const auto problem = WhyNoTime(*time_s)) {
+    lines_.Throw("has '" + Printable(word) + "' as the time of '" + line.name +
+                 "', which " + *problem);
+  }
+  return *time_s;
+}
+
+// Names may have blanks: the last word is the time.
+void TimestampReader::TakeLine() {
+  const auto line = SplitNamedWords(lines_.line(), 1);
+  if (!line) lines_.Throw("expected 'image_name SECONDS'");
+  const double time_s = TimeOf(*line);
+  const auto found = idx_of_name_.find(line->name);
   if (found == idx_of_name_.end()) {
     if (others_ == OtherImages::kIgnore) return;
-    Throw(
-        path_,
-        where + " names the image '" + name +
-            "', which the database does not have; delete the line, or correct "
-            "the name");
+    lines_.Throw(
+        "names the image '" + line->name +
+        "', which the database does not have; delete the line, or correct the "
+        "name");
   }
   std::optional<double>& known_s = times_s_[found->second];
   if (known_s) {
-    Throw(path_,
-          where + " names '" + name + "' again; delete one of the lines");
+    lines_.Throw("names '" + line->name + "' again; delete one of the lines");
   }
   known_s = time_s;
 }
@@ -130,7 +117,15 @@ void CheckOrder(const std::filesystem::path& path, const Scene& scene,
 std::vector<double> ReadImageTimes(const std::filesystem::path& path,
                                    const std::vector<std::string>& names,
                                    OtherImages others) {
-  return TimestampReader(path, others, names).Read();
+  std::vector<double> times_s;
+  for (const auto& time_s : TimestampReader(path, others, names).Read()) {
+    if (!time_s) {
+      Throw(path, "has no time for image '" + names[times_s.size()] +
+                      "'; add a line 'image_name SECONDS'");
+    }
+    times_s.push_back(*time_s);
+  }
+  return times_s;
 }
 
 void ReadImageTimestamps(const std::filesystem::path& path, Scene* scene,

@@ -9,8 +9,8 @@
 
 #include "base/file_reading.h"
 #include "base/text.h"
-#include "geometry/so3.h"
 #include "io/files/output_file.h"
+#include "io/rigs/name_patterns.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "scene/value_check.h"
@@ -22,6 +22,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kCameras = "cameras";
 constexpr const char* kPrefix = "image_prefix";
+constexpr const char* kPattern = "image_pattern";
 constexpr const char* kReference = "ref_sensor";
 constexpr const char* kRotation = "cam_from_rig_rotation";
 constexpr const char* kTranslation = "cam_from_rig_translation";
@@ -97,13 +98,7 @@ class ObjectReader {
 Rigid3 ReadPose(const ObjectReader& object) {
   const std::vector<double> q = object.Numbers(kRotation, 4);
   const std::vector<double> t = object.Numbers(kTranslation, 3);
-  Rigid3 pose;
-  pose.rotation = Eigen::Quaterniond(q[0], q[1], q[2], q[3]);
-  pose.translation = Eigen::Vector3d(t[0], t[1], t[2]);
-  if (!(pose.rotation.norm() > 0.0)) {
-    object.Throw(std::string("has a '") + kRotation + "' of length zero");
-  }
-  pose.rotation = ToUnitQuaternion(pose.rotation);
+  const Rigid3 pose = PoseOfFile({q[0], q[1], q[2], q[3]}, {t[0], t[1], t[2]});
   if (const auto problem = WhyImplausible(pose)) {
     object.Throw("has a pose that " + *problem);
   }
@@ -111,10 +106,16 @@ Rigid3 ReadPose(const ObjectReader& object) {
 }
 
 RigConfigCamera ReadCamera(const ObjectReader& object) {
-  object.CheckKeys(
-      {kPrefix, kReference, kRotation, kTranslation, kModel, kParams});
+  object.CheckKeys({kPrefix, kPattern, kReference, kRotation, kTranslation,
+                    kModel, kParams});
   RigConfigCamera camera;
-  camera.image_prefix = object.Text(kPrefix);
+  if (object.Has(kPattern)) {
+    if (object.Has(kPrefix)) object.Throw("has a prefix and a pattern");
+    camera.image_pattern = object.Text(kPattern);
+    if (camera.image_pattern.empty()) object.Throw("has an empty pattern");
+  } else {
+    camera.image_prefix = object.Text(kPrefix);
+  }
   camera.is_reference = object.Flag(kReference);
   if (camera.is_reference) camera.cam_from_rig = Rigid3();
   if (object.HasBoth(kRotation, kTranslation)) {
@@ -162,7 +163,11 @@ RigConfig ReadRig(const Json& json, const std::string& path,
 
 Json CameraToJson(const RigConfigCamera& camera) {
   Json json;
-  json[kPrefix] = camera.image_prefix;
+  if (camera.image_pattern.empty()) {
+    json[kPrefix] = camera.image_prefix;
+  } else {
+    json[kPattern] = camera.image_pattern;
+  }
   if (camera.is_reference) json[kReference] = true;
   if (camera.cam_from_rig && !camera.is_reference) {
     const Eigen::Quaterniond& q = camera.cam_from_rig->rotation;
@@ -178,10 +183,11 @@ Json CameraToJson(const RigConfigCamera& camera) {
   return json;
 }
 
-// The images of one rig in one outer folder, such as seq1 of seq1/cam0/0.jpg.
-struct PrefixGroup {
+// The images of one rig in one outer folder, such as seq1 of seq1/cam0/0.jpg,
+// or of a whole rig, and what tells the cameras from each other.
+struct NameGroup {
   std::vector<int> image_idxs;
-  std::map<int, std::string> prefix_of_sensor;
+  std::map<int, RigConfigCamera> rule_of_sensor;
   bool is_valid = true;
 };
 
@@ -201,52 +207,89 @@ std::string ImagePrefix(const Image& image, const std::string& sensor_name,
 }
 
 // Groups the images of a rig by outer folder.
-std::map<std::string, PrefixGroup> GroupImages(const Scene& scene,
-                                               int rig_idx) {
-  std::map<std::string, PrefixGroup> groups;
+std::map<std::string, NameGroup> GroupImages(const Scene& scene, int rig_idx) {
+  std::map<std::string, NameGroup> groups;
   for (size_t i = 0; i < scene.images.size(); ++i) {
     const Image& image = scene.images[i];
     const Sensor& sensor = scene.sensors[image.sensor_idx];
     if (sensor.rig_idx != rig_idx) continue;
     std::string outer;
-    const std::string prefix = ImagePrefix(image, sensor.name, &outer);
-    PrefixGroup& group = groups[outer];
+    RigConfigCamera rule;
+    rule.image_prefix = ImagePrefix(image, sensor.name, &outer);
+    NameGroup& group = groups[outer];
     group.image_idxs.push_back(static_cast<int>(i));
     const auto [known, is_new] =
-        group.prefix_of_sensor.emplace(image.sensor_idx, prefix);
-    if (!is_new && known->second != prefix) group.is_valid = false;
+        group.rule_of_sensor.emplace(image.sensor_idx, rule);
+    if (!is_new && known->second.image_prefix != rule.image_prefix) {
+      group.is_valid = false;
+    }
   }
   return groups;
 }
 
-// Returns whether the prefixes reproduce the same sensors, and whether the rest
-// of the names joins no images of different frames. It may differ within a
-// frame, where times form the frames.
-bool IsFaithful(const Scene& scene, const PrefixGroup& group) {
+// Returns whether the rules reproduce the same sensors, and whether the rest of
+// the names joins no images of different frames. It may differ within a frame,
+// where times form the frames.
+bool IsFaithful(const Scene& scene, const NameGroup& group) {
   if (!group.is_valid) return false;
-  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
+  std::map<std::string, int> frame_of_key;
+  for (const auto& [sensor_idx, rule] : group.rule_of_sensor) {
     for (const Image& image : scene.images) {
-      const bool has_prefix = image.name.compare(0, prefix.size(), prefix) == 0;
-      if (has_prefix && image.sensor_idx != sensor_idx) return false;
+      const bool fits = FrameKeyOf(rule, image.name).has_value();
+      if (fits && image.sensor_idx != sensor_idx) return false;
     }
   }
-  std::map<std::string, int> frame_of_key;
   for (const int image_idx : group.image_idxs) {
     const Image& image = scene.images[image_idx];
-    const std::string key =
-        image.name.substr(group.prefix_of_sensor.at(image.sensor_idx).size());
-    const auto frame = frame_of_key.emplace(key, image.frame_idx).first;
+    const auto key =
+        FrameKeyOf(group.rule_of_sensor.at(image.sensor_idx), image.name);
+    if (!key) return false;
+    const auto frame = frame_of_key.emplace(*key, image.frame_idx).first;
     if (frame->second != image.frame_idx) return false;
   }
   return true;
 }
 
+// The images of a rig with the first patterns that reproduce it.
+std::optional<NameGroup> FindPatterns(const Scene& scene, int rig_idx) {
+  NameGroup group;
+  std::map<int, std::vector<std::string>> names_of_sensor;
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    const Image& image = scene.images[i];
+    if (scene.sensors[image.sensor_idx].rig_idx != rig_idx) continue;
+    group.image_idxs.push_back(static_cast<int>(i));
+    names_of_sensor[image.sensor_idx].push_back(image.name);
+  }
+  NameGroups names;
+  for (const auto& entry : names_of_sensor) names.push_back(entry.second);
+  for (const std::vector<std::string>& patterns : FindNamePatterns(names)) {
+    auto pattern = patterns.begin();
+    for (const auto& entry : names_of_sensor) {
+      group.rule_of_sensor[entry.first].image_pattern = *pattern++;
+    }
+    if (IsFaithful(scene, group)) return group;
+  }
+  return std::nullopt;
+}
+
+// The groups that describe a rig; empty if names do not tell its cameras.
+std::vector<NameGroup> DescribeRig(const Scene& scene, int rig_idx) {
+  std::vector<NameGroup> faithful;
+  const auto groups = GroupImages(scene, rig_idx);
+  for (const auto& [outer, group] : groups) {
+    if (IsFaithful(scene, group)) faithful.push_back(group);
+  }
+  if (faithful.size() == groups.size() || groups.empty()) return faithful;
+  if (auto group = FindPatterns(scene, rig_idx)) return {*std::move(group)};
+  return faithful;
+}
+
 // The rig's reference, if it has images here, else the first sensor that has a
 // pose to which the others can be related.
 int ChooseReference(const Scene& scene, const Reconstruction& reconstruction,
-                    const PrefixGroup& group) {
+                    const NameGroup& group) {
   int chosen = -1;
-  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
+  for (const auto& [sensor_idx, rule] : group.rule_of_sensor) {
     if (scene.IsReference(sensor_idx)) return sensor_idx;
     const bool has_pose =
         reconstruction.sensor_from_rig[sensor_idx].has_value();
@@ -260,13 +303,12 @@ int ChooseReference(const Scene& scene, const Reconstruction& reconstruction,
 
 RigConfig MakeRigConfig(const Scene& scene,
                         const Reconstruction& reconstruction,
-                        const PrefixGroup& group) {
+                        const NameGroup& group) {
   const int ref_sensor_idx = ChooseReference(scene, reconstruction, group);
   const auto& ref_from_rig = reconstruction.sensor_from_rig[ref_sensor_idx];
   RigConfig rig;
-  for (const auto& [sensor_idx, prefix] : group.prefix_of_sensor) {
-    RigConfigCamera config;
-    config.image_prefix = prefix;
+  for (const auto& [sensor_idx, rule] : group.rule_of_sensor) {
+    RigConfigCamera config = rule;
     config.is_reference = sensor_idx == ref_sensor_idx;
     const auto& sensor_from_rig = reconstruction.sensor_from_rig[sensor_idx];
     if (config.is_reference) {
@@ -287,6 +329,18 @@ RigConfig MakeRigConfig(const Scene& scene,
 
 }  // namespace
 
+std::optional<std::string> FrameKeyOf(const RigConfigCamera& camera,
+                                      const std::string& image_name) {
+  if (!camera.image_pattern.empty()) {
+    return MatchNamePattern(image_name, camera.image_pattern);
+  }
+  const std::string& prefix = camera.image_prefix;
+  if (image_name.compare(0, prefix.size(), prefix) != 0) return std::nullopt;
+  return prefix.empty()
+             ? image_name
+             : image_name.substr(image_name.rfind(prefix) + prefix.size());
+}
+
 std::vector<RigConfig> ReadRigConfig(const std::string& path) {
   const std::string text = ReadFile(path, "rig configuration '" + path + "'");
   Json json;
@@ -300,7 +354,10 @@ std::vector<RigConfig> ReadRigConfig(const std::string& path) {
                 what.substr(bracket == std::string::npos ? 0 : bracket + 2));
   }
   if (!json.is_array() || json.empty()) {
-    throw Error("rig configuration '" + path + "' is not an array of rigs");
+    throw Error("rig configuration '" + path + "' is not an array of rigs" +
+                (json.is_array() ? ", as the names of images do not tell the "
+                                   "cameras of the model apart; rename them"
+                                 : ""));
   }
   std::vector<RigConfig> rigs;
   for (const Json& rig : json) {
@@ -331,11 +388,9 @@ std::vector<RigConfig> MakeRigConfigs(const Scene& scene,
                                       const Reconstruction& reconstruction) {
   std::vector<RigConfig> rigs;
   for (size_t rig_idx = 0; rig_idx < scene.rigs.size(); ++rig_idx) {
-    for (const auto& [outer, group] :
-         GroupImages(scene, static_cast<int>(rig_idx))) {
-      if (IsFaithful(scene, group)) {
-        rigs.push_back(MakeRigConfig(scene, reconstruction, group));
-      }
+    for (const NameGroup& group :
+         DescribeRig(scene, static_cast<int>(rig_idx))) {
+      rigs.push_back(MakeRigConfig(scene, reconstruction, group));
     }
   }
   return rigs;

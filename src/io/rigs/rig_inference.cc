@@ -2,6 +2,7 @@
 #include "io/rigs/rig_inference.h"
 
 #include <algorithm>
+#include <cctype>
 #include <map>
 
 #include "math/union_find.h"
@@ -46,6 +47,16 @@ class Numbering {
 };
 
 }  // namespace
+
+bool IsCalledLikeCamera(std::string name) {
+  std::transform(name.begin(), name.end(), name.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  constexpr const char* kWords[] = {"cam",  "image", "left", "right",
+                                    "lens", "front", "rear", "back"};
+  return std::any_of(
+      std::begin(kWords), std::end(kWords),
+      [&](const char* word) { return name.find(word) != std::string::npos; });
+}
 
 std::vector<std::string> SplitPath(const std::string& name) {
   std::vector<std::string> components;

@@ -86,6 +86,9 @@ void AssignSingleImages(const RigInput& input, const std::vector<int>& images,
 
 bool HaveEqualIntrinsics(const Camera& a, const Camera& b);
 
+// Whether a name has a word for a camera, such as "cam", "left" or "front".
+bool IsCalledLikeCamera(std::string name);
+
 // "a/b/c.jpg" -> {"a", "b", "c.jpg"}; "c.x.jpg" -> "c.x".
 std::vector<std::string> SplitPath(const std::string& name);
 std::string WithoutExtension(const std::string& name);

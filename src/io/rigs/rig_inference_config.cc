@@ -9,16 +9,13 @@
 #include <vector>
 
 #include "io/rigs/frames_by_time.h"
+#include "io/rigs/name_patterns.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/mask.h"
 
 namespace mgsfm {
 namespace {
-
-bool StartsWith(const std::string& text, const std::string& prefix) {
-  return text.compare(0, prefix.size(), prefix) == 0;
-}
 
 void AddRigs(const std::vector<RigConfig>& rigs, RigAssignment* assignment) {
   assignment->rig_ids.resize(rigs.size());
@@ -39,47 +36,69 @@ void AddRigs(const std::vector<RigConfig>& rigs, RigAssignment* assignment) {
   }
 }
 
-[[noreturn]] void ThrowTwoPrefixes(const std::string& path,
-                                   const std::string& image_name,
-                                   const std::string& prefix1,
-                                   const std::string& prefix2) {
+[[noreturn]] void ThrowTwoCameras(const std::string& path,
+                                  const std::string& image_name,
+                                  const RigConfigCamera& camera1,
+                                  const RigConfigCamera& camera2) {
   throw Error("rig configuration '" + path + "': image '" + image_name +
-              "' starts with both prefixes '" + prefix1 + "' and '" + prefix2 +
-              "'; end prefixes that are folders with '/'");
+              "' fits both '" + camera1.NameRule() + "' and '" +
+              camera2.NameRule() + "'; end prefixes that are folders with '/'");
 }
 
-// The sensor whose prefix the image has; nullopt if none.
+// The sensor whose prefix or pattern the image has; nullopt if none.
 std::optional<int> FindSensor(const std::string& image_name,
-                              const std::vector<std::string>& prefixes,
+                              const std::vector<RigConfigCamera>& cameras,
                               const std::string& path) {
   std::optional<int> found;
-  for (size_t i = 0; i < prefixes.size(); ++i) {
-    if (!StartsWith(image_name, prefixes[i])) continue;
-    if (found) {
-      ThrowTwoPrefixes(path, image_name, prefixes[*found], prefixes[i]);
-    }
+  for (size_t i = 0; i < cameras.size(); ++i) {
+    if (!FrameKeyOf(cameras[i], image_name)) continue;
+    if (found) ThrowTwoCameras(path, image_name, cameras[*found], cameras[i]);
     found = static_cast<int>(i);
   }
   return found;
 }
 
-// Images whose names agree after the prefix make a frame.
+// Images whose names agree after the prefix, or where the pattern has stars,
+// make a frame.
 void AddFramesByName(const RigInput& input,
-                     const std::vector<std::string>& prefixes,
+                     const std::vector<RigConfigCamera>& cameras,
                      RigAssignment* assignment) {
   std::map<std::pair<int, std::string>, int> frames;
   for (size_t i = 0; i < input.contents.images.size(); ++i) {
     const int sensor = assignment->sensor_of_image[i];
     if (sensor < 0) continue;
-    const std::string& name = input.contents.images[i].name;
-    const std::string& prefix = prefixes[sensor];
-    const std::string key =
-        prefix.empty() ? name : name.substr(name.rfind(prefix) + prefix.size());
+    const RigConfigCamera& camera = cameras[sensor];
+    const std::string key = *FrameKeyOf(camera, input.contents.images[i].name);
     const int rig = assignment->sensors[sensor].rig;
     const auto [frame, is_new] = frames.emplace(
         std::make_pair(rig, key), static_cast<int>(assignment->frames.size()));
-    if (is_new) assignment->frames.push_back({rig, WithoutExtension(key), {}});
+    if (is_new) {
+      const bool has_extension = camera.image_pattern.empty();
+      assignment->frames.push_back(
+          {rig, has_extension ? WithoutExtension(key) : key, {}});
+    }
     assignment->frame_of_image[i] = frame->second;
+  }
+}
+
+// Sensors are called like their prefix, or like the part of the names by which
+// the pattern tells them apart.
+void NamePatternSensors(const RigInput& input,
+                        const std::vector<RigConfigCamera>& cameras,
+                        RigAssignment* assignment) {
+  std::map<int, std::vector<std::string>> names;
+  for (size_t i = 0; i < input.contents.images.size(); ++i) {
+    const int sensor = assignment->sensor_of_image[i];
+    if (sensor < 0 || cameras[sensor].image_pattern.empty()) continue;
+    names[sensor].push_back(input.contents.images[i].name);
+  }
+  NameGroups groups;
+  for (const auto& entry : names) groups.push_back(entry.second);
+  const auto parts = groups.empty() ? std::nullopt : FindTellingParts(groups);
+  size_t k = 0;
+  for (const auto& entry : names) {
+    assignment->sensors[entry.first].name =
+        parts ? (*parts)[k++] : cameras[entry.first].image_pattern;
   }
 }
 
@@ -139,36 +158,37 @@ RigAssignment AssignByConfig(const RigInput& input,
   RigAssignment assignment;
   assignment.source = "rig configuration '" + path + "'";
   AddRigs(rigs, &assignment);
-  std::vector<std::string> prefixes;
+  std::vector<RigConfigCamera> cameras;
   for (const RigConfig& rig : rigs) {
-    for (const RigConfigCamera& camera : rig.cameras) {
-      prefixes.push_back(camera.image_prefix);
-    }
+    cameras.insert(cameras.end(), rig.cameras.begin(), rig.cameras.end());
   }
   const std::vector<ImageRow>& images = input.contents.images;
   assignment.sensor_of_image.resize(images.size(), -1);
   assignment.frame_of_image.resize(images.size(), -1);
-  Mask has_images(prefixes.size(), false);
+  Mask has_images(cameras.size(), false);
   std::vector<int> single_images;
   for (size_t i = 0; i < images.size(); ++i) {
-    if (const auto sensor = FindSensor(images[i].name, prefixes, path)) {
+    if (const auto sensor = FindSensor(images[i].name, cameras, path)) {
       has_images[*sensor] = true;
       assignment.sensor_of_image[i] = *sensor;
     } else {
       single_images.push_back(static_cast<int>(i));
     }
   }
-  for (size_t i = 0; i < prefixes.size(); ++i) {
+  for (size_t i = 0; i < cameras.size(); ++i) {
     if (has_images[i] == 0 && !input.contents.is_selection) {
-      throw Error("rig configuration '" + path + "': no image of " +
-                  input.Name() + " starts with the prefix '" + prefixes[i] +
-                  "'");
+      throw Error(
+          "rig configuration '" + path + "': no image of " + input.Name() +
+          (cameras[i].image_pattern.empty() ? " starts with the prefix '"
+                                            : " fits the pattern '") +
+          cameras[i].NameRule() + "'");
     }
   }
+  NamePatternSensors(input, cameras, &assignment);
   if (times != nullptr) {
     AddFramesByTime(input, *times, context, &assignment);
   } else {
-    AddFramesByName(input, prefixes, &assignment);
+    AddFramesByName(input, cameras, &assignment);
     WarnIfNamesShareNoFrame(input, assignment, context);
   }
   AssignSingleImages(input, single_images, &assignment);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cctype>
 #include <map>
 #include <set>
 
 #include "io/rigs/frames_by_time.h"
 #include "io/rigs/rig_inference.h"
+#include "io/rigs/rig_rule_suggestion.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -62,16 +62,6 @@ std::string FolderPath(const Name& name) {
     path += (path.empty() ? "" : "/") + folder;
   }
   return path;
-}
-
-bool IsCalledLikeCamera(std::string folder) {
-  std::transform(folder.begin(), folder.end(), folder.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  constexpr const char* kWords[] = {"cam",  "image", "left", "right",
-                                    "lens", "front", "rear", "back"};
-  return std::any_of(
-      std::begin(kWords), std::end(kWords),
-      [&](const char* word) { return folder.find(word) != std::string::npos; });
 }
 
 // Scores a level of folders; nullopt if all its folders have one name.
@@ -201,9 +191,10 @@ std::vector<ImageKeys> KeysByFolders(const RigInput& input, bool by_name) {
   return keys;
 }
 
-// Warns if most images are single although their times would make frames.
-void SuggestTimes(const RigInput& input, const RigAssignment& assignment,
-                  const Context& context) {
+// Suggests how to make rigs if most images are single, although their times or
+// names would make frames.
+void SuggestRigs(const RigInput& input, const RigAssignment& assignment,
+                 const Context& context) {
   std::vector<size_t> frame_sizes(assignment.frames.size(), 0);
   for (const int frame : assignment.frame_of_image) ++frame_sizes[frame];
   const auto num_single = static_cast<size_t>(
@@ -212,10 +203,13 @@ void SuggestTimes(const RigInput& input, const RigAssignment& assignment,
   try {
     const auto suggestion =
         SuggestFramesByTime(input, KeysByFolders(input, false));
-    if (suggestion) context.Warning(*suggestion);
+    if (suggestion) return context.Warning(*suggestion);
   } catch (const Error&) {
     // Folders that leave several interpretations suggest nothing.
   }
+  const auto rule = SuggestRigRule(input);
+  if (rule && rule->is_likely) context.Warning(rule->text);
+  if (rule && !rule->is_likely) context.Info(rule->text);
 }
 
 }  // namespace
@@ -225,7 +219,7 @@ RigAssignment AssignByFolders(const RigInput& input, const FrameTimes* times,
   std::vector<ImageKeys> keys = KeysByFolders(input, times == nullptr);
   if (times != nullptr) SetFramesByTime(input, *times, context, &keys);
   RigAssignment assignment = AssignByKeys(input, keys);
-  if (times == nullptr) SuggestTimes(input, assignment, context);
+  if (times == nullptr) SuggestRigs(input, assignment, context);
   assignment.source =
       times == nullptr ? "image names" : "image folders and times";
   return assignment;

@@ -3,6 +3,7 @@
 #include <map>
 #include <set>
 
+#include "io/rigs/name_patterns.h"
 #include "io/rigs/rig_inference.h"
 #include "mgsfm/base/error.h"
 
@@ -10,7 +11,8 @@ namespace mgsfm {
 namespace {
 
 constexpr const char* kRemedy =
-    "; configure the rigs again, or set rig_config_path";
+    "; configure the rigs again, set rig_config_path, or treat images as "
+    "single with rig_name_rule none";
 
 bool IsTrivial(const DatabaseContents& contents) {
   const bool has_real_rig =
@@ -19,7 +21,7 @@ bool IsTrivial(const DatabaseContents& contents) {
   const bool has_real_frame =
       std::any_of(contents.frames.begin(), contents.frames.end(),
                   [](const FrameRow& frame) { return frame.data.size() > 1; });
-  return contents.frames.empty() || !(has_real_rig || has_real_frame);
+  return !(has_real_rig || has_real_frame);
 }
 
 class TableAssigner {
@@ -55,11 +57,14 @@ class TableAssigner {
                 const std::map<ImageId, int>& image_of_id);
   void CheckAllAssigned() const;
   // Names sensors by the first of these that is different for all of them: a
-  // level of folders, the common start of the images' names.
+  // level of folders, a part of the images' names, their common start.
   void NameSensors();
   void NameFrames();
   // The folder of each sensor; nullopt if a sensor has several at this level.
   std::optional<std::vector<std::string>> FoldersAtLevel(size_t level) const;
+  // The parts of names that only images of one of the sensors have.
+  std::optional<std::vector<std::string>> TellingParts(
+      const std::set<int>& sensors) const;
   // The common start of the names of a sensor's images: as whole folders, or
   // as text without the digits at its end.
   std::vector<std::string> CommonStarts(bool whole_folders) const;
@@ -119,11 +124,13 @@ void TableAssigner::AddFrame(const FrameRow& row,
 }
 
 void TableAssigner::CheckAllAssigned() const {
-  for (size_t i = 0; i < assignment_.frame_of_image.size(); ++i) {
-    if (assignment_.frame_of_image[i] < 0) {
-      Throw("image '" + input_.contents.images[i].name + "' is in no frame");
-    }
-  }
+  const std::vector<int>& frames = assignment_.frame_of_image;
+  const auto first = std::find(frames.begin(), frames.end(), -1);
+  if (first == frames.end()) return;
+  const auto num_left = std::count(first, frames.end(), -1);
+  Throw(std::to_string(num_left) + " of its " + std::to_string(frames.size()) +
+        " images are in no frame of its rigs, such as '" +
+        input_.contents.images[first - frames.begin()].name + "'");
 }
 
 std::vector<std::string> TableAssigner::CommonStarts(bool whole_folders) const {
@@ -171,6 +178,23 @@ std::optional<std::vector<std::string>> TableAssigner::FoldersAtLevel(
   return names;
 }
 
+std::optional<std::vector<std::string>> TableAssigner::TellingParts(
+    const std::set<int>& sensors) const {
+  std::map<int, std::vector<std::string>> names_of_sensor;
+  for (size_t i = 0; i < input_.contents.images.size(); ++i) {
+    names_of_sensor[assignment_.sensor_of_image[i]].push_back(
+        input_.contents.images[i].name);
+  }
+  NameGroups groups;
+  for (const int sensor : sensors) groups.push_back(names_of_sensor[sensor]);
+  const auto parts = FindTellingParts(groups);
+  if (!parts) return std::nullopt;
+  std::vector<std::string> names(assignment_.sensors.size());
+  auto part = parts->begin();
+  for (const int sensor : sensors) names[sensor] = *part++;
+  return names;
+}
+
 void TableAssigner::NameSensors() {
   const std::set<int> used(assignment_.sensor_of_image.begin(),
                            assignment_.sensor_of_image.end());
@@ -180,6 +204,7 @@ void TableAssigner::NameSensors() {
     if (auto names = FoldersAtLevel(level)) candidates.push_back(*names);
   }
   candidates.push_back(CommonStarts(true));
+  if (auto names = TellingParts(used)) candidates.push_back(*names);
   candidates.push_back(CommonStarts(false));
   for (const std::vector<std::string>& names : candidates) {
     std::set<std::string> distinct;

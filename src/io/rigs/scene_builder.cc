@@ -7,6 +7,7 @@
 #include <tuple>
 #include <utility>
 
+#include "base/grouped_warnings.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -166,13 +167,15 @@ void SceneBuilder::JoinCameras() {
             "ImageReader.single_camera_per_folder, or set rig_name_rule");
     }
   }
+  GroupedWarnings warnings;
   for (size_t i = 0; i < num_sensors; ++i) {
     if (cameras[i].size() > 1) {
-      context_.Warning("the " + std::to_string(cameras[i].size()) +
-                       " equal cameras of '" + assignment_.sensors[i].name +
-                       "' are merged");
+      warnings.Add("the " + std::to_string(cameras[i].size()) +
+                   " equal cameras of '" + assignment_.sensors[i].name +
+                   "' are merged");
     }
   }
+  warnings.Log(context_);
 }
 
 CameraId SceneBuilder::UnusedCameraId() const {

@@ -36,6 +36,8 @@ struct ModelScene {
 // - images whose names make them a rig do not move like one: the rotations in
 //   the rig differ by 5 degrees or more in half of the frames,
 // - the pose of a sensor in its rig is unknown,
+// - known poses of sensors differ from those of the images by more than 1
+//   degree, or 5 % of the largest distance from the reference,
 // and for the same reasons as LoadScene.
 [[nodiscard]] ModelScene MakeModelScene(const Model& model,
                                         const std::filesystem::path& folder,

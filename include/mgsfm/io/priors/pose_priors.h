@@ -3,6 +3,8 @@
 
 #include <optional>
 #include <string>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "mgsfm/base/options.h"
@@ -11,6 +13,24 @@
 #include "mgsfm/scene/scene.h"
 
 namespace mgsfm {
+
+// What positions without a coordinate system are.
+enum class PositionKind { kAuto, kGps, kCartesian };
+
+template <>
+struct EnumTable<PositionKind> {
+  static constexpr std::pair<std::string_view, PositionKind> kNames[] = {
+      {"auto", PositionKind::kAuto},       {"1", PositionKind::kGps},
+      {"0", PositionKind::kCartesian},     {"true", PositionKind::kGps},
+      {"false", PositionKind::kCartesian},
+  };
+};
+
+constexpr char kPositionKindHelp[] =
+    "Whether positions in a file, or in a database without coordinate system, "
+    "are latitude, longitude (deg) and altitude (m). auto: as their range "
+    "tells: degrees of one recording differ by less than 1 and are far from "
+    "zero.";
 
 // Measured positions of images, by GPS or in any Cartesian world, and measured
 // gravity: from the table pose_priors of the database, or from a file with one
@@ -27,10 +47,8 @@ struct PosePriorOptions {
       "`image_name X Y Z` per image, or a trajectory of the reference camera "
       "in the format of TUM (by "
       "the times of images) or KITTI (a line per frame)."};
-  Option<bool> ref_is_gps{
-      "ref_is_gps", false,
-      "Positions in that file, or in a database without coordinate system, are "
-      "latitude, longitude (deg) and altitude (m)."};
+  Option<PositionKind> ref_is_gps{"ref_is_gps", PositionKind::kAuto,
+                                  kPositionKindHelp};
   Option<bool> overwrite_priors_covariance{
       "overwrite_priors_covariance", false,
       "Use the standard deviations below instead of the covariances of the "
@@ -65,6 +83,11 @@ struct PosePriorOptions {
     return use_prior_position || !ref_images_path->empty();
   }
 };
+
+// Whether positions without a coordinate system are latitude, longitude and
+// altitude. Throws Error, naming `source`, if kAuto cannot tell.
+[[nodiscard]] bool AreGps(const std::vector<Eigen::Vector3d>& positions,
+                          PositionKind kind, const std::string& source);
 
 // The priors of a scene; empty if the options use none. Positions given in
 // degrees become metres east, north and up of the first of them, by the name of

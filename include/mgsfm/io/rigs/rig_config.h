@@ -20,6 +20,10 @@ namespace mgsfm {
 // exactly one camera of a rig; "cam_from_rig_rotation" [w, x, y, z] with
 // "cam_from_rig_translation" [x, y, z]: the pose where it is known;
 // "camera_model_name" with "camera_params": intrinsics.
+//
+// COLMAP does not know "image_pattern", which stands in place of the prefix if
+// only a later part of the names tells the cameras apart: "IMG_*_cam1.jpg".
+// What the stars stand for is the same for the images of one frame.
 struct RigConfigCamera {
   std::string image_prefix;
   bool is_reference = false;
@@ -27,7 +31,18 @@ struct RigConfigCamera {
   std::optional<Rigid3> cam_from_rig;
   std::optional<CameraModelId> camera_model;
   std::vector<double> camera_params;  // of camera_model
+  std::string image_pattern = {};     // if not empty, in place of the prefix
+
+  // Prefix or pattern, for messages.
+  const std::string& NameRule() const {
+    return image_pattern.empty() ? image_prefix : image_pattern;
+  }
 };
+
+// The part of the name of an image that it shares with the images of its frame;
+// nullopt if it is of another camera.
+std::optional<std::string> FrameKeyOf(const RigConfigCamera& camera,
+                                      const std::string& image_name);
 
 struct RigConfig {
   std::vector<RigConfigCamera> cameras;
@@ -46,8 +61,9 @@ void WriteRigConfig(const std::string& path,
 // The calibrated rigs of a model: poses where they are estimated, and
 // intrinsics. The format tells images apart by a prefix of their names, so a
 // rig whose cameras have images in several folders (seq1/cam0, seq2/cam0)
-// becomes one rig with the same poses per outer folder. Sensors without images
-// and rigs that no prefix can distinguish are skipped.
+// becomes one rig with the same poses per outer folder. Rigs that no prefix can
+// distinguish have patterns. Sensors without images, and rigs whose cameras the
+// names do not tell apart, are skipped.
 [[nodiscard]] std::vector<RigConfig> MakeRigConfigs(
     const Scene& scene, const Reconstruction& reconstruction);
 

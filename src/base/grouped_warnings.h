@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+
+namespace mgsfm {
+
+// What messages of one cause have in common: the text without numbers and
+// without what stands in single quotes.
+std::string KindOfMessage(const std::string& message);
+
+// Makes one warning of all that have one cause: the first one, and how many
+// there are.
+class GroupedWarnings {
+ public:
+  void Add(const std::string& message);
+  // In the order of the first messages.
+  void Log(const Context& context) const;
+
+ private:
+  struct Group {
+    std::string first;
+    size_t count = 0;
+  };
+  std::vector<Group> groups_;
+  std::map<std::string, size_t> group_of_kind_;
+};
+
+}  // namespace mgsfm

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace mgsfm {
+
+// What all readers of text agree on.
+//
+// - A line ends with LF, CR LF or CR; the last one may lack its end.
+// - A byte-order mark of UTF-8 is skipped. UTF-16 and null bytes are errors.
+// - Blanks and tabs around a line, and before a word, do not count.
+// - A comment is a line that starts with '#'.
+// - A word is a number only as a whole (ParseDouble).
+
+// The content of a text file, with LF at the ends of lines and without a
+// byte-order mark. `what` names the file in messages, by default its path in
+// quotes. Throws Error, naming it, if it cannot be read or is not text.
+std::string ReadText(const std::filesystem::path& path,
+                     const std::string& what = "");
+
+// The same for text from elsewhere.
+std::string NormalizeText(std::string text, const std::string& what);
+
+class TextLines {
+ public:
+  explicit TextLines(const std::filesystem::path& path,
+                     const std::string& what = "");
+  // The lines of a text; `what` names it in messages.
+  static TextLines Of(std::string text, const std::string& what);
+  // Lines refer to the text.
+  TextLines(const TextLines&) = delete;
+  TextLines& operator=(const TextLines&) = delete;
+
+  // Goes to the next line, which may be empty; false at the end.
+  bool Next();
+  // Goes to the next line that is neither empty nor a comment.
+  bool NextContent();
+
+  // The current line, without the blanks around it. Valid until this object
+  // is destroyed.
+  std::string_view line() const { return line_; }
+  int number() const { return number_; }
+  // "'poses.txt', line 3"
+  std::string Place() const;
+  // Throws "'poses.txt', line 3: problem".
+  [[noreturn]] void Throw(const std::string& problem) const;
+
+ private:
+  struct Source {
+    std::string what, text;
+  };
+  explicit TextLines(Source source) : source_(std::move(source)) {}
+
+  Source source_;
+  size_t position_ = 0;
+  std::string_view line_;
+  int number_ = 0;
+};
+
+// The text without the blanks and tabs around it.
+std::string_view TrimBlanks(std::string_view text);
+
+// Removes the first word of `text` and the blanks before it; empty at the end.
+std::string_view TakeWord(std::string_view* text);
+
+std::vector<std::string_view> SplitWords(std::string_view line);
+
+// Fields between separators, without the blanks around them; they may be
+// empty.
+std::vector<std::string> SplitFields(std::string_view line, char separator);
+
+// Fields of CSV (RFC 4180): one in double quotes may hold commas, and quotes as
+// "". nullopt if a quote does not end.
+std::optional<std::vector<std::string>> SplitCsv(std::string_view line);
+
+// The numbers that a line consists of; nullopt if any word is no number.
+std::optional<std::vector<double>> ParseNumbers(std::string_view line);
+
+// A name, which may have blanks, and the last words of its line.
+struct NamedWords {
+  std::string name;
+  std::vector<std::string_view> words;
+};
+
+// nullopt if the line has no name before its last `num_words` words.
+std::optional<NamedWords> SplitNamedWords(std::string_view line,
+                                          size_t num_words);
+
+}  // namespace mgsfm

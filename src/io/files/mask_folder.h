@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <atomic>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "mgsfm/base/context.h"
+
+namespace mgsfm {
+
+// Masks of images, as all commands find them: that of a/b.jpg is a/b.jpg.png in
+// the folder of masks.
+std::filesystem::path MaskPathOf(const std::filesystem::path& mask_path,
+                                 const std::string& image_name);
+
+// Throws Error if no image has a mask in the folder, and warns of images
+// without one, before any of them is used. `option` names the folder in
+// messages. An empty path is no folder.
+void CheckMasks(const std::filesystem::path& mask_path,
+                const std::vector<std::string>& image_names,
+                const std::string& option, const Context& context);
+
+// Counts the masks that hide nothing, for one warning. Thread-safe.
+class EmptyMasks {
+ public:
+  void Count(bool hides_nothing) {
+    ++num_masks_;
+    if (hides_nothing) ++num_empty_;
+  }
+  void Warn(const std::filesystem::path& mask_path,
+            const Context& context) const;
+
+ private:
+  std::atomic<size_t> num_masks_{0};
+  std::atomic<size_t> num_empty_{0};
+};
+
+}  // namespace mgsfm

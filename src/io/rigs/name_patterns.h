@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace mgsfm {
+
+// The names of the images of each camera.
+using NameGroups = std::vector<std::vector<std::string>>;
+
+// What the stars of a pattern stand for in a name, joined by '_'; nullopt if
+// the name does not fit. "IMG_0001_cam1.jpg" fits "IMG_*_cam1.jpg" with "0001".
+std::optional<std::string> MatchNamePattern(const std::string& name,
+                                            const std::string& pattern);
+
+// Ways to describe the names of each camera by a pattern, the most legible one
+// first. Parts of names that all images of a camera have in common are text,
+// others are stars.
+std::vector<std::vector<std::string>> FindNamePatterns(
+    const NameGroups& groups);
+
+// The part of the names by which each camera differs from the others, "cam1" of
+// "IMG_0001_cam1.jpg"; nullopt if there is none.
+std::optional<std::vector<std::string>> FindTellingParts(
+    const NameGroups& groups);
+
+// The words, numbers and separators of a name: "IMG", "_", "0001", ".", "jpg".
+// `splits_words` also splits "cam1" into "cam" and "1".
+std::vector<std::string> SplitNameParts(const std::string& name,
+                                        bool splits_words);
+
+}  // namespace mgsfm

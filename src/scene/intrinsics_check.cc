@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "scene/intrinsics_check.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/text.h"
+#include "mgsfm/geometry/camera_models.h"
+
+namespace mgsfm {
+namespace {
+
+// A field of view of 3 deg, which no camera that moves has, and of 10 rad,
+// which no fisheye has.
+constexpr double kMaxFocalLengthRatio = 20.0;
+constexpr double kMinFocalLengthRatio = 0.1;
+
+// Lenses are centred on their sensor within a few percent, and usual crops
+// keep one of the coordinates there. Both coordinates off by one common factor
+// are those of images of another size.
+constexpr double kMinScaleOfOtherSize = 1.2;
+constexpr double kMaxScaleMismatch = 1.1;
+
+const CameraModelInfo& ModelOf(const Camera& camera) {
+  return *FindCameraModel(static_cast<int32_t>(camera.model));
+}
+
+std::string Text(double value) {
+  return FormatDouble(value, std::chars_format::general, 4);
+}
+
+std::string SizeText(double width, double height) {
+  return Text(width) + " x " + Text(height) + " px";
+}
+
+std::optional<std::string> WhyBadFocalLength(const Camera& camera) {
+  const double side_px = std::max(camera.width_px, camera.height_px);
+  for (const int i : ModelOf(camera).focal_length_idxs) {
+    const double ratio = camera.params[i] / side_px;
+    if (ratio >= kMinFocalLengthRatio && ratio <= kMaxFocalLengthRatio) {
+      continue;
+    }
+    return "has a focal length of " + Text(camera.params[i]) +
+           " px, which is " + Text(ratio) + " times the longer side of " +
+           SizeText(camera.width_px, camera.height_px);
+  }
+  return std::nullopt;
+}
+
+std::optional<std::string> WhyBadPrincipalPoint(const Camera& camera) {
+  const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
+  if (idxs.empty()) return std::nullopt;
+  const double x = camera.params[idxs[0]], y = camera.params[idxs[1]];
+  if (x >= 0.0 && x <= camera.width_px && y >= 0.0 && y <= camera.height_px) {
+    return std::nullopt;
+  }
+  return "has its principal point (" + Text(x) + ", " + Text(y) +
+         ") outside of the image of " +
+         SizeText(camera.width_px, camera.height_px);
+}
+
+// Lenses magnify the borders of their images twice at most, compared with a
+// pinhole camera of their focal length.
+constexpr double kMaxMagnification = 5.0;
+
+// Whether a ray projects to the pixel, and only there, as by a lens.
+bool HasRay(const Camera& camera, const Eigen::Vector2d& pixel) {
+  constexpr double kMaxErrorPx = 0.1;
+  const double* params = camera.params.data();
+  const auto ray = RayFromPixel(camera.model, params, pixel);
+  if (!ray) return false;
+  Eigen::Matrix<double, 2, 3> by_ray;
+  const auto again = ProjectToPixel(camera.model, params, *ray, &by_ray);
+  if (!again || !((*again - pixel).norm() < kMaxErrorPx)) return false;
+  const double of_pinhole =
+      PixelsPerRadian(camera.model, params) / (ray->z() * ray->z());
+  return by_ray.norm() <= kMaxMagnification * of_pinhole;
+}
+
+// Share of the pixels, on a grid, that have no ray.
+double ShareWithoutRay(const Camera& camera) {
+  constexpr int kNumSteps = 8;
+  int num_without = 0, num_pixels = 0;
+  for (int i = 0; i <= kNumSteps; ++i) {
+    for (int k = 0; k <= kNumSteps; ++k, ++num_pixels) {
+      const Eigen::Vector2d pixel(camera.width_px * i / double{kNumSteps},
+                                  camera.height_px * k / double{kNumSteps});
+      if (!HasRay(camera, pixel)) ++num_without;
+    }
+  }
+  return static_cast<double>(num_without) / num_pixels;
+}
+
+std::string DescribeWithoutRay(const Camera& camera, double share) {
+  return "has a distortion that cannot be inverted, or magnifies more than " +
+         Text(kMaxMagnification) + " times, in " +
+         std::to_string(static_cast<int>(std::lround(100.0 * share))) +
+         " % of " + SizeText(camera.width_px, camera.height_px);
+}
+
+bool HasDistortion(const Camera& camera) {
+  const std::vector<int>& idxs = ModelOf(camera).extra_params_idxs;
+  return std::any_of(idxs.begin(), idxs.end(),
+                     [&](int i) { return camera.params[i] != 0.0; });
+}
+
+// The size of images whose centre the principal point is.
+std::optional<std::string> WhyOfOtherSize(const Camera& camera) {
+  const std::vector<int>& idxs = ModelOf(camera).principal_point_idxs;
+  if (idxs.empty()) return std::nullopt;
+  const double width = 2.0 * camera.params[idxs[0]];
+  const double height = 2.0 * camera.params[idxs[1]];
+  const double scale_x = width / camera.width_px;
+  const double scale_y = height / camera.height_px;
+  const double mismatch =
+      std::max(scale_x, scale_y) / std::min(scale_x, scale_y);
+  const double scale = std::sqrt(scale_x * scale_y);
+  if (mismatch > kMaxScaleMismatch ||
+      std::max(scale, 1.0 / scale) < kMinScaleOfOtherSize) {
+    return std::nullopt;
+  }
+  return "has its principal point (" + Text(0.5 * width) + ", " +
+         Text(0.5 * height) + ") far from the centre of " +
+         SizeText(camera.width_px, camera.height_px) +
+         ", as intrinsics for images of about " +
+         SizeText(std::round(width), std::round(height)) + " have";
+}
+
+}  // namespace
+
+std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera) {
+  if (const auto problem = WhyBadFocalLength(camera))
+    return {{*problem, true, false}};
+  if (const auto problem = WhyBadPrincipalPoint(camera)) {
+    return {{*problem, true, false}};
+  }
+  constexpr double kMaxShareWithoutRay = 0.5;
+  const double share = HasDistortion(camera) ? ShareWithoutRay(camera) : 0.0;
+  if (share > kMaxShareWithoutRay) {
+    return {{DescribeWithoutRay(camera, share), true, false}};
+  }
+  if (const auto problem = WhyOfOtherSize(camera)) {
+    return {{*problem, false, true}};
+  }
+  if (share == 0.0) return std::nullopt;
+  return {{DescribeWithoutRay(camera, share), false, false}};
+}
+
+}  // namespace mgsfm

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "mgsfm/scene/scene.h"
+
+namespace mgsfm {
+
+// What is wrong with the intrinsics of a camera, as in "has its principal point
+// (-9, 4) outside of the image of 640 x 480 px".
+struct IntrinsicsProblem {
+  std::string text;
+  // No lens has these intrinsics.
+  bool is_certain = false;
+  // They are probably those of images of another size. Otherwise, they are of
+  // no use in a part of the image.
+  bool is_of_other_size = false;
+};
+
+// All sources of intrinsics are checked with it: options, files, databases,
+// models and calibrations. `camera` has positive size and focal lengths (see
+// WhyImplausible).
+std::optional<IntrinsicsProblem> FindIntrinsicsProblem(const Camera& camera);
+
+}  // namespace mgsfm

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The command report, on the truth of the demo.
+#include "cli/program_runs.h"
+
+namespace mgsfm {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+class ReportCommandTest : public testing::Test {
+ protected:
+  std::string Path(const std::string& name) const {
+    return (dir_.path() / name).string();
+  }
+  CommandOutput Run(const std::string& arguments) const {
+    const CommandOutput output = RunMgsfm(arguments);
+    EXPECT_EQ(output.exit_code, 0) << arguments << output.err;
+    return output;
+  }
+
+  const TempDir dir_;
+};
+
+TEST_F(ReportCommandTest, WritesFigures) {
+  Run("report --input_path " + DemoTruth() + " --database_path " +
+      DemoDatabase() + " --gt_path " + DemoTruth() + " --output_path " +
+      Path("report.html") + " --figures " + Path("figures"));
+  for (const char* name :
+       {"trajectory", "rig", "residuals", "view_graph", "errors"}) {
+    const std::string stem = Path("figures/") + name;
+    EXPECT_THAT(ReadTextFile(stem + ".svg"), HasSubstr("</svg>"));
+    EXPECT_EQ(ReadTextFile(stem + ".png").substr(1, 3), "PNG");
+  }
+}
+
+// The file quotes names, which may hold commas and quotes.
+TEST_F(ReportCommandTest, ShowsTheConfidenceBesideAModel) {
+  const std::string model = Path("model");
+  std::filesystem::copy(DemoTruth(), model);
+  const std::string call = "report --input_path " + model + " --output_path ";
+  std::string messages;
+  const auto page_of = [&](const std::string& rows) {
+    WriteTextFile(model + "/frames.csv",
+                  "frame,num_images,num_observations,confidence\n" + rows);
+    messages = Run(call + Path("page.html")).err;
+    return ReadTextFile(Path("page.html"));
+  };
+  const std::string low = page_of("\"000001\",4,100,0.25\n");
+  EXPECT_THAT(messages, Not(HasSubstr("frames.csv")));
+  EXPECT_EQ(low, page_of("\"000001\",4,100,0.25\r\n\"a,\"\"\",1,1,1\n"));
+  EXPECT_THAT(messages, HasSubstr("1 of 2 frames that the model does not"));
+  EXPECT_NE(low, page_of("\"000001\",4,100,0.75\n"));
+  for (const char* table :
+       {"frame,confidence\n\"000001\",x\n", "frame,confidence\n\"000001\"\n"}) {
+    WriteTextFile(model + "/frames.csv", table);
+    const CommandOutput bad = RunMgsfm(call + Path("bad.html"));
+    EXPECT_EQ(bad.exit_code, 1);
+    EXPECT_THAT(bad.err, HasSubstr("frames.csv', line 2"));
+  }
+}
+
+}  // namespace
+}  // namespace mgsfm

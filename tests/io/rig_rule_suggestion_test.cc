@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The rule that the log proposes for images without a rig.
+#include "io/rigs/rig_rule_suggestion.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdio>
+
+#include "io/test_database.h"
+
+namespace mgsfm {
+namespace {
+
+// What the log says about images of these names.
+std::string LogOf(const std::vector<std::string>& names) {
+  std::string log;
+  Context context;
+  context.log = [&log](LogLevel level, const std::string& message) {
+    if (level != LogLevel::kDebug) log += message + '\n';
+  };
+  (void)LoadScene(MakeContents(names), {}, context);
+  return log;
+}
+
+// The rule in the log makes frames of all cameras.
+TEST(RuleSuggestionTest, FlatFoldersGetARuleThatFits) {
+  using Name = std::string (*)(const std::string& camera, int frame);
+  static const auto kNumber = [](int f) {
+    return std::to_string(1000 + 3 * f);
+  };
+  const std::vector<std::pair<std::vector<std::string>, Name>> cases = {
+      {{"left", "right"},
+       [](const std::string& c, int f) {
+         return c + "_" + kNumber(f) + ".jpg";
+       }},
+      {{"cam1", "cam2", "cam10"},
+       [](const std::string& c, int f) {
+         return "IMG_" + kNumber(f) + "_" + c + ".jpg";
+       }},
+      {{"L", "R"},
+       [](const std::string& c, int f) { return kNumber(f) + c + ".png"; }},
+      {{"a", "b"}, [](const std::string& c, int f) {
+         return "images/" + kNumber(f) + "-" + c + ".png";
+       }}};
+  for (const auto& [cameras, name_of] : cases) {
+    std::vector<std::string> names;
+    for (int frame = 0; frame < 9; ++frame) {
+      for (const std::string& camera : cameras) {
+        names.push_back(name_of(camera, frame));
+      }
+    }
+    const std::string log = LogOf(names);
+    const size_t begin = log.find("rig_name_rule '");
+    ASSERT_NE(begin, std::string::npos) << names[0] << "\n" << log;
+    const size_t rule = begin + std::string("rig_name_rule '").size();
+    const Scene scene =
+        LoadScene(MakeContents(names),
+                  LoadingBy(log.substr(rule, log.find('\'', rule) - rule)),
+                  Context())
+            .scene;
+    EXPECT_EQ(scene.frames.size(), 9u) << log;
+    EXPECT_EQ(scene.sensors.size(), cameras.size()) << log;
+  }
+}
+
+TEST(RuleSuggestionTest, NamesOfOneCameraGetNone) {
+  for (const char* format : {"%04d.png", "IMG_%d.jpg", "2024_%03d_x.png"}) {
+    std::vector<std::string> names;
+    for (int frame = 0; frame < 40; ++frame) {
+      char name[40];
+      std::snprintf(name, sizeof(name), format, frame);
+      names.emplace_back(name);
+    }
+    EXPECT_EQ(LogOf(names).find("rig_name_rule"), std::string::npos) << format;
+  }
+  EXPECT_EQ(LogOf({"cam0/0.png", "cam0/1.png", "cam1/0.png", "cam1/1.png"})
+                .find("rig_name_rule"),
+            std::string::npos);
+}
+
+}  // namespace
+}  // namespace mgsfm
