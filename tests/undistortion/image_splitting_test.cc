@@ -234,7 +234,7 @@ TEST_F(ImageSplittingTest, KnownPosesOfPanoramasReachTheirViews) {
   Write("c/0.png", PaintPanorama());
   WriteTextFile(Path("rig.json"), R"([{"cameras": [
       {"image_prefix": "b/", "ref_sensor": true},
-      {"image_prefix": "a/", "cam_from_rig_rotation": [1, 0, 1, 0],
+      {"image_prefix": "a/", "cam_from_rig_rotation": [0.6, 0, 0.8, 0],
        "cam_from_rig_translation": [0.3, 0.1, -0.6]},
       {"image_prefix": "c/"}]}])");
   Split(CombinedImages::kPanorama, {}, Path("rig.json"));
@@ -247,7 +247,7 @@ TEST_F(ImageSplittingTest, KnownPosesOfPanoramasReachTheirViews) {
     }
     return std::optional<Rigid3>();
   };
-  const Rigid3 a_from_b{Eigen::Quaterniond(1, 0, 1, 0).normalized(),
+  const Rigid3 a_from_b{Eigen::Quaterniond(0.6, 0.0, 0.8, 0.0),
                         {0.3, 0.1, -0.6}};
   for (const std::string view : {"front", "right", "left", "up", "back"}) {
     const Rigid3 of_a = pose_of("a_" + view + "/").value();
