@@ -61,7 +61,7 @@ MapperRun AllResults() {
 }
 
 MapperRun UnknownFocalLengths() {
-  SimulationOptions drive = SmallDrive(RigPreset::kMono, 8);
+  SimulationOptions drive = SmallDrive(RigPreset::kMono, 20);
   MapperRun run = RunOn("unknown focal lengths", Simulate(drive));
   for (Camera& camera : run.input.scene.cameras) {
     camera.has_prior_focal_length = false;
@@ -113,6 +113,7 @@ MapperRun WeakSeam() {
   simulation.view_graph.pairs = std::move(pairs);
   MapperRun run = RunOn("weak seam", simulation);
   run.options.weak_seams = WeakSeams::kSplit;
+  run.options.confidence.min_num_ties = 2 * 22 + 1;
   return run;
 }
 

@@ -453,7 +453,7 @@ TEST_F(BadInput, RigConfigurations) {
        "'right/'"},
       {"[{\"cameras\": [{\"image_prefix\": \"cam\", \"ref_sensor\": true}, "
        "{\"image_prefix\": \"cam1/\"}]}]",
-       "both prefixes"},
+       "fits both"},
       {"[{\"cameras\": [{\"image_prefix\": \"cam0/\", \"ref_sensor\": true, "
        "\"camera_model_name\": \"ROUND\", \"camera_params\": [1]}]}]",
        "unknown camera model 'ROUND'"}};

@@ -227,7 +227,7 @@ TEST_F(MapperCommand, GravityThatIsNoneIsRefused) {
   expect_refused("cam0/000000.png 0 nan 0\n", "finite number");
   expect_refused("cam0/000000.png 0 0 0\n", "not all zero");
   expect_refused("cam9/000000.png 0 1 0\n", "which the database does not have");
-  expect_refused("cam0/000000.png 0 1\n", "is not 'image_name GX GY GZ'");
+  expect_refused("cam0/000000.png 0 1\n", "expected 'image_name GX GY GZ'");
   expect_refused("# nothing\n", "there is no line");
 }
 
@@ -394,7 +394,7 @@ TEST_F(MapperCommand, MissingImagesAreAWarning) {
   fs::create_directory(Path("images"));
   const CommandOutput output = Map("--image_path " + Path("images"));
   EXPECT_EQ(output.exit_code, 0) << output.err;
-  EXPECT_THAT(output.err, AllOf(HasSubstr("48 images could not be read"),
+  EXPECT_THAT(output.err, AllOf(HasSubstr("48 images give no colours"),
                                 HasSubstr("cam0/000000.png")));
 }
 

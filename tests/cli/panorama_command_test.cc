@@ -93,7 +93,7 @@ TEST_F(PanoramaCommand, FisheyesWithoutIntrinsicsBecomeAnAccurateModel) {
       R"({"image_prefix": "a/", "ref_sensor": true,
           "camera_model_name": "OPENCV_FISHEYE",
           "camera_params": [120, 120, 200, 200, 0.008, -0.002, 0, 0]},
-         {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0.2, 0],
+         {"image_prefix": "b/", "cam_from_rig_rotation": [0.9805807, 0, 0.1961161, 0],
           "cam_from_rig_translation": [-0.5, 0, 0],
           "camera_model_name": "OPENCV_FISHEYE",
           "camera_params": [120, 120, 200, 200, 0.008, -0.002, 0, 0]})",
@@ -120,7 +120,7 @@ TEST_F(PanoramaCommand, PanoramasAndOtherCamerasFormOneRig) {
   Render(
       R"({"image_prefix": "a/", "ref_sensor": true,
           "camera_model_name": "EQUIRECTANGULAR", "camera_params": [640, 320]},
-         {"image_prefix": "b/", "cam_from_rig_rotation": [1, 0, 0.1, 0],
+         {"image_prefix": "b/", "cam_from_rig_rotation": [0.9950372, 0, 0.0995037, 0],
           "cam_from_rig_translation": [-0.6, 0, 0],
           "camera_model_name": "EQUIRECTANGULAR", "camera_params": [640, 320]},
          {"image_prefix": "c/", "cam_from_rig_rotation": [1, 0, 0, 0],
