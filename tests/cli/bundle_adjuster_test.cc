@@ -249,7 +249,7 @@ TEST_F(BundleAdjusterCommand, FramesThatContradictImagesAreRefused) {
   frames.resize(line);
   frames += id + " " + rig_id + " " + x + " " + w + rest;
   WriteTextFile(Path("in/frames.txt"), frames + "\n");
-  ExpectRefused(Path("in"), "is not the one of its frame");
+  ExpectRefused(Path("in"), "from that of its frame");
 }
 
 void WriteModelOfTwoImages(const fs::path& folder, const std::string& images) {
