@@ -4,7 +4,7 @@ import functools
 import math
 import struct
 
-# What parsing text or bytes throws.
+# The errors of parsing text or bytes.
 MALFORMED = (ValueError, KeyError, IndexError, struct.error)
 
 

@@ -198,7 +198,8 @@ void CheckSource(const AutomaticReconstructorOptions& options) {
   }
 }
 
-// What is read after the extraction of features, which takes long.
+// Checks the inputs that are read only after the extraction of features, which
+// takes long.
 void CheckPaths(const AutomaticReconstructorOptions& options) {
   const ImageReaderOptions& reader = options.extraction.reader;
   const SceneLoadingOptions& loading = options.loading;

@@ -231,7 +231,7 @@ std::vector<double> DistancesFrom(const PositionPriors& positions,
   return distances;
 }
 
-// What the model is aligned to, for messages.
+// The reference of the alignment, for messages.
 struct Reference {
   std::string path;
   std::string items;  // "positions"

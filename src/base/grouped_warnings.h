@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// What messages of one cause have in common: the text without numbers and
-// without what stands in single quotes.
+// The common part of all messages of one cause: the text without numbers and
+// quoted names.
 std::string KindOfMessage(const std::string& message);
 
 // Makes one warning of all that have one cause: the first one, and how many
@@ -19,7 +19,7 @@ std::string KindOfMessage(const std::string& message);
 class GroupedWarnings {
  public:
   void Add(const std::string& message);
-  // In the order of the first messages.
+  // Sorted by the first message of each kind.
   void Log(const Context& context) const;
 
  private:

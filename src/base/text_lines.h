@@ -11,7 +11,7 @@
 
 namespace mgsfm {
 
-// What all readers of text agree on.
+// The common rules of all readers of text.
 //
 // - A line ends with LF, CR LF or CR; the last one may lack its end.
 // - A byte-order mark of UTF-8 is skipped. UTF-16 and null bytes are errors.

@@ -219,8 +219,13 @@ void RealignSides(const FramePairIndex& index, const MapperOptions& options,
   if (model->confidence.seams.empty()) return;
   const Bearings bearings = ComputeBearings(
       input->scene, model->reconstruction.cameras, context.num_threads);
+  std::set<std::vector<int>> tested;  // sides, so that the test ends
   for (size_t k = 0; k < model->confidence.seams.size();) {
     const Seam& seam = model->confidence.seams[k];
+    if (!tested.insert(seam.frame_idxs_beyond).second) {
+      ++k;
+      continue;
+    }
     Mask frame_is_beyond(input->scene.frames.size(), false);
     for (const int i : seam.frame_idxs_beyond) frame_is_beyond[i] = true;
     const SeamTest test{

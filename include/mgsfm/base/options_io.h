@@ -119,7 +119,7 @@ OptionValue ParseOptionValue(const OptionEntry& entry, const std::string& text);
 void SetOption(const OptionList& options, const std::string& name,
                const std::string& text);
 
-// What to do instead of setting an option that another program has, "use --x".
+// The replacement of an option of another program, such as "use --x".
 using OptionAdvice =
     std::function<std::optional<std::string>(const std::string& name)>;
 

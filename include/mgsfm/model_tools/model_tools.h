@@ -44,14 +44,14 @@ Eigen::AlignedBox3d BoxOfQuantiles(const SceneModel& model, double lower,
 std::vector<ImagePoses> PairImages(const SceneModel& model,
                                    const SceneModel& reference);
 
-// How well images of two models agree after an alignment.
+// Agreement of the images of two models after an alignment.
 struct ImageAgreement {
-  // Of the centres of images, in the unit of the reference.
+  // The distances between centers of images, in the unit of the reference.
   std::vector<double> distances;
   // Models have any unit, but a distance of a tenth of the extent of the
   // reference is no agreement.
   double max_distance = 0.0;
-  // Of the images that are within it.
+  // The images within that distance.
   int num_agreeing = 0;
 };
 ImageAgreement CompareCenters(const std::vector<ImagePoses>& images,

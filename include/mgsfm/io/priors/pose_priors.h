@@ -14,7 +14,7 @@
 
 namespace mgsfm {
 
-// What positions without a coordinate system are.
+// The kind of positions without a coordinate system.
 enum class PositionKind { kAuto, kGps, kCartesian };
 
 template <>

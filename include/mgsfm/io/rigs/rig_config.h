@@ -23,7 +23,7 @@ namespace mgsfm {
 //
 // COLMAP does not know "image_pattern", which stands in place of the prefix if
 // only a later part of the names tells the cameras apart: "IMG_*_cam1.jpg".
-// What the stars stand for is the same for the images of one frame.
+// The stars stand for the same text in all images of a frame.
 struct RigConfigCamera {
   std::string image_prefix;
   bool is_reference = false;
