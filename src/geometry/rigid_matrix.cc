@@ -8,7 +8,7 @@ namespace mgsfm {
 namespace {
 
 // Matrices in text files with four digits deviate by at most 4e-4.
-constexpr double kTolerance = 1e-3;
+constexpr double kMatrixTolerance = 1e-3;
 
 }  // namespace
 
@@ -17,7 +17,7 @@ std::optional<Rigid3> RigidFromMatrix(const RigidMatrix& b_from_a) {
   const bool is_rotation =
       b_from_a.allFinite() && rotation.determinant() > 0.0 &&
       (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).norm() <
-          kTolerance;
+          kMatrixTolerance;
   if (!is_rotation) return std::nullopt;
   return Rigid3{Eigen::Quaterniond(rotation).normalized(), b_from_a.col(3)};
 }
@@ -26,7 +26,7 @@ std::optional<Rigid3> RigidFromNumbers(const std::vector<double>& b_from_a) {
   if (b_from_a.size() != 12 && b_from_a.size() != 16) return std::nullopt;
   if (b_from_a.size() == 16) {
     const Eigen::Map<const Eigen::RowVector4d> last(b_from_a.data() + 12);
-    if ((last - Eigen::RowVector4d::UnitW()).norm() > kTolerance) {
+    if ((last - Eigen::RowVector4d::UnitW()).norm() > kMatrixTolerance) {
       return std::nullopt;
     }
   }

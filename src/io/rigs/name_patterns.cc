@@ -80,7 +80,7 @@ std::string PatternOfEnds(const std::vector<std::string>& names) {
 }
 
 // The telling parts at all positions, with the parts of their words.
-std::optional<std::vector<std::string>> FindTellingParts(
+std::optional<std::vector<std::string>> JoinTellingParts(
     const NameGroups& groups, bool splits_words) {
   std::vector<CommonParts> common;
   for (const std::vector<std::string>& names : groups) {
@@ -182,7 +182,7 @@ std::vector<std::vector<std::string>> FindNamePatterns(
 std::optional<std::vector<std::string>> FindTellingParts(
     const NameGroups& groups) {
   for (const bool splits_words : {false, true}) {
-    if (auto parts = FindTellingParts(groups, splits_words)) return parts;
+    if (auto parts = JoinTellingParts(groups, splits_words)) return parts;
   }
   return std::nullopt;
 }
