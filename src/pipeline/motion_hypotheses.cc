@@ -45,6 +45,10 @@ struct AgreementCounts {
                  num_both + num_only1 + num_only2);
   }
   double Unexplained() const { return Share(num_only1, num_both + num_only1); }
+  std::ptrdiff_t Balance() const {
+    return static_cast<std::ptrdiff_t>(num_only2) -
+           static_cast<std::ptrdiff_t>(num_only1);
+  }
 };
 
 // The motions of all steps that correspondences with depth support.
@@ -195,7 +199,8 @@ std::vector<std::optional<BaselineLength>> MeasureLengths(
 // Correspondences with depth are few and lie in the overlap of two cameras,
 // where a motion looks like a turn, and noise of depths favours the turn. If
 // the matches exclude no motion of a step, the one by the most matches of image
-// pairs replaces those of correspondences with depth that differ.
+// pairs replaces those of correspondences with depth that differ and that do
+// not explain more matches.
 void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
                     int later_frame_idx, const StepHypotheses& of_pairs,
                     StepHypotheses* by_depth) {
@@ -203,10 +208,12 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
   const MotionHypothesis& strongest = *std::max_element(
       of_pairs.begin(), of_pairs.end(),
       [](const auto& a, const auto& b) { return a.share < b.share; });
-  const auto is_excluded = [&](const MotionHypothesis& h) {
+  const auto compare = [&](const MotionHypothesis& h) {
     return ExclusionOf(problem, earlier_frame_idx, later_frame_idx,
-                       h.later_from_earlier, strongest.later_from_earlier)
-               .share >= kContestingShare;
+                       h.later_from_earlier, strongest.later_from_earlier);
+  };
+  const auto is_excluded = [&](const MotionHypothesis& h) {
+    return compare(h).share >= kContestingShare;
   };
   if (std::any_of(by_depth->begin(), by_depth->end(), is_excluded) ||
       std::any_of(of_pairs.begin(), of_pairs.end(), is_excluded)) {
@@ -218,7 +225,8 @@ void ReplaceByPairs(const MotionProblem& problem, int earlier_frame_idx,
              motion.center_covariance},
             {strongest.later_from_earlier, strongest.rotation_covariance,
              strongest.center_covariance},
-            {})) {
+            {}) ||
+        compare(motion).balance < 0) {
       continue;
     }
     motion.later_from_earlier = strongest.later_from_earlier;
@@ -292,7 +300,8 @@ MotionExclusion ExclusionOf(const MotionProblem& problem, int earlier_frame_idx,
     }
   }
   return {std::max(with_depth.Exclusion(), without_depth.Exclusion()),
-          std::max(with_depth.Unexplained(), without_depth.Unexplained())};
+          std::max(with_depth.Unexplained(), without_depth.Unexplained()),
+          with_depth.Balance() + without_depth.Balance()};
 }
 
 Eigen::Matrix<double, 6, 6> CovarianceOf(const MotionProblem& problem,
