@@ -241,12 +241,11 @@ void RealignSides(const FramePairIndex& index, const MapperOptions& options,
     if (!motion) continue;
     Mask pair_is_used = input->pair_is_used;
     MapperModel realigned = Realign(test, *model, *motion, &pair_is_used);
-    realigned.confidence = confidence_of(pair_is_used, realigned);
-    if (realigned.confidence.seams.size() >= model->confidence.seams.size() &&
-        !IsSignificant(CountTies(input->scene, frame_is_beyond, realigned),
+    if (!IsSignificant(CountTies(input->scene, frame_is_beyond, realigned),
                        CountTies(input->scene, frame_is_beyond, *model))) {
       continue;
     }
+    realigned.confidence = confidence_of(pair_is_used, realigned);
     context.Info("the side of " +
                  std::to_string(seam.frame_idxs_beyond.size()) +
                  " frames beyond a weak seam is moved to where more matches "

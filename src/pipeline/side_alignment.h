@@ -27,9 +27,8 @@ namespace mgsfm {
 //
 // with n and m the matches that only one of them explains. Then the model is
 // adjusted again with all pairs of the neighbours across the seam. It stays if
-// it has fewer seams, or if significantly more points tie both sides; `input`
-// then uses these pairs. Seams are tested by ascending confidence, until none
-// changes.
+// significantly more points tie both sides; `input` then uses these pairs.
+// Seams are tested by ascending confidence, until none changes.
 //
 // Cost: linear in the matches across each seam, and a bundle adjustment for
 // each pose that explains more.
