@@ -475,23 +475,28 @@ bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
                    tolerance_rad);
 }
 
+VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
+                             const MotionNoise& noise) {
+  return {
+      kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
+          kMinChange * noise.median_step + noise.linear_change,
+      kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
+          kMinTurnChange_rad + noise.turn_change_rad};
+}
+
 double SquaredChange(const Velocity& a, const Velocity& b,
                      const MotionNoise& noise) {
-  const double scale =
-      kRelativeChange * std::max(a.linear.norm(), b.linear.norm()) +
-      kMinChange * noise.median_step + noise.linear_change;
-  const double scale_rad =
-      kRelativeChange * std::max(a.angular_rad.norm(), b.angular_rad.norm()) +
-      kMinTurnChange_rad + noise.turn_change_rad;
+  const VelocityChange typical = TypicalChange(a, b, noise);
   const auto squared = [](const Vector3d& change, const Matrix3d& covariance,
                           double of_rig) {
     return change.squaredNorm() /
            (of_rig * of_rig + VarianceAlong(covariance, change));
   };
   return squared(a.linear - b.linear, a.linear_covariance + b.linear_covariance,
-                 scale) +
+                 typical.linear) +
          squared(a.angular_rad - b.angular_rad,
-                 a.angular_covariance + b.angular_covariance, scale_rad);
+                 a.angular_covariance + b.angular_covariance,
+                 typical.angular_rad);
 }
 
 double VarianceAlong(const Matrix3d& covariance, const Vector3d& vector) {

@@ -35,6 +35,14 @@ MeasuredMotion MotionOf(const Velocity& velocity, double duration);
 bool AreEqualMotions(const MeasuredMotion& a, const MeasuredMotion& b,
                      const MotionNoise& noise, double factor = 1.0);
 
+// Standard deviations, per axis, of the change of a velocity within one step.
+struct VelocityChange {
+  double linear = 0.0;
+  double angular_rad = 0.0;
+};
+VelocityChange TypicalChange(const Velocity& a, const Velocity& b,
+                             const MotionNoise& noise);
+
 // The squared difference of two velocities, in standard deviations of changes
 // within one step and of their measurements.
 double SquaredChange(const Velocity& a, const Velocity& b,

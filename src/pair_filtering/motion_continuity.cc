@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <numeric>
 #include <optional>
 #include <utility>
@@ -79,8 +80,9 @@ void RestoreMotionsByDepth(const std::vector<double>& durations,
   }
 }
 
-// Interpolates the distances that the chosen hypotheses do not have.
-void InterpolateDistances(const std::vector<double>& durations,
+// Interpolates the distances that the chosen hypotheses do not have. Their
+// errors grow with the number of steps to a known one.
+void InterpolateDistances(const Steps& steps,
                           std::vector<std::optional<ChosenMotion>>* chosen) {
   const auto has_distance = [](const std::optional<ChosenMotion>& motion) {
     return motion && motion->HasDistance();
@@ -91,32 +93,50 @@ void InterpolateDistances(const std::vector<double>& durations,
     if (!*it || (*it)->HasDistance()) continue;
     const auto after = std::find_if(it, chosen->end(), has_distance);
     if (before == chosen->end() && after == chosen->end()) continue;
-    Vector3d linear;
-    if (before == chosen->end() || after == chosen->end()) {
-      linear = (*(before == chosen->end() ? after : before))->velocity.linear;
-    } else {
-      const auto weight = static_cast<double>(it - before) /
-                          static_cast<double>(after - before);
-      linear = (1.0 - weight) * (*before)->velocity.linear +
-               weight * (*after)->velocity.linear;
-    }
-    const double duration = durations[it - chosen->begin()];
-    (*it)->velocity =
+    const Velocity& first =
+        (*(before == chosen->end() ? after : before))->velocity;
+    const Velocity& last =
+        (*(after == chosen->end() ? before : after))->velocity;
+    const bool is_between = before != chosen->end() && after != chosen->end();
+    const auto weight = is_between ? static_cast<double>(it - before) /
+                                         static_cast<double>(after - before)
+                                   : 0.0;
+    const Vector3d linear =
+        (1.0 - weight) * first.linear + weight * last.linear;
+    const double duration = steps.durations[it - chosen->begin()];
+    Velocity& velocity = (*it)->velocity;
+    velocity =
         VelocityOf((*it)->candidate.ClosestTo(duration * linear), duration);
+    const auto distance = static_cast<double>(
+        std::min(std::abs(it - (before == chosen->end() ? after : before)),
+                 std::abs((after == chosen->end() ? before : after) - it)));
+    const double change = TypicalChange(first, last, steps.noise).linear;
+    velocity.linear_covariance +=
+        distance * change * change * Matrix3d::Identity();
   }
 }
 
-Velocity Mean(const Velocity& a, const Velocity& b) {
-  return {0.5 * (a.linear + b.linear), 0.5 * (a.angular_rad + b.angular_rad)};
+// The velocity between two steps, as far from both as it may change.
+Velocity Mean(const Velocity& a, const Velocity& b, const MotionNoise& noise) {
+  Velocity mean{0.5 * (a.linear + b.linear),
+                0.5 * (a.angular_rad + b.angular_rad)};
+  const VelocityChange change = TypicalChange(a, b, noise);
+  mean.linear_covariance =
+      change.linear * change.linear * Matrix3d::Identity() +
+      0.25 * (a.linear_covariance + b.linear_covariance);
+  mean.angular_covariance =
+      change.angular_rad * change.angular_rad * Matrix3d::Identity() +
+      0.25 * (a.angular_covariance + b.angular_covariance);
+  return mean;
 }
 
 // Places of all frames of one sequence. A step is unknown if it is ambiguous,
 // or if it has no hypothesis and nothing suggests that one was outvoted.
 std::vector<RigPath::Place> FollowMotion(
-    const std::vector<std::optional<ChosenMotion>>& chosen,
-    const std::vector<double>& durations, const Mask& is_doubtful,
-    const Mask& is_ambiguous, int first_stretch) {
-  std::vector<RigPath::Place> places{{first_stretch, 0, {}}};
+    const std::vector<std::optional<ChosenMotion>>& chosen, const Steps& steps,
+    const Mask& is_doubtful, const Mask& is_ambiguous, int first_stretch) {
+  const std::vector<double>& durations = steps.durations;
+  std::vector<RigPath::Place> places{{first_stretch}};
   std::optional<size_t> previous;
   const auto are_few = [&](size_t begin, size_t end) {
     const double duration = std::accumulate(durations.begin() + begin,
@@ -134,12 +154,11 @@ std::vector<RigPath::Place> FollowMotion(
       previous = k;
     } else if (is_doubtful[k] && following < chosen.size() && previous &&
                are_few(*previous + 1, following)) {
-      velocity = Mean(chosen[*previous]->velocity, chosen[following]->velocity);
+      velocity = Mean(chosen[*previous]->velocity, chosen[following]->velocity,
+                      steps.noise);
     }
     if (velocity && !is_ambiguous[k]) {
-      next.rig_from_start =
-          MotionOf(*velocity, durations[k]).later_from_earlier *
-          next.rig_from_start;
+      next.Move(MotionOf(*velocity, durations[k]));
     } else {
       ++next.stretch;
       if (is_doubtful[k]) ++next.num_ambiguous;
@@ -182,9 +201,9 @@ int FollowSequence(const TemporalOrder& order, const std::vector<int>& sequence,
   MotionChoice choice = ChooseMotions(steps, is_doubtful);
   auto& chosen = choice.motions;
   RestoreMotionsByDepth(steps.durations, &chosen);
-  InterpolateDistances(steps.durations, &chosen);
+  InterpolateDistances(steps, &chosen);
   const auto places =
-      FollowMotion(chosen, steps.durations, is_doubtful,
+      FollowMotion(chosen, steps, is_doubtful,
                    FindAmbiguous(choice.margins, is_doubtful), first_stretch);
   for (size_t k = 0; k < sequence.size(); ++k) {
     path->of_frame[sequence[k]] = places[k];
@@ -225,6 +244,33 @@ MeasuredMotion MeasuredMotionOf(const Rigid3& pose,
   by_pose << CrossMatrix(pose.translation), Matrix3d::Identity();
   by_pose = -inverse * by_pose;
   return {pose, of_rotation, by_pose * covariance * by_pose.transpose()};
+}
+
+MeasuredMotion MeasuredMotion::Inverse() const {
+  const Matrix3d rotation = later_from_earlier.rotation.toRotationMatrix();
+  return {later_from_earlier.Inverse(),
+          rotation.transpose() * rotation_covariance * rotation,
+          rotation * center_covariance * rotation.transpose()};
+}
+
+void RigPath::Place::Move(const MeasuredMotion& step) {
+  const Matrix3d earlier = rig_from_start.rotation.toRotationMatrix();
+  rig_from_start = step.later_from_earlier * rig_from_start;
+  const Matrix3d later = rig_from_start.rotation.toRotationMatrix();
+  rotation_covariance += later.transpose() * step.rotation_covariance * later;
+  center_covariance += earlier.transpose() * step.center_covariance * earlier;
+}
+
+MeasuredMotion RigPath::MeasuredBetween(int earlier, int later) const {
+  const Place& from = *of_frame[earlier];
+  const Place& to = *of_frame[later];
+  const Matrix3d from_start = from.rig_from_start.rotation.toRotationMatrix();
+  const Matrix3d to_start = to.rig_from_start.rotation.toRotationMatrix();
+  return {Between(earlier, later),
+          to_start * (to.rotation_covariance - from.rotation_covariance) *
+              to_start.transpose(),
+          from_start * (to.center_covariance - from.center_covariance) *
+              from_start.transpose()};
 }
 
 bool RigPath::AreSimilar(const Rigid3& a, const Rigid3& b) const {

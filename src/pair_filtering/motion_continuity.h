@@ -60,6 +60,8 @@ struct MeasuredMotion {
   Rigid3 later_from_earlier;
   Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
   Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
+
+  [[nodiscard]] MeasuredMotion Inverse() const;
 };
 
 struct MotionHypothesis {
@@ -116,7 +118,13 @@ struct RigPath {
     int stretch = 0;
     // Unknown steps near objects between the start of the sequence and here.
     int num_ambiguous = 0;
-    Rigid3 rig_from_start;
+    Rigid3 rig_from_start = {};
+    // Sums over the steps from the start, in its axes: the difference of two
+    // places has the covariances of the steps between them.
+    Eigen::Matrix3d rotation_covariance = Eigen::Matrix3d::Zero();
+    Eigen::Matrix3d center_covariance = Eigen::Matrix3d::Zero();
+
+    void Move(const MeasuredMotion& step);
   };
   std::vector<std::optional<Place>> of_frame;
   // Per frame: hypotheses disagree about a step from or to it.
@@ -149,6 +157,7 @@ struct RigPath {
     return of_frame[later]->rig_from_start *
            of_frame[earlier]->rig_from_start.Inverse();
   }
+  [[nodiscard]] MeasuredMotion MeasuredBetween(int earlier, int later) const;
 };
 
 // The evidence of the matches of two frames that two motions are not those of

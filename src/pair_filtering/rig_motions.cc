@@ -270,9 +270,9 @@ std::vector<RigMotion> FindRigMotions(const FrameMatches& matches,
   return motions;
 }
 
-std::optional<Rigid3> RefineRigMotion(const FrameMatches& matches,
-                                      double max_error_px,
-                                      const Rigid3& later_from_earlier) {
+std::optional<MeasuredMotion> RefineRigMotion(
+    const FrameMatches& matches, double max_error_px,
+    const Rigid3& later_from_earlier) {
   const Correspondences all = CollectMost(matches, max_error_px);
   Rigid3 pose = all.ToMotion(later_from_earlier);
   const auto refine = [&](double bound, auto&& minimize) {
@@ -290,7 +290,7 @@ std::optional<Rigid3> RefineRigMotion(const FrameMatches& matches,
       static_cast<int>(kMinNumAgreeing)) {
     return std::nullopt;
   }
-  return all.ToMotion(pose);
+  return MeasureMotion(all, pose);
 }
 
 MatchVerdict CompareWithMotion(const Bearings& bearings,

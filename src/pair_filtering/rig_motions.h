@@ -88,7 +88,7 @@ struct RigMotion {
 // The motion near `later_from_earlier` that the correspondences support, by
 // robust least squares within a bound that shrinks to max_error_px. nullopt if
 // too few agree.
-[[nodiscard]] std::optional<Rigid3> RefineRigMotion(
+[[nodiscard]] std::optional<MeasuredMotion> RefineRigMotion(
     const FrameMatches& matches, double max_error_px,
     const Rigid3& later_from_earlier);
 

@@ -19,6 +19,7 @@
 #include "pair_filtering/rig_motions.h"
 #include "pipeline/frame_depths.h"
 #include "pipeline/motion_hypotheses.h"
+#include "pipeline/path_agreement.h"
 #include "translation/baseline_directions.h"
 #include "translation/position_problem.h"
 #include "translation/scale_averaging.h"
@@ -36,19 +37,8 @@ using FramePair = FramePairIndex::FramePair;
 constexpr double kDriftPerStep_rad = 4e-3;
 // Errors of motions refined with depths.
 constexpr double kRefinedError_rad = 2e-3;
-// A pair contradicts the path beyond this angle, plus the drift: the error of
-// pairs with the minimum number of matches.
-constexpr double kMaxRotationError_rad = DegToRad(1.0);
-// Displacements below this share of the median step are noise.
-constexpr double kMinDisplacement = 0.2;
 // An excess of one contradicting match may be a mismatch.
 constexpr int kMinBalance = 2;
-// Error of the baseline, relative to its length, of pairs that support a motion
-// by their own poses. Half and twice the value change errors by at most 2 %.
-constexpr double kMaxSupportError = 0.1;
-// 95 % of the errors of a pair along a direction are smaller, in standard
-// deviations.
-constexpr double kNumSigmas = 1.96;
 // Matches of a pair whose pose the path predicts; without a prediction, a pair
 // needs more. docs/results/hard_drives.md compares 5 to 15 on weak drives.
 constexpr int kMinNumPredicted = 8;
@@ -81,146 +71,9 @@ std::vector<std::optional<double>> AverageLengths(
   return lengths;
 }
 
-// The relative pose that the path predicts for a pair.
-struct ExpectedPair {
-  size_t pair_idx = 0;
-  Rigid3 cam2_from_cam1;
-  double drift_rad = 0.0;
-};
-
-// Shorter displacements are noise.
-double MinDisplacement(const MotionProblem& problem, const RigPath& path) {
-  return std::max(kMinDisplacement * path.noise.median_step,
-                  problem.noise_displacement);
-}
-
-// The standard deviation along an error.
-double SigmaAlong(const Eigen::Matrix3d& covariance, const Vector3d& error) {
-  const double length = error.norm();
-  return length > 0.0
-             ? std::sqrt(std::max(0.0, error.dot(covariance * error))) / length
-             : 0.0;
-}
-
-// Whether the relative pose of a pair agrees with the path. The length of its
-// baseline counts if it is known.
-bool AgreesWithPath(const MotionProblem& problem, const RigPath& path,
-                    const ImagePair& pair, const ExpectedPair& expected,
-                    const std::optional<double>& length = std::nullopt) {
-  const RelativePose& pose = *pair.relative_pose;
-  const Vector3d turn_error = LogSO3(
-      pose.cam2_from_cam1 * expected.cam2_from_cam1.rotation.conjugate());
-  const double max_turn_error =
-      kMaxRotationError_rad + path.RotationToleranceRad() + expected.drift_rad;
-  const double min_error = MinDisplacement(problem, path);
-  const Vector3d& translation = expected.cam2_from_cam1.translation;
-  const Vector3d direction =
-      pose.translation_direction.value_or(Vector3d::Zero());
-  const double measured = length.value_or(translation.norm());
-  const Vector3d error = measured * direction - translation;
-  const bool has_direction =
-      length || (pose.translation_direction && translation.norm() >= min_error);
-  const double max_error =
-      std::max(min_error, problem.max_relative_baseline_error *
-                              std::max(measured, translation.norm()));
-  if (turn_error.norm() <= max_turn_error &&
-      (!has_direction || error.norm() <= max_error)) {
-    return true;
-  }
-  if (!pose.translation_direction) return false;
-  const Eigen::Matrix<double, 6, 6> covariance = CovarianceOf(problem, pair);
-  return turn_error.norm() <=
-             max_turn_error +
-                 kNumSigmas *
-                     SigmaAlong(covariance.topLeftCorner<3, 3>(), turn_error) &&
-         (!has_direction ||
-          error.norm() <=
-              max_error +
-                  kNumSigmas * measured *
-                      SigmaAlong(covariance.bottomRightCorner<3, 3>(), error));
-}
-
-// Pairs support a motion if they are close to it.
-MotionProblem Strict(const MotionProblem& problem) {
-  MotionProblem strict = problem;
-  strict.max_relative_baseline_error = kMaxSupportError;
-  return strict;
-}
-
-// The number of matches of pairs whose own poses agree with a motion between
-// two frames.
-size_t SupportByPairs(const MotionProblem& problem, const RigPath& path,
-                      int earlier, int later,
-                      const Rigid3& later_from_earlier) {
-  const FramePair* frames = problem.index.Find(earlier, later);
-  if (frames == nullptr) return 0;
-  const Rigid3 motion = frames->frame_idx1 == earlier
-                            ? later_from_earlier
-                            : later_from_earlier.Inverse();
-  const MotionProblem strict = Strict(problem);
-  size_t num_matches = 0;
-  for (const size_t i : frames->pair_idxs) {
-    const ImagePair& pair = problem.view_graph.pairs[i];
-    const auto cam2_from_cam1 =
-        RelativePoseBy(problem, pair, frames->frame_idx1, motion);
-    if (cam2_from_cam1 &&
-        AgreesWithPath(strict, path, pair, {i, *cam2_from_cam1})) {
-      num_matches += pair.matches.size();
-    }
-  }
-  return num_matches;
-}
-
-// The motion between two frames near the path that their correspondences
-// support, if there is one and image pairs do not support the path more: few
-// correspondences with inexact depths can turn the motion by a degree.
-std::optional<Rigid3> RefineMotion(const MotionProblem& problem,
-                                   const RigPath& path, int earlier,
-                                   int later) {
-  const FramePair* frames = problem.matches_index.Find(earlier, later);
-  if (frames == nullptr) return std::nullopt;
-  const Rigid3 expected = path.Between(earlier, later);
-  auto refined =
-      RefineRigMotion(problem.MatchesOf(earlier, *frames),
-                      kDepthErrorFactor * problem.max_error_px, expected);
-  if (!refined || !path.AreSimilar(*refined, expected) ||
-      SupportByPairs(problem, path, earlier, later, *refined) <
-          SupportByPairs(problem, path, earlier, later, expected)) {
-    return std::nullopt;
-  }
-  return refined;
-}
-
-// Refines the steps that are contested or interpolated. Matches that agree with
-// a refined step measure it.
-RigPath RefinePath(const MotionProblem& problem, const RigPath& path) {
-  RigPath refined = path;
-  for (const std::vector<int>& sequence : problem.index.order()->sequences()) {
-    int num_measured = 0;
-    for (size_t k = 0; k + 1 < sequence.size(); ++k) {
-      const int a = sequence[k], b = sequence[k + 1];
-      refined.num_unknown[b] -= num_measured;
-      if (!path.IsComparable(a, b)) continue;
-      std::optional<Rigid3> step;
-      if (path.is_interpolated[b] || path.is_contested[a] ||
-          path.is_contested[b]) {
-        step = RefineMotion(problem, path, a, b);
-      }
-      if (step && path.num_unknown[a] != path.num_unknown[b]) {
-        --refined.num_unknown[b];
-        ++num_measured;
-      }
-      refined.of_frame[b]->rig_from_start =
-          (step ? *step : path.Between(a, b)) *
-          refined.of_frame[a]->rig_from_start;
-    }
-  }
-  return refined;
-}
-
 // The motion from frame 1 to frame 2 of a pair of frames, and its error.
 struct PlacedFrames {
-  Rigid3 rig2_from_rig1;
+  MeasuredMotion rig2_from_rig1;
   double drift_rad = 0.0;
 };
 // Per pair of frames; nullopt unless the path measures the motion between them.
@@ -241,14 +94,15 @@ PlacedPairs PlaceFrames(const MotionProblem& problem, const RigPath& path,
     int earlier = frames.frame_idx1, later = frames.frame_idx2;
     const bool is_reversed = problem.index.order()->IsBefore(later, earlier);
     if (is_reversed) std::swap(earlier, later);
-    std::optional<Rigid3> refined;
+    std::optional<MeasuredMotion> refined;
     if (is_near_object[earlier] || is_near_object[later]) {
       refined = RefineMotion(problem, path, earlier, later);
     }
     if (!refined && path.num_unknown[earlier] != path.num_unknown[later]) {
       return;
     }
-    const Rigid3 motion = refined ? *refined : path.Between(earlier, later);
+    const MeasuredMotion motion =
+        refined ? *refined : path.MeasuredBetween(earlier, later);
     placed[i] =
         PlacedFrames{is_reversed ? motion.Inverse() : motion,
                      refined ? kRefinedError_rad
@@ -263,12 +117,13 @@ std::vector<ExpectedPair> ExpectPairs(const MotionProblem& problem,
   std::vector<ExpectedPair> expected;
   for (size_t f = 0; f < placed.size(); ++f) {
     if (!placed[f]) continue;
-    for (const size_t i : problem.index.frame_pairs()[f].pair_idxs) {
-      const auto cam2_from_cam1 = RelativePoseBy(
-          problem, problem.view_graph.pairs[i],
-          problem.index.frame_pairs()[f].frame_idx1, placed[f]->rig2_from_rig1);
-      if (!cam2_from_cam1) continue;
-      expected.push_back({i, *cam2_from_cam1, placed[f]->drift_rad});
+    const FramePair& frames = problem.index.frame_pairs()[f];
+    for (const size_t i : frames.pair_idxs) {
+      auto pair =
+          ExpectPair(problem, i, frames.frame_idx1, placed[f]->rig2_from_rig1);
+      if (!pair) continue;
+      pair->drift_rad = placed[f]->drift_rad;
+      expected.push_back(*pair);
     }
   }
   std::sort(expected.begin(), expected.end(), [](const auto& a, const auto& b) {
@@ -395,6 +250,7 @@ std::vector<ExpectedPair> VerifyPairs(
           e.cam2_from_cam1.translation.norm() * *pose.translation_direction;
     }
     e.drift_rad = 0.0;
+    e.covariance.setZero();
     found.push_back(e);
     (*pair_of_scene)[e.pair_idx] = std::move(pair);
   }
@@ -577,12 +433,18 @@ MotionOfScene JudgeByPoses(const MotionProblem& problem, const RigPath& path,
     }
     const Rigid3 sensor_from_rig{*rotations.sensor_from_rig[image1.sensor_idx],
                                  Vector3d::Zero()};
-    const Rigid3 expected = sensor_from_rig *
-                            path.Between(image1.frame_idx, image2.frame_idx) *
-                            sensor_from_rig.Inverse();
+    const int frame1 = image1.frame_idx, frame2 = image2.frame_idx;
+    const MeasuredMotion rig2_from_rig1 =
+        problem.index.order()->IsBefore(frame2, frame1)
+            ? path.MeasuredBetween(frame2, frame1).Inverse()
+            : path.MeasuredBetween(frame1, frame2);
     motion.pair_is_discontinuous[i] = !AgreesWithPath(
         problem, path, pair,
-        {i, expected, kDriftPerStep_rad * std::sqrt(*frames.time_gap)},
+        {i,
+         sensor_from_rig * rig2_from_rig1.later_from_earlier *
+             sensor_from_rig.Inverse(),
+         kDriftPerStep_rad * std::sqrt(*frames.time_gap),
+         CovarianceOfExpected(sensor_from_rig.rotation, rig2_from_rig1)},
         lengths[i]);
   }
   if (!motion.pair_is_discontinuous.Any()) return {};

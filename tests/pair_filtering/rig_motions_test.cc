@@ -112,7 +112,9 @@ class TwoFrames {
     return FindRigMotions(Matches(), kMaxError_px, Random(3));
   }
   std::optional<Rigid3> Refine(const Rigid3& start) const {
-    return RefineRigMotion(Matches(), kMaxError_px, start);
+    const auto refined = RefineRigMotion(Matches(), kMaxError_px, start);
+    if (!refined) return std::nullopt;
+    return refined->later_from_earlier;
   }
 
  private:
