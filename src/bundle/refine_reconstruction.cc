@@ -218,24 +218,12 @@ bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   return true;
 }
 
-// All steps after those of the store. Returns false if a solve fails.
+// Returns false if a solve fails.
 bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
-  const RefinementStore& store = input.store;
-  std::optional<RefinementState> state;
-  if (store.load) state = store.load();
-  if (!state) {
-    RemoveGrossErrors(input, result);
-    state.emplace();
-  } else {
-    *result = {std::move(state->estimate), std::move(state->summary)};
-    input.context.Info("bundle adjustment: solve " +
-                       std::to_string(state->num_steps) +
-                       " from the checkpoint");
-  }
+  RemoveGrossErrors(input, result);
   const int num_steps = input.options.num_rounds + 2;
-  for (int step = state->num_steps; step < num_steps; ++step) {
+  for (int step = 0; step < num_steps; ++step) {
     if (!RunStep(input, step, result)) return false;
-    if (store.save) store.save({step + 1, result->estimate, result->summary});
   }
   return true;
 }

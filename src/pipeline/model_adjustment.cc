@@ -171,24 +171,22 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
 void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
                      const Context& context, Reconstruction initial,
                      BundlePriors* priors, MapperModel* model) {
-  const auto refine = [&](const char* stage, Reconstruction start,
-                          const RefinementStore& store) {
+  const auto refine = [&](const char* stage, Reconstruction start) {
     return Timed(stage, context, &model->times, [&] {
       return RefineReconstruction(input.scene,
                                   MakeObservedSource(input, options, context),
                                   std::move(start), options.bundle_adjustment,
-                                  context, *priors, input.held, store);
+                                  context, *priors, input.held);
     });
   };
-  BundleResult bundle = refine("bundle adjustment", std::move(initial),
-                               MakeRefinementStore(input.stages));
+  BundleResult bundle = refine("bundle adjustment", std::move(initial));
   model->rig_differences.clear();
   model->has_shared_unit =
       input.calibration && input.calibration->SharesUnit(priors->calibration);
   if (!priors->calibration.sensors.empty()) {
     const auto prior = std::exchange(priors->calibration.sensors, {});
     BundleResult released =
-        refine("bundle adjustment without prior", bundle.estimate, {});
+        refine("bundle adjustment without prior", bundle.estimate);
     model->rig_differences = input.calibration->FindDifferences(
         released.estimate, *priors, options.bundle_adjustment, context, [&] {
           return EstimateDelays(input, options, context, released.estimate);
