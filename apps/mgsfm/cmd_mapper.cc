@@ -41,7 +41,7 @@ struct MapperCommandOptions {
   Option<std::string> figures{"figures", "",
                               "Folder for the trajectory, the rig, the "
                               "residual maps and the view graph "
-                              "of each model, as SVG and PNG files."};
+                              "of each model, as SVG files."};
   LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
