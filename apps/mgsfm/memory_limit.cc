@@ -11,7 +11,7 @@ namespace mgsfm {
 namespace {
 
 // Upper bounds of the peaks in docs/results/submaps.md.
-constexpr double kProgramMib = 24.0;
+constexpr double kProgramMib = 80.0;
 constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
