@@ -447,8 +447,7 @@ int RunModelAligner(const ModelAlignerOptions& options,
   const Sim3 transform = Align(options, &input, context);
   WriteToolModel(input, options.output_format, context, &output);
   if (!options.transform_path->empty()) {
-    FileOperations files;
-    ReplaceFile(*options.transform_path, TransformText(transform), &files);
+    ReplaceFile(*options.transform_path, TransformText(transform));
   }
   context.Info("scale " +
                FormatDouble(transform.scale, std::chars_format::general, 9));

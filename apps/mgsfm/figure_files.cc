@@ -13,10 +13,9 @@ namespace fs = std::filesystem;
 void WriteFigures(const fs::path& folder, const ReportPageInput& page,
                   const Context& context) {
   fs::create_directories(folder);
-  FileOperations files;
   for (const Figure& figure : MakeFigures(page, context)) {
     context.CheckInterrupted();
-    ReplaceFile(folder / (figure.name + ".svg"), figure.svg, &files);
+    ReplaceFile(folder / (figure.name + ".svg"), figure.svg);
   }
   context.Info("figures: " + folder.string());
 }
