@@ -6,6 +6,7 @@
 #include <string>
 
 #include "mgsfm/base/error.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -80,9 +81,8 @@ ModelSize SizeOf(const std::vector<SceneModel>& models) {
     for (const Image& image : model.scene.images) {
       size.num_keypoints += static_cast<double>(image.keypoints_px.size());
     }
-    for (const Point3D& point : model.reconstruction.points) {
-      size.num_observations += static_cast<double>(point.track.size());
-    }
+    size.num_observations +=
+        static_cast<double>(NumObservations(model.reconstruction));
   }
   return size;
 }

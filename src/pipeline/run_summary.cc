@@ -7,6 +7,7 @@
 #include <map>
 
 #include "geometry/so3.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -74,18 +75,8 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   }
   summary.num_images = reconstruction.NumRegisteredImages(scene);
   summary.num_points = reconstruction.points.size();
-  size_t num_errors = 0;
-  double sum_errors_px = 0.0;
-  for (const Point3D& point : reconstruction.points) {
-    summary.num_observations += point.track.size();
-    if (!point.error_px) continue;
-    num_errors += point.track.size();
-    sum_errors_px += *point.error_px * static_cast<double>(point.track.size());
-  }
-  if (num_errors > 0) {
-    summary.mean_reprojection_error_px =
-        sum_errors_px / static_cast<double>(num_errors);
-  }
+  summary.num_observations = NumObservations(reconstruction);
+  summary.mean_reprojection_error_px = MeanReprojectionErrorPx(reconstruction);
   for (size_t k = 0; k < scene.sensors.size(); ++k) {
     summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
   }

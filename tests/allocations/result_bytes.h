@@ -33,8 +33,9 @@
 
 namespace mgsfm {
 
-// The bytes of plain data. A Sink has Write(data, size). Structs list the number of their fields below; the compiler
-// rejects a wrong number, so no field can be forgotten.
+// The bytes of plain data. A Sink has Write(data, size). Structs list the
+// number of their fields below; the compiler rejects a wrong number, so no
+// field can be forgotten.
 
 template <class T>
 constexpr int kNumFields = 0;  // not a struct of fields
