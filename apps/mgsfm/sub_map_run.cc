@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/memory.h"
 #include "command.h"
@@ -367,9 +368,9 @@ void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
                     " points of matches");
       continue;
     }
-    char numbers[96];
-    std::snprintf(numbers, sizeof(numbers), "%.1f %% of the path and %.1f deg",
-                  100.0 * *edge.drift, *edge.rotation_error_deg);
+    const std::string numbers =
+        Formatted("%.1f %% of the path and %.1f deg", 100.0 * *edge.drift,
+                  *edge.rotation_error_deg);
     context.Warning("the loop between " + maps +
                     " is rejected: it contradicts "
                     "the chain of sub-maps by " +

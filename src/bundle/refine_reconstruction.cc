@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "bundle/contradicted_points.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
@@ -64,13 +65,10 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
       input.scene, input.priors, input.fixed, options, parts,
       function_tolerance, ContextOfSolve(input, summary), result, input.store);
   const SolveSummary& solve = summary.solves.back();
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                summary.solves.size(), solve.num_iterations, solve.initial_cost,
-                solve.final_cost,
-                std::string(TerminationName(solve.termination)).c_str());
-  input.context.Debug(line);
+  input.context.Debug(Formatted(
+      "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
+      solve.num_iterations, solve.initial_cost, solve.final_cost,
+      std::string(TerminationName(solve.termination)).c_str()));
   return is_usable;
 }
 
@@ -90,13 +88,11 @@ void FinishRound(BundleRound round, const Context& context,
                  BundleResult* result) {
   round.num_points_after = result->estimate.points.size();
   round.num_observations_after = NumObservations(result->estimate);
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "points %zu to %zu, observations %zu to %zu, up to %.2f px",
+  context.Debug(
+      Formatted("points %zu to %zu, observations %zu to %zu, up to %.2f px",
                 round.num_points_before, round.num_points_after,
                 round.num_observations_before, round.num_observations_after,
-                round.max_error_px);
-  context.Debug(line);
+                round.max_error_px));
   result->summary.rounds.push_back(round);
 }
 

@@ -3,11 +3,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "pipeline/candidates.h"
 #include "pipeline/covariance_report.h"
 #include "pipeline/metric_scale.h"
@@ -71,12 +71,10 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
     return std::move(registration.used);
   }
-  char text[160];
-  std::snprintf(text, sizeof(text),
-                "the positions would deform the model by %.4g, but its extent "
-                "is only %.4g; they are ignored",
-                summary.deformation->max_shift, extent);
-  summary.message = text;
+  summary.message = Formatted(
+      "the positions would deform the model by %.4g, but its extent "
+      "is only %.4g; they are ignored",
+      summary.deformation->max_shift, extent);
   summary.is_registered = false;
   *initial = unregistered;
   return {};

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "scene/observations.h"
 
@@ -15,12 +15,6 @@ namespace {
 // Reasons and models beyond these are in the report only.
 constexpr size_t kMaxNumReasons = 2;
 constexpr size_t kMaxNumModels = 3;
-
-std::string Number(const char* format, double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
 
 std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
@@ -99,8 +93,8 @@ std::string DescribeRig(const ModelSummary& model) {
   }
   for (const SensorAccuracy& sensor : model.accuracies) {
     line += ", '" + sensor.name + "' within " +
-            Number("%.2g", sensor.sigma_rotation_deg) + " deg and " +
-            Number("%.2g", sensor.sigma_translation);
+            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg and " +
+            Formatted("%.2g", sensor.sigma_translation);
   }
   return line + " (one standard deviation)";
 }
@@ -156,7 +150,7 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
         Count(model.num_points, "point", "points");
     if (model.mean_reprojection_error_px) {
       line += ", mean reprojection error " +
-              Number("%.2f", *model.mean_reprojection_error_px) + " px";
+              Formatted("%.2f", *model.mean_reprojection_error_px) + " px";
     }
     lines.push_back(line);
     if (const std::string rig = DescribeRig(model); !rig.empty()) {
