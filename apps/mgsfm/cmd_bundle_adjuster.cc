@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
-#include <cstdio>
 #include <numeric>
 #include <string>
 #include <vector>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "command.h"
 #include "commands.h"
@@ -139,9 +139,7 @@ std::string Describe(const ModelScene& input, const BundleResult& result) {
   }
   std::string text;
   const auto add_row = [&](const char* format, auto... values) {
-    char row[160];
-    std::snprintf(row, sizeof(row), format, values...);
-    text += row;
+    text += Formatted(format, values...);
   };
   add_row("%-22s %14s %14s\n", "", "before", "after");
   add_row("%-22s %14.6g %14.6g\n", "cost", solves.front().initial_cost,

@@ -220,16 +220,14 @@ void WarnOfImagesWithoutPoints(const SceneModel& model,
 void WriteLayoutFiles(const ImageUndistorterOptions& options, bool has_masks,
                       const UndistortedModel& model) {
   const fs::path output_path = *options.output_path;
-  FileOperations operations;
   if (options.output_type == UndistortionLayout::kMvs) {
     WriteStereoFolder(output_path / "stereo", model.scene);
   } else if (options.output_type == UndistortionLayout::kNerfstudio) {
     ReplaceFile(output_path / "sparse_pc.ply",
-                PointsToPly(model.reconstruction), &operations);
+                PointsToPly(model.reconstruction));
     ReplaceFile(
         output_path / "transforms.json",
-        NerfstudioTransforms(model.scene, model.reconstruction, has_masks),
-        &operations);
+        NerfstudioTransforms(model.scene, model.reconstruction, has_masks));
   }
 }
 

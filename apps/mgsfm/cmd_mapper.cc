@@ -34,11 +34,6 @@ struct MapperCommandOptions {
   Option<bool> write_report{
       "write_report", true,
       "Write report.html, a page to inspect a model, into its folder."};
-  Option<std::string> checkpoint_path{
-      "checkpoint_path", "",
-      "Folder in which stages save their results. A run that was stopped "
-      "continues from there and ends with the same models; then the files are "
-      "removed."};
   Option<int> max_memory_mib{
       "max_memory", 0, AtLeast(0), "MiB",
       "End with a message before the reconstruction if it would need more "
@@ -46,7 +41,7 @@ struct MapperCommandOptions {
   Option<std::string> figures{"figures", "",
                               "Folder for the trajectory, the rig, the "
                               "residual maps and the view graph "
-                              "of each model, as SVG and PNG files."};
+                              "of each model, as SVG files."};
   LiveViewOptions live;
   SceneLoadingOptions loading;
   PosePriorOptions priors;
@@ -58,8 +53,8 @@ struct MapperCommandOptions {
   template <class Visitor>
   void Describe(Visitor& visit) {
     visit(database_path, output_path, image_path, input_path, image_list_path,
-          output_format, write_report, figures, live, checkpoint_path,
-          max_memory_mib, partition, loading, priors, baseline, mapper);
+          output_format, write_report, figures, live, max_memory_mib, partition,
+          loading, priors, baseline, mapper);
     visit.Group("Mapper", mapper.extension);
     visit.Group("Mapper", rig_split);
   }
@@ -75,7 +70,7 @@ int RunMapperCommand(const MapperCommandOptions& options,
       options.mapper,          OptionsToJsonOf(options), options.input_path,
       options.image_list_path, options.baseline,         options.rig_split,
       options.write_report,    options.figures,          live.get(),
-      options.checkpoint_path, options.max_memory_mib};
+      options.max_memory_mib};
   if (options.partition.num_clusters > 0) {
     return PartitionDatabase(run, options.partition, context);
   }

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/text.h"
 #include "command.h"
 #include "commands.h"
@@ -269,8 +269,8 @@ void CheckAgreement(const ModelAlignerOptions& options,
         "--alignment_max_error, --min_inlier_ratio and "
         "--min_common_images");
   }
-  char numbers[80];
-  std::snprintf(numbers, sizeof(numbers), ", RMS distance %.4g, median %.4g",
+  const std::string numbers =
+      Formatted(", RMS distance %.4g, median %.4g",
                 std::sqrt(squared_sum / static_cast<double>(num_used)),
                 Median(distances));
   context.Info("aligned to " + found + numbers);
@@ -447,8 +447,7 @@ int RunModelAligner(const ModelAlignerOptions& options,
   const Sim3 transform = Align(options, &input, context);
   WriteToolModel(input, options.output_format, context, &output);
   if (!options.transform_path->empty()) {
-    FileOperations files;
-    ReplaceFile(*options.transform_path, TransformText(transform), &files);
+    ReplaceFile(*options.transform_path, TransformText(transform));
   }
   context.Info("scale " +
                FormatDouble(transform.scale, std::chars_format::general, 9));

@@ -139,11 +139,10 @@ void WriteFiles(const std::vector<ExportedFile>& files,
   }
   CheckTargets(paths);
   context.CheckInterrupted();
-  FileOperations operations;
   for (size_t i = 0; i < files.size(); ++i) {
     const bool is_in_folder = files[i].suffix.find('/') != std::string::npos;
     if (is_in_folder) fs::create_directories(fs::path(paths[i]).parent_path());
-    ReplaceFile(paths[i], files[i].content, &operations);
+    ReplaceFile(paths[i], files[i].content);
     context.Info("written: " + paths[i]);
   }
 }

@@ -146,15 +146,14 @@ CommandResult RunModelEvaluator(const EvaluatorOptions& options,
   const Evaluation evaluation =
       Evaluate(comparison.images, comparison.has_true_poses, comparison.sensors,
                thresholds);
-  FileOperations files;
   if (!options.json->empty()) {
-    ReplaceFile(*options.json, EvaluationToJson(evaluation), &files);
+    ReplaceFile(*options.json, EvaluationToJson(evaluation));
   }
   if (!options.svg_path->empty()) {
     EvaluationLabels labels;
     labels.length_unit = LengthUnitName(evaluation);
     ReplaceFile(*options.svg_path,
-                EvaluationToSvg(comparison.images, evaluation, labels), &files);
+                EvaluationToSvg(comparison.images, evaluation, labels));
   }
   CommandResult result(kExitSuccess);
   result.text = EvaluationToText(evaluation);

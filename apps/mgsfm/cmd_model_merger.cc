@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include <cstdio>
 #include <utility>
 
+#include "base/format.h"
 #include "command.h"
 #include "commands.h"
 #include "io/files/staged_output.h"
@@ -66,19 +66,16 @@ struct ModelMergerOptions {
 };
 
 void LogSummary(const MergeSummary& summary, const Context& context) {
-  char line[200];
-  std::snprintf(line, sizeof(line),
-                "%d common frames with %d common images, median distance "
+  context.Info(
+      Formatted("%d common frames with %d common images, median distance "
                 "%.4g, scale %.9g",
                 summary.num_common_frames, summary.num_common_images,
-                summary.median_distance, summary.first_from_second.scale);
-  context.Info(line);
-  std::snprintf(line, sizeof(line),
-                "%d new images, %d points merged, %d contradictory points "
+                summary.median_distance, summary.first_from_second.scale));
+  context.Info(
+      Formatted("%d new images, %d points merged, %d contradictory points "
                 "dropped",
                 summary.num_new_images, summary.num_merged_points,
-                summary.num_dropped_points);
-  context.Info(line);
+                summary.num_dropped_points));
 }
 
 int JoinGraph(const ModelMergerOptions& options, const Context& context) {

@@ -55,7 +55,7 @@ struct ReportCommandOptions {
   Option<std::string> figures{
       "figures", "",
       "Folder for the trajectory, the rig, the residual maps, the view graph "
-      "and, with --gt_path, the errors as SVG and PNG files."};
+      "and, with --gt_path, the errors as SVG files."};
   Option<bool> side_files{
       "side_files", false,
       "Write the points that do not fit into files beside the page, from which "

@@ -2,11 +2,11 @@
 #include "extraction_run.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <optional>
 #include <system_error>
 
+#include "base/format.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/database/feature_database.h"
 
@@ -15,9 +15,8 @@ namespace {
 
 void LogSummary(const FeatureExtractionSummary& summary,
                 const Context& context) {
-  char rate[64];
-  std::snprintf(rate, sizeof(rate), " in %.1f s, %.3g images/s",
-                summary.seconds,
+  const std::string rate =
+      Formatted(" in %.1f s, %.3g images/s", summary.seconds,
                 static_cast<double>(summary.num_extracted) /
                     std::max(summary.seconds, 1e-9));
   context.Info(std::to_string(summary.num_features) + " features of " +

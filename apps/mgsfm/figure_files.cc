@@ -7,25 +7,15 @@
 #include "mgsfm/report_page/figures.h"
 
 namespace mgsfm {
-namespace {
 
 namespace fs = std::filesystem;
-
-// 300 dots per inch if the drawing is as wide as a column of text, 8 cm.
-constexpr double kPixelsPerUnit = 2.0;
-
-}  // namespace
 
 void WriteFigures(const fs::path& folder, const ReportPageInput& page,
                   const Context& context) {
   fs::create_directories(folder);
-  FileOperations files;
   for (const Figure& figure : MakeFigures(page, context)) {
     context.CheckInterrupted();
-    const fs::path stem = folder / figure.name;
-    ReplaceFile(stem.string() + ".svg", figure.svg, &files);
-    ReplaceFile(stem.string() + ".png", FigureToPng(figure, kPixelsPerUnit),
-                &files);
+    ReplaceFile(folder / (figure.name + ".svg"), figure.svg);
   }
   context.Info("figures: " + folder.string());
 }

@@ -10,8 +10,8 @@
 
 namespace mgsfm {
 
-// Writes the figures of a model (mgsfm/report_page/figures.h) as NAME.svg and
-// NAME.png into a folder, which is made if necessary. Throws Error if a file
+// Writes the figures of a model (mgsfm/report_page/figures.h) as NAME.svg
+// into a folder, which is made if necessary. Throws Error if a file
 // cannot be written.
 void WriteFigures(const std::filesystem::path& folder,
                   const ReportPageInput& page, const Context& context);

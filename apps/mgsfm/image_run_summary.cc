@@ -2,14 +2,14 @@
 #include "image_run_summary.h"
 
 #include <algorithm>
-#include <cstdio>
+
+#include "base/format.h"
 
 namespace mgsfm {
 
 std::string Describe(const ImageRunSummary& summary) {
-  char rate[64];
-  std::snprintf(rate, sizeof(rate), " images in %.1f s, %.3g images/s; ",
-                summary.seconds,
+  const std::string rate =
+      Formatted(" images in %.1f s, %.3g images/s; ", summary.seconds,
                 static_cast<double>(summary.num_written) /
                     std::max(summary.seconds, 1e-9));
   return std::to_string(summary.num_written) + rate +

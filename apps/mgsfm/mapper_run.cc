@@ -2,11 +2,9 @@
 #include "mapper_run.h"
 
 #include <filesystem>
-#include <memory>
 #include <set>
 #include <utility>
 
-#include "checkpoint.h"
 #include "command.h"
 #include "figure_files.h"
 #include "io/database/image_list.h"
@@ -138,19 +136,6 @@ void LogNoModel(const MapperRun& run, const Context& context) {
                                     (output / "report.json").string());
 }
 
-// nullptr if none is wanted. What does not change the models is no part of the
-// hash, such as output paths and the number of threads.
-std::unique_ptr<Checkpoint> OpenCheckpoint(const MapperRun& run,
-                                           const MapperInput& input,
-                                           const Context& context) {
-  if (run.checkpoint_path.empty()) return nullptr;
-  const std::string options = Version() + std::to_string(context.random_seed) +
-                              OptionsToJsonOf(run.mapper) +
-                              OptionsToJsonOf(run.baseline);
-  return std::make_unique<Checkpoint>(
-      run.checkpoint_path, HashInput(input) ^ HashText(options), context);
-}
-
 // A model that was extended without registration keeps its origin.
 void KeepGeoOrigin(const std::filesystem::path& input_path,
                    const MapperResult& result,
@@ -263,9 +248,6 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   CheckMemory(input.mapper, run.max_memory_mib);
   if (run.live) input.mapper.observer = run.live->Observe(scene, context);
 
-  const std::unique_ptr<Checkpoint> checkpoint =
-      OpenCheckpoint(run, input.mapper, context);
-  input.mapper.stage_store = checkpoint.get();
   MapperResult result =
       RunBaseline(run.baseline, input.mapper, run.mapper, context);
   context.Debug("writing started");
@@ -281,7 +263,6 @@ int MapDatabase(const MapperRun& run, const Context& context) {
   WriteFile(output.StagingDir() / "report.json", report_json);
   context.CheckInterrupted();
   output.Commit();
-  if (checkpoint) checkpoint->Remove();
   std::string first_page;
   if (run.write_report) {
     first_page = WriteReportPages(run.output_path, run.image_path, input.mapper,

@@ -6,12 +6,13 @@
 #include <string>
 
 #include "mgsfm/base/error.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
 
 // Upper bounds of the peaks in docs/results/submaps.md.
-constexpr double kProgramMib = 24.0;
+constexpr double kProgramMib = 80.0;
 constexpr double kBytesPerKeypoint = 60.0;
 constexpr double kBytesPerMatch = 100.0;
 // Frames that clusters share, as a factor of their size.
@@ -80,9 +81,8 @@ ModelSize SizeOf(const std::vector<SceneModel>& models) {
     for (const Image& image : model.scene.images) {
       size.num_keypoints += static_cast<double>(image.keypoints_px.size());
     }
-    for (const Point3D& point : model.reconstruction.points) {
-      size.num_observations += static_cast<double>(point.track.size());
-    }
+    size.num_observations +=
+        static_cast<double>(NumObservations(model.reconstruction));
   }
   return size;
 }

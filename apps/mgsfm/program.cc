@@ -21,7 +21,6 @@
 #include "base/text.h"
 #include "colmap_names.h"
 #include "commands.h"
-#include "help_formats.h"
 #include "interruption.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/base/version.h"
@@ -89,41 +88,6 @@ void PrintOptionsMarkdown() {
   }
 }
 
-std::vector<CommandHelp> AllHelp() {
-  static CommonOptions common;
-  std::vector<CommandHelp> all;
-  for (const Command& command : AllCommands()) {
-    command.list([&](const OptionList& options) {
-      all.push_back({command.name, command.summary, options});
-    });
-    for (OptionEntry& entry : ListOptions(&common)) {
-      all.back().options.push_back(std::move(entry));
-    }
-  }
-  return all;
-}
-
-std::string ManPageNamed(const std::string& name) {
-  for (const CommandHelp& command : AllHelp()) {
-    if (command.name == name) return ManPageOf(Version(), command);
-  }
-  throw Error("unknown command '" + name + "'; mgsfm --help lists them");
-}
-
-// `mgsfm help --format FORMAT`, for packages: scripts/write_help_files.sh.
-std::string FormattedHelp(const std::vector<std::string>& arguments) {
-  if (arguments.size() > 1 && arguments[1] == "man") {
-    if (arguments.size() == 3) return ManPageNamed(arguments[2]);
-    if (arguments.size() == 2) return ManPage(Version(), AllHelp());
-  }
-  if (arguments.size() == 2) {
-    if (arguments[1] == "bash") return BashCompletion(AllHelp());
-    if (arguments[1] == "zsh") return ZshCompletion(AllHelp());
-    if (arguments[1] == "fish") return FishCompletion(AllHelp());
-  }
-  throw Error("usage: mgsfm help --format bash|zsh|fish|man [COMMAND of man]");
-}
-
 void PrintUsage() {
   std::cout << "mgsfm " << Version()
             << ": global structure from motion for multi-camera rigs\n\n"
@@ -179,10 +143,6 @@ int Dispatch(std::vector<std::string> arguments, const std::string& commit) {
   const std::string name = arguments.front();
   arguments.erase(arguments.begin());
   const bool is_help = name == "help" || name == "--help" || name == "-h";
-  if (is_help && !arguments.empty() && arguments.front() == "--format") {
-    std::cout << FormattedHelp(arguments);
-    return kExitSuccess;
-  }
   if (is_help && !arguments.empty()) {
     return RunCommand(arguments.front(), {"--help"});
   }

@@ -3,7 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "base/format.h"
 
 namespace mgsfm {
 
@@ -12,9 +13,7 @@ std::string FormatHoursMinutes(double seconds) {
   constexpr double kMaxMinutes = 60.0 * 24.0 * 36525.0;
   const auto minutes = static_cast<long>(
       std::clamp(std::ceil(seconds / 60.0), 0.0, kMaxMinutes));
-  char text[32];
-  std::snprintf(text, sizeof(text), "%ld:%02ld", minutes / 60, minutes % 60);
-  return text;
+  return Formatted("%ld:%02ld", minutes / 60, minutes % 60);
 }
 
 std::string ProgressBar(double share, int width) {
@@ -46,9 +45,7 @@ std::optional<std::string> ProgressText::Update(const Progress& progress,
   shown_s_ = now_s;
   const double per_second = num_new / std::max(1e-9, now_s - stage_start_s_);
   const auto num_left = static_cast<double>(progress.total - progress.done);
-  char numbers[96];
-  std::snprintf(
-      numbers, sizeof(numbers),
+  const std::string numbers = Formatted(
       per_second < 1000.0 ? ": %zu of %zu, %.3g/s, " : ": %zu of %zu, %.0f/s, ",
       progress.done, progress.total, per_second);
   return stage_ + numbers + FormatHoursMinutes(num_left / per_second) + " left";

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "base/grouped_warnings.h"
 #include "base/memory.h"
 #include "command.h"
@@ -24,7 +25,6 @@
 #include "mgsfm/base/version.h"
 #include "mgsfm/io/rigs/rig_config.h"
 #include "partition_run.h"
-#include "pipeline/stage_archive.h"
 
 namespace mgsfm {
 namespace {
@@ -166,15 +166,20 @@ JoinedMaps Join(const SubMapRun& run, const SubMapFiles& files,
                      context);
 }
 
-// Writes values without a copy of all bytes in memory.
+// Data of this run that wait in a file.
 class FileSink {
  public:
   explicit FileSink(const fs::path& path)
       : path_(path), file_(path, std::ios::binary | std::ios::trunc) {}
 
-  void Write(const void* data, size_t size) {
-    file_.write(static_cast<const char*>(data),
-                static_cast<std::streamsize>(size));
+  template <class T>
+  void Write(const T& value) {
+    WriteBytes(&value, sizeof(T));
+  }
+  template <class T>
+  void Write(const std::vector<T>& items) {
+    Write(items.size());
+    WriteBytes(items.data(), items.size() * sizeof(T));
   }
   // Throws Error unless everything is written.
   void Close() {
@@ -183,6 +188,11 @@ class FileSink {
   }
 
  private:
+  void WriteBytes(const void* data, size_t size) {
+    file_.write(static_cast<const char*>(data),
+                static_cast<std::streamsize>(size));
+  }
+
   const fs::path path_;
   std::ofstream file_;
 };
@@ -190,21 +200,30 @@ class FileSink {
 class FileSource {
  public:
   explicit FileSource(const fs::path& path)
-      : path_(path),
-        file_(path, std::ios::binary),
-        num_bytes_left_(fs::file_size(path)) {}
+      : path_(path), file_(path, std::ios::binary) {}
 
-  void CheckSize(uint64_t size) const {
-    if (size > num_bytes_left_) ThrowDamaged();
+  template <class T>
+  void Read(T* value) {
+    ReadBytes(value, sizeof(T));
   }
-  void Read(void* data, size_t size) {
-    CheckSize(size);
-    file_.read(static_cast<char*>(data), static_cast<std::streamsize>(size));
-    if (!file_) ThrowDamaged();
-    num_bytes_left_ -= size;
+  template <class T>
+  void Read(std::vector<T>* items) {
+    items->resize(ReadSize(sizeof(T)));
+    ReadBytes(items->data(), items->size() * sizeof(T));
+  }
+  // A number of items, each with as many bytes or more in the file.
+  size_t ReadSize(size_t bytes_per_item) {
+    size_t size = 0;
+    Read(&size);
+    if (size > fs::file_size(path_) / bytes_per_item) ThrowDamaged();
+    return size;
   }
 
  private:
+  void ReadBytes(void* data, size_t size) {
+    file_.read(static_cast<char*>(data), static_cast<std::streamsize>(size));
+    if (!file_) ThrowDamaged();
+  }
   [[noreturn]] void ThrowDamaged() const {
     throw Error("cannot read '" + path_.string() +
                 "', which this run has written; check its disk");
@@ -212,19 +231,22 @@ class FileSource {
 
   const fs::path path_;
   std::ifstream file_;
-  uint64_t num_bytes_left_;
 };
 
 // Returns the tracks of a model, which are in a file until then.
 CandidateSource TracksInFile(const Reconstruction& model,
                              const fs::path& path) {
+  const ObservationGroups tracks = GroupTracks(model);
   FileSink sink(path);
-  WriteTo(&sink, GroupTracks(model));
+  sink.Write(tracks.observations);
+  sink.Write(tracks.offsets);
   sink.Close();
   return {[path](const Reconstruction&, double) {
+    ObservationGroups waiting;
     FileSource source(path);
-    return std::make_shared<const ObservationGroups>(
-        ReadFrom<FileSource, ObservationGroups>(&source));
+    source.Read(&waiting.observations);
+    source.Read(&waiting.offsets);
+    return std::make_shared<const ObservationGroups>(std::move(waiting));
   }};
 }
 
@@ -233,21 +255,30 @@ RefinementStore PointsInFile(const fs::path& path, Scene* scene) {
   RefinementStore store;
   store.put_points = [path, scene](std::vector<Point3D> points) {
     FileSink sink(path);
-    WriteTo(&sink, points);
+    sink.Write(points.size());
+    for (const Point3D& point : points) {
+      sink.Write(point.point_in_world);
+      sink.Write(point.color);
+      sink.Write(point.error_px);
+      sink.Write(point.track);
+    }
     points = std::vector<Point3D>();
     for (Image& image : scene->images) {
-      WriteTo(&sink, std::exchange(image.keypoints_px, {}));
+      sink.Write(std::exchange(image.keypoints_px, {}));
     }
     sink.Close();
     ReturnFreedMemory();
   };
   store.take_points = [path, scene] {
     FileSource source(path);
-    auto points = ReadFrom<FileSource, std::vector<Point3D>>(&source);
-    for (Image& image : scene->images) {
-      image.keypoints_px =
-          ReadFrom<FileSource, decltype(image.keypoints_px)>(&source);
+    std::vector<Point3D> points(source.ReadSize(sizeof(size_t)));
+    for (Point3D& point : points) {
+      source.Read(&point.point_in_world);
+      source.Read(&point.color);
+      source.Read(&point.error_px);
+      source.Read(&point.track);
     }
+    for (Image& image : scene->images) source.Read(&image.keypoints_px);
     return points;
   };
   return store;
@@ -337,9 +368,9 @@ void LogEdges(const SubMapFiles& files, const JoinedMaps& joined,
                     " points of matches");
       continue;
     }
-    char numbers[96];
-    std::snprintf(numbers, sizeof(numbers), "%.1f %% of the path and %.1f deg",
-                  100.0 * *edge.drift, *edge.rotation_error_deg);
+    const std::string numbers =
+        Formatted("%.1f %% of the path and %.1f deg", 100.0 * *edge.drift,
+                  *edge.rotation_error_deg);
     context.Warning("the loop between " + maps +
                     " is rejected: it contradicts "
                     "the chain of sub-maps by " +

@@ -7,6 +7,7 @@
 #include "mgsfm/io/models/model_scene.h"
 #include "mgsfm/io/priors/pose_priors.h"
 #include "mgsfm/io/rigs/rig_config.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -59,11 +60,7 @@ void WriteToolModel(const ToolModel& model, ModelFormat format,
 
 ObservationGroups GroupTracks(const Reconstruction& model) {
   ObservationGroups groups;
-  size_t num_observations = 0;
-  for (const Point3D& point : model.points) {
-    num_observations += point.track.size();
-  }
-  groups.observations.reserve(num_observations);
+  groups.observations.reserve(NumObservations(model));
   groups.offsets.reserve(model.points.size() + 1);
   for (const Point3D& point : model.points) {
     groups.observations.insert(groups.observations.end(), point.track.begin(),

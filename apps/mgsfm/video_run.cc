@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "video_run.h"
 
-#include <cstdio>
+#include "base/format.h"
 
 namespace mgsfm {
 
@@ -11,8 +11,7 @@ void SampleVideosInto(const std::filesystem::path& output_path,
                       const Context& context) {
   const VideoSamplingSummary summary =
       SampleVideos(SplitVideoPaths(video_paths), output_path, options, context);
-  char seconds[32];
-  std::snprintf(seconds, sizeof(seconds), "%.1f s", summary.seconds);
+  const std::string seconds = Formatted("%.1f s", summary.seconds);
   context.Info("extracted " + std::to_string(summary.num_written) +
                " images of " + std::to_string(summary.num_frames) +
                " frames in " + seconds + "; " +

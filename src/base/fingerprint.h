@@ -3,9 +3,10 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstdio>
 #include <string>
 #include <type_traits>
+
+#include "base/format.h"
 
 namespace mgsfm {
 
@@ -26,10 +27,7 @@ class Fingerprint {
   }
 
   std::string ToString() const {
-    char text[17];
-    std::snprintf(text, sizeof(text), "%016llx",
-                  static_cast<unsigned long long>(hash_));
-    return text;
+    return Formatted("%016llx", static_cast<unsigned long long>(hash_));
   }
 
  private:

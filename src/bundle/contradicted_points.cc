@@ -3,43 +3,15 @@
 
 #include <atomic>
 #include <cstddef>
-#include <cstdint>
 #include <utility>
 #include <vector>
 
 #include "base/parallel.h"
 #include "bundle/image_views.h"
+#include "scene/point_lookup.h"
 
 namespace mgsfm {
 namespace {
-
-// The point of each keypoint.
-class PointLookup {
- public:
-  PointLookup(const Scene& scene, const std::vector<Point3D>& points) {
-    begin_ = {0};
-    for (const Image& image : scene.images) {
-      begin_.push_back(begin_.back() + image.keypoints_px.size());
-    }
-    point_.assign(begin_.back(), kNoPoint);
-    for (size_t p = 0; p < points.size(); ++p) {
-      for (const Observation& o : points[p].track) {
-        point_[begin_[o.image_idx] + o.keypoint_idx] = static_cast<int>(p);
-      }
-    }
-  }
-
-  // Marks keypoints without a point. It is not std::optional, to save memory.
-  static constexpr int kNoPoint = -1;
-
-  int PointOf(int image_idx, uint32_t keypoint_idx) const {
-    return point_[begin_[image_idx] + keypoint_idx];
-  }
-
- private:
-  std::vector<size_t> begin_;
-  std::vector<int> point_;
-};
 
 // Per point: the matches of its observations that contradict it. Their number
 // does not depend on the order in which threads count them.
@@ -47,7 +19,7 @@ std::vector<std::atomic<int>> CountContradictions(
     const Scene& scene, const ViewGraph& matches, double max_error_px,
     int num_threads, const Reconstruction& reconstruction) {
   const std::vector<ImageView> views = MakeImageViews(scene, reconstruction);
-  const PointLookup lookup(scene, reconstruction.points);
+  const PointLookup lookup(scene, reconstruction);
   std::vector<std::atomic<int>> num_contradictions(
       reconstruction.points.size());
   const auto test = [&](int point_idx, const ImageView& view,
@@ -68,15 +40,11 @@ std::vector<std::atomic<int>> CountContradictions(
         const auto& keypoints1 = scene.images[pair.image_idx1].keypoints_px;
         const auto& keypoints2 = scene.images[pair.image_idx2].keypoints_px;
         for (const Match& m : pair.matches) {
-          const int p1 = lookup.PointOf(pair.image_idx1, m.keypoint_idx1);
-          const int p2 = lookup.PointOf(pair.image_idx2, m.keypoint_idx2);
+          const auto p1 = lookup.Find(pair.image_idx1, m.keypoint_idx1);
+          const auto p2 = lookup.Find(pair.image_idx2, m.keypoint_idx2);
           if (p1 == p2) continue;
-          if (p1 != PointLookup::kNoPoint) {
-            test(p1, view2, keypoints2[m.keypoint_idx2]);
-          }
-          if (p2 != PointLookup::kNoPoint) {
-            test(p2, view1, keypoints1[m.keypoint_idx1]);
-          }
+          if (p1) test(*p1, view2, keypoints2[m.keypoint_idx2]);
+          if (p2) test(*p2, view1, keypoints1[m.keypoint_idx1]);
         }
       },
       /*block_size=*/16);

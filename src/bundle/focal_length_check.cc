@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/format.h"
 #include "bundle/problem_builder.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
@@ -24,17 +24,9 @@ const CameraModelInfo& InfoOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
 }
 
-std::string Number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), "%.3g", value);
-  return text;
-}
+std::string Number(double value) { return Formatted("%.3g", value); }
 
-std::string Pixels(double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), "%.1f px", value);
-  return text;
-}
+std::string Pixels(double value) { return Formatted("%.1f px", value); }
 
 // The largest rotation of a frame relative to the first.
 double LargestRotationDeg(const Reconstruction& model) {

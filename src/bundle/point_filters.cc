@@ -52,14 +52,6 @@ std::vector<size_t> FirstErrorOfPoints(const Scene& scene,
 
 }  // namespace
 
-size_t NumObservations(const Reconstruction& reconstruction) {
-  size_t num_observations = 0;
-  for (const Point3D& point : reconstruction.points) {
-    num_observations += point.track.size();
-  }
-  return num_observations;
-}
-
 std::vector<double> ReprojectionErrors(const Scene& scene,
                                        const Reconstruction& reconstruction,
                                        int num_threads) {

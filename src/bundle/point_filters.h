@@ -8,13 +8,12 @@
 #include "mgsfm/base/mask.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/scene.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 
 // Selection of points and observations. No function changes a pose or moves a
 // point. Observations in images without a pose are always removed.
-
-size_t NumObservations(const Reconstruction& reconstruction);
 
 // A lower bound of the noise of keypoints. Keypoint detectors do not localise
 // better, and the noise of exact (synthetic) keypoints must not become zero.

@@ -8,6 +8,7 @@
 #include "bundle/image_views.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -59,11 +60,7 @@ std::vector<int> AddPoints(const ProblemInput& input, BuiltProblem* built) {
   DenseNumbering cameras(scene.cameras.size()), images(scene.images.size());
   std::vector<int> image_idxs;
   std::vector<const Observation*> visible;
-  size_t num_observations = 0;
-  for (const Point3D& point : input.reconstruction.points) {
-    num_observations += point.track.size();
-  }
-  problem.observations.reserve(num_observations);
+  problem.observations.reserve(NumObservations(input.reconstruction));
   const size_t num_points = input.reconstruction.points.size();
   problem.point_begin.reserve(num_points + 1);
   built->state.points.reserve(num_points);

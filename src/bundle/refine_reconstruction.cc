@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "bundle/contradicted_points.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
@@ -64,13 +65,10 @@ bool Solve(const RefinementInput& input, RefinedParts parts,
       input.scene, input.priors, input.fixed, options, parts,
       function_tolerance, ContextOfSolve(input, summary), result, input.store);
   const SolveSummary& solve = summary.solves.back();
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "solve %zu: %d iterations, cost %.6g to %.6g, %s",
-                summary.solves.size(), solve.num_iterations, solve.initial_cost,
-                solve.final_cost,
-                std::string(TerminationName(solve.termination)).c_str());
-  input.context.Debug(line);
+  input.context.Debug(Formatted(
+      "solve %zu: %d iterations, cost %.6g to %.6g, %s", summary.solves.size(),
+      solve.num_iterations, solve.initial_cost, solve.final_cost,
+      std::string(TerminationName(solve.termination)).c_str()));
   return is_usable;
 }
 
@@ -90,13 +88,11 @@ void FinishRound(BundleRound round, const Context& context,
                  BundleResult* result) {
   round.num_points_after = result->estimate.points.size();
   round.num_observations_after = NumObservations(result->estimate);
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "points %zu to %zu, observations %zu to %zu, up to %.2f px",
+  context.Debug(
+      Formatted("points %zu to %zu, observations %zu to %zu, up to %.2f px",
                 round.num_points_before, round.num_points_after,
                 round.num_observations_before, round.num_observations_after,
-                round.max_error_px);
-  context.Debug(line);
+                round.max_error_px));
   result->summary.rounds.push_back(round);
 }
 
@@ -218,24 +214,12 @@ bool RunStep(const RefinementInput& input, int step, BundleResult* result) {
   return true;
 }
 
-// All steps after those of the store. Returns false if a solve fails.
+// Returns false if a solve fails.
 bool SolveAndTriangulate(const RefinementInput& input, BundleResult* result) {
-  const RefinementStore& store = input.store;
-  std::optional<RefinementState> state;
-  if (store.load) state = store.load();
-  if (!state) {
-    RemoveGrossErrors(input, result);
-    state.emplace();
-  } else {
-    *result = {std::move(state->estimate), std::move(state->summary)};
-    input.context.Info("bundle adjustment: solve " +
-                       std::to_string(state->num_steps) +
-                       " from the checkpoint");
-  }
+  RemoveGrossErrors(input, result);
   const int num_steps = input.options.num_rounds + 2;
-  for (int step = state->num_steps; step < num_steps; ++step) {
+  for (int step = 0; step < num_steps; ++step) {
     if (!RunStep(input, step, result)) return false;
-    if (store.save) store.save({step + 1, result->estimate, result->summary});
   }
   return true;
 }

@@ -8,37 +8,10 @@
 
 #include "base/parallel.h"
 #include "mgsfm/base/mask.h"
+#include "scene/point_lookup.h"
 
 namespace mgsfm {
 namespace {
-
-// The point that each keypoint observes.
-class PointLookup {
- public:
-  PointLookup(const Scene& scene, const Reconstruction& model) {
-    begin_ = {0};
-    for (const Image& image : scene.images) {
-      begin_.push_back(begin_.back() + image.keypoints_px.size());
-    }
-    point_.assign(begin_.back(), kNone);
-    for (size_t i = 0; i < model.points.size(); ++i) {
-      for (const Observation& o : model.points[i].track) {
-        point_[begin_[o.image_idx] + o.keypoint_idx] = static_cast<int>(i);
-      }
-    }
-  }
-
-  std::optional<int> Find(int image_idx, uint32_t keypoint_idx) const {
-    const int point_idx = point_[begin_[image_idx] + keypoint_idx];
-    return point_idx == kNone ? std::nullopt : std::optional<int>(point_idx);
-  }
-
- private:
-  // There may be many millions of keypoints; a plain int halves the memory.
-  static constexpr int kNone = -1;
-  std::vector<size_t> begin_;
-  std::vector<int> point_;
-};
 
 using Votes = std::vector<std::pair<int, int>>;  // keypoint, point
 

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <map>
 #include <numeric>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -264,12 +264,6 @@ std::optional<MotionAgreement> Compare(
   return result;
 }
 
-std::string Number(const char* format, double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
-
 bool IsLagging(const MotionAgreement& m) {
   // Without a lag, each motion is better at either lag with equal probability.
   const double share_in_sigmas =
@@ -370,7 +364,7 @@ Finding DescribeForeign(const std::string& a, const std::string& b,
           EvidenceOf(m),
           "camera '" + b + "' does not move with camera '" + a +
               "': their rotations between frames differ by " +
-              Number("%.0f", 100.0 * m.best_error_rad / m.mean_motion_rad) +
+              Formatted("%.0f", 100.0 * m.best_error_rad / m.mean_motion_rad) +
               " %",
           "remove its images, or correct the assignment of images to frames"};
 }

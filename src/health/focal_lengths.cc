@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/format.h"
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/view_graph/focal_length_calibration.h"
 
@@ -53,11 +53,10 @@ Finding Describe(const Scene& scene, const FocalLengthMeasurement& m) {
   const double measured_px = prior_px * std::exp(m.log_factor);
   const std::vector<std::string> sensors = SensorsOfCamera(scene, m.camera_idx);
   // Names may be long, so only the numbers are formatted.
-  char numbers[160];
-  std::snprintf(numbers, sizeof(numbers),
-                "%.0f px, contradicts the image pairs, which suggest "
-                "%.0f +- %.0f px",
-                prior_px, measured_px, measured_px * m.sigma);
+  const std::string numbers = Formatted(
+      "%.0f px, contradicts the image pairs, which suggest "
+      "%.0f +- %.0f px",
+      prior_px, measured_px, measured_px * m.sigma);
   const std::string text = "the focal length of camera '" +
                            (sensors.empty() ? "" : sensors.front()) + "', " +
                            numbers;

@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
 
+#include "base/format.h"
 #include "math/statistics.h"
 
 namespace mgsfm {
@@ -69,9 +69,8 @@ Finding Describe(const Scene& scene, int sensor_idx,
   const Sensor& sensor = scene.sensors[sensor_idx];
   const Camera& camera = scene.cameras[sensor.camera_idx];
   // Names may be long, so only the numbers are formatted.
-  char numbers[160];
-  std::snprintf(numbers, sizeof(numbers),
-                "%d x %d pixels: their keypoints reach %.0f x %.0f",
+  const std::string numbers =
+      Formatted("%d x %d pixels: their keypoints reach %.0f x %.0f",
                 camera.width_px, camera.height_px, typical.x * camera.width_px,
                 typical.y * camera.height_px);
   const std::string text = std::to_string(images.size()) +

@@ -2,9 +2,9 @@
 #include "health/kept_matches.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <string>
 
+#include "base/format.h"
 #include "health/rig_samples.h"
 #include "mgsfm/tracks/track_establishment.h"
 
@@ -20,9 +20,7 @@ constexpr size_t kMinNumMatches = 100;
 constexpr size_t kMinNumFrames = 5;
 
 std::string Percent(double share) {
-  char text[16];
-  std::snprintf(text, sizeof(text), "%.0f %%", 100.0 * share);
-  return text;
+  return Formatted("%.0f %%", 100.0 * share);
 }
 
 bool IsLost(const KeptCount& count) {

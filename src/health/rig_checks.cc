@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <cstdio>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -44,12 +44,6 @@ constexpr double kMaxDirectionErrorRad = DegToRad(45.0);
 // wrong pairs. Half or twice as many change no verdict
 // (docs/results/constants.md).
 constexpr double kMinExplainedShare = 0.7;
-
-std::string Number(const char* format, double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
 
 std::string Quoted(const std::string& name) { return "'" + name + "'"; }
 
@@ -132,13 +126,10 @@ int FindCulprit(const std::vector<Move>& moves, int num_sensors) {
 
 std::string DescribeDelay(const CameraDelay& camera, bool is_in_seconds) {
   const double unit = is_in_seconds ? 1e3 : 1.0;
-  char text[96];
-  std::snprintf(text, sizeof(text),
-                is_in_seconds ? "is %.1f +- %.1f ms %s"
-                              : "is %.3f +- %.3f frame intervals %s",
-                unit * std::abs(camera.delay), unit * camera.sigma,
-                camera.delay > 0.0 ? "late" : "early");
-  return text;
+  return Formatted(is_in_seconds ? "is %.1f +- %.1f ms %s"
+                                 : "is %.3f +- %.3f frame intervals %s",
+                   unit * std::abs(camera.delay), unit * camera.sigma,
+                   camera.delay > 0.0 ? "late" : "early");
 }
 
 Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
@@ -151,7 +142,7 @@ Finding DescribeMove(const Scene& scene, int culprit, const Move& move) {
           {{"step_deg", RadToDeg(move.step.step_rad)},
            {"sigma_deg", RadToDeg(move.step.sigma_rad)}},
           "camera " + Quoted(camera) + " turned by " +
-              Number("%.1f", RadToDeg(move.step.step_rad)) +
+              Formatted("%.1f", RadToDeg(move.step.step_rad)) +
               " deg relative to camera " + Quoted(scene.sensors[other].name) +
               " at frame " + Quoted(frame),
           "set split_rig_at to " + frame +
@@ -327,7 +318,7 @@ std::vector<Finding> CheckKnownRotations(
          "the known rotation between the cameras " + Quoted(a.name) + " and " +
              Quoted(b.name) + " contradicts the image pairs of " +
              std::to_string(pair.samples.size()) + " frames by " +
-             Number("%.1f", RadToDeg(error_rad)) + " deg",
+             Formatted("%.1f", RadToDeg(error_rad)) + " deg",
          "correct the rig configuration, or remove the pose of one of the "
          "cameras to estimate it"});
   }

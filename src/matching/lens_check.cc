@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <map>
 #include <optional>
 
+#include "base/format.h"
 #include "base/parallel.h"
 #include "geometry/so3.h"
 #include "matching/scene_pairs.h"
@@ -275,9 +275,7 @@ std::string DescribeEvidence(const FisheyeFinding& finding) {
   }
   const bool is_one = finding.cameras.size() == 1;
   // Names may be long, so only the numbers are formatted.
-  char numbers[200];
-  std::snprintf(
-      numbers, sizeof(numbers),
+  const std::string numbers = Formatted(
       "a fisheye of about %.0f degrees leaves %.0f %% of the matches of %d "
       "image pairs unexplained, a perspective camera %.0f %%",
       finding.field_of_view_deg, 100.0 * finding.unexplained_by_fisheye,
@@ -288,9 +286,8 @@ std::string DescribeEvidence(const FisheyeFinding& finding) {
 }
 
 std::string Describe(const FisheyeFinding& finding) {
-  char factor[40];
-  std::snprintf(factor, sizeof(factor), "%.2f",
-                1.0 / DegToRad(finding.field_of_view_deg));
+  const std::string factor =
+      Formatted("%.2f", 1.0 / DegToRad(finding.field_of_view_deg));
   return DescribeEvidence(finding) + "; calibrate " +
          (finding.cameras.size() == 1 ? "it" : "them") +
          ", or set ImageReader.camera_model OPENCV_FISHEYE and "

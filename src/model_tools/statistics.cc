@@ -6,6 +6,7 @@
 #include "mgsfm/geometry/camera_models.h"
 #include "mgsfm/model_tools/model_tools.h"
 #include "model_tools/point_removal.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -65,14 +66,7 @@ ModelStatistics AnalyzeModel(const SceneModel& model) {
   statistics.num_cameras = camera_idxs.size();
   statistics.num_frames = frame_idxs.size();
   statistics.num_points = model.reconstruction.points.size();
-  double sum_px = 0.0;
-  size_t num_errors = 0;
-  for (const Point3D& point : model.reconstruction.points) {
-    statistics.num_observations += point.track.size();
-    if (!point.error_px) continue;
-    sum_px += *point.error_px;
-    ++num_errors;
-  }
+  statistics.num_observations = NumObservations(model.reconstruction);
   const auto mean = [](size_t sum, size_t count) {
     return count == 0 ? 0.0
                       : static_cast<double>(sum) / static_cast<double>(count);
@@ -81,10 +75,8 @@ ModelStatistics AnalyzeModel(const SceneModel& model) {
       mean(statistics.num_observations, statistics.num_points);
   statistics.mean_observations_per_image =
       mean(statistics.num_observations, statistics.num_images);
-  if (num_errors > 0) {
-    statistics.mean_reprojection_error_px =
-        sum_px / static_cast<double>(num_errors);
-  }
+  statistics.mean_reprojection_error_px =
+      MeanReprojectionErrorPx(model.reconstruction);
   return statistics;
 }
 

@@ -15,7 +15,7 @@
 #include "geometry/so3.h"
 #include "math/spanning_tree.h"
 #include "math/statistics.h"
-#include "model_tools/point_lookup.h"
+#include "scene/point_lookup.h"
 
 namespace mgsfm {
 namespace {
@@ -84,16 +84,6 @@ Quaterniond MeanRotation(const std::vector<Quaterniond>& rotations) {
   return mean.normalized();
 }
 
-Vector3d MedianOf(const std::vector<Vector3d>& vectors) {
-  Vector3d median;
-  for (int k = 0; k < 3; ++k) {
-    std::vector<double> values;
-    for (const Vector3d& v : vectors) values.push_back(v[k]);
-    median[k] = Median(values);
-  }
-  return median;
-}
-
 // The standard deviation of places about their mean.
 double SigmaOf(const std::vector<Vector3d>& places, const Vector3d& mean) {
   double sum = 0.0;
@@ -157,7 +147,7 @@ std::optional<SubMapEdge> EdgeOfCommonImages(const SceneModel& first,
     translations.emplace_back(
         centers1[i] - transform.scale * (transform.rotation * centers2[i]));
   }
-  transform.translation = MedianOf(translations);
+  transform.translation = MedianOfCoordinates(translations);
   SetAnchors(centers2, &edge);
   return edge;
 }
@@ -251,7 +241,7 @@ PlacesOfPair CollectPlaces(const std::vector<SceneModel>& sub_maps,
                            const std::vector<CrossPair>& pairs) {
   std::vector<PointLookup> lookups;
   for (const SceneModel& model : sub_maps) {
-    lookups.emplace_back(model.reconstruction, model.scene.images.size());
+    lookups.emplace_back(model.scene, model.reconstruction);
   }
   PlacesOfPair places;
   std::set<std::array<int, 4>> met;  // sub-maps and points

@@ -14,8 +14,8 @@
 #include "math/spanning_tree.h"
 #include "math/union_find.h"
 #include "mgsfm/base/error.h"
-#include "model_tools/point_lookup.h"
 #include "model_tools/sub_map_graph.h"
+#include "scene/point_lookup.h"
 
 namespace mgsfm {
 namespace {
@@ -65,7 +65,7 @@ void VisitMatches(const SceneModel& model, const std::vector<CrossPair>& pairs,
   for (size_t i = 0; i < model.scene.images.size(); ++i) {
     image_of_name.emplace(model.scene.images[i].name, static_cast<int>(i));
   }
-  const PointLookup lookup(model.reconstruction, model.scene.images.size());
+  const PointLookup lookup(model.scene, model.reconstruction);
   for (const CrossPair& pair : pairs) {
     const auto image1 = image_of_name.find(pair.name1);
     const auto image2 = image_of_name.find(pair.name2);

@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "health/camera_motions.h"
 #include "health/focal_lengths.h"
 #include "health/image_sizes.h"
@@ -214,8 +214,7 @@ std::vector<Finding> CheckPositionUnit(const Scene& scene,
     const double sigma =
         std::hypot(RobustSigma<1>(std::move(deviations)), kKnownRigSigma);
     if (std::abs(center) <= kMaxErrorInSigmas * sigma) continue;
-    char number[32];
-    std::snprintf(number, sizeof(number), "%.3g", std::exp(center));
+    const std::string number = Formatted("%.3g", std::exp(center));
     return {{Cause::kPositionUnit,
              {},
              {},

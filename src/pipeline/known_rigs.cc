@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <string>
 #include <tuple>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -183,8 +183,7 @@ RigDeviations MeasureDeviations(const Scene& scene,
                                      const SensorIdxs& sensors,
                                      const char* quantity, double error_deg,
                                      size_t num_samples) {
-  char number[32];
-  std::snprintf(number, sizeof(number), "%.1f", error_deg);
+  const std::string number = Formatted("%.1f", error_deg);
   throw Error("the known " + std::string(quantity) + " between the cameras '" +
               scene.sensors[sensors.first].name + "' and '" +
               scene.sensors[sensors.second].name +

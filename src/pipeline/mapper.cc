@@ -21,7 +21,6 @@
 #include "pipeline/motion_recipe.h"
 #include "pipeline/position_recipe.h"
 #include "pipeline/rotation_recipe.h"
-#include "pipeline/saved_stages.h"
 #include "pipeline/side_alignment.h"
 #include "pipeline/timed.h"
 #include "pipeline/weak_seams.h"
@@ -118,7 +117,6 @@ struct Measurements {
   const LengthHints& length_hints;
   const std::vector<std::optional<Rigid3>>& pair_on_path;
   const ModelObserver& observer;
-  StageStore* stage_store;         // may be null
   SharedCalibration& calibration;  // of all models
 };
 
@@ -144,24 +142,22 @@ PositionInput PositionInputOf(const Measurements& measurements,
 // The models of one connected component: one, unless it is split at seams.
 std::vector<MapperModel> ReconstructComponent(
     const PositionStep& estimate_positions, const Measurements& measurements,
-    RotationEstimate rotations, const StageFolder& stages,
-    const MapperOptions& options, const Context& context,
-    PairVerdicts* verdicts) {
+    RotationEstimate rotations, const MapperOptions& options,
+    const Context& context, PairVerdicts* verdicts) {
   const Scene& scene = measurements.scene;
   const ViewGraph& view_graph = measurements.view_graph;
   const FramePairIndex& index = measurements.index;
   MapperModel model;
-  const TrackResult tracks =
-      Saved(stages, "tracks", context, &model.times, [&] {
-        return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
-                               options.tracks, context);
-      });
+  const TrackResult tracks = Timed("tracks", context, &model.times, [&] {
+    return EstablishTracks(scene, view_graph, rotations.pair_is_inlier,
+                           options.tracks, context);
+  });
   model.tracks = tracks.summary;
 
   const CalibrationPrior prior =
       measurements.calibration.PriorFor(FramesWith(rotations.rig_from_world));
   PositionResult translation =
-      Saved(stages, "translation averaging", context, &model.times, [&] {
+      Timed("translation averaging", context, &model.times, [&] {
         const auto average = [&](const Scene& with_rig) {
           return estimate_positions(
               PositionInputOf(measurements, with_rig, rotations,
@@ -193,7 +189,6 @@ std::vector<MapperModel> ReconstructComponent(
                         measurements.gravity_priors};
   input.pair_is_used = UsedPairs(rotations, translation.pair_is_inconsistent);
   input.is_metric = model.translation.is_metric;
-  input.stages = stages;
   input.observer = measurements.observer;
   input.calibration = &measurements.calibration;
   if (input.observer) input.observer(initial);
@@ -310,8 +305,6 @@ std::vector<MapperModel> ReconstructComponents(
         estimate_positions, measurements,
         SelectComponent(measurements.scene, measurements.view_graph,
                         rotation->estimate, static_cast<int>(component)),
-        {measurements.stage_store,
-         "component " + std::to_string(component) + ", "},
         options, context, &rotation->verdicts);
     for (MapperModel& model : models) {
       if (!IsLargeEnough(model, options)) continue;
@@ -357,26 +350,22 @@ std::vector<std::optional<double>> BaselineLengths(
 RotationsOfScene EstimateRotationsOfScene(
     const Scene& scene, const Bearings& bearings, const FramePairIndex& index,
     const ViewGraph& matches, const GravityPriors& gravity_priors,
-    const MapperOptions& options, const Context& context,
-    StageStore* stage_store, ViewGraph* view_graph,
+    const MapperOptions& options, const Context& context, ViewGraph* view_graph,
     std::vector<StageTime>* times) {
-  const auto average = [&](const std::string& prefix,
-                           const Mask& pair_is_discontinuous,
+  const auto average = [&](const Mask& pair_is_discontinuous,
                            const Mask& loop_contradicts_path) {
-    const StageFolder stages{stage_store, prefix};
-    return Saved(stages, "rotation averaging", context, times, [&] {
+    return Timed("rotation averaging", context, times, [&] {
       return EstimateRotations(scene, index, *view_graph, gravity_priors,
                                options.rotation_averaging,
                                options.pair_filtering, context,
                                pair_is_discontinuous, loop_contradicts_path);
     });
   };
-  RotationsOfScene result{average("first ", {}, {}), {}, {}, {}};
+  RotationsOfScene result{average({}, {}), {}, {}, {}};
   if (!index.is_sequence() || !options.pair_filtering.use_motion_continuity) {
     return result;
   }
-  const StageFolder stages{stage_store};
-  MotionOfScene motion = Saved(stages, "moving objects", context, times, [&] {
+  MotionOfScene motion = Timed("moving objects", context, times, [&] {
     return FindMotionOfScene(
         scene, bearings, index, *view_graph, matches, result.rotation.estimate,
         options.translation_averaging.min_parallax_deg, options.view_graph,
@@ -392,8 +381,8 @@ RotationsOfScene EstimateRotationsOfScene(
                  " image pairs contradict the motion of the rig between their "
                  "frames and are not used");
   }
-  result.rotation = average("second ", motion.pair_is_discontinuous,
-                            motion.loop_contradicts_path);
+  result.rotation =
+      average(motion.pair_is_discontinuous, motion.loop_contradicts_path);
   result.length_hints.expected = BaselineLengths(index, motion.pair_on_path);
   result.pair_on_path = std::move(motion.pair_on_path);
   return result;
@@ -426,11 +415,10 @@ struct VisiblePairs {
 // Verifies again without the matches of fixed regions.
 VisiblePairs VerifyVisible(const Scene& scene, const Bearings& bearings,
                            const ViewGraph& all_matches,
-                           const StageFolder& stages,
                            const MapperOptions& options, const Context& context,
                            std::vector<StageTime>* times) {
   const auto verify = [&](const char* stage, const ViewGraph& matches) {
-    return Saved(stages, stage, context, times, [&] {
+    return Timed(stage, context, times, [&] {
       return EstimateViewGraph(scene, bearings, matches, options.view_graph,
                                context);
     });
@@ -467,7 +455,6 @@ struct VerifiedScene {
   const Scene& scene;
   const CalibrationPrior& lenses;
   const ViewGraph& all_matches;
-  StageStore* stage_store;  // may be null
   Bearings bearings = {};
   VisiblePairs pairs = {};
 
@@ -487,8 +474,7 @@ void MapVerified(const PositionStep& estimate_positions,
                              options.pair_filtering.is_sequence);
   RotationsOfScene of_scene = EstimateRotationsOfScene(
       scene, verified->bearings, index, verified->matches(),
-      input.gravity_priors, options, context, verified->stage_store,
-      &view_graph, &result->times);
+      input.gravity_priors, options, context, &view_graph, &result->times);
   EstimatedRotations& rotation = of_scene.rotation;
   result->rotation = std::move(rotation.summary);
   result->gravity_rejection = std::move(rotation.gravity_rejection);
@@ -505,7 +491,6 @@ void MapVerified(const PositionStep& estimate_positions,
                                   of_scene.length_hints,
                                   of_scene.pair_on_path,
                                   input.observer,
-                                  verified->stage_store,
                                   calibration};
   ReconstructScene(estimate_positions, measurements, options, context,
                    &of_scene, result);
@@ -523,9 +508,8 @@ MapperResult MapCalibrated(const PositionStep& estimate_positions,
   verified.bearings = Timed("rays", context, &result.times, [&] {
     return ComputeBearings(scene, context.num_threads);
   });
-  verified.pairs =
-      VerifyVisible(scene, verified.bearings, verified.all_matches,
-                    {verified.stage_store}, options, context, &result.times);
+  verified.pairs = VerifyVisible(scene, verified.bearings, verified.all_matches,
+                                 options, context, &result.times);
   const ViewGraph& view_graph = verified.pairs.verified.estimate;
   result.view_graph = verified.pairs.verified.summary;
   if (checks_input) CheckKnownRigs(scene, view_graph);
@@ -554,9 +538,8 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
   Scene scene = input.scene;
   scene.cameras = WithoutExif(std::move(scene.cameras));
   std::vector<StageTime> times;
-  const StageFolder stages{input.stage_store};
   FocalLengthResult focal_lengths =
-      Saved(stages, "focal lengths", context, &times, [&] {
+      Timed("focal lengths", context, &times, [&] {
         return CalibrateFocalLengths(scene, input.view_graph,
                                      options.focal_lengths, context);
       });
@@ -565,19 +548,13 @@ MapperResult CalibrateAndMap(const PositionStep& estimate_positions,
       StartOfLenses(input.scene.cameras, focal_lengths);
   const ViewGraph uncalibrated =
       DropUncalibratedGeometry(scene, input.view_graph);
-  // Only the first map of the complete scene is saved: a checkpoint has one
-  // result of each stage.
-  StageStore* stage_store = input.stage_store;
   const auto map = [&](const MapperInput& of_stages, bool is_complete) {
     return [&, is_complete](const Lenses& lenses, const ViewGraph& matches,
                             const MapperOptions& of_round,
                             const Context& of_context) {
       scene.cameras = lenses.cameras;
-      return MapCalibrated(
-          estimate_positions,
-          {scene, lenses.prior, matches,
-           is_complete ? std::exchange(stage_store, nullptr) : nullptr},
-          of_stages, is_complete, of_round, of_context);
+      return MapCalibrated(estimate_positions, {scene, lenses.prior, matches},
+                           of_stages, is_complete, of_round, of_context);
     };
   };
   LensResult lenses{{start}, {}};
@@ -616,10 +593,9 @@ MapperResult RunMapperWith(const PositionStep& estimate_positions,
   MapperResult result =
       NeedsLenses(input.scene, options)
           ? CalibrateAndMap(estimate_positions, input, options, context)
-          : MapCalibrated(
-                estimate_positions,
-                {input.scene, {}, input.view_graph, input.stage_store}, input,
-                true, options, context);
+          : MapCalibrated(estimate_positions,
+                          {input.scene, {}, input.view_graph}, input, true,
+                          options, context);
   AddUncertainFocalLengths(input.scene, &result);
   LogFindings(result, context);
   return result;

@@ -3,11 +3,11 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <cstdio>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "pipeline/candidates.h"
 #include "pipeline/covariance_report.h"
 #include "pipeline/metric_scale.h"
@@ -71,12 +71,10 @@ PositionPriors MoveToPriors(const AdjustmentInput& input,
   if (!summary.deformation || IsPlausible(*summary.deformation, extent)) {
     return std::move(registration.used);
   }
-  char text[160];
-  std::snprintf(text, sizeof(text),
-                "the positions would deform the model by %.4g, but its extent "
-                "is only %.4g; they are ignored",
-                summary.deformation->max_shift, extent);
-  summary.message = text;
+  summary.message = Formatted(
+      "the positions would deform the model by %.4g, but its extent "
+      "is only %.4g; they are ignored",
+      summary.deformation->max_shift, extent);
   summary.is_registered = false;
   *initial = unregistered;
   return {};
@@ -171,24 +169,22 @@ std::optional<RigDelays> EstimateDelays(const AdjustmentInput& input,
 void AdjustToMatches(const AdjustmentInput& input, const MapperOptions& options,
                      const Context& context, Reconstruction initial,
                      BundlePriors* priors, MapperModel* model) {
-  const auto refine = [&](const char* stage, Reconstruction start,
-                          const RefinementStore& store) {
+  const auto refine = [&](const char* stage, Reconstruction start) {
     return Timed(stage, context, &model->times, [&] {
       return RefineReconstruction(input.scene,
                                   MakeObservedSource(input, options, context),
                                   std::move(start), options.bundle_adjustment,
-                                  context, *priors, input.held, store);
+                                  context, *priors, input.held);
     });
   };
-  BundleResult bundle = refine("bundle adjustment", std::move(initial),
-                               MakeRefinementStore(input.stages));
+  BundleResult bundle = refine("bundle adjustment", std::move(initial));
   model->rig_differences.clear();
   model->has_shared_unit =
       input.calibration && input.calibration->SharesUnit(priors->calibration);
   if (!priors->calibration.sensors.empty()) {
     const auto prior = std::exchange(priors->calibration.sensors, {});
     BundleResult released =
-        refine("bundle adjustment without prior", bundle.estimate, {});
+        refine("bundle adjustment without prior", bundle.estimate);
     model->rig_differences = input.calibration->FindDifferences(
         released.estimate, *priors, options.bundle_adjustment, context, [&] {
           return EstimateDelays(input, options, context, released.estimate);

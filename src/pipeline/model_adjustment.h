@@ -11,7 +11,6 @@
 #include "mgsfm/scene/priors.h"
 #include "mgsfm/scene/scene.h"
 #include "mgsfm/scene/view_graph.h"
-#include "pipeline/saved_stages.h"
 #include "pipeline/shared_calibration.h"
 
 namespace mgsfm {
@@ -29,7 +28,6 @@ struct AdjustmentInput {
   // of the result unless position priors do.
   const Reconstruction* start = nullptr;
   FixedPoses held = {};
-  StageFolder stages = {};      // for the states of bundle adjustment
   ModelObserver observer = {};  // of the rounds of bundle adjustment
   SharedCalibration* calibration = nullptr;  // of all models, or null
 };

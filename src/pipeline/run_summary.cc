@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 
+#include "base/format.h"
 #include "geometry/so3.h"
+#include "scene/observations.h"
 
 namespace mgsfm {
 namespace {
@@ -14,12 +15,6 @@ namespace {
 // Reasons and models beyond these are in the report only.
 constexpr size_t kMaxNumReasons = 2;
 constexpr size_t kMaxNumModels = 3;
-
-std::string Number(const char* format, double value) {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
 
 std::string Count(size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
@@ -74,18 +69,8 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   }
   summary.num_images = reconstruction.NumRegisteredImages(scene);
   summary.num_points = reconstruction.points.size();
-  size_t num_errors = 0;
-  double sum_errors_px = 0.0;
-  for (const Point3D& point : reconstruction.points) {
-    summary.num_observations += point.track.size();
-    if (!point.error_px) continue;
-    num_errors += point.track.size();
-    sum_errors_px += *point.error_px * static_cast<double>(point.track.size());
-  }
-  if (num_errors > 0) {
-    summary.mean_reprojection_error_px =
-        sum_errors_px / static_cast<double>(num_errors);
-  }
+  summary.num_observations = NumObservations(reconstruction);
+  summary.mean_reprojection_error_px = MeanReprojectionErrorPx(reconstruction);
   for (size_t k = 0; k < scene.sensors.size(); ++k) {
     summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
   }
@@ -108,8 +93,8 @@ std::string DescribeRig(const ModelSummary& model) {
   }
   for (const SensorAccuracy& sensor : model.accuracies) {
     line += ", '" + sensor.name + "' within " +
-            Number("%.2g", sensor.sigma_rotation_deg) + " deg and " +
-            Number("%.2g", sensor.sigma_translation);
+            Formatted("%.2g", sensor.sigma_rotation_deg) + " deg and " +
+            Formatted("%.2g", sensor.sigma_translation);
   }
   return line + " (one standard deviation)";
 }
@@ -165,7 +150,7 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
         Count(model.num_points, "point", "points");
     if (model.mean_reprojection_error_px) {
       line += ", mean reprojection error " +
-              Number("%.2f", *model.mean_reprojection_error_px) + " px";
+              Formatted("%.2f", *model.mean_reprojection_error_px) + " px";
     }
     lines.push_back(line);
     if (const std::string rig = DescribeRig(model); !rig.empty()) {

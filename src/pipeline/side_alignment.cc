@@ -193,7 +193,6 @@ MapperModel Realign(const SeamTest& test, const MapperModel& model,
   for (const size_t i : test.crossing) (*pair_is_used)[i] = true;
   AdjustmentInput input = test.input;
   input.pair_is_used = *pair_is_used;
-  input.stages = {};
   MapperModel realigned = model;
   Reconstruction initial = model.reconstruction;
   for (size_t i = 0; i < initial.rig_from_world.size(); ++i) {

@@ -2,11 +2,11 @@
 #include "pipeline/soft_rig_images.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "health/rig_samples.h"
 
@@ -15,20 +15,18 @@ namespace {
 
 void LogSensor(const Scene& scene, const SoftRigSensor& sensor,
                const Context& context) {
-  char text[256];
-  std::snprintf(text, sizeof(text),
-                "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
-                "and %.4g%s; "
-                "reprojection errors %.3f px, before %.3f px",
-                RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
-                RadToDeg(sensor.max_rotation_rad), sensor.max_position,
-                sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
-                sensor.mean_error_before_px);
+  const std::string text = Formatted(
+      "': deviations of images: rms %.4g deg and %.4g, max %.4g deg "
+      "and %.4g%s; "
+      "reprojection errors %.3f px, before %.3f px",
+      RadToDeg(sensor.rms_rotation_rad), sensor.rms_position,
+      RadToDeg(sensor.max_rotation_rad), sensor.max_position,
+      sensor.is_rigid ? " (rigid)" : "", sensor.mean_error_after_px,
+      sensor.mean_error_before_px);
   std::string line = "camera '" + scene.sensors[sensor.sensor_idx].name + text;
   if (sensor.time_offset_s) {
-    std::snprintf(text, sizeof(text), "; time offset %.6f s +- %.6f s",
-                  *sensor.time_offset_s, *sensor.time_offset_sigma_s);
-    line += text;
+    line += Formatted("; time offset %.6f s +- %.6f s", *sensor.time_offset_s,
+                      *sensor.time_offset_sigma_s);
   }
   context.Info(line);
   if (!sensor.message.empty()) {

@@ -194,7 +194,6 @@ std::vector<MapperModel> SplitAtSeams(const AdjustmentInput& input,
                                options.bundle_adjustment, context);
     }
     AdjustmentInput of_part = input;
-    of_part.stages.prefix += "part " + std::to_string(segment) + ", ";
     of_part.pair_is_used = PairsOfSegment(input, segment_of_frame, segment);
     Reconstruction initial = std::move(part.reconstruction);
     AdjustModel(of_part, options, context, std::move(initial), &part);

@@ -2,8 +2,6 @@
 #include "report_page/encoding.h"
 
 #include <algorithm>
-#include <cinttypes>
-#include <cstdio>
 
 #include "base/text_tools.h"
 
@@ -44,18 +42,6 @@ std::string ToBase64(const std::string& bytes) {
           k <= num_bytes ? kBase64Digits[(group >> (18 - 6 * k)) & 63] : '=';
     }
   }
-  return text;
-}
-
-std::string Hash(const std::string& bytes) {
-  // 64-bit FNV-1a.
-  constexpr uint64_t kBasis = 14695981039346656037u, kPrime = 1099511628211u;
-  uint64_t hash = kBasis;
-  for (const char c : bytes) {
-    hash = (hash ^ static_cast<unsigned char>(c)) * kPrime;
-  }
-  char text[17];
-  std::snprintf(text, sizeof(text), "%016" PRIx64, hash);
   return text;
 }
 

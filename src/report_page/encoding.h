@@ -15,9 +15,6 @@ constexpr std::string_view kBase64Digits =
 
 std::string ToBase64(const std::string& bytes);
 
-// 16 digits that differ with all likelihood if the bytes do (FNV-1a).
-std::string Hash(const std::string& bytes);
-
 // Characters that base64 needs for so many bytes.
 constexpr size_t Base64Size(size_t num_bytes) {
   return (num_bytes + 2) / 3 * 4;

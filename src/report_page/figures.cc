@@ -8,7 +8,6 @@
 #include "eval/evaluation_plot.h"
 #include "report_page/charts.h"
 #include "report_page/page_model.h"
-#include "report_page/svg_raster.h"
 #include "report_page/trajectory_chart.h"
 
 namespace mgsfm {
@@ -49,10 +48,6 @@ std::vector<Figure> MakeFigures(const ReportPageInput& input,
     if (!figure.svg.empty()) shown.push_back(std::move(figure));
   }
   return shown;
-}
-
-std::string FigureToPng(const Figure& figure, double pixels_per_unit) {
-  return RasterizeSvg(figure.svg, pixels_per_unit);
 }
 
 }  // namespace mgsfm

@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 
+#include "base/fingerprint.h"
 #include "geometry/so3.h"
 #include "report_page/encoding.h"
 #include "report_page/point_selection.h"
@@ -463,9 +464,9 @@ SceneData MakeSceneData(const PageModel& model,
                 shown, &arrays);
   const bool has_side_files = num_points < selected.size();
   if (has_side_files) {
-    header["side_points"] =
-        WriteSideFiles(model, selected, num_points, box, Hash(arrays.bytes()),
-                       options, context);
+    header["side_points"] = WriteSideFiles(
+        model, selected, num_points, box,
+        Fingerprint().Add(arrays.bytes()).ToString(), options, context);
   }
   header["arrays"] = arrays.directory();
   return {ToScriptJson(header), ToBase64(arrays.bytes()), has_side_files};

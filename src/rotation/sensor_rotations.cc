@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <cstddef>
-#include <cstdio>
 #include <map>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/mask.h"
 #include "rotation/geodesic_median.h"
@@ -27,12 +27,6 @@ constexpr size_t kMaxNumHandEyeFrames = 64;
 // Largest standard deviation of a hand-eye calibration, as a share of
 // max_error_deg: pairs of the sensor then stay well within max_error_deg.
 constexpr double kMaxUncertaintyShare = 0.2;
-
-std::string Format(const char* format, double a, double b) {
-  char text[200];
-  std::snprintf(text, sizeof(text), format, a, b);
-  return text;
-}
 
 // Rotations of a sensor and of its rig in one frame, each in the world of its
 // component.
@@ -175,13 +169,13 @@ bool AcceptMedian(int sensor_idx, const Samples& samples, double max_error_deg,
   summary.median_deviation_deg = deviation_deg;
   if (!median.summary.IsUsable() || deviation_deg > max_error_deg) {
     summary.message =
-        Format("samples disagree: %.3g deg median deviation in %.0f frames",
-               deviation_deg, summary.num_samples);
+        Formatted("samples disagree: %.3g deg median deviation in %d frames",
+                  deviation_deg, summary.num_samples);
     return false;
   }
   sensors->SetDetermined(sensor_idx, median.rotation);
-  summary.message = Format("median of %.0f frames, %.3g deg median deviation",
-                           summary.num_samples, deviation_deg);
+  summary.message = Formatted("median of %d frames, %.3g deg median deviation",
+                              summary.num_samples, deviation_deg);
   return true;
 }
 
@@ -255,7 +249,7 @@ bool AcceptHandEye(int sensor_idx, const Motions& motions,
           kMaxUncertaintyShare * options.max_error_deg) {
     summary.message =
         prefix +
-        Format(
+        Formatted(
             "not observable: no pairs connect it with the other sensors, "
             "and the rig rotated only %.3g deg about a second axis "
             "(median error %.3g deg)",
@@ -265,7 +259,7 @@ bool AcceptHandEye(int sensor_idx, const Motions& motions,
   summary.num_samples = motions.num_frames;
   summary.median_deviation_deg = error_deg;
   summary.message =
-      prefix + Format(
+      prefix + Formatted(
                    "hand-eye calibration with rotations of %.3g deg about a "
                    "second axis, %.3g deg median error",
                    second_axis_deg, error_deg);

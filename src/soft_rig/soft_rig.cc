@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
 
+#include "base/format.h"
 #include "bundle/image_views.h"
 #include "bundle/point_filters.h"
 #include "bundle/retriangulation.h"
@@ -271,13 +271,11 @@ bool UpdateHyperparameters(const SoftRigInput& input,
   const double change = ReplaceSigmas(std::move(updated),
                                       MedianPointDistance(input, model), state);
   state->sigma_px = EstimateNoisePx(input, model);
-  char line[160];
-  std::snprintf(line, sizeof(line),
-                "soft rig: %zu observations, noise %.3f px, standard "
+  input.context.Debug(
+      Formatted("soft rig: %zu observations, noise %.3f px, standard "
                 "deviations change by %.1f %%, time offsets by %.3g s",
                 NumObservations(model.separate), state->sigma_px,
-                100.0 * change, offset_change_s);
-  input.context.Debug(line);
+                100.0 * change, offset_change_s));
   return change <= input.options.sigma_tolerance &&
          offset_change_s <= input.options.time_offset_tolerance_s;
 }

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <iterator>
 #include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "base/parallel.h"
 #include "mgsfm/base/error.h"
 #include "synthetic/detection.h"
@@ -201,14 +201,10 @@ Exposure Simulator::Expose(int camera, int frame) const {
 }
 
 std::string Simulator::FrameName(int frame) const {
-  char name[32];
-  if (options_.time_names) {
-    std::snprintf(name, sizeof(name), "%019lld",
-                  std::llround(1e9 * drive_.TimeOfFrame(frame)));
-  } else {
-    std::snprintf(name, sizeof(name), "%06d", drive_.pose_of_frame[frame]);
-  }
-  return name;
+  return options_.time_names
+             ? Formatted("%019lld",
+                         std::llround(1e9 * drive_.TimeOfFrame(frame)))
+             : Formatted("%06d", drive_.pose_of_frame[frame]);
 }
 
 void Simulator::AddImages() {

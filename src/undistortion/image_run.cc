@@ -136,7 +136,6 @@ class ImageRun {
     const std::vector<View>& views = views_of_camera_[task.camera_idx];
     const fs::path original_path = options_.image_path / task.name;
     const std::string file = ReadFile(original_path);
-    ManyFileOperations operations;
     const bool is_unchanged = IsUnchanged(camera, views);
     const DecodedImage decoded = Decode(file, Colours(), camera);
     if (decoded.is_nearly_black && !is_unchanged) {
@@ -150,22 +149,22 @@ class ImageRun {
     if (!is_unchanged || options_.writes_masks) {
       renderer = renderers_[task.camera_idx].Get(camera, views);
     }
-    if (options_.writes_masks) WriteMasks(task, camera, *renderer, &operations);
+    if (options_.writes_masks) WriteMasks(task, camera, *renderer);
     if (is_unchanged) {
-      ReplaceFile(ImagePath(task.view_names.front()), WithoutOrientation(file),
-                  &operations);
+      ReplaceOneOfMany(ImagePath(task.view_names.front()),
+                       WithoutOrientation(file));
       return;
     }
     const PlaceAndTimeTags tags(file);
     const std::vector<cv::Mat> rendered = renderer->Render(decoded.pixels);
     for (size_t i = 0; i < rendered.size(); ++i) {
       const fs::path path = ImagePath(task.view_names[i]);
-      ReplaceFile(path, tags.AddTo(Encode(path, rendered[i])), &operations);
+      ReplaceOneOfMany(path, tags.AddTo(Encode(path, rendered[i])));
     }
   }
 
   void WriteMasks(const ImageTask& task, const Camera& camera,
-                  const ViewRenderer& renderer, FileOperations* operations) {
+                  const ViewRenderer& renderer) {
     cv::Mat mask;
     const fs::path mask_path = MaskPathOf(options_.mask_path, task.name);
     if (!options_.mask_path.empty() && fs::is_regular_file(mask_path)) {
@@ -181,7 +180,7 @@ class ImageRun {
     const std::vector<cv::Mat> rendered = renderer.RenderMasks(mask);
     for (size_t i = 0; i < rendered.size(); ++i) {
       const fs::path path = MaskPath(task.view_names[i]);
-      ReplaceFile(path, Encode(path, rendered[i]), operations);
+      ReplaceOneOfMany(path, Encode(path, rendered[i]));
     }
   }
 

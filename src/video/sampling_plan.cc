@@ -2,12 +2,12 @@
 #include "video/sampling_plan.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/format.h"
 #include "base/nanoseconds.h"
 #include "io/files/file_operations.h"
 #include "mgsfm/base/error.h"
@@ -64,10 +64,9 @@ std::vector<std::string> NamesOfTimes(const std::vector<int64_t>& times_ns) {
       const int64_t units =
           (time_ns - times_ns.front() + per_unit / 2) / per_unit;
       const int64_t per_second = kNsPerSecond / per_unit;
-      char name[48];
-      std::snprintf(name, sizeof(name), "%06lld.%0*lld",
-                    static_cast<long long>(units / per_second), num_decimals,
-                    static_cast<long long>(units % per_second));
+      const std::string name =
+          Formatted("%06lld.%0*lld", static_cast<long long>(units / per_second),
+                    num_decimals, static_cast<long long>(units % per_second));
       names.emplace_back(name);
     }
     return names;

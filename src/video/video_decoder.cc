@@ -204,29 +204,6 @@ cv::Mat Convert(const AVFrame& frame, cv::Size size, bool is_gray) {
   return image;
 }
 
-VideoIndex Index(const fs::path& path) {
-  VideoFile file(path);
-  VideoIndex index;
-  index.creation_time_ns = CreationTimeNs(file.format());
-  const Owned<AVPacket> packet = CheckedOwner(av_packet_alloc());
-  while (file.ReadPacket(packet.get())) {
-    if ((packet->flags & AV_PKT_FLAG_DISCARD) != 0) continue;
-    if (packet->pts == AV_NOPTS_VALUE) {
-      Throw(path,
-            "has no time stamps; convert it to MP4 or MKV with another "
-            "program");
-    }
-    index.times_ns.push_back(file.ToNs(packet->pts));
-  }
-  if (index.times_ns.empty()) file.ThrowDamaged("it has no images");
-  std::vector<int64_t>& times = index.times_ns;
-  const auto num_images = static_cast<int64_t>(times.size());
-  index.is_cut_off = file.is_cut_off() || num_images < file.stream().nb_frames;
-  std::sort(times.begin(), times.end());
-  times.erase(std::unique(times.begin(), times.end()), times.end());
-  return index;
-}
-
 class FfmpegDecoder : public VideoDecoder {
  public:
   FfmpegDecoder(const fs::path& path, int num_threads)
@@ -311,15 +288,33 @@ class FfmpegDecoder : public VideoDecoder {
   Owned<AVCodecContext> codec_;
 };
 
-std::unique_ptr<VideoDecoder> Open(const fs::path& path, int num_threads) {
-  return std::make_unique<FfmpegDecoder>(path, num_threads);
-}
-
 }  // namespace
 
-extern "C" const VideoCodecs* MgsfmVideoCodecs() {
-  static constexpr VideoCodecs kCodecs = {Index, Open};
-  return &kCodecs;
+VideoIndex IndexVideo(const fs::path& path) {
+  VideoFile file(path);
+  VideoIndex index;
+  index.creation_time_ns = CreationTimeNs(file.format());
+  const Owned<AVPacket> packet = CheckedOwner(av_packet_alloc());
+  while (file.ReadPacket(packet.get())) {
+    if ((packet->flags & AV_PKT_FLAG_DISCARD) != 0) continue;
+    if (packet->pts == AV_NOPTS_VALUE) {
+      Throw(path,
+            "has no time stamps; convert it to MP4 or MKV with another "
+            "program");
+    }
+    index.times_ns.push_back(file.ToNs(packet->pts));
+  }
+  if (index.times_ns.empty()) file.ThrowDamaged("it has no images");
+  std::vector<int64_t>& times = index.times_ns;
+  const auto num_images = static_cast<int64_t>(times.size());
+  index.is_cut_off = file.is_cut_off() || num_images < file.stream().nb_frames;
+  std::sort(times.begin(), times.end());
+  times.erase(std::unique(times.begin(), times.end()), times.end());
+  return index;
+}
+
+std::unique_ptr<VideoDecoder> OpenVideo(const fs::path& path, int num_threads) {
+  return std::make_unique<FfmpegDecoder>(path, num_threads);
 }
 
 }  // namespace mgsfm

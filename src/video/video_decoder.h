@@ -39,25 +39,11 @@ class VideoDecoder {
   virtual cv::Mat ReadSmallGray(int max_size_px) const = 0;
 };
 
-struct VideoCodecs {
-  VideoIndex (*index)(const std::filesystem::path& path);
-  std::unique_ptr<VideoDecoder> (*open)(const std::filesystem::path& path,
-                                        int num_threads);
-};
-
-// The library links FFmpeg. The program replaces this function, and loads it
-// when it first needs it (apps/mgsfm/codec_loading.cc).
-extern "C" const VideoCodecs* MgsfmVideoCodecs();
-
 // Both throw Error, naming the file and a remedy, if it is missing, is no video
 // or has no time stamps. Only the file itself is read, never others or the
 // network, whatever it refers to.
-inline VideoIndex IndexVideo(const std::filesystem::path& path) {
-  return MgsfmVideoCodecs()->index(path);
-}
-inline std::unique_ptr<VideoDecoder> OpenVideo(
-    const std::filesystem::path& path, int num_threads) {
-  return MgsfmVideoCodecs()->open(path, num_threads);
-}
+VideoIndex IndexVideo(const std::filesystem::path& path);
+std::unique_ptr<VideoDecoder> OpenVideo(const std::filesystem::path& path,
+                                        int num_threads);
 
 }  // namespace mgsfm

@@ -13,17 +13,12 @@ namespace {
               "again");
 }
 
-VideoIndex Index(const std::filesystem::path& path) { Throw(path); }
-std::unique_ptr<VideoDecoder> Open(const std::filesystem::path& path,
-                                   int /*num_threads*/) {
-  Throw(path);
-}
-
 }  // namespace
 
-extern "C" const VideoCodecs* MgsfmVideoCodecs() {
-  static constexpr VideoCodecs kCodecs = {Index, Open};
-  return &kCodecs;
+VideoIndex IndexVideo(const std::filesystem::path& path) { Throw(path); }
+std::unique_ptr<VideoDecoder> OpenVideo(const std::filesystem::path& path,
+                                        int /*num_threads*/) {
+  Throw(path);
 }
 
 }  // namespace mgsfm

@@ -275,11 +275,9 @@ class Extractor {
            fs::file_size(path, ignored) > 0;
   }
   void Write(const fs::path& path, const cv::Mat& image) const {
-    ManyFileOperations operations;
-    ReplaceFile(path,
-                EncodeImage(path.extension().string(), image,
-                            {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality}),
-                &operations);
+    ReplaceOneOfMany(
+        path, EncodeImage(path.extension().string(), image,
+                          {cv::IMWRITE_JPEG_QUALITY, options_.jpeg_quality}));
   }
 
   const SamplingPlan& plan_;

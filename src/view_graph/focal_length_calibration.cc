@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 #include <set>
 #include <utility>
 
+#include "base/format.h"
 #include "base/parallel.h"
 #include "math/robust_scale.h"
 #include "math/statistics.h"
@@ -450,10 +450,8 @@ std::string RejectionReason(int num_pairs, double s,
   }
   if (IsDiverged(s)) return kReason;
   if (*sigma <= max_sigma) return "";
-  char numbers[96];
-  std::snprintf(numbers, sizeof(numbers),
-                "relative standard deviation %.3g exceeds %.3g: ", *sigma,
-                max_sigma);
+  const std::string numbers = Formatted(
+      "relative standard deviation %.3g exceeds %.3g: ", *sigma, max_sigma);
   return numbers + std::string(kReason);
 }
 

@@ -2,16 +2,15 @@
 #include "allocations/mapper_runs.h"
 
 #include <algorithm>
-#include <map>
 #include <optional>
 #include <utility>
 
+#include "allocations/result_bytes.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/pipeline/report.h"
 #include "mgsfm/synthetic/simulation.h"
 #include "pipeline/covariance_report.h"
 #include "pipeline/run_summary.h"
-#include "pipeline/stage_archive.h"
 #include "support/partial_model.h"
 #include "support/prior_measurement.h"
 
@@ -56,7 +55,6 @@ MapperRun AllResults() {
   run.input.observer = [](const Reconstruction& /*model*/) {};
   run.options.compute_covariances = true;
   run.options.soft_rig.method = SoftRig::kSoft;
-  run.saves_stages = true;
   return run;
 }
 
@@ -136,21 +134,6 @@ MapperRun Triangulation() {
   return run;
 }
 
-class MemoryStore : public StageStore {
- public:
-  std::optional<std::string> Load(const std::string& name) override {
-    const auto found = contents_.find(name);
-    if (found == contents_.end()) return std::nullopt;
-    return found->second;
-  }
-  void Save(const std::string& name, const std::string& content) override {
-    contents_[name] = content;
-  }
-
- private:
-  std::map<std::string, std::string> contents_;
-};
-
 std::string Describe(const Scene& scene, const MapperResult& result) {
   StringSink sink;
   for (const std::string& line : DescribeRun(SummarizeRun(scene, result))) {
@@ -191,28 +174,19 @@ std::vector<MapperRun> MapperRuns() {
           Extension(),       Triangulation()};
 }
 
-MapperResult Map(const MapperRun& run, int num_threads,
-                 StageStore* stage_store) {
+MapperResult Map(const MapperRun& run, int num_threads) {
   Context context;
   context.num_threads = num_threads;
   context.log = [](LogLevel /*level*/, const std::string& /*message*/) {};
   context.progress = [](const Progress& /*progress*/) {};
   context.is_cancelled = [] { return false; };
-  MapperInput input = run.input;
-  input.stage_store = stage_store;
-  return run.only_triangulates ? TriangulatePoints(input, run.options, context)
-                               : RunMapper(input, run.options, context);
+  return run.only_triangulates
+             ? TriangulatePoints(run.input, run.options, context)
+             : RunMapper(run.input, run.options, context);
 }
 
 std::string ResultOf(const MapperRun& run, int num_threads) {
-  const Scene& scene = run.input.scene;
-  MemoryStore store;
-  StageStore* const used = run.saves_stages ? &store : nullptr;
-  std::string result = Describe(scene, Map(run, num_threads, used));
-  if (run.saves_stages) {
-    result += Describe(scene, Map(run, num_threads, used));
-  }
-  return result;
+  return Describe(run.input.scene, Map(run, num_threads));
 }
 
 }  // namespace mgsfm

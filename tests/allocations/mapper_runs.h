@@ -13,15 +13,13 @@ struct MapperRun {
   std::string name;
   MapperInput input;
   MapperOptions options;
-  bool saves_stages = false;       // and maps once more with those saved
   bool only_triangulates = false;  // the points of an existing model
 };
 
 // Together they need all stages.
 std::vector<MapperRun> MapperRuns();
 
-MapperResult Map(const MapperRun& run, int num_threads,
-                 StageStore* stage_store = nullptr);
+MapperResult Map(const MapperRun& run, int num_threads);
 
 // Maps, and describes the result completely: tables of frames and covariances,
 // the summary, and the bytes of models and summaries of stages.

@@ -26,12 +26,23 @@ std::vector<std::string> Words(const std::string& text) {
   return words;
 }
 
+// A man page or a completion, by its path in /usr/share.
+std::string HelpFile(const std::string& name) {
+  static const TempDir dir;
+  static const CommandOutput output =
+      RunShell("python3 -B " MGSFM_SOURCE_FOLDER
+               "/scripts/help_files.py " MGSFM_EXECUTABLE " " +
+               dir.path().string());
+  EXPECT_EQ(output.exit_code, 0) << output.err;
+  return ReadTextFile(dir.path() / name);
+}
+
 // Completions that a real bash offers for a command line, whose last word is
 // being typed.
 std::vector<std::string> CompletedByBash(const std::string& line) {
   const TempDir dir;
   const std::string script = (dir.path() / "mgsfm").string();
-  WriteTextFile(script, RunMgsfm("help --format bash").out);
+  WriteTextFile(script, HelpFile("bash-completion/completions/mgsfm"));
   WriteTextFile(dir.path() / "run",
                 "source " + script + "\ncd " + dir.path().string() +
                     "\nCOMP_WORDS=(" + line +
@@ -85,14 +96,14 @@ TEST(BashCompletion, OffersCommandsOptionsAndValues) {
 }
 
 TEST(HelpFormats, EveryOptionOfEveryCommandIsInAll) {
-  const std::string fish = RunMgsfm("help --format fish").out;
-  const std::string zsh = RunMgsfm("help --format zsh").out;
+  const std::string fish = HelpFile("fish/vendor_completions.d/mgsfm.fish");
+  const std::string zsh = HelpFile("zsh/site-functions/_mgsfm");
   ASSERT_THAT(CommandNames(), Contains("mapper"));
   for (const std::string& name : CommandNames()) {
     if (name == "help" || name[0] == '-') continue;
     const std::vector<std::string> bash =
         CompletedByBash("mgsfm " + name + " --");
-    std::string man = RunMgsfm("help --format man " + name).out;
+    std::string man = HelpFile("man/man1/mgsfm-" + name + ".1");
     man = std::regex_replace(man, std::regex("\\\\-"), "-");
     for (const std::string& option :
          OptionsIn(RunMgsfm(name + " --help_all").out)) {
@@ -109,22 +120,15 @@ TEST(HelpFormats, ManReadsThePagesWithoutWarning) {
   if (RunShell("command -v man").exit_code != 0) GTEST_SKIP() << "no man";
   const TempDir dir;
   const std::string path = (dir.path() / "page.1").string();
-  for (const char* command : {"", " mapper", " simulate"}) {
+  for (const char* command : {"", "-mapper", "-simulate"}) {
     WriteTextFile(path,
-                  RunMgsfm(std::string("help --format man") + command).out);
+                  HelpFile(std::string("man/man1/mgsfm") + command + ".1"));
     const CommandOutput page =
         RunShell("LC_ALL=C.UTF-8 MANWIDTH=80 man --warnings -l " + path);
     EXPECT_EQ(page.exit_code, 0);
     EXPECT_THAT(page.err, IsEmpty());
     EXPECT_THAT(page.out, HasSubstr("EXIT STATUS"));
   }
-}
-
-TEST(HelpFormats, UnknownFormatsAndCommandsAreErrors) {
-  EXPECT_THAT(RunMgsfm("help --format html").err, HasSubstr("bash|zsh"));
-  EXPECT_THAT(RunMgsfm("help --format man maper").err,
-              HasSubstr("unknown command 'maper'"));
-  EXPECT_EQ(RunMgsfm("help --format").exit_code, 1);
 }
 
 TEST(ColmapNames, AdviceNamesWhatExists) {

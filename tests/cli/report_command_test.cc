@@ -28,9 +28,8 @@ TEST_F(ReportCommandTest, WritesFigures) {
       Path("report.html") + " --figures " + Path("figures"));
   for (const char* name :
        {"trajectory", "rig", "residuals", "view_graph", "errors"}) {
-    const std::string stem = Path("figures/") + name;
-    EXPECT_THAT(ReadTextFile(stem + ".svg"), HasSubstr("</svg>"));
-    EXPECT_EQ(ReadTextFile(stem + ".png").substr(1, 3), "PNG");
+    EXPECT_THAT(ReadTextFile(Path("figures/") + name + ".svg"),
+                HasSubstr("</svg>"));
   }
 }
 

@@ -92,10 +92,10 @@ TEST_F(SubMapCommands, LimitOfMemoryDoesNotChangeTheResult) {
   MapAll(Partition(3));
   Join();
   const std::string join = JoinTo("small") + " --max_memory ";
-  const CommandOutput refused = RunMgsfm(join + "24");
+  const CommandOutput refused = RunMgsfm(join + "80");
   EXPECT_EQ(refused.exit_code, 1);
   const std::string message = LastWord(refused);
-  EXPECT_THAT(message, HasSubstr("--max_memory allows 24; allow more"));
+  EXPECT_THAT(message, HasSubstr("--max_memory allows 80; allow more"));
   EXPECT_FALSE(fs::exists(Path("small")));
   const std::string about = "needs about ";
   const CommandOutput output =
@@ -216,9 +216,9 @@ TEST_F(SubMapCommands, TooLargeInputIsRefusedBeforeTheReconstruction) {
   const std::string mapper = "mapper --write_report 0 --database_path " +
                              Database() + " --output_path " + Path("out") +
                              " --max_memory ";
-  const CommandOutput refused = RunMgsfm(mapper + "26");
+  const CommandOutput refused = RunMgsfm(mapper + "82");
   EXPECT_EQ(refused.exit_code, 1);
-  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 26; cut the "
+  EXPECT_THAT(LastWord(refused), HasSubstr("--max_memory allows 82; cut the "
                                            "view graph with --partition"));
   EXPECT_THAT(refused.err, Not(HasSubstr("rotation averaging")));
   EXPECT_FALSE(fs::exists(Path("out")));

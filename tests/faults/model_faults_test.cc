@@ -79,15 +79,6 @@ TEST_F(FaultTest, AdjustInPlace) {
          true, true});
 }
 
-// Checkpoints appear stage by stage.
-TEST_F(FaultTest, MapWithCheckpoint) {
-  PrepareDrive();
-  Sweep({"mapper_checkpoint",
-         "mapper --database_path sim/database.db --output_path out "
-         "--checkpoint_path stages --write_report 0 --num_threads 1",
-         false, false, 2, "stages/"});
-}
-
 TEST_F(FaultTest, Partition) {
   fs::create_directories(Before());
   Prepare(

@@ -165,7 +165,8 @@ std::function<void()> KeepFile(const std::string& path) {
   const std::string saved =
       state.plan.folder + ".lost" + std::to_string(state.num_saved++);
   if (state.plan.fault != Fault::kPowerLoss || !Exists(path) ||
-      link(path.c_str(), saved.c_str()) != 0) {
+      Real<int(const char*, const char*)>("link")(path.c_str(),
+                                                  saved.c_str()) != 0) {
     return [] {};
   }
   return [saved, path] {
@@ -315,6 +316,18 @@ int RenameName(const std::string& from, const std::string& to,
       Real<int(const char*, const char*)>("rename")(to.c_str(), from.c_str());
       restore();
     });
+  }
+  return result;
+}
+
+// `call` makes the name, of a file that exists.
+int AddName(const std::string& path, const std::function<int()>& call) {
+  if (IsFaulty(CallKind::kName, path)) return -1;
+  const int result = call();
+  const std::lock_guard<std::recursive_mutex> lock(TheMutex());
+  if (result == 0 && IsWatched(path)) {
+    Record(false, FolderOf(path),
+           [path] { Real<int(const char*)>("unlink")(path.c_str()); });
   }
   return result;
 }
@@ -478,6 +491,11 @@ int renameat2(int folder_a, const char* a, int folder_b, const char* b,
   return m::Exchange(m::Absolute(folder_a, a), m::Absolute(folder_b, b), [=] {
     return m::Real<int(int, const char*, int, const char*, unsigned)>(
         "renameat2")(folder_a, a, folder_b, b, flags);
+  });
+}
+int link(const char* from, const char* to) noexcept {
+  return m::AddName(m::Absolute(AT_FDCWD, to), [=] {
+    return m::Real<int(const char*, const char*)>("link")(from, to);
   });
 }
 int unlink(const char* path) noexcept {

@@ -24,7 +24,7 @@ endforeach()
 set(mgsfm ${prefix}/bin/mgsfm)
 run(${mgsfm} --version)
 run(${mgsfm} simulate --output_path ${data} --preset standard --num_frames 12)
-# The program finds its codecs in the prefix.
+# Images are decoded.
 string(REPEAT "0 255 " 2048 pixels)
 file(WRITE ${data}/images/a.pgm "P2 64 64 255\n${pixels}\n")
 run(${mgsfm} feature_extractor --image_path ${data}/images

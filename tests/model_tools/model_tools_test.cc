@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <numeric>
 #include <set>
 
 #include "base/random.h"
@@ -348,6 +349,25 @@ TEST(ModelTools, StatisticsCountWhatIsThere) {
       num_observations, 1e-9);
   // Without noise, keypoints are the projections in single precision.
   EXPECT_LT(*statistics.mean_reprojection_error_px, 1e-3);
+}
+
+// The mean over all observations of points with a known error.
+TEST(ModelTools, LongTracksCountMoreInTheMeanReprojectionError) {
+  SceneModel drive = Drive();
+  std::vector<double> errors_px;
+  for (Point3D& point : drive.reconstruction.points) {
+    point.error_px = point.track.size();
+    errors_px.insert(errors_px.end(), point.track.size(), *point.error_px);
+  }
+  drive.reconstruction.points.front().error_px.reset();
+  errors_px.erase(errors_px.begin(),
+                  errors_px.begin() +
+                      static_cast<std::ptrdiff_t>(
+                          drive.reconstruction.points.front().track.size()));
+  const double mean_px =
+      std::accumulate(errors_px.begin(), errors_px.end(), 0.0) /
+      static_cast<double>(errors_px.size());
+  EXPECT_NEAR(*AnalyzeModel(drive).mean_reprojection_error_px, mean_px, 1e-9);
 }
 
 }  // namespace

@@ -4,105 +4,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <opencv2/core.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <regex>
 
-#include "eval/svg.h"
 #include "mgsfm/synthetic/simulation.h"
-#include "report_page/chart_parts.h"
 #include "report_page/label_placement.h"
-#include "report_page/svg_raster.h"
 
 namespace mgsfm {
 namespace {
 
 using testing::HasSubstr;
-
-cv::Mat Decode(const std::string& png) {
-  const std::vector<uint8_t> bytes(png.begin(), png.end());
-  return cv::imdecode(bytes, cv::IMREAD_COLOR);
-}
-
-// The colour as 0xrrggbb.
-int ColorAt(const cv::Mat& image, double x, double y) {
-  const auto& bgr =
-      image.at<cv::Vec3b>(static_cast<int>(y), static_cast<int>(x));
-  return bgr[2] << 16 | bgr[1] << 8 | bgr[0];
-}
-
-TEST(SvgRaster, DrawsAllElements) {
-  SvgDrawing drawing(100.0, 60.0);
-  drawing.Box({10.0, 10.0}, {10.0, 10.0}, "fill='#ff0000'");
-  drawing.Frame({30.0, 10.0}, {10.0, 10.0},
-                "stroke='#00ff00' stroke-width='2'");
-  drawing.Dot({55.0, 15.0}, 5.0, "fill='#0000ff'");
-  drawing.Line({70.0, 15.0}, {90.0, 15.0}, "stroke='#888' stroke-width='4'");
-  drawing.Path({{70.0, 25.0}, {90.0, 25.0}},
-               "stroke='#f0f' stroke-width='4' stroke-dasharray='6 6'");
-  drawing.Ellipse({20.0, 45.0}, {12.0, 3.0}, 90.0,
-                  "fill='#000000' fill-opacity='0.5'");
-  drawing.BeginClip({40.0, 30.0}, {10.0, 20.0});
-  drawing.Box({35.0, 35.0}, {30.0, 10.0}, "fill='#00ffff'");
-  drawing.EndClip();
-  drawing.Pixels({70.0, 35.0}, {20.0, 20.0},
-                 PngUrl(2, 2,
-                        {255, 0, 0, 255, 0, 255, 0, 255,  //
-                         0, 0, 255, 255, 0, 0, 0, 0}));
-  const cv::Mat image = Decode(RasterizeSvg(drawing.ToString(), 3.0));
-  ASSERT_EQ(image.cols, 300);
-  ASSERT_EQ(image.rows, 180);
-  const auto color = [&](double x, double y) {
-    return ColorAt(image, 3.0 * x, 3.0 * y);
-  };
-  EXPECT_EQ(color(5, 5), 0xffffff);
-  EXPECT_EQ(color(15, 15), 0xff0000);
-  EXPECT_EQ(color(30, 15), 0x00ff00);
-  EXPECT_EQ(color(35, 15), 0xffffff);
-  EXPECT_EQ(color(55, 15), 0x0000ff);
-  EXPECT_EQ(color(58, 15), 0x0000ff);
-  EXPECT_EQ(color(61.5, 15), 0xffffff);
-  EXPECT_EQ(color(80, 15), 0x888888);
-  EXPECT_EQ(color(80, 18.5), 0xffffff);
-  EXPECT_EQ(color(73, 25), 0xff00ff);
-  EXPECT_EQ(color(79.5, 25), 0xffffff);
-  // Upright, half transparent.
-  EXPECT_NEAR(color(20, 55) & 0xff, 0x80, 1);
-  EXPECT_EQ(color(28, 45), 0xffffff);
-  EXPECT_EQ(color(45, 40), 0x00ffff);
-  EXPECT_EQ(color(37, 40), 0xffffff);
-  EXPECT_EQ(color(55, 40), 0xffffff);
-  EXPECT_EQ(color(75, 40), 0xff0000);
-  EXPECT_EQ(color(85, 40), 0x00ff00);
-  EXPECT_EQ(color(75, 50), 0x0000ff);
-  EXPECT_EQ(color(85, 50), 0xffffff);
-}
-
-// Dark pixels in a part of the drawing.
-int Ink(const cv::Mat& image, const cv::Rect& part) {
-  cv::Mat dark;
-  cv::inRange(image(part), cv::Scalar(0, 0, 0), cv::Scalar(127, 127, 127),
-              dark);
-  return cv::countNonZero(dark);
-}
-
-TEST(SvgRaster, TextIsAnchored) {
-  for (const char* anchor : {"", "text-anchor='middle'", "text-anchor='end'"}) {
-    SvgDrawing drawing(200.0, 30.0);
-    drawing.Text({100.0, 20.0}, "<a&b>", anchor);
-    const cv::Mat image = Decode(RasterizeSvg(drawing.ToString(), 2.0));
-    const int left = Ink(image, {0, 0, 198, 60});
-    const int right = Ink(image, {202, 0, 198, 60});
-    EXPECT_EQ(left > 0, *anchor != 0);
-    EXPECT_EQ(right > 0, anchor != std::string("text-anchor='end'"));
-  }
-  // One character that is not ASCII is one character.
-  SvgDrawing two(100.0, 30.0), question(100.0, 30.0);
-  two.Text({10.0, 20.0}, "\xc3\xa4");
-  question.Text({10.0, 20.0}, "?");
-  EXPECT_EQ(RasterizeSvg(two.ToString(), 2.0),
-            RasterizeSvg(question.ToString(), 2.0));
-}
 
 class Figures : public testing::Test {
  protected:
@@ -129,13 +39,6 @@ TEST_F(Figures, AreThoseOfTheModel) {
   for (size_t i = 0; i < figures.size(); ++i) {
     names.push_back(figures[i].name);
     EXPECT_EQ(figures[i].svg, same[i].svg);
-    const cv::Mat image = Decode(FigureToPng(figures[i], 2.0));
-    std::smatch size;
-    ASSERT_TRUE(
-        std::regex_search(figures[i].svg, size,
-                          std::regex("width='([0-9.]+)' height='([0-9.]+)'")));
-    EXPECT_NEAR(image.cols, 2.0 * std::stod(size[1]), 1.0);
-    EXPECT_NEAR(image.rows, 2.0 * std::stod(size[2]), 1.0);
   }
   EXPECT_THAT(names, testing::ElementsAre("trajectory", "rig", "residuals",
                                           "view_graph"));

@@ -205,10 +205,6 @@ CASES = {
         "--match_type pairs --shard 1/2 --shard_path out.db",
     ),
     "mapper": (["drive/database.db"], "mapper --database_path drive/database.db --output_path out"),
-    "mapper checkpoint": (
-        ["checkpoint/**/*"],
-        "mapper --database_path drive/database.db --output_path out --checkpoint_path checkpoint",
-    ),
     "mapper extends": (
         ["model/*"],
         "mapper --database_path drive/database.db --output_path out --input_path model",
@@ -352,8 +348,7 @@ class Sandbox:
             f"simulate --output_path drive {drive}",
             f"simulate --output_path other {drive} --random_seed 1",
             "mapper --database_path drive/database.db --output_path maps/0",
-            "mapper --database_path drive/database.db --output_path mapped "
-            "--checkpoint_path checkpoint",
+            "mapper --database_path drive/database.db --output_path mapped",
             "model_converter --input_path mapped/0 --output_path text --output_type txt",
             "model_splitter --input_path mapped/0 --output_path parts --num_overlap_frames 3",
             "model_converter --input_path mapped/0 --output_path path.tum --output_type tum "
@@ -444,12 +439,10 @@ def problem_of(sandbox, name, arguments, folder, is_valid):
     if is_valid:
         return "" if code == 0 else f"fails on valid files: {err[-300:]}", code
     after = hash_files(folder)
-    changes_checkpoint = name == "mapper checkpoint"
     for path, content in before.items():
-        is_checkpoint = changes_checkpoint and path.startswith("checkpoint")
-        if after.get(path) != content and not is_checkpoint:
+        if after.get(path) != content:
             return f"{path} has changed", code
-    new = [path for path in after if path not in before and not path.startswith("checkpoint")]
+    new = [path for path in after if path not in before]
     strange = [path for path in new if not is_output(path)]
     if strange:
         return f"writes {strange}", code
@@ -459,11 +452,6 @@ def problem_of(sandbox, name, arguments, folder, is_valid):
         return "succeeds without output", code
     if code != 0:
         return "", code
-    # A damaged stage is computed again.
-    if changes_checkpoint and hash_files(folder / "model", "*.bin") != hash_files(
-        folder / "out/0", "*.bin"
-    ):
-        return "another model than without checkpoint", code
     for model in [path.parent for path in (folder / "out").rglob("images.bin")]:
         check = sandbox.run(f"model_analyzer --path {model}", folder)
         if check.returncode != 0:

@@ -43,7 +43,6 @@ expect "$(grep -c -- '--image_list_path w/clusters/' calls)" 3
 expect "$(grep -m1 -o -- '--image_list_path .*/..txt' calls)" \
   "--image_list_path w/clusters/1.txt"
 expect "$(grep -c -- '--calibration_path w/maps/1/0/rig_config.json' calls)" 2
-expect "$(grep -c -- '--checkpoint_path w/checkpoints/[012] ' calls)" 3
 expect "$(grep -c '^model_merger --graph 1 .*--input_path w/maps ' calls)" 1
 
 # From a database, nothing is extracted or matched.

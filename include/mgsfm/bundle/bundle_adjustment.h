@@ -315,22 +315,11 @@ struct FixedPoses {
                                         const BundlePriors& priors = {},
                                         const FixedPoses& fixed = {});
 
-// The state of RefineReconstruction after some of its solves.
-struct RefinementState {
-  int num_steps = 0;
-  Reconstruction estimate;
-  BundleSummary summary;
-};
-
-// Loads the latest state and saves new ones, so that a run can continue an
-// interrupted one with the same input and reach the same result. Empty
-// functions do nothing. put_points() keeps the points of the model somewhere
-// else until take_points(), so that they take no memory during a solve. A solve
-// does not read the keypoints of the scene either, so that they may wait there,
-// too.
+// put_points() keeps the points of the model somewhere else until
+// take_points(), so that they take no memory during a solve. A solve does not
+// read the keypoints of the scene either, so that they may wait there, too.
+// Empty functions do nothing.
 struct RefinementStore {
-  std::function<std::optional<RefinementState>()> load = {};
-  std::function<void(const RefinementState&)> save = {};
   std::function<void(std::vector<Point3D>)> put_points = {};
   std::function<std::vector<Point3D>()> take_points = {};
 };

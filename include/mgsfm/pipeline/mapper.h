@@ -18,7 +18,6 @@
 #include "mgsfm/health/finding.h"
 #include "mgsfm/health/kept_matches.h"
 #include "mgsfm/pair_filtering/pair_filtering.h"
-#include "mgsfm/pipeline/stage_store.h"
 #include "mgsfm/rotation/rotation_averaging.h"
 #include "mgsfm/scene/estimates.h"
 #include "mgsfm/scene/priors.h"
@@ -215,9 +214,6 @@ struct MapperInput {
   // Whether cameras without common frames are a finding; false if single images
   // are intended.
   bool expects_rigs = true;
-  // Stages save their results here and load those of an earlier run. Not owned;
-  // null: nothing is saved. Extensions save nothing.
-  StageStore* stage_store = nullptr;
   ModelObserver observer = {};  // may be null
 };
 

@@ -25,8 +25,4 @@ struct Figure {
 [[nodiscard]] std::vector<Figure> MakeFigures(const ReportPageInput& input,
                                               const Context& context);
 
-// The same drawing as a PNG file; the scale is in pixels per unit of the SVG.
-[[nodiscard]] std::string FigureToPng(const Figure& figure,
-                                      double pixels_per_unit);
-
 }  // namespace mgsfm

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <map>
 #include <optional>
@@ -12,6 +11,7 @@
 #include <utility>
 
 #include "base/file_reading.h"
+#include "base/format.h"
 #include "io/calibration/calibration.h"
 #include "io/calibration/yaml_value.h"
 #include "mgsfm/base/error.h"
@@ -243,13 +243,12 @@ void WarnOfTimeShifts(const std::vector<CalibratedCamera>& cameras,
     if (first == nullptr) first = &camera;
     const double late_s = *camera.time_shift_s - *first->time_shift_s;
     if (std::abs(late_s) <= kMaxDifference_s) continue;
-    char text[160];
-    std::snprintf(text, sizeof(text),
-                  "' is %.4g s %s relative to camera '%s' by "
-                  "timeshift_cam_imu; set SoftRig.method time_offset and "
-                  "image_timestamps_path",
-                  std::abs(late_s), late_s > 0.0 ? "late" : "early",
-                  first->names.back().c_str());
+    const std::string text = Formatted(
+        "' is %.4g s %s relative to camera '%s' by "
+        "timeshift_cam_imu; set SoftRig.method time_offset and "
+        "image_timestamps_path",
+        std::abs(late_s), late_s > 0.0 ? "late" : "early",
+        first->names.back().c_str());
     context.Warning(camera.place + ": camera '" + camera.names.back() + text);
   }
 }
@@ -271,10 +270,7 @@ void Report(const RigInput& input, const std::vector<CalibratedCamera>& cameras,
     line += ", ";
     line += FindCameraModel(static_cast<int32_t>(*camera.model))->name;
     if (camera.fit_error_px) {
-      char text[40];
-      std::snprintf(text, sizeof(text), " within %.2f px",
-                    *camera.fit_error_px);
-      line += text;
+      line += Formatted(" within %.2f px", *camera.fit_error_px);
     }
     context.Info(line + (camera.cam_from_base ? ", pose known"
                                               : ", pose to be estimated"));

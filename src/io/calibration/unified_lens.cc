@@ -2,9 +2,9 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <string>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "io/calibration/lens_models.h"
 
@@ -158,8 +158,7 @@ void SetUnifiedLens(const UnifiedLens& lens, CalibratedCamera* camera) {
     return;
   }
   camera->params.clear();
-  char error[40];
-  std::snprintf(error, sizeof(error), "%.1f px", fit.max_error_px);
+  const std::string error = Formatted("%.1f px", fit.max_error_px);
   camera->why_no_model =
       std::string(
           "has a unified or double sphere projection that the fisheye "

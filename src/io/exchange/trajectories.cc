@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <optional>
 #include <string>
 
+#include "base/format.h"
 #include "base/nanoseconds.h"
 #include "base/natural_order.h"
 #include "base/text.h"
@@ -123,8 +123,8 @@ std::vector<ExportedFile> WriteTimed(const ExportInput& input,
 }
 
 std::string TumLine(int64_t time_ns, const Rigid3& pose) {
-  char time[40];
-  std::snprintf(time, sizeof(time), "%s%lld.%09lld", time_ns < 0 ? "-" : "",
+  const std::string time =
+      Formatted("%s%lld.%09lld", time_ns < 0 ? "-" : "",
                 static_cast<long long>(std::abs(time_ns) / kNsPerSecond),
                 static_cast<long long>(std::abs(time_ns) % kNsPerSecond));
   std::string line = time;

@@ -42,6 +42,11 @@ std::vector<fs::path> EntriesOf(const fs::path& folder) {
   return entries;
 }
 
+// What a link points to, so that it stays one.
+fs::path FileBehind(const fs::path& path) {
+  return fs::weakly_canonical(fs::absolute(path));
+}
+
 bool IsFolder(const fs::path& path) {
   return fs::symlink_status(path).type() == fs::file_type::directory;
 }
@@ -67,6 +72,12 @@ bool FileOperations::Exchange(const fs::path& a, const fs::path& b) {
   return false;
 }
 
+void FileOperations::Link(const fs::path& from, const fs::path& to) {
+  if (link(from.c_str(), to.c_str()) != 0) {
+    ThrowError("link " + Quoted(from) + " to " + Quoted(to), errno);
+  }
+}
+
 void FileOperations::Remove(const fs::path& path) {
   if (std::remove(path.c_str()) != 0 && errno != ENOENT) {
     ThrowError("remove " + Quoted(path), errno);
@@ -77,10 +88,6 @@ void FileOperations::MakeFolder(const fs::path& path) {
   if (mkdir(path.c_str(), 0777) != 0 && errno != EEXIST) {
     ThrowWriteError(path);
   }
-}
-
-void FileOperations::Write(const fs::path& path, const std::string& content) {
-  WriteFile(path, content);
 }
 
 void FileOperations::Sync(const fs::path& path) {
@@ -98,38 +105,31 @@ void FileOperations::Sync(const fs::path& path) {
   }
 }
 
-void ManyFileOperations::Sync(const fs::path& path) {
-  if (!fs::is_directory(path)) FileOperations::Sync(path);
-}
-
-void ReplaceFile(const fs::path& path, const std::string& content) {
-  FileOperations operations;
-  ReplaceFile(path, content, &operations);
-}
-
-void ReplaceFile(const fs::path& path, const std::string& content,
-                 FileOperations* operations) {
+void ReplaceOneOfMany(const fs::path& path, const std::string& content) {
   std::error_code ignored;
   const fs::file_status earlier = fs::status(path, ignored);
   if (fs::exists(earlier) && !fs::is_regular_file(earlier)) {
-    return operations->Write(path, content);
+    return WriteFile(path, content);
   }
-  const fs::path target =
-      fs::weakly_canonical(fs::absolute(path));  // a link stays one
-  const fs::path folder = target.parent_path();
+  const fs::path target = FileBehind(path);
   // The same name in every run, so that a killed one leaves no more than one.
-  const fs::path draft =
-      folder / ("." + target.filename().string() + ".mgsfm-draft");
+  const fs::path draft = target.parent_path() /
+                         ("." + target.filename().string() + ".mgsfm-draft");
+  FileOperations operations;
   try {
-    operations->Write(draft, content);
+    WriteFile(draft, content);
     if (fs::exists(earlier)) fs::permissions(draft, earlier.permissions());
-    operations->Sync(draft);
-    operations->Rename(draft, target);
+    operations.Sync(draft);
+    operations.Rename(draft, target);
   } catch (...) {
     fs::remove(draft, ignored);
     throw;
   }
-  operations->Sync(folder);
+}
+
+void ReplaceFile(const fs::path& path, const std::string& content) {
+  ReplaceOneOfMany(path, content);
+  FileOperations().Sync(FileBehind(path).parent_path());
 }
 
 void RemoveTree(const fs::path& folder, FileOperations* operations) {

@@ -19,30 +19,26 @@ class FileOperations {
   // nothing, where the system or the file system cannot.
   virtual bool Exchange(const std::filesystem::path& a,
                         const std::filesystem::path& b);
+  // Makes another name of a file (a hard link).
+  virtual void Link(const std::filesystem::path& from,
+                    const std::filesystem::path& to);
   // Removes a file, a link or an empty folder; missing ones are ignored.
   virtual void Remove(const std::filesystem::path& path);
   // Makes a folder; one that exists is left as it is.
   virtual void MakeFolder(const std::filesystem::path& path);
-  // Writes a new file.
-  virtual void Write(const std::filesystem::path& path,
-                     const std::string& content);
   // Waits until a file, or the entries of a folder, are on the disk (fsync).
   virtual void Sync(const std::filesystem::path& path);
 };
 
-// Writes many files, each of which a later run can write again. The content is
-// on the disk before a file gets its name, as a later run takes it for
-// complete; names wait for the caller to sync the folders.
-class ManyFileOperations : public FileOperations {
- public:
-  void Sync(const std::filesystem::path& path) override;
-};
-
 // Writes a file. An earlier one stays as it is until the new one is complete,
 // unless it is no regular file, such as a pipe. Throws Error on failure.
-void ReplaceFile(const std::filesystem::path& path, const std::string& content,
-                 FileOperations* operations);
 void ReplaceFile(const std::filesystem::path& path, const std::string& content);
+
+// The same for one of many files, each of which a later run can write again.
+// The content is on the disk before the file gets its name, as a later run
+// takes it for complete; names wait for the caller to sync the folders.
+void ReplaceOneOfMany(const std::filesystem::path& path,
+                      const std::string& content);
 
 // Removes a folder with everything in it, one Remove per entry.
 void RemoveTree(const std::filesystem::path& folder,

@@ -7,8 +7,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <utility>
-
 namespace mgsfm {
 namespace {
 
@@ -45,16 +43,6 @@ FolderLock::FolderLock(const std::filesystem::path& folder, Wait wait)
 
 FolderLock::~FolderLock() {
   if (fd_ >= 0) close(fd_);
-}
-
-FolderLock::FolderLock(FolderLock&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)),
-      state_(std::exchange(other.state_, State::kBusy)) {}
-
-FolderLock& FolderLock::operator=(FolderLock&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  std::swap(state_, other.state_);
-  return *this;
 }
 
 }  // namespace mgsfm

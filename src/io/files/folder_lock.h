@@ -18,17 +18,16 @@ class FolderLock {
 
   enum class Wait { kNo, kYes };
 
-  FolderLock() = default;
   explicit FolderLock(const std::filesystem::path& folder,
                       Wait wait = Wait::kNo);
   ~FolderLock();
-  FolderLock(FolderLock&& other) noexcept;
-  FolderLock& operator=(FolderLock&& other) noexcept;
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
 
   State state() const { return state_; }
 
  private:
-  int fd_ = -1;
+  const int fd_;
   State state_ = State::kBusy;
 };
 

@@ -2,8 +2,8 @@
 #include "io/files/image_encoding.h"
 
 #include <cstdint>
+#include <opencv2/imgcodecs.hpp>
 
-#include "io/files/image_codecs.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
 
@@ -14,8 +14,7 @@ std::string EncodeImage(const std::string& extension, const cv::Mat& image,
   std::vector<uint8_t> file;
   bool is_encoded = false;
   try {
-    is_encoded =
-        MgsfmImageCodecs()->encode(extension, image, &file, imwrite_parameters);
+    is_encoded = cv::imencode(extension, image, file, imwrite_parameters);
   } catch (const cv::Exception& exception) {
     RethrowLackOfMemory(exception);
   }

@@ -13,7 +13,6 @@
 
 #include "base/memory.h"
 #include "base/text.h"
-#include "io/files/image_codecs.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -297,7 +296,7 @@ cv::Mat Decode(const std::string& file, int imread_flags) {
   }
   const cv::Mat view(1, static_cast<int>(file.size()), CV_8U,
                      const_cast<char*>(file.data()));
-  return MgsfmImageCodecs()->decode(view, imread_flags);
+  return cv::imdecode(view, imread_flags);
 }
 
 bool UsesTwelveBits(const cv::Mat& pixels) {
@@ -377,7 +376,7 @@ void SetUpCodecs() {
   RequireMemory(size_t{32} << 20);  // the setup takes 10 MB
   std::string image = "P5 1 1 255\n0";
   const cv::Mat view(1, static_cast<int>(image.size()), CV_8U, image.data());
-  (void)MgsfmImageCodecs()->decode(view, cv::IMREAD_GRAYSCALE);
+  (void)cv::imdecode(view, cv::IMREAD_GRAYSCALE);
 }
 
 }  // namespace

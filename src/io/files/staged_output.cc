@@ -6,14 +6,12 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <random>
 #include <string>
 #include <system_error>
 
 #include "io/files/folder_lock.h"
 #include "io/files/model_files.h"
 #include "io/files/output_file.h"
-#include "io/files/output_swap.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -21,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr size_t kSuffixLength = 6;  // 36^6 names; one in use is drawn again
+constexpr char kSuffix[] = "XXXXXX";  // mkdtemp replaces it
 
 // Names of temporary folders are this prefix and a random suffix.
 std::string StagingPrefix(const fs::path& target) {
@@ -29,18 +27,8 @@ std::string StagingPrefix(const fs::path& target) {
 }
 
 bool IsStagingName(const std::string& name, const std::string& prefix) {
-  return name.size() == prefix.size() + kSuffixLength &&
+  return name.size() == prefix.size() + sizeof(kSuffix) - 1 &&
          name.compare(0, prefix.size(), prefix) == 0;
-}
-
-std::string RandomSuffix() {
-  constexpr char kLetters[] = "abcdefghijklmnopqrstuvwxyz0123456789";
-  std::random_device random;
-  std::string suffix;
-  for (size_t i = 0; i < kSuffixLength; ++i) {
-    suffix += kLetters[random() % (sizeof(kLetters) - 1)];
-  }
-  return suffix;
 }
 
 bool IsOnDeviceOf(const fs::path& a, const fs::path& b) {
@@ -49,8 +37,20 @@ bool IsOnDeviceOf(const fs::path& a, const fs::path& b) {
          status_a.st_dev == status_b.st_dev;
 }
 
+// The entry itself, not what a link points to.
+bool Exists(const fs::path& path) {
+  return fs::exists(fs::symlink_status(path));
+}
+
 bool IsRealFolder(const fs::path& path) {
   return fs::symlink_status(path).type() == fs::file_type::directory;
+}
+
+// A shell that is in the working folder would be in a removed one.
+bool CanMove(const fs::path& folder) {
+  std::error_code ignored;
+  return IsRealFolder(folder) && IsOnDeviceOf(folder, folder.parent_path()) &&
+         !fs::equivalent(folder, fs::current_path(ignored), ignored);
 }
 
 fs::path Canonical(const fs::path& path) {
@@ -64,49 +64,69 @@ fs::path Canonical(const fs::path& path) {
               "; choose another output path");
 }
 
-// Files that would be replaced must belong to a model: cameras.txt may be some
-// other list of cameras.
-void CheckModelFolder(const fs::path& folder) {
+std::vector<std::string> NamesIn(const fs::path& folder) {
   const FolderContents contents = ListFolder(folder);
-  for (const std::string& name : contents.others) {
-    if (IsModelFileName(name)) {
-      ThrowNotReplaceable(folder / name, "is a folder, not a file of a model");
-    }
-  }
-  if (contents.model_files.empty() || contents.HoldsModel()) return;
-  ThrowNotReplaceable(folder / contents.model_files.front(),
-                      "is not part of a model (there is no images.bin or "
-                      "images.txt), and the output might replace it");
-}
-
-void CheckRunFolder(const fs::path& folder) {
-  for (const std::string& name : ListFolder(folder).others) {
-    const fs::path path = folder / name;
-    if (name == kReportFileName && IsRealFolder(path)) {
-      ThrowNotReplaceable(path, "is a folder, and a report would replace it");
-    }
-    if (!IsModelFolderName(name)) continue;
-    if (!fs::is_directory(path)) {
-      ThrowNotReplaceable(path, "is a file, and a model would replace it");
-    }
-    if (!IsOnDeviceOf(path, folder)) {
-      ThrowNotReplaceable(path, "is not on the file system of its parent");
-    }
-    CheckModelFolder(path);
-  }
-}
-
-// A report is replaced only by a report.
-bool HoldsOnlyModelAndReport(const FolderContents& contents) {
-  return std::all_of(
-      contents.others.begin(), contents.others.end(),
-      [](const std::string& name) { return name == kReportFileName; });
-}
-
-// The file of images comes first: without it there is no model.
-std::vector<std::string> ImagesFirst(std::vector<std::string> names) {
-  std::stable_partition(names.begin(), names.end(), IsImagesFileName);
+  std::vector<std::string> names = contents.model_files;
+  names.insert(names.end(), contents.others.begin(), contents.others.end());
   return names;
+}
+
+// Makes links to entries of a folder in another one that lacks them.
+void LinkMissing(const fs::path& from, const fs::path& to,
+                 const std::vector<std::string>& names,
+                 FileOperations* operations) {
+  for (const std::string& name : names) {
+    if (IsRealFolder(from / name)) {
+      operations->MakeFolder(to / name);
+      fs::permissions(to / name, fs::status(from / name).permissions());
+      LinkMissing(from / name, to / name, NamesIn(from / name), operations);
+    } else if (!Exists(to / name)) {
+      operations->Link(from / name, to / name);
+    }
+  }
+}
+
+// Another program may have written into a folder before it was taken away.
+void MoveMissing(const fs::path& from, const fs::path& to,
+                 const std::vector<std::string>& names,
+                 FileOperations* operations) {
+  for (const std::string& name : names) {
+    if (!Exists(to / name)) {
+      operations->Rename(from / name, to / name);
+    } else if (IsRealFolder(from / name) && IsRealFolder(to / name)) {
+      MoveMissing(from / name, to / name, NamesIn(from / name), operations);
+    }
+  }
+}
+
+// Another program may have written into a folder before it was taken away.
+void MoveOthersBack(const fs::path& from, const fs::path& to,
+                    FileOperations* operations) {
+  if (!IsRealFolder(from)) return;
+  const std::vector<std::string> others = ListFolder(from).others;
+  if (others.empty()) return;
+  operations->MakeFolder(to);
+  MoveMissing(from, to, others, operations);
+}
+
+fs::path New(const fs::path& work) { return work / "new"; }
+fs::path Old(const fs::path& work) { return work / "old"; }
+// The name of work/new when its entries have been exchanged.
+fs::path Replaced(const fs::path& work) { return work / "replaced"; }
+
+// Puts back what was taken away from `base` without a successor.
+void PutBack(const fs::path& work, const fs::path& base,
+             FileOperations* operations) {
+  for (const fs::path& folder : {Old(work), Replaced(work)}) {
+    if (!IsRealFolder(folder)) continue;
+    for (const std::string& name : NamesIn(folder)) {
+      if (folder == Old(work) && !Exists(base / name)) {
+        operations->Rename(folder / name, base / name);
+      } else {
+        MoveOthersBack(folder / name, base / name, operations);
+      }
+    }
+  }
 }
 
 }  // namespace
@@ -119,47 +139,25 @@ StagedOutput::StagedOutput(const fs::path& target, OutputKind kind,
     : operations_(operations), target_(Canonical(target)), kind_(kind) {
   RemoveStale(target_.parent_path());
   const bool is_new = !fs::exists(target_);
-  if (!is_new) {
-    if (!fs::is_directory(target_)) {
-      throw Error("the output path '" + target_.string() + "' is not a folder");
-    }
-    RemoveStale(target_);
-    kind == OutputKind::kRun ? CheckRunFolder(target_)
-                             : CheckModelFolder(target_);
+  if (!is_new && !fs::is_directory(target_)) {
+    throw Error("the output path '" + target_.string() + "' is not a folder");
   }
-  base_ = ChooseBase();
+  const bool is_base = !is_new && kind == OutputKind::kRun;
+  if (is_base) RemoveStale(target_);
+  base_ = is_base ? target_ : target_.parent_path();
   for (fs::path path = base_; !fs::exists(path); path = path.parent_path()) {
     new_parents_.push_back(path);
   }
   try {
-    MakeStagingDir();
+    MakeWorkFolder();
+    if (!is_new) CheckTarget();
   } catch (...) {
-    RemoveNewParents();
+    RemoveFolders();
     throw;
   }
 }
 
-// A new target is made beside its temporary folder. An existing one may be a
-// mount point, so the temporary folder lies within it, unless it is a model
-// that can be exchanged as a whole.
-fs::path StagedOutput::ChooseBase() const {
-  const fs::path parent = target_.parent_path();
-  if (!fs::exists(target_)) return parent;
-  const bool is_exchanged = kind_ == OutputKind::kModel && CanMove(target_) &&
-                            access(parent.c_str(), W_OK) == 0 &&
-                            HoldsOnlyModelAndReport(ListFolder(target_));
-  return is_exchanged ? parent : target_;
-}
-
-// The working folder stays: a shell that is in it would be in a removed one.
-bool StagedOutput::CanMove(const fs::path& folder) const {
-  std::error_code ignored;
-  return IsRealFolder(folder) && IsOnDeviceOf(folder, folder.parent_path()) &&
-         !fs::equivalent(folder, fs::current_path(ignored), ignored);
-}
-
-// Removes temporary folders whose owners were killed, after finishing their
-// swaps.
+// Removes temporary folders whose owners were killed.
 void StagedOutput::RemoveStale(const fs::path& folder) const {
   std::vector<fs::path> found;
   std::error_code error;  // an unreadable folder has no temporary folders
@@ -170,167 +168,190 @@ void StagedOutput::RemoveStale(const fs::path& folder) const {
       found.push_back(it->path());
     }
   }
-  for (const fs::path& staging : found) {
-    const FolderLock lock(staging);
-    if (lock.state() == FolderLock::State::kBusy) continue;
-    if (OutputSwap::IsPending(staging)) {
-      const FolderLock folder_lock(folder, FolderLock::Wait::kYes);
-      OutputSwap::FinishPending(folder, staging, operations_);
-    }
+  for (const fs::path& work : found) {
+    const FolderLock lock(work);
     // A file system without locks does not show whether the owner is alive.
     if (lock.state() != FolderLock::State::kHeld) continue;
+    const FolderLock folder_lock(folder, FolderLock::Wait::kYes);
+    PutBack(work, folder, operations_);
     try {
-      RemoveTree(staging, operations_);
+      RemoveTree(work, operations_);
     } catch (const std::exception&) {
       // The rest has no meaning, and a later run tries again.
     }
   }
 }
 
-void StagedOutput::MakeStagingDir() {
-  std::error_code error;
-  fs::create_directories(base_, error);
-  if (error) {
-    errno = error.value();
-    ThrowWriteError(target_);
-  }
+void StagedOutput::MakeWorkFolder() {
+  MakeFolders(base_);
   do {
-    staging_ = base_ / (StagingPrefix(target_) + RandomSuffix());
-    if (mkdir(staging_.c_str(), 0777) != 0) {
-      if (errno == EEXIST) continue;
-      ThrowWriteError(target_);
-    }
-    lock_ = std::make_unique<FolderLock>(staging_);
+    std::string path = base_ / (StagingPrefix(target_) + kSuffix);
+    if (mkdtemp(path.data()) == nullptr) ThrowWriteError(target_);
+    work_ = path;
+    lock_ = std::make_unique<FolderLock>(work_);
     // Another run may take the folder for a stale one until it is locked.
-  } while (lock_ == nullptr || lock_->state() == FolderLock::State::kBusy);
-  fs::create_directories(StagingDir(), error);
-  if (error) {
-    errno = error.value();
-    ThrowWriteError(target_);
-  }
+  } while (lock_->state() == FolderLock::State::kBusy);
+  MakeFolders(StagingDir());
+  MakeFolders(Old(work_));
+}
+
+void StagedOutput::MakeFolders(const fs::path& folder) const {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (!error) return;
+  errno = error.value();
+  ThrowWriteError(target_);
 }
 
 fs::path StagedOutput::StagingDir() const {
-  const fs::path new_dir = OutputSwap::NewDir(staging_);
+  const fs::path new_dir = New(work_);
   return base_ == target_ ? new_dir : new_dir / target_.filename();
 }
 
-StagedOutput::~StagedOutput() {
-  try {
-    if (!OutputSwap::IsPending(staging_)) RemoveTree(staging_, operations_);
-  } catch (const std::exception&) {
-    // A destructor cannot report it; the next run removes the folder.
-  }
-  RemoveNewParents();
-}
-
-void StagedOutput::RemoveNewParents() {
-  for (const fs::path& path : new_parents_) {
-    std::error_code ignored;
-    fs::remove(path, ignored);  // refused where it is not empty
-  }
-}
-
-// The name, relative to base_, of an entry of the target.
-std::string StagedOutput::InBase(const std::string& name) const {
-  return base_ == target_ ? name : (target_.filename() / name).string();
-}
-
-void StagedOutput::PlanEntry(const std::string& name, OutputSwap* swap) const {
-  const fs::path staged = swap->NewDir() / name;
-  const fs::path target = base_ / name;
-  if (!fs::exists(fs::symlink_status(target))) {
-    swap->Add(name);
-    return;
-  }
-  if (!fs::is_directory(staged)) {
-    if (IsRealFolder(target)) {
-      ThrowNotReplaceable(target, "is a folder, and a file would replace it");
+void StagedOutput::CheckTarget() {
+  if (kind_ == OutputKind::kModel) return CheckReplaceable(target_);
+  for (const std::string& name : ListFolder(target_).others) {
+    const fs::path path = target_ / name;
+    if (name == kReportFileName && IsRealFolder(path)) {
+      ThrowNotReplaceable(path, "is a folder, and a report would replace it");
     }
-    swap->Replace(name);
-    return;
+    if (!IsModelFolderName(name)) continue;
+    if (!fs::is_directory(path)) {
+      ThrowNotReplaceable(path, "is a file, and a model would replace it");
+    }
+    CheckReplaceable(path);
+  }
+}
+
+// Files that would be replaced must belong to a model: cameras.txt may be some
+// other list of cameras.
+void StagedOutput::CheckReplaceable(const fs::path& folder) {
+  if (!CanMove(folder)) {
+    ThrowNotReplaceable(folder,
+                        "is a link, a mount point or the working folder, and a "
+                        "model would replace it");
+  }
+  const FolderContents contents = ListFolder(folder);
+  for (const std::string& name : contents.others) {
+    if (IsModelFileName(name)) {
+      ThrowNotReplaceable(folder / name, "is a folder, not a file of a model");
+    }
+  }
+  if (contents.HoldsModel()) return CheckOthers(folder);
+  if (contents.model_files.empty()) return;
+  ThrowNotReplaceable(folder / contents.model_files.front(),
+                      "is not part of a model (there is no images.bin or "
+                      "images.txt), and the output might replace it");
+}
+
+// Two renames would hide the other files in between.
+void StagedOutput::CheckOthers(const fs::path& folder) {
+  const std::vector<std::string> others = ListFolder(folder).others;
+  if (others.empty()) return;
+  const bool can_exchange = operations_->Exchange(New(work_), Old(work_)) &&
+                            operations_->Exchange(New(work_), Old(work_));
+  if (can_exchange) return;
+  ThrowNotReplaceable(folder / others.front(),
+                      "is in the folder of a model, which this file system "
+                      "cannot replace in one step");
+}
+
+void StagedOutput::PrepareEntry(const std::string& name) {
+  const fs::path staged = New(work_) / name, target = base_ / name;
+  if (!Exists(target)) return;
+  if (!fs::is_directory(staged)) {
+    if (!IsRealFolder(target)) return;
+    ThrowNotReplaceable(target, "is a folder, and a file would replace it");
   }
   if (!fs::is_directory(target)) {
     ThrowNotReplaceable(target, "is a file, and a folder would replace it");
   }
-  const FolderContents contents = ListFolder(staged);
-  if (contents.HoldsModel()) {
-    PlanModel(name, swap);
-    return;
-  }
-  for (const auto& names : {contents.model_files, contents.others}) {
-    for (const std::string& child : names) {
-      PlanEntry((fs::path(name) / child).string(), swap);
-    }
-  }
+  CheckReplaceable(target);
+  CheckOthers(target);
+  fs::permissions(staged, fs::status(target).permissions());
+  LinkMissing(target, staged, ListFolder(target).others, operations_);
 }
 
-void StagedOutput::PlanModel(const std::string& name, OutputSwap* swap) const {
-  const fs::path folder = base_ / name;
-  CheckModelFolder(folder);
-  const FolderContents earlier = ListFolder(folder);
-  const FolderContents staged = ListFolder(swap->NewDir() / name);
-  const auto is_staged = [&](const std::string& file) {
-    return fs::exists(swap->NewDir() / name / file);
-  };
-  const bool is_replaced_as_a_whole =
-      !name.empty() && HoldsOnlyModelAndReport(earlier) && CanMove(folder) &&
-      std::all_of(earlier.others.begin(), earlier.others.end(), is_staged);
-  if (is_replaced_as_a_whole) {
-    fs::permissions(swap->NewDir() / name, fs::status(folder).permissions());
-    swap->Replace(name);
-    return;
-  }
-  for (const std::string& file : ImagesFirst(earlier.model_files)) {
-    if (IsImagesFileName(file) || !is_staged(file)) {
-      swap->Remove((fs::path(name) / file).string());
-    }
-  }
-  std::vector<std::string> images_last = ImagesFirst(staged.model_files);
-  std::reverse(images_last.begin(), images_last.end());
-  for (const auto& names : {staged.others, images_last}) {
-    for (const std::string& file : names)
-      PlanEntry((fs::path(name) / file).string(), swap);
-  }
-}
-
-void StagedOutput::PlanRemoval(const std::string& name,
-                               OutputSwap* swap) const {
-  const fs::path folder = base_ / name;
-  const FolderContents contents = ListFolder(folder);
-  if (contents.others.empty() && CanMove(folder)) {
-    swap->Remove(name);
-    return;
-  }
-  for (const std::string& file : ImagesFirst(contents.model_files)) {
-    swap->Remove((fs::path(name) / file).string());
-  }
-}
-
-void StagedOutput::PlanObsoleteModels(OutputSwap* swap) const {
-  if (kind_ != OutputKind::kRun || !fs::exists(target_)) return;
+void StagedOutput::PrepareObsoleteModels() {
+  if (base_ != target_) return;
   for (const std::string& name : ListFolder(target_).others) {
-    if (!IsModelFolderName(name) || fs::exists(StagingDir() / name)) continue;
+    if (!IsModelFolderName(name) || Exists(New(work_) / name)) continue;
     const FolderContents contents = ListFolder(target_ / name);
-    if (contents.IsEmpty() || contents.HoldsModel()) {
-      PlanRemoval(InBase(name), swap);
+    if (!contents.IsEmpty() && !contents.HoldsModel()) continue;
+    if (contents.others.empty()) {
+      obsolete_.push_back(name);
+    } else {
+      operations_->MakeFolder(New(work_) / name);
+      PrepareEntry(name);
     }
+  }
+}
+
+void StagedOutput::Move(const fs::path& from, const fs::path& to) {
+  operations_->Rename(from, to);
+  undo_.push_back([this, from, to] { operations_->Rename(to, from); });
+}
+
+void StagedOutput::Place(const std::string& name) {
+  const fs::path staged = New(work_) / name, target = base_ / name;
+  if (!Exists(target)) return Move(staged, target);
+  if (operations_->Exchange(staged, target)) {
+    undo_.push_back([=] { operations_->Exchange(staged, target); });
+    return;
+  }
+  Move(target, Old(work_) / name);
+  Move(staged, target);
+}
+
+void StagedOutput::PlaceAll() {
+  const std::vector<std::string> names = NamesIn(New(work_));
+  try {
+    for (const std::string& name : names) Place(name);
+    for (const std::string& name : obsolete_) {
+      Move(base_ / name, New(work_) / name);
+    }
+    for (const fs::path& folder : {base_, New(work_), Old(work_)}) {
+      operations_->Sync(folder);
+    }
+  } catch (...) {
+    is_tidy_ = false;
+    while (!undo_.empty()) {
+      undo_.back()();
+      undo_.pop_back();
+    }
+    is_tidy_ = true;
+    throw;
   }
 }
 
 void StagedOutput::Commit() {
-  OutputSwap swap(base_, staging_, operations_);
-  SyncTree(swap.NewDir(), operations_);
   const FolderLock lock(base_, FolderLock::Wait::kYes);
-  if (base_ != target_) {
-    PlanEntry(target_.filename().string(), &swap);
-  } else if (kind_ == OutputKind::kModel) {
-    PlanModel("", &swap);
-  } else {
-    PlanEntry("", &swap);
+  for (const std::string& name : NamesIn(New(work_))) PrepareEntry(name);
+  PrepareObsoleteModels();
+  SyncTree(New(work_), operations_);
+  PlaceAll();
+  is_tidy_ = false;
+  try {
+    operations_->Rename(New(work_), Replaced(work_));
+    PutBack(work_, base_, operations_);
+    is_tidy_ = true;
+  } catch (const Error&) {
+    // The output is complete; the next run tidies up.
   }
-  PlanObsoleteModels(&swap);
-  swap.Run();
+}
+
+StagedOutput::~StagedOutput() { RemoveFolders(); }
+
+void StagedOutput::RemoveFolders() const {
+  try {
+    if (is_tidy_ && !work_.empty()) RemoveTree(work_, operations_);
+  } catch (const std::exception&) {
+    // A destructor cannot report it; the next run removes the folder.
+  }
+  for (const fs::path& path : new_parents_) {
+    std::error_code ignored;
+    fs::remove(path, ignored);  // refused where it is not empty
+  }
 }
 
 bool IsReplacedByOutput(const fs::path& target, OutputKind kind,

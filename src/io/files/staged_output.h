@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -11,32 +12,30 @@
 namespace mgsfm {
 
 class FolderLock;
-class OutputSwap;
 
 enum class OutputKind {
   kRun,    // holds models in folders "0", "1", ...
   kModel,  // is a model
 };
 
-// Output that appears as a whole or not at all. Files are written into a hidden
-// temporary folder; Commit() moves them to the target.
+// Output of which each model and each file appears as a whole or not at all.
+// Files are written into a hidden temporary folder; Commit() puts its entries
+// in their places.
 //
-// Commit() replaces entries of the same name and removes the other files of an
-// earlier output: those of a model (model_files.h), of all models of a run, and
-// folders of models that are then empty. Everything else in the target stays.
+// A model replaces its folder by one exchange (renameat2) or, where the file
+// system cannot, by two renames. Files in the folder that belong to no model
+// stay: the new folder has links to them. Models of an earlier run that have no
+// successor are removed. Everything else in the target stays.
 //
-// A process that is killed leaves either the old output, or a journal with
-// which the next one with the same target finishes the swap (OutputSwap). A
-// folder that holds a model and nothing else is replaced by one exchange, where
-// the file system can, so that every model is complete at every instant. In
-// other folders the file of images is taken away first and put in place last:
-// in between there is no model, rather than one of old and new files.
+// If a call fails, the target is restored. A process that is killed leaves
+// whole models, of the earlier output or of this one; the next one with the
+// same target puts back what was taken away without a successor.
 class StagedOutput {
  public:
-  // First finishes what a killed process began. Throws Error
+  // First tidies up after killed processes. Throws Error
   // - if the target is a file, or nothing can be written there,
   // - if the output would replace something that is not a model,
-  // - if an earlier swap can neither be finished nor undone.
+  // - if a folder to replace is a link, a mount point or the working folder.
   explicit StagedOutput(const std::filesystem::path& target,
                         OutputKind kind = OutputKind::kRun);
   // `operations` must outlive the object.
@@ -55,24 +54,32 @@ class StagedOutput {
 
  private:
   void RemoveStale(const std::filesystem::path& folder) const;
-  void MakeStagingDir();
-  void RemoveNewParents();
-  std::filesystem::path ChooseBase() const;
-  void PlanEntry(const std::string& name, OutputSwap* swap) const;
-  void PlanModel(const std::string& name, OutputSwap* swap) const;
-  void PlanRemoval(const std::string& name, OutputSwap* swap) const;
-  void PlanObsoleteModels(OutputSwap* swap) const;
-  bool CanMove(const std::filesystem::path& folder) const;
-  std::string InBase(const std::string& name) const;
+  void MakeWorkFolder();
+  void MakeFolders(const std::filesystem::path& folder) const;
+  void CheckTarget();
+  void CheckReplaceable(const std::filesystem::path& folder);
+  void CheckOthers(const std::filesystem::path& folder);
+  void PrepareEntry(const std::string& name);
+  void PrepareObsoleteModels();
+  void Move(const std::filesystem::path& from, const std::filesystem::path& to);
+  void Place(const std::string& name);
+  void PlaceAll();
+  void RemoveFolders() const;
 
   FileOperations default_operations_;
   FileOperations* const operations_;
   std::filesystem::path target_;
   const OutputKind kind_;
-  // The temporary folder lies in `base_`: the target, or its parent folder.
+  // The folder of the entries to place: a target of kRun that exists, which may
+  // be a mount point, or else the parent of the target.
   std::filesystem::path base_;
-  std::filesystem::path staging_;
-  std::unique_ptr<FolderLock> lock_;  // on staging_, while this object lives
+  // The hidden folder in base_. work_/new/NAME is to become base_/NAME, and
+  // work_/old/NAME was base_/NAME.
+  std::filesystem::path work_;
+  std::unique_ptr<FolderLock> lock_;   // on work_, while this object lives
+  std::vector<std::string> obsolete_;  // names of entries to remove
+  std::vector<std::function<void()>> undo_;
+  bool is_tidy_ = true;  // false: work_ holds what belongs into base_
   // Folders made above a new target, the lowest first.
   std::vector<std::filesystem::path> new_parents_;
 };

@@ -146,15 +146,10 @@ class LinkedHdf5File : public Hdf5File {
   const Handle file_;
 };
 
-std::unique_ptr<Hdf5File> OpenFile(const std::string& path) {
-  return std::make_unique<LinkedHdf5File>(path);
-}
-
 }  // namespace
 
-extern "C" const Hdf5Library* MgsfmHdf5Library() {
-  static constexpr Hdf5Library kLibrary = {OpenFile};
-  return &kLibrary;
+std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path) {
+  return std::make_unique<LinkedHdf5File>(path);
 }
 
 }  // namespace mgsfm

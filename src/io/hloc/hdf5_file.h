@@ -36,17 +36,7 @@ class Hdf5File {
   virtual Hdf5Matrix<int32_t> ReadInts(const std::string& dataset) const = 0;
 };
 
-struct Hdf5Library {
-  std::unique_ptr<Hdf5File> (*open)(const std::string& path);
-};
-
-// The library links HDF5. The program replaces this function, and loads it when
-// it first needs it (apps/mgsfm/codec_loading.cc).
-extern "C" const Hdf5Library* MgsfmHdf5Library();
-
 // Throws Error also if this build has no HDF5.
-inline std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path) {
-  return MgsfmHdf5Library()->open(path);
-}
+std::unique_ptr<Hdf5File> OpenHdf5(const std::string& path);
 
 }  // namespace mgsfm

@@ -2,8 +2,8 @@
 #include "io/models/model_rig_poses.h"
 
 #include <algorithm>
-#include <cstdio>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "math/statistics.h"
 #include "mgsfm/base/error.h"
@@ -59,9 +59,7 @@ void RigPoses::CheckKnownSensors(
         shift <= kMaxKnownShift * size[sensor.rig_idx]) {
       continue;
     }
-    char numbers[96];
-    std::snprintf(
-        numbers, sizeof(numbers),
+    const std::string numbers = Formatted(
         "%.2f deg and a shift of %.4g (known: %.4g, in the model: %.4g)",
         turn_deg, shift, sensor.sensor_from_rig->translation.norm(),
         poses[i]->translation.norm());

@@ -2,13 +2,13 @@
 #include "io/models/model_tables.h"
 
 #include <Eigen/Geometry>
-#include <cstdio>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <utility>
 
+#include "base/format.h"
 #include "geometry/so3.h"
 #include "mgsfm/base/error.h"
 
@@ -87,9 +87,8 @@ void TableCheck::CheckImage(const ModelFrame& frame, const ModelImage& image) {
   const double distance =
       (expected.Center() - image.cam_from_world.Center()).norm();
   if (angle_rad <= kMaxContradiction && distance <= max_distance_) return;
-  char numbers[96];
-  std::snprintf(numbers, sizeof(numbers),
-                "has a pose that differs by %.3g deg and %.3g from that",
+  const std::string numbers =
+      Formatted("has a pose that differs by %.3g deg and %.3g from that",
                 RadToDeg(angle_rad), distance);
   Throw(frame, image, numbers);
 }

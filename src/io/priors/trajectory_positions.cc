@@ -6,6 +6,7 @@
 
 #include "base/text_lines.h"
 #include "io/rigs/image_name_times.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 #include "mgsfm/io/models/trajectory_io.h"
 
@@ -55,10 +56,7 @@ double MedianInterval(const std::vector<TimedPose>& poses) {
   for (size_t i = 1; i < poses.size(); ++i) {
     intervals_s.push_back(poses[i].timestamp_s - poses[i - 1].timestamp_s);
   }
-  const auto middle =
-      intervals_s.begin() + static_cast<std::ptrdiff_t>(intervals_s.size() / 2);
-  std::nth_element(intervals_s.begin(), middle, intervals_s.end());
-  return *middle;
+  return Median(std::move(intervals_s));
 }
 
 // The pose at a time; nullopt outside the trajectory and in its gaps.

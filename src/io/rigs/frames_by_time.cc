@@ -3,14 +3,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <limits>
 #include <map>
 #include <utility>
 
+#include "base/format.h"
 #include "base/nanoseconds.h"
 #include "io/rigs/image_name_times.h"
+#include "math/statistics.h"
 #include "mgsfm/base/error.h"
 
 namespace mgsfm {
@@ -22,30 +23,20 @@ constexpr const char* kOption = "frame_max_time_difference_s";
 constexpr double kMinOffsetInDeviations = 5.0;
 
 std::string FormatTime(int64_t time_ns) {
-  char text[40];
-  std::snprintf(text, sizeof(text), "%lld.%09lld",
-                static_cast<long long>(time_ns / kNsPerSecond),
+  const std::string text =
+      Formatted("%lld.%09lld", static_cast<long long>(time_ns / kNsPerSecond),
                 static_cast<long long>(std::llabs(time_ns % kNsPerSecond)));
-  return time_ns < 0 && time_ns > -kNsPerSecond ? "-" + std::string(text)
-                                                : text;
+  return time_ns < 0 && time_ns > -kNsPerSecond ? "-" + text : text;
 }
 
 std::string FormatDuration(double duration_ns) {
   const std::pair<double, const char*> units[] = {
       {1e9, "s"}, {1e6, "ms"}, {1e3, "us"}, {1.0, "ns"}};
-  char text[40] = "0 ns";
   for (const auto& [size_ns, name] : units) {
     if (std::abs(duration_ns) < size_ns) continue;
-    std::snprintf(text, sizeof(text), "%.3g %s", duration_ns / size_ns, name);
-    break;
+    return Formatted("%.3g %s", duration_ns / size_ns, name);
   }
-  return text;
-}
-
-double Median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<long>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+  return "0 ns";
 }
 
 // A frame or image, by its time.
@@ -387,8 +378,7 @@ std::optional<std::string> SuggestFramesByTime(
   const double limit_ns =
       std::min(RoundUp(2.0 * static_cast<double>(largest_ns)),
                static_cast<double>(times.max_difference_ns));
-  char value[40];
-  std::snprintf(value, sizeof(value), "%g", 1e-9 * limit_ns);
+  const std::string value = Formatted("%g", 1e-9 * limit_ns);
   return "the " + std::to_string(sensors.sensors.size()) +
          " folders of images share few names, but the times in their names "
          "agree within " +

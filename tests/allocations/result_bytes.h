@@ -33,9 +33,9 @@
 
 namespace mgsfm {
 
-// The bytes of plain data. A Sink has Write(data, size), a Source has
-// Read(data, size). Structs list the number of their fields below; the compiler
-// rejects a wrong number, so no field can be forgotten.
+// The bytes of plain data. A Sink has Write(data, size). Structs list the
+// number of their fields below; the compiler rejects a wrong number, so no
+// field can be forgotten.
 
 template <class T>
 constexpr int kNumFields = 0;  // not a struct of fields
@@ -111,8 +111,6 @@ inline constexpr int kNumFields<DroppedFrame> = 2;
 template <>
 inline constexpr int kNumFields<BundleSummary> = 6;
 template <>
-inline constexpr int kNumFields<RefinementState> = 3;
-template <>
 inline constexpr int kNumFields<EstimatedRotations> = 4;
 template <>
 inline constexpr int kNumFields<MotionOfScene> = 5;
@@ -167,18 +165,6 @@ constexpr bool kIsRaw =
     std::is_arithmetic_v<T> || std::is_enum_v<T> || std::is_same_v<T, Match> ||
     std::is_same_v<T, Observation> || std::is_same_v<T, Eigen::Vector2f> ||
     std::is_same_v<T, Eigen::Vector3d>;
-
-// A placeholder that reading overwrites.
-template <class T>
-T Blank() {
-  if constexpr (std::is_same_v<T, Camera>) {
-    return Camera{CameraId(0), CameraModelId::kSimplePinhole, 0, 0, {}, false};
-  } else {
-    return T();
-  }
-}
-
-// ---------------------------------------------------------------- writing
 
 template <class Sink, class T>
 void WriteTo(Sink* sink, const T& value);
@@ -239,123 +225,12 @@ void WriteTo(Sink* sink, const T& value) {
   WriteValue(sink, value);
 }
 
-// ---------------------------------------------------------------- reading
-
-template <class T>
-struct Type {};
-
-template <class Source, class T>
-T ReadFrom(Source* source);
-
-template <class Source, class T>
-std::vector<T> ReadValue(Source* source, Type<std::vector<T>> /*type*/) {
-  const auto size = ReadFrom<Source, uint64_t>(source);
-  source->CheckSize(size);
-  std::vector<T> items;
-  if constexpr (kIsRaw<T>) {
-    source->CheckSize(size * sizeof(T));
-    items.resize(size);
-    source->Read(items.data(), size * sizeof(T));
-  } else {
-    items.reserve(size);
-    for (uint64_t i = 0; i < size; ++i) {
-      items.push_back(ReadFrom<Source, T>(source));
-    }
-  }
-  return items;
-}
-template <class Source>
-std::string ReadValue(Source* source, Type<std::string> /*type*/) {
-  const auto size = ReadFrom<Source, uint64_t>(source);
-  source->CheckSize(size);
-  std::string text(size, '\0');
-  source->Read(text.data(), size);
-  return text;
-}
-template <class Source>
-Mask ReadValue(Source* source, Type<Mask> /*type*/) {
-  Mask mask;
-  for (const uint8_t flag : ReadFrom<Source, std::vector<uint8_t>>(source)) {
-    mask.push_back(flag != 0);
-  }
-  return mask;
-}
-template <class Source, class T>
-std::optional<T> ReadValue(Source* source, Type<std::optional<T>> /*type*/) {
-  if (ReadFrom<Source, uint8_t>(source) == 0) return std::nullopt;
-  return ReadFrom<Source, T>(source);
-}
-template <class Source, class Tag>
-Id<Tag> ReadValue(Source* source, Type<Id<Tag>> /*type*/) {
-  return Id<Tag>(ReadFrom<Source, uint32_t>(source));
-}
-template <class Source, class Scalar, int kRows, int kColumns>
-Eigen::Matrix<Scalar, kRows, kColumns> ReadValue(
-    Source* source, Type<Eigen::Matrix<Scalar, kRows, kColumns>> /*type*/) {
-  Eigen::Matrix<Scalar, kRows, kColumns> matrix;
-  source->Read(matrix.data(), sizeof(Scalar) * kRows * kColumns);
-  return matrix;
-}
-template <class Source>
-Eigen::Quaterniond ReadValue(Source* source,
-                             Type<Eigen::Quaterniond> /*type*/) {
-  Eigen::Quaterniond q;
-  source->Read(q.coeffs().data(), 4 * sizeof(double));
-  return q;
-}
-template <class Source, class T>
-std::enable_if_t<kIsRaw<T> && !std::is_same_v<T, Eigen::Vector2f> &&
-                     !std::is_same_v<T, Eigen::Vector3d>,
-                 T>
-ReadValue(Source* source, Type<T> /*type*/) {
-  T value;
-  source->Read(&value, sizeof(T));
-  return value;
-}
-template <class Source, class T>
-std::enable_if_t<(kNumFields<T> > 0), T> ReadValue(Source* source,
-                                                   Type<T> /*type*/) {
-  T value = Blank<T>();
-  ForEachField(value, [&](auto& field) {
-    using Field = std::remove_reference_t<decltype(field)>;
-    field = ReadFrom<Source, Field>(source);
-  });
-  return value;
-}
-
-template <class Source, class T>
-T ReadFrom(Source* source) {
-  return ReadValue(source, Type<T>());
-}
-
-// ------------------------------------------------------------- in memory
-
 class StringSink {
  public:
   void Write(const void* data, size_t size) {
     content.append(static_cast<const char*>(data), size);
   }
   std::string content;
-};
-
-// Throws Error beyond the end.
-class StringSource {
- public:
-  explicit StringSource(const std::string& content) : content_(content) {}
-  void CheckSize(uint64_t size) const {
-    if (size > content_.size() - position_) {
-      throw Error("a checkpoint is damaged; remove its folder");
-    }
-  }
-  void Read(void* data, size_t size) {
-    CheckSize(size);
-    if (size > 0) std::memcpy(data, content_.data() + position_, size);
-    position_ += size;
-  }
-
- private:
-  const std::string& content_;
-  size_t position_ = 0;
 };
 
 }  // namespace mgsfm

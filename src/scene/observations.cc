@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "scene/observations.h"
+
+namespace mgsfm {
+
+size_t NumObservations(const Reconstruction& reconstruction) {
+  size_t num_observations = 0;
+  for (const Point3D& point : reconstruction.points) {
+    num_observations += point.track.size();
+  }
+  return num_observations;
+}
+
+std::optional<double> MeanReprojectionErrorPx(
+    const Reconstruction& reconstruction) {
+  size_t num_errors = 0;
+  double sum_px = 0.0;
+  for (const Point3D& point : reconstruction.points) {
+    if (!point.error_px) continue;
+    num_errors += point.track.size();
+    sum_px += *point.error_px * static_cast<double>(point.track.size());
+  }
+  if (num_errors == 0) return std::nullopt;
+  return sum_px / static_cast<double>(num_errors);
+}
+
+}  // namespace mgsfm
