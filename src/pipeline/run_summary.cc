@@ -65,6 +65,30 @@ std::vector<SensorAccuracy> Accuracies(const Scene& scene,
   return accuracies;
 }
 
+void CountObservations(const Scene& scene, const Reconstruction& model,
+                       ModelSummary* summary) {
+  std::vector<size_t> of_image(scene.images.size(), 0);
+  for (const Point3D& point : model.points) {
+    for (const Observation& o : point.track) ++of_image[o.image_idx];
+  }
+  std::vector<size_t> of_sensor(scene.sensors.size(), 0);
+  for (size_t i = 0; i < scene.images.size(); ++i) {
+    of_sensor[scene.images[i].sensor_idx] += of_image[i];
+    summary->num_observations += of_image[i];
+    summary->num_images_without_points +=
+        of_image[i] == 0 && model.IsRegistered(scene, static_cast<int>(i));
+  }
+  for (size_t k = 0; k < scene.sensors.size(); ++k) {
+    if (!IsCalibrated(scene, model, k)) continue;
+    if (summary->num_calibrated_sensors == 0 ||
+        of_sensor[k] < summary->min_num_sensor_observations) {
+      summary->weakest_sensor = scene.sensors[k].name;
+      summary->min_num_sensor_observations = of_sensor[k];
+    }
+    ++summary->num_calibrated_sensors;
+  }
+}
+
 ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
                             const MapperModel& model) {
   const Reconstruction& reconstruction = model.reconstruction;
@@ -77,7 +101,6 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
   size_t num_errors = 0;
   double sum_errors_px = 0.0;
   for (const Point3D& point : reconstruction.points) {
-    summary.num_observations += point.track.size();
     if (!point.error_px) continue;
     num_errors += point.track.size();
     sum_errors_px += *point.error_px * static_cast<double>(point.track.size());
@@ -86,9 +109,7 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
     summary.mean_reprojection_error_px =
         sum_errors_px / static_cast<double>(num_errors);
   }
-  for (size_t k = 0; k < scene.sensors.size(); ++k) {
-    summary.num_calibrated_sensors += IsCalibrated(scene, reconstruction, k);
-  }
+  CountObservations(scene, reconstruction, &summary);
   if (model.kept_matches.total.num_matches > 0) {
     summary.kept_share = model.kept_matches.total.Share();
   }
@@ -99,10 +120,13 @@ ModelSummary SummarizeModel(const Scene& scene, const MapperResult& result,
 
 std::string DescribeRig(const ModelSummary& model) {
   if (model.num_calibrated_sensors == 0) return "";
-  std::string line = "rig: " +
-                     Count(static_cast<size_t>(model.num_calibrated_sensors),
-                           "camera pose", "camera poses") +
-                     " calibrated";
+  std::string line =
+      "rig: " +
+      Count(static_cast<size_t>(model.num_calibrated_sensors), "camera pose",
+            "camera poses") +
+      " calibrated, that of '" + model.weakest_sensor + "' by " +
+      Count(model.min_num_sensor_observations, "observation", "observations") +
+      (model.num_calibrated_sensors > 1 ? ", the fewest" : "");
   if (model.accuracies.empty()) {
     return line + "; compute_covariances tells how accurately";
   }
@@ -166,6 +190,10 @@ std::vector<std::string> DescribeRun(const RunSummary& summary) {
     if (model.mean_reprojection_error_px) {
       line += ", mean reprojection error " +
               Number("%.2f", *model.mean_reprojection_error_px) + " px";
+    }
+    if (model.num_images_without_points > 0) {
+      line += "; " + std::to_string(model.num_images_without_points) +
+              " of the images have no points and follow from their rig";
     }
     lines.push_back(line);
     if (const std::string rig = DescribeRig(model); !rig.empty()) {

@@ -374,6 +374,13 @@ TEST_F(Import, TransposedTransformsAreRefused) {
 TEST_F(Import, DamagedTransformsAreRefused) {
   const std::string size = R"("fl_x": 300, "w": 1000, "h": 800,)";
   ExpectRefused("t.json", "{", HasSubstr("transforms.json"));
+  const std::string frame =
+      R"(, "w": 640, "h": 200, "fl_x": 370, "frames": [{"file_path": "0.jpg",
+      "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]})";
+  ExpectRefused("t.json", R"({"cx": -9000)" + frame,
+                AllOf(HasSubstr("'0.jpg'"), HasSubstr("principal point")));
+  ExpectRefused("t.json", R"({"k1": -44.9, "k2": 1017)" + frame,
+                AllOf(HasSubstr("'0.jpg'"), HasSubstr("distortion")));
   ExpectRefused(
       "t.json", Transforms(R"("w": 1000, "h": 800,)", ""),
       AllOf(HasSubstr("frame 0"), HasSubstr("a.jpg"), HasSubstr("fl_x")));

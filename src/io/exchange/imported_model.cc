@@ -12,6 +12,7 @@
 #include "io/files/image_limits.h"
 #include "io/files/image_reading.h"
 #include "mgsfm/base/error.h"
+#include "scene/intrinsics_check.h"
 #include "scene/value_check.h"
 
 namespace mgsfm {
@@ -36,6 +37,10 @@ void CheckValues(const ImportedModel& imported, const fs::path& path) {
     ThrowIf(WhyUnusable(image.name), path, "the name of " + label);
     ThrowIf(WhyImplausible(image.cam_from_world), path, "the pose of " + label);
     ThrowIf(WhyImplausible(image.camera), path, "the camera of " + label);
+    const auto problem = FindIntrinsicsProblem(image.camera);
+    ThrowIf(problem && problem->is_certain ? std::optional(problem->text)
+                                           : std::nullopt,
+            path, "the camera of " + label);
   }
   for (size_t i = 0; i < imported.points.size(); ++i) {
     const ImportedPoint& point = imported.points[i];
