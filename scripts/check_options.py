@@ -56,7 +56,7 @@ def problems_of_call(words, options):
     if command.startswith("-") or command in ("help", "version"):
         return
     if command not in options:
-        if re.fullmatch(r"[a-z_]+", command):
+        if command.islower() and any(w.startswith("--") for w in words):
             yield f"no command {command}"
         return
     for word, value in zip(words[1:], [*words[2:], ""]):
