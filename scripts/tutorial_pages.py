@@ -58,7 +58,8 @@ FOLDERS = ("examples", "experiments", "scripts", "workflow")
 # The frames of data/rendered_rig that tests use, to save time.
 NUM_FRAMES = 8
 
-BLOCK = re.compile(r"((?:^<!--.*?-->\n+)*)^```(\w*)\n(.*?)^```$", re.M | re.S)
+BLOCK = re.compile(r"((?:^<!--(?:(?!-->).)*-->\n+)*)^```(\w*)\n(.*?)^```$",
+                   re.M | re.S)
 MARK = re.compile(r"<!--\s*([a-z ]+):\s*(.*?)\s*-->", re.S)
 
 
