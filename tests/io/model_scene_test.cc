@@ -255,6 +255,14 @@ TEST(ModelSceneTest, ImageThatContradictsItsFrameIsNamed) {
                     HasSubstr("rig_name_rule")));
 }
 
+TEST(ModelSceneTest, ACameraBelongsToOneRig) {
+  Model model = Written(SmallDrive());
+  model.poses.rigs.push_back(
+      {RigId(99), {{model.poses.images[0].camera_id, true, Rigid3()}}});
+  EXPECT_THAT(ErrorOfLoading(model),
+              AllOf(HasSubstr("model 'folder'"), HasSubstr("rig 99")));
+}
+
 TEST(ModelSceneTest, ImagesOfOneNameThatDoNotMoveTogetherAreNoRig) {
   Model model = WithoutTables(Written(SmallDrive()));
   Random random(2);

@@ -21,9 +21,7 @@ void EraseUnless(const Predicate& is_kept, std::vector<T>* items) {
 std::vector<std::string> ReadImageList(const std::string& path) {
   TextLines lines(path, "'" + path + "' (image_list_path)");
   std::vector<std::string> names;
-  while (lines.Next()) {
-    if (!lines.line().empty()) names.emplace_back(lines.line());
-  }
+  while (lines.NextContent()) names.emplace_back(lines.line());
   return names;
 }
 

@@ -16,6 +16,7 @@
 #include "geometry/so3.h"
 #include "io/database/database_rows.h"
 #include "io/database/sqlite_snapshot.h"
+#include "io/files/json_reading.h"
 #include "io/files/output_file.h"
 #include "io/priors/named_vectors.h"
 #include "io/priors/trajectory_positions.h"
@@ -329,8 +330,9 @@ std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {
   const std::filesystem::path path =
       std::filesystem::path(model_folder) / "geo_origin.json";
   if (!std::filesystem::exists(path)) return std::nullopt;
+  const nlohmann::json json =
+      ParseJson(ReadFile(path), "'" + path.string() + "'");
   try {
-    const nlohmann::json json = nlohmann::json::parse(ReadFile(path));
     const Eigen::Vector3d origin(json.at("latitude_deg").get<double>(),
                                  json.at("longitude_deg").get<double>(),
                                  json.at("altitude_m").get<double>());
