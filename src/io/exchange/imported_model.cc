@@ -168,7 +168,8 @@ Eigen::Vector2i ReadSizeOfImage(const fs::path& image_path,
                 "'; give the folder of the images (image_path)");
   }
   const fs::path file = image_path / image_name;
-  if (!fs::exists(file)) {
+  std::error_code ignored;  // of names that are too long
+  if (!fs::exists(file, ignored)) {
     throw Error("image '" + Printable(image_name) + "' of '" + path.string() +
                 "' is not in the folder '" + image_path.string() +
                 "'; give the folder that the names of images start from "

@@ -9,7 +9,8 @@
 
 namespace mgsfm {
 
-nlohmann::json ParseJson(const std::string& text, const std::string& what) {
+nlohmann::json ParseJson(const std::string& text, const std::string& what,
+                         const std::string& remedy) {
   using Json = nlohmann::json;
   std::vector<std::set<std::string>> keys_of_open_objects;
   const auto check = [&](int, Json::parse_event_t event, const Json& value) {
@@ -33,7 +34,8 @@ nlohmann::json ParseJson(const std::string& text, const std::string& what) {
     const std::string problem = error.what();
     const size_t bracket = problem.find("] ");
     throw Error(what + " is not valid JSON: " +
-                problem.substr(bracket == std::string::npos ? 0 : bracket + 2));
+                problem.substr(bracket == std::string::npos ? 0 : bracket + 2) +
+                "; " + remedy);
   }
 }
 

@@ -6,8 +6,9 @@
 
 namespace mgsfm {
 
-// Throws Error, "`what` is not valid JSON: ...", or naming a key that an object
-// has twice, of which libraries keep the last one.
-nlohmann::json ParseJson(const std::string& text, const std::string& what);
+// Throws Error, "`what` is not valid JSON: ...; `remedy`", or naming a key that
+// an object has twice, of which libraries keep the last one.
+nlohmann::json ParseJson(const std::string& text, const std::string& what,
+                         const std::string& remedy = "correct it");
 
 }  // namespace mgsfm

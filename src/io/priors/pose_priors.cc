@@ -330,8 +330,8 @@ std::optional<Eigen::Vector3d> ReadGeoOrigin(const std::string& model_folder) {
   const std::filesystem::path path =
       std::filesystem::path(model_folder) / "geo_origin.json";
   if (!std::filesystem::exists(path)) return std::nullopt;
-  const nlohmann::json json =
-      ParseJson(ReadFile(path), "'" + path.string() + "'");
+  const nlohmann::json json = ParseJson(
+      ReadFile(path), "'" + path.string() + "'", "correct or delete it");
   try {
     const Eigen::Vector3d origin(json.at("latitude_deg").get<double>(),
                                  json.at("longitude_deg").get<double>(),
