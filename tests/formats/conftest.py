@@ -13,22 +13,22 @@ def pytest_addoption(parser):
 
 @pytest.fixture(scope="session")
 def mgsfm(request):
-    """Calls the program, which must succeed."""
+    """Calls the program, which must succeed; returns what it prints."""
     path = request.config.getoption("--program").resolve()
 
     def call(*words):
         done = subprocess.run(list(map(str, [path, *words, "--quiet", 1])),
                               capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
+        return done.stdout + done.stderr
     return call
 
 
 @pytest.fixture(scope="session")
 def drive(mgsfm, tmp_path_factory):
-    """A simulated stereo drive of six frames without noise."""
+    """A simulated stereo drive of twelve frames without noise."""
     folder = tmp_path_factory.mktemp("drive")
-    mgsfm("simulate", "--rig", "stereo", "--num_frames", 6, "--output_path",
+    mgsfm("simulate", "--rig", "stereo", "--num_frames", 12, "--output_path",
           folder)
     return folder
 

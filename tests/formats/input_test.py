@@ -158,6 +158,25 @@ def test_trajectories(model, expect_poses, drive, tmp_path):
     expect_poses(euroc, "--input_type", "euroc", *rig, *times)
 
 
+def test_other_orders_of_quaternions_are_named(mgsfm, model, drive, tmp_path):
+    """By the rotations from image to image, without points."""
+    mgsfm("model_converter", "--input_path", drive / "truth", "--output_path",
+          tmp_path / "text", "--output_type", "txt")
+    for name in ("rigs.txt", "frames.txt"):
+        (tmp_path / "text" / name).unlink()
+    path = tmp_path / "text" / "images.txt"
+    lines = [line for line in path.read_text().split("\n")
+             if line[:1] != "#"][::2]
+    evaluate = ("model_evaluator", "--input_path", drive / "truth",
+                "--gt_path", tmp_path / "text")
+    for order in ([1, 2, 3, 4], [2, 3, 4, 1]):
+        rows = [line.split() for line in lines if line]
+        path.write_text("".join(
+            " ".join([row[0], *(row[k] for k in order), *row[5:]]) + "\n\n"
+            for row in rows))
+        assert ("x y z w" in mgsfm(*evaluate)) == (order[0] == 2)
+
+
 KALIBR = """cam0:
   camera_model: pinhole
   distortion_coeffs: [0, 0, 0, 0]

@@ -47,7 +47,7 @@ def test_images_have_the_poses_of_frames_and_rigs(model):
             assert_allclose(model.rigs[rig][image.camera] @ rig_from_world,
                             image.cam_from_world, atol=1e-9)
             images += 1
-    assert images == len(model.images) == 12
+    assert images == len(model.images) == 24
 
 
 def test_text_is_the_same_model(model, convert):
@@ -197,7 +197,7 @@ def test_tables_beside_a_model(mgsfm, drive, tmp_path):
     assert report["models"]
     frames = numpy.genfromtxt(tmp_path / "0" / "frames.csv", delimiter=",",
                               names=True, dtype=None, encoding="utf-8")
-    assert len(frames) == 6 and all(0 <= frames["confidence"])
+    assert len(frames) == 12 and all(0 <= frames["confidence"])
     rows = numpy.genfromtxt(tmp_path / "0" / "covariances.csv", delimiter=",",
                             names=True, dtype=None, encoding="utf-8")
     for row in rows:
@@ -242,5 +242,5 @@ def test_colmap_reads_and_writes_the_same_model(mgsfm, drive, tmp_path):
             check=True, capture_output=True)
         text = mgsfm("model_evaluator", "--input_path", folder, "--gt_path",
                      drive / "truth", "--alignment", "none")
-        assert re.search(r"registered +12 of 12", text)
+        assert re.search(r"registered +24 of 24", text)
         assert float(re.search(r"position +([\d.e-]+)", text)[1]) < 1e-6
