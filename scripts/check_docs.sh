@@ -1,11 +1,14 @@
 #!/bin/bash
 # SPDX-License-Identifier: BSD-3-Clause
-# Fails if docs/reference/options.md is stale or a relative link in a Markdown
-# file leads nowhere. Needs the program in build/release.
+# Fails if docs/reference/options.md is stale, if a document names a command,
+# option or value that the program lacks, or if a relative link in a Markdown
+# file leads nowhere. Needs the program in build/release. The test docs runs the
+# commands and checks of the pages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 scripts/gen_docs.sh --check
+python3 scripts/check_options.py
 
 git ls-files --cached --others --exclude-standard '*.md' |
   xargs grep -oHE '\]\([^)# ]+' | sed 's/\](/ /' | {
