@@ -39,8 +39,10 @@ constexpr double kMaxChange = 3.0;
 // Lenses need only be accurate to the tolerance of the view graph.
 constexpr int kNumBundleRounds = 2;
 constexpr double kFunctionTolerance = 1e-4;
-// Frames of the first round: what a drive sees during a turn.
-constexpr size_t kMinNumFrames = 24;
+// Frames of the first round. Each round has twice as many, up to what a drive
+// sees during a turn, and beyond that if they do not determine the lenses.
+constexpr size_t kMinNumFrames = 12;
+constexpr size_t kNumFramesOfTurn = 24;
 
 const CameraModelInfo& InfoOf(const Camera& camera) {
   return *FindCameraModel(static_cast<int32_t>(camera.model));
@@ -166,23 +168,32 @@ Mask SelectFrames(const Scene& scene, const ViewGraph& matches, size_t size) {
   return is_selected;
 }
 
+// The pairs within the frames. Verification starts at the poses of the model,
+// if it has them.
 ViewGraph PairsWithin(const Scene& scene, const ViewGraph& matches,
-                      const Mask& has_frame) {
+                      const Mask& has_frame,
+                      const std::optional<Reconstruction>& model) {
   ViewGraph within;
   for (const ImagePair& pair : matches.pairs) {
-    if (has_frame[scene.images[pair.image_idx1].frame_idx] &&
-        has_frame[scene.images[pair.image_idx2].frame_idx]) {
-      within.pairs.push_back(pair);
+    if (!has_frame[scene.images[pair.image_idx1].frame_idx] ||
+        !has_frame[scene.images[pair.image_idx2].frame_idx]) {
+      continue;
     }
+    within.pairs.push_back(pair);
+    if (!model) continue;
+    const auto pose1 = model->CamFromWorld(scene, pair.image_idx1);
+    const auto pose2 = model->CamFromWorld(scene, pair.image_idx2);
+    if (!pose1 || !pose2) continue;
+    const Rigid3 relative = *pose2 * pose1->Inverse();
+    if (!(relative.translation.norm() > 0.0)) continue;
+    within.pairs.back().relative_pose = {relative.rotation,
+                                         relative.translation.normalized()};
   }
   return within;
 }
 
 MapperOptions OptionsOfRounds(MapperOptions options) {
-  options.compute_covariances = false;
-  options.metric_scale = std::string();
-  options.weak_seams = WeakSeams::kKeep;
-  options.soft_rig.method = SoftRig::kNone;
+  options.is_for_lenses = true;
   options.pair_filtering.use_motion_continuity = false;
   options.bundle_adjustment.num_rounds =
       std::min<int>(options.bundle_adjustment.num_rounds, kNumBundleRounds);
@@ -386,8 +397,9 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
   std::optional<Reconstruction> model;
   size_t num_frames = kMinNumFrames;
   for (int i = 0; i < options.focal_lengths.max_num_rounds; ++i) {
-    const ViewGraph pairs = PairsWithin(
-        scene, input.matches, SelectFrames(scene, input.matches, num_frames));
+    const ViewGraph pairs =
+        PairsWithin(scene, input.matches,
+                    SelectFrames(scene, input.matches, num_frames), model);
     const MapperResult mapped =
         map(result.lenses, pairs, of_rounds, Quiet(context));
     if (mapped.models.empty()) break;
@@ -399,11 +411,10 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
              context);
     const bool is_determined =
         DeterminesAll(summary, mapped.models[0], options.bundle_adjustment);
-    if (!is_determined && num_frames < scene.frames.size()) {
-      num_frames *= 2;
-    } else if (change_px <= MaxChangePx(options)) {
-      break;
-    }
+    const bool needs_frames =
+        !is_determined && num_frames < scene.frames.size();
+    if (!needs_frames && change_px <= MaxChangePx(options)) break;
+    if (needs_frames || num_frames < kNumFramesOfTurn) num_frames *= 2;
   }
   if (model) {
     SelectModels(input, *model, options, Quiet(context), &result);

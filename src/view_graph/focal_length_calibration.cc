@@ -60,8 +60,9 @@ constexpr int kMaxNumIterations = 20;
 constexpr int kMaxNumHalvings = 5;
 // Largest step of a log factor: the derivatives hold for about 20 %.
 constexpr double kMaxStep = 0.2;
-// A relative change of 1e-5 is 0.01 px at a focal length of 1000 px.
-constexpr double kMinStep = 1e-5;
+// Small against the standard deviations that pairs can have; the result is only
+// the start of maps.
+constexpr double kMinStep = 1e-3;
 // A check of a focal length need not be accurate.
 constexpr double kMinStepOfMeasurement = 3e-2;
 // A pair is wrong if its median error exceeds that of most pairs by this

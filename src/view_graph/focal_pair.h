@@ -44,7 +44,7 @@ struct FocalEquations {
 
 class FocalPair {
  public:
-  // Uses at most 200 matches, at equal spacing.
+  // Uses at most 100 matches, at equal spacing.
   // `cameras` replaces those of the scene and must outlive the pair.
   FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
             const ImagePair& pair);
@@ -78,6 +78,8 @@ class FocalPair {
                              const std::vector<Eigen::Vector2d>& pixels);
   const Camera& camera1() const { return (*cameras_)[camera_idx1_]; }
   const Camera& camera2() const { return (*cameras_)[camera_idx2_]; }
+  // Of the residuals of all matches by the pose.
+  Eigen::Matrix<double, Eigen::Dynamic, 5> PoseDerivatives() const;
   static void AddResiduals(const Rigid3& pose, const Patches& patches1,
                            const Patches& patches2,
                            std::vector<double>* residuals);

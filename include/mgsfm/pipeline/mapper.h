@@ -102,6 +102,9 @@ struct MapperOptions {
   ExtensionOptions extension;  // listed by commands that can have a start
   SoftRigOptions soft_rig;
   ConfidenceOptions confidence;
+  // Whether models are only made for the lenses of their cameras: without
+  // delays of cameras and without tests of seams. Not an option of commands.
+  bool is_for_lenses = false;
 
   template <class Visitor>
   void Describe(Visitor& visit) {

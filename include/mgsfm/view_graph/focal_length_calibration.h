@@ -33,7 +33,7 @@ namespace mgsfm {
 // Initialization: per camera the best of 15 factors from 0.4 to 2.5 and four
 // distortions, by pairs within the camera or with known cameras, with E refined
 // for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
-// if max |ds| < 1e-5, if five halvings of a step do not decrease the cost, or
+// if max |ds| < 1e-3, if five halvings of a step do not decrease the cost, or
 // after 20 steps. Pairs whose median residual exceeds three times that of the
 // median pair are dropped, and the minimisation is repeated.
 //
@@ -54,7 +54,7 @@ namespace mgsfm {
 // (degenerate motions); Fitzgibbon: Simultaneous linear estimation of multiple
 // view geometry and lens distortion, CVPR 2001 (division model).
 //
-// Cost: linear in at most max_num_pairs pairs per camera and 200 matches per
+// Cost: linear in at most max_num_pairs pairs per camera and 100 matches per
 // pair.
 struct FocalLengthOptions {
   Option<bool> calibrate{
