@@ -61,8 +61,8 @@ struct LensResult {
 // until no lens changes by more than the view graph tolerates (LensChangePx()
 // <= 3 ViewGraph.max_error_px), at most FocalLengths.max_num_rounds times. They
 // are 12 in the first round and then 24. If they do not determine all focal
-// lengths to BundleAdjustment.max_focal_length_sigma, the next round has twice as
-// many.
+// lengths to BundleAdjustment.max_focal_length_sigma, the next round has twice
+// as many.
 //
 // Unless its model was chosen, a camera has RADIAL, and its principal point is
 // unknown. All unknowns have normal priors, so that those that the images do
