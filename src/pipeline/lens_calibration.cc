@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -116,6 +117,11 @@ bool MaySelectModel(const Camera& camera, const MapperOptions& options) {
          camera.model == CameraModelId::kSimpleRadial;
 }
 
+LensSource SourceOfStart(const Camera& given, const Camera& start) {
+  if (given.params != start.params) return LensSource::kPairs;
+  return HasLensOfExif(given) ? LensSource::kExif : LensSource::kGuess;
+}
+
 Lenses FirstLenses(const LensInput& input, const MapperOptions& options,
                    LensSummary* summary) {
   const std::vector<Camera>& start = input.start;
@@ -131,7 +137,8 @@ Lenses FirstLenses(const LensInput& input, const MapperOptions& options,
       lenses.cameras[i] = WithModel(start[i], CameraModelId::kRadial);
     }
     SetPrior(idx, start[i], options.bundle_adjustment, &lenses);
-    summary->lenses.push_back({idx, lenses.cameras[i].model, ""});
+    summary->lenses.push_back({idx, lenses.cameras[i].model, "",
+                               SourceOfStart(input.given[i], start[i])});
   }
   return lenses;
 }
@@ -218,15 +225,18 @@ double MaxChangePx(const MapperOptions& options) {
   return kMaxChange * options.view_graph.max_error_px;
 }
 
-// Adopts the plausible lenses of a model. Returns the largest change.
+// Adopts the plausible lenses of a model. Returns the largest change of those
+// whose focal length has at most this relative standard deviation.
 double Adopt(const MapperModel& model, const BundleAdjustmentOptions& options,
-             std::vector<Camera>* cameras) {
+             double max_sigma, std::vector<Camera>* cameras) {
   double largest_px = 0.0;
   for (const FocalLengthCheck& check : model.focal_lengths) {
     Camera& camera = (*cameras)[check.camera_idx];
     const Camera& refined = model.reconstruction.cameras[check.camera_idx];
     if (!IsPlausible(refined, options)) continue;
-    largest_px = std::max(largest_px, LensChangePx(camera, refined));
+    if (check.relative_sigma.value_or(max_sigma) <= max_sigma) {
+      largest_px = std::max(largest_px, LensChangePx(camera, refined));
+    }
     camera.params = refined.params;
   }
   return largest_px;
@@ -345,8 +355,10 @@ void DoubtFocalLengths(const Scene& scene,
       if (estimate.camera_idx != check.camera_idx || estimate.estimated_px) {
         continue;
       }
-      check.relative_sigma = std::max(check.relative_sigma.value_or(0.0),
-                                      estimate.sigma.value_or(0.0));
+      const double of_pairs = estimate.sigma.value_or(kSigmaOfFocalLengthGuess);
+      check.relative_sigma =
+          std::max(check.relative_sigma.value_or(0.0),
+                   std::min(of_pairs, kSigmaOfFocalLengthGuess));
       if (!check.message.empty()) continue;
       char estimated[40];
       std::snprintf(estimated, sizeof(estimated), "%.0f px",
@@ -404,8 +416,9 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
         map(result.lenses, pairs, of_rounds, Quiet(context));
     if (mapped.models.empty()) break;
     model = mapped.models[0].reconstruction;
-    const double change_px = Adopt(mapped.models[0], options.bundle_adjustment,
-                                   &result.lenses.cameras);
+    const double change_px =
+        Adopt(mapped.models[0], options.bundle_adjustment,
+              std::numeric_limits<double>::infinity(), &result.lenses.cameras);
     ++summary.num_rounds;
     LogRound(summary, std::min(num_frames, scene.frames.size()), change_px,
              context);
@@ -430,7 +443,8 @@ MapperResult MapWithLenses(const ViewGraph& matches, const LensMapper& map,
   std::vector<Camera> cameras = lenses->lenses.cameras;
   if (mapped.models.empty()) return mapped;
   const double change_px =
-      Adopt(mapped.models[0], options.bundle_adjustment, &cameras);
+      Adopt(mapped.models[0], options.bundle_adjustment,
+            options.bundle_adjustment.max_focal_length_sigma, &cameras);
   if (change_px <= MaxChangePx(options)) return mapped;
   lenses->lenses.cameras = std::move(cameras);
   ++lenses->summary.num_rounds;

@@ -75,8 +75,8 @@ struct LensResult {
                                          const MapperOptions& options,
                                          const Context& context);
 
-// Maps all pairs with the lenses, and again if the model changes them by more
-// than the view graph tolerates.
+// Maps all pairs with the lenses, and again if the model changes those that it
+// determines by more than the view graph tolerates.
 [[nodiscard]] MapperResult MapWithLenses(const ViewGraph& matches,
                                          const LensMapper& map,
                                          const MapperOptions& options,

@@ -49,10 +49,6 @@ constexpr double kMaxRelativeLogFactor = 1.2;
 // The relative error that all pairs of a camera share: the root mean square
 // error of pairs of recorded rigs whose motion determines focal lengths.
 constexpr double kSharedSigma = 0.02;
-// The standard deviation of the logarithm of a guess: lenses of 30 to 120
-// degrees are equally usual. A more certain estimate is a better start, though
-// it is not accepted.
-constexpr double kSigmaOfGuess = 0.4;
 // Poses start at those of the previous focal lengths. Steps of 0.2 cross the
 // whole range in ten iterations; five halvings leave 3 % of a step.
 constexpr int kNumPoseIterations = 5;
@@ -524,7 +520,7 @@ FocalLengthResult MakeResult(const Scene& scene,
     if (is_accepted) {
       estimate.estimated_px = std::exp(lens[0]) * estimate.prior_px;
     } else if (num_pairs[c] < kMinNumPairs || IsDiverged(lens[0]) ||
-               !(*estimate.sigma < kSigmaOfGuess)) {
+               !(*estimate.sigma < kSigmaOfFocalLengthGuess)) {
       continue;
     }
     result.cameras[camera_idx] = InModelOf(

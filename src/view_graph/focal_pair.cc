@@ -19,9 +19,8 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns, and
-// the result is only the start of maps.
-constexpr size_t kMaxNumMatches = 100;
+// Bounds the cost of a pair; more matches hardly add to its 5 + 2 unknowns.
+constexpr size_t kMaxNumMatches = 200;
 // Steps of forward differences, which balance truncation and rounding.
 constexpr double kPoseStep = 1e-6;
 constexpr double kLensStep = 1e-5;

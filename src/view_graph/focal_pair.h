@@ -44,7 +44,7 @@ struct FocalEquations {
 
 class FocalPair {
  public:
-  // Uses at most 100 matches, at equal spacing.
+  // Uses at most 200 matches, at equal spacing.
   // `cameras` replaces those of the scene and must outlive the pair.
   FocalPair(const Scene& scene, const std::vector<Camera>& cameras,
             const ImagePair& pair);

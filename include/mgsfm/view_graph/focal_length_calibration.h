@@ -54,7 +54,7 @@ namespace mgsfm {
 // (degenerate motions); Fitzgibbon: Simultaneous linear estimation of multiple
 // view geometry and lens distortion, CVPR 2001 (division model).
 //
-// Cost: linear in at most max_num_pairs pairs per camera and 100 matches per
+// Cost: linear in at most max_num_pairs pairs per camera and 200 matches per
 // pair.
 struct FocalLengthOptions {
   Option<bool> calibrate{
@@ -86,6 +86,11 @@ struct FocalLengthOptions {
           max_num_rounds);
   }
 };
+
+// The standard deviation of the logarithm of a guess: lenses of 30 to 120
+// degrees are equally usual. A more certain estimate is a better start, though
+// it is not accepted.
+constexpr double kSigmaOfFocalLengthGuess = 0.4;
 
 struct FocalLengthEstimate {
   int camera_idx = 0;
