@@ -140,8 +140,9 @@ def rig_config(rig, lenses):
     return [{"cameras": cameras}]
 
 
-def forget_lenses(source, target, lenses):
-    """Copies a database without what depends on intrinsics."""
+def forget(source, target, lenses):
+    """Copies a database without relative poses, and without the intrinsics of
+    `lenses`. Returns the ids of the cameras."""
     with colmap_database.changed_copy(source, target) as connection:
         ids = [i for (i,) in connection.execute(
             "SELECT camera_id FROM cameras ORDER BY camera_id")]
@@ -172,13 +173,13 @@ def run_case(arguments, world, rig, seed):
              arguments.frame_rate, "--random_seed", seed,
              *arguments.simulate_options.split(), *common], scratch / "log")
         database = scratch / "world/database.db"
-        ids = forget_lenses(database, scratch / "unknown.db", lenses)
         costs, errors, report = {}, {}, None
-        for name, path in (("true", database),
-                           ("unknown", scratch / "unknown.db")):
+        for name, forgotten in (("true", ()), ("unknown", lenses)):
+            ids = forget(database, scratch / f"{name}.db", forgotten)
             costs[name] = measure.run_logged(
-                [arguments.program, "mapper", "--database_path", path,
-                 "--output_path", scratch / name, *common], scratch / "log")
+                [arguments.program, "mapper", "--database_path",
+                 scratch / f"{name}.db", "--output_path", scratch / name,
+                 *common], scratch / "log")
             if costs[name]["exit_code"] == 0:
                 errors[name] = worlds.evaluate(
                     scratch / name, scratch / "world/truth")["error"]

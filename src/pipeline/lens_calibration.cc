@@ -37,6 +37,9 @@ constexpr double kMinSignificance = 3.9;
 // rigs, the next round changes a lens by 3 to 15 % of that: less than the
 // maximum error of a match.
 constexpr double kMaxChange = 3.0;
+// The bound of the rounds. It is smaller because one more round costs less than
+// one more map of all frames.
+constexpr double kMaxChangeOfRound = 1.5;
 // Lenses need only be accurate to the tolerance of the view graph.
 constexpr int kNumBundleRounds = 2;
 constexpr double kFunctionTolerance = 1e-4;
@@ -219,10 +222,6 @@ bool IsPlausible(const Camera& camera, const BundleAdjustmentOptions& options) {
     }
   }
   return true;
-}
-
-double MaxChangePx(const MapperOptions& options) {
-  return kMaxChange * options.view_graph.max_error_px;
 }
 
 // Adopts the plausible lenses of a model. Returns the largest change of those
@@ -426,7 +425,10 @@ LensResult CalibrateLenses(const LensInput& input, const LensMapper& map,
         DeterminesAll(summary, mapped.models[0], options.bundle_adjustment);
     const bool needs_frames =
         !is_determined && num_frames < scene.frames.size();
-    if (!needs_frames && change_px <= MaxChangePx(options)) break;
+    if (!needs_frames &&
+        change_px <= kMaxChangeOfRound * options.view_graph.max_error_px) {
+      break;
+    }
     if (needs_frames || num_frames < kNumFramesOfTurn) num_frames *= 2;
   }
   if (model) {
@@ -445,7 +447,7 @@ MapperResult MapWithLenses(const ViewGraph& matches, const LensMapper& map,
   const double change_px =
       Adopt(mapped.models[0], options.bundle_adjustment,
             options.bundle_adjustment.max_focal_length_sigma, &cameras);
-  if (change_px <= MaxChangePx(options)) return mapped;
+  if (change_px <= kMaxChange * options.view_graph.max_error_px) return mapped;
   lenses->lenses.cameras = std::move(cameras);
   ++lenses->summary.num_rounds;
   context.Info("the lenses changed; the scene is mapped again with them");
