@@ -511,7 +511,9 @@ FocalLengthResult MakeResult(const Scene& scene,
     std::optional<double> sigma;
     if (num_pairs[c] > 0) {
       sigma = std::sqrt(variances[i]);
-      estimate.sigma = std::hypot(*sigma, kSharedSigma);
+      if (!IsDiverged(s[kLensSize * i])) {
+        estimate.sigma = std::hypot(*sigma, kSharedSigma);
+      }
     }
     LensOffset lens = ValueOf(s, static_cast<int>(c));
     lens.tail<2>().setZero();  // bundle adjustment estimates it better
@@ -519,8 +521,8 @@ FocalLengthResult MakeResult(const Scene& scene,
     const bool is_accepted = estimate.message.empty();
     if (is_accepted) {
       estimate.estimated_px = std::exp(lens[0]) * estimate.prior_px;
-    } else if (num_pairs[c] < kMinNumPairs || IsDiverged(lens[0]) ||
-               !(*estimate.sigma < kSigmaOfFocalLengthGuess)) {
+    } else if (num_pairs[c] < kMinNumPairs ||
+               !(estimate.sigma.value_or(1.0) < kSigmaOfFocalLengthGuess)) {
       continue;
     }
     result.cameras[camera_idx] = InModelOf(

@@ -136,6 +136,20 @@ FocalPair::Patches FocalPair::MakePatches(const Camera& camera,
   return patches;
 }
 
+FocalPair::Patches FocalPair::MoveRays(const Camera& camera,
+                                       const std::vector<Vector2d>& pixels,
+                                       double focal_factor, Patches patches) {
+  for (size_t i = 0; i < patches.size(); ++i) {
+    if (!patches[i]) continue;
+    const auto ray =
+        RayFromPixel(camera.model, camera.params.data(), pixels[i]);
+    if (!ray) continue;
+    patches[i]->ray = *ray;
+    patches[i]->by_pixel /= focal_factor;
+  }
+  return patches;
+}
+
 void FocalPair::SetRays(const LensOffset& lens1, const LensOffset& lens2) {
   lens1_ = lens1;
   lens2_ = lens2;
@@ -243,10 +257,11 @@ FocalEquations FocalPair::Linearize(bool with_lenses) const {
   J.leftCols<5>() = PoseDerivatives();
   for (int k = 0; with_lenses && k < LensOffset::SizeAtCompileTime; ++k) {
     const LensOffset step = kLensStep * LensOffset::Unit(k);
-    const Patches moved1 =
-        MakePatches(WithLens(camera1(), lens1_ + step), pixels1_);
-    const Patches moved2 =
-        MakePatches(WithLens(camera2(), lens2_ + step), pixels2_);
+    const double factor = std::exp(step[0]);
+    const Patches moved1 = MoveRays(WithLens(camera1(), lens1_ + step),
+                                    pixels1_, factor, patches1_);
+    const Patches moved2 = MoveRays(WithLens(camera2(), lens2_ + step),
+                                    pixels2_, factor, patches2_);
     if (camera_idx1_ == camera_idx2_) {
       set_column(5 + k, moved1, moved2);
     } else {

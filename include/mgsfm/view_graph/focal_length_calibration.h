@@ -30,6 +30,9 @@ namespace mgsfm {
 // leave open makes focal lengths uncertain. Principal points are only nuisance
 // parameters: the result keeps them. Cameras with a prior are fixed.
 //
+// Derivatives of v by distortion and principal point are neglected; they bias
+// the estimate.
+//
 // Initialization: per camera the best of 15 factors from 0.4 to 2.5 and four
 // distortions, by pairs within the camera or with known cameras, with E refined
 // for each. Then Gauss-Newton in all unknowns with the E_k eliminated. It stops
@@ -97,7 +100,7 @@ struct FocalLengthEstimate {
   double prior_px = 0.0;               // initial value
   std::optional<double> estimated_px;  // nullopt: not accepted
   // Relative standard deviation with errors that all pairs share; nullopt
-  // without pairs.
+  // without pairs, or if the estimate left the range.
   std::optional<double> sigma;
   int num_pairs = 0;
   std::string message;  // reason of a rejection
